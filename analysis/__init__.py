@@ -90,7 +90,7 @@ __getattr__, __dir__ = import_later(  # what takes long to import
 
 
 def load(root: str | Path) -> Frames:
-    """Reads a results root, finished or not, or a release; what is missing is an empty frame and a warning.
+    """Read a results root, finished or not, or a release; what is missing is an empty frame and a warning.
 
     Args:
         root: a folder, an ``s3://`` or ``gs://`` address, or the name of a release.

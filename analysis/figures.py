@@ -70,7 +70,7 @@ radar = figure_of(radars.radar)
 def animation(
     shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30, seconds: float = 6.0
 ) -> bytes:
-    """Returns a film strip in motion, as a GIF that repeats: a panel per run, drawn as in `film_strip`.
+    """Return a film strip in motion, as a GIF that repeats: a panel per run, drawn as in `film_strip`.
 
     Args:
         shots: runs as in `film_strip`; at most `curricula.MOST_SHOTS`.
@@ -116,7 +116,7 @@ class Drawing:
 
 
 def published_drawings(table: pd.DataFrame) -> Iterator[Drawing]:
-    """Yields the figures of published tables, in the columns of `published.paper_frame`."""
+    """Yield the figures of published tables, in the columns of `published.paper_frame`."""
     whole = table.groupby(["environment", "challenge"])["n"].transform("max") == table["n"]
     pools = table[whole]
     against, pairs = (pairwise_from_statistics(pools, MEASURE, name) for name in (BASELINE, None))
@@ -125,7 +125,7 @@ def published_drawings(table: pd.DataFrame) -> Iterator[Drawing]:
 
 
 def drawings(frames: Frames, measured: Measured) -> Iterator[Drawing]:
-    """Yields the figures of a root: a set for each kind of results, the paper's or most of them first."""
+    """Yield the figures of a root: a set for each kind of results, the paper's or most of them first."""
     yield Drawing("ranks", partial(_ranks, frames))
     final = result_runs(frames, run_measures(frames))
     early = result_runs(frames, run_measures(frames, share=EARLY))
@@ -148,7 +148,7 @@ def _name(comparison: Measured, columns: Sequence[str]) -> str:
 
 
 def _of_kind(frames: Frames, final: pd.DataFrame, early: pd.DataFrame) -> Iterator[Drawing]:
-    """Yields the figures of results under the same conditions, at their ends and `EARLY`."""
+    """Yield the figures of results under the same conditions, at their ends and `EARLY`."""
     for name, runs in (("radar", final), ("radar-early", early)):
         yield Drawing(name, partial(_radar, runs))
     yield from _bars(pooled(final, [MEASURE]), pairwise(final, MEASURE, detectable=False))
@@ -208,7 +208,7 @@ def _pairs(runs: pd.DataFrame) -> Figure:
 
 
 def _of_comparison(frames: Frames, mine: Measured, name: str) -> Iterator[Drawing]:
-    """Yields which tasks are mastered, and curricula with the teachers' own state."""
+    """Yield which tasks are mastered, and curricula with the teachers' own state."""
     axes = task_axes(mine.cells)
     varied = [place for place, axis in enumerate(axes) if axis.low < axis.high]
     if len(mine.finals):
@@ -231,7 +231,7 @@ def _of_comparison(frames: Frames, mine: Measured, name: str) -> Iterator[Drawin
 
 
 def _sheets(mine: Measured) -> Iterator[tuple[str, dict[str, pd.Series]]]:
-    """Yields the run of each teacher in as few parts of like size as can be, each with the end of its name.
+    """Yield the run of each teacher in as few parts of like size as can be, each with the end of its name.
 
     Forty rows fit on no page, and laying out their panels together takes minutes.
     """

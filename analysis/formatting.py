@@ -10,40 +10,40 @@ LISTED, FIRST = 12, 6
 
 
 def number(value: float, digits: int = 1) -> str:
-    """Returns `value` with a true minus sign, or a dash where there is none."""
+    """Return `value` with a true minus sign, or a dash where there is none."""
     if not math.isfinite(value):
         return "\N{EN DASH}"
     return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def plus_minus(mean: float, std: float, digits: int = 1) -> str:
-    """Returns ``mean ± standard deviation``, the mean alone where one seed has no deviation."""
+    """Return ``mean ± standard deviation``, the mean alone where one seed has no deviation."""
     if not math.isfinite(std):
         return number(mean, digits)
     return f"{number(mean, digits)} ± {number(std, digits)}"
 
 
 def ends(low: float, high: float, digits: int = 1) -> str:
-    """Returns an interval as ``[1.0, 2.5]``, or that runs have no spread for one."""
+    """Return an interval as ``[1.0, 2.5]``, or that runs have no spread for one."""
     if not math.isfinite(low):
         return "[no spread]"
     return f"[{number(low, digits)}, {number(high, digits)}]"
 
 
 def estimate(value: float, low: float, high: float, digits: int = 1) -> str:
-    """Returns ``2.0 [1.0, 2.5]``, the value alone where runs have no spread for an interval."""
+    """Return ``2.0 [1.0, 2.5]``, the value alone where runs have no spread for an interval."""
     if not math.isfinite(low):
         return number(value, digits)
     return f"{number(value, digits)} {ends(low, high, digits)}"
 
 
 def p_value(p: float) -> str:
-    """Returns ``p = 0.012`` or ``p < 0.001``."""
+    """Return ``p = 0.012`` or ``p < 0.001``."""
     return "p\N{NO-BREAK SPACE}< 0.001" if p < 0.001 else f"p = {p:.3f}"
 
 
 def amount(steps: float) -> str:
-    """Returns a number of steps as people say it: ``20 million``, ``30 thousand``, ``500``."""
+    """Return a number of steps as people say it: ``20 million``, ``30 thousand``, ``500``."""
     for size, word in ((1e6, "million"), (1e3, "thousand")):
         if steps >= size:
             return f"{steps / size:.4g} {word}"
@@ -51,14 +51,14 @@ def amount(steps: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Returns a length of time in a unit that suits it: ``12 s``, ``34 minutes``, ``5.6 hours``."""
+    """Return a length of time in a unit that suits it: ``12 s``, ``34 minutes``, ``5.6 hours``."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
 
 
 def listed(names: Iterable[str]) -> str:
-    """Returns names separated by commas; of a long list the first ones, and how many more there are."""
+    """Return names separated by commas; of a long list the first ones, and how many more there are."""
     found = list(names)
     if len(found) <= LISTED:
         return ", ".join(found)

@@ -54,7 +54,7 @@ _SHOWN_TOGETHER: ContextVar[Mapping[str, Look]] = ContextVar("shown_together", d
 
 
 def look(teacher: str) -> Look:
-    """Returns how `teacher` is drawn.
+    """Return how `teacher` is drawn.
 
     Of an unknown teacher it follows from the name alone, and within `shown_together` also from the others.
     """
@@ -64,7 +64,7 @@ def look(teacher: str) -> Look:
 
 @contextmanager
 def shown_together(teachers: Iterable[str]) -> Iterator[None]:
-    """Gives every one of `teachers` a look of its own for as long as the context lasts.
+    """Give every one of `teachers` a look of its own for as long as the context lasts.
 
     No colour is used twice before all are used, nor a colour with the same marker. A context within another
     that has all its teachers leaves looks as they are, so that all parts of a page agree.
@@ -101,7 +101,7 @@ class _Places(NamedTuple):
 
 
 def _assigned(teachers: Iterable[str]) -> dict[str, Look]:
-    """Returns looks by teacher: the own one of each if it is free, else the next that is used least."""
+    """Return looks by teacher: the own one of each if it is free, else the next that is used least."""
     taken: list[_Places] = []
     for teacher in sorted(teachers):
         own = _Places.of(teacher)
@@ -114,7 +114,7 @@ def _assigned(teachers: Iterable[str]) -> dict[str, Look]:
 
 
 def _cost(own: _Places, taken: Sequence[_Places], place: tuple[int, int, int]) -> tuple[int, ...]:
-    """Returns how often a colour, a colour with its marker, and all three are taken; then what is changed."""
+    """Return how often a colour, a colour with its marker, and all three are taken; then what is changed."""
     uses = (sum(other[:count] == place[:count] for other in taken) for count in (1, 2, 3))
     sizes = map(len, (_OTHER_COLOURS, _OTHER_MARKERS, _OTHER_DASHES))
     return (*uses, *((here - there) % size for here, there, size in zip(place, own, sizes, strict=True)))

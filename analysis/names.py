@@ -43,7 +43,7 @@ _LABELS = {
 
 
 def label(teacher: str) -> str:
-    """Returns the name of a teacher as the paper prints it, or the plug-in's own, with its settings.
+    """Return the name of a teacher as the paper prints it, or the plug-in's own, with its settings.
 
     Of a name over `LONGEST` its beginning and end are kept, and four digits of its hash, so that no two names
     that differ in the middle alone become one.
@@ -62,7 +62,7 @@ def label(teacher: str) -> str:
 
 @contextmanager
 def own_first(teachers: Iterable[str]) -> Iterator[None]:
-    """Marks `teachers` as the reader's own, and sorts them before all others, within the context.
+    """Mark `teachers` as the reader's own, and sort them before all others, within the context.
 
     The mark is in `marked_label` and `short_labels`, not in `label`, which sentences are made of.
     """
@@ -74,23 +74,23 @@ def own_first(teachers: Iterable[str]) -> Iterator[None]:
 
 
 def marked_label(teacher: str) -> str:
-    """Returns the `label` of a teacher, marked if it is one of `own_first`."""
+    """Return the `label` of a teacher, marked if it is one of `own_first`."""
     return label(teacher) + mark_of(teacher)
 
 
 def mark_of(teacher: str) -> str:
-    """Returns `YOURS` for a teacher of `own_first`, else nothing."""
+    """Return `YOURS` for a teacher of `own_first`, else nothing."""
     return YOURS if teacher in _OWN.get() else ""
 
 
 def with_settings(name: str, settings: Mapping[str, str]) -> str:
-    """Returns `name` with settings in brackets; a preset stands for itself."""
+    """Return `name` with settings in brackets; a preset stands for itself."""
     shown = [value if key == PRESET else f"{key}={value}" for key, value in settings.items()]
     return f"{name} ({', '.join(shown)})" if shown else name
 
 
 def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
-    """Returns the title of a challenge of the benchmark, with its settings; `otherwise` of somebody else's.
+    """Return the title of a challenge of the benchmark, with its settings; `otherwise` of somebody else's.
 
     Examples:
         >>> challenge_title("parkour:swinging_creepers=true", "easy", "")
@@ -102,7 +102,7 @@ def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
 
 
 def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
-    """Returns the `label` of each teacher, cut where a figure has no room for more, and never two alike.
+    """Return the `label` of each teacher, cut where a figure has no room for more, and never two alike.
 
     Of a long name its beginning is kept; where that is not its own, its beginning and its end; where those
     are not, a number is set behind it.
@@ -134,17 +134,17 @@ def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
 
 
 def teacher_order(teacher: str) -> tuple[bool, bool, str]:
-    """Sorts teachers: those of `own_first`, then Random, which the others are read against, then by name."""
+    """Sort teachers: those of `own_first`, then Random, which the others are read against, then by name."""
     return (teacher not in _OWN.get(), plain_name(teacher) != "random", label(teacher).lower())
 
 
 def plain_name(teacher: str) -> str:
-    """Returns the letters and digits of a name in lower case: ``alpgmm`` for ALP-GMM and alp_gmm."""
+    """Return the letters and digits of a name in lower case: ``alpgmm`` for ALP-GMM and alp_gmm."""
     return "".join(character for character in teacher.lower() if character.isalnum())
 
 
 def title(column: str, value: object) -> str:
-    """Returns a value of a column of result tables as panels are headed: ``Mostly unfeasible``."""
+    """Return a value of a column of result tables as panels are headed: ``Mostly unfeasible``."""
     if column == "expert_knowledge":
         return f"{'no' if value == KnowledgeLevel.NONE else value} expert knowledge".capitalize()
     if column == "challenge":
@@ -156,7 +156,7 @@ def title(column: str, value: object) -> str:
 
 
 def order(column: str, value: object) -> tuple[int, str]:
-    """Sorts such values: challenges as the benchmark lists them, levels by rank, the rest by name."""
+    """Sort such values: challenges as the benchmark lists them, levels by rank, the rest by name."""
     known: list[object] = []
     if column == "expert_knowledge":
         known = [level.value for level in KnowledgeLevel]

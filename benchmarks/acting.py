@@ -28,7 +28,7 @@ BATCHES = (1, 100)
 
 
 def variants(name: str, student: Any, batch: np.ndarray[Any, Any]) -> dict[str, Callable[[], Any]]:
-    """Returns the ways to act on `batch` (n, 24) by name; the student's own comes first."""
+    """Return the ways to act on `batch` (n, 24) by name; the student's own comes first."""
     model = student.model
     module = model.actor if name == "sac" else model.policy.get_distribution
     seen = student.normaliser.normalise(batch) if name == "ppo" else batch
@@ -45,7 +45,7 @@ def variants(name: str, student: Any, batch: np.ndarray[Any, Any]) -> dict[str, 
 
 
 def microseconds(call: Callable[[], Any], calls: int) -> float:
-    """Returns the mean processor time of one call, in µs."""
+    """Return the mean processor time of one call, in µs."""
     start = time.thread_time()
     for _ in range(calls):
         call()
@@ -53,7 +53,7 @@ def microseconds(call: Callable[[], Any], calls: int) -> float:
 
 
 def measure(name: str, size: int, calls: int, repeats: int) -> dict[str, Any]:
-    """Returns the medians of `repeats` alternating rounds, per observation, and ratios to the student's."""
+    """Return the medians of `repeats` alternating rounds, per observation, and ratios to the student's."""
     values = {"exploration_steps": 0, "buffer_size": 1} if name == "sac" else {}
     student: Student = make_student(name, *SPACES, np.random.SeedSequence(0), values)
     batch = np.random.default_rng(0).normal(size=(size, 24)).astype(np.float32)
@@ -77,7 +77,7 @@ def measure(name: str, size: int, calls: int, repeats: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Prints a line per student and batch size and writes all of it as JSON."""
+    """Print a line per student and batch size and write all of it as JSON."""
     parser = argparse.ArgumentParser(
         allow_abbrev=False, description=__doc__.splitlines()[0] if __doc__ else None
     )

@@ -30,7 +30,7 @@ COMMANDS = {
 
 
 def write_separately(root: Path, plan: Plan) -> None:
-    """Writes synthetic results of all runs of `plan`, one file a table and run, as before merging."""
+    """Write synthetic results of all runs of `plan`, one file a table and run, as before merging."""
     committer = Committer.open(root)
     committer.write_cells(plan.name, plan.cell_rows)
     store = committer.store
@@ -49,7 +49,7 @@ def write_separately(root: Path, plan: Plan) -> None:
 
 
 def processor_seconds(command: list[str]) -> float:
-    """Returns the processor time of `tma-ray` with these arguments, system time included, s."""
+    """Return the processor time of `tma-ray` with these arguments, system time included, s."""
     before = os.times()
     subprocess.run([sys.executable, "-m", "tma_ray.cli", *command], check=True, stdout=subprocess.DEVNULL)
     after = os.times()
@@ -57,7 +57,7 @@ def processor_seconds(command: list[str]) -> float:
 
 
 def main() -> None:
-    """Prints the measured figures and writes them as JSON."""
+    """Print the measured figures and write them as JSON."""
     parser = scale_parser(__doc__, Path("build/separate_runs"), Path("analysis_commands.json"))
     arguments = parser.parse_args()
     plan = full_plan(arguments.seeds, arguments.steps)

@@ -33,7 +33,7 @@ WITHOUT_UPDATES = {"updates": "interleaved", "exploration_steps": 10**9}
 
 
 def new_run(student: str, store: Store, attempt: int) -> Run:
-    """Returns a new run on Stump Tracks."""
+    """Return a new run on Stump Tracks."""
     values = WITHOUT_UPDATES if student == "sac" else {}
     cell = Cell(student=student, teacher="alp_gmm", student_hyperparameters=values)
     spec = effective_spec(cell, 0, Schedule())
@@ -41,7 +41,7 @@ def new_run(student: str, store: Store, attempt: int) -> Run:
 
 
 def fill(run: Run, count: int, rng: np.random.Generator) -> None:
-    """Lets the student of `run`, which does not train, observe `count` random transitions."""
+    """Let the student of `run`, which does not train, observe `count` random transitions."""
     spaces = run.environment.observation_space, run.environment.action_space
     shape, action_shape = (space.shape or () for space in spaces)
     observations = rng.standard_normal((EPISODE_STEPS + 1, *shape), dtype=np.float32)
@@ -55,14 +55,14 @@ def fill(run: Run, count: int, rng: np.random.Generator) -> None:
 
 
 def timed_save(run: Run, checkpoints: Checkpoints) -> dict[str, float]:
-    """Returns the megabytes and seconds that a checkpoint takes."""
+    """Return the megabytes and seconds that a checkpoint takes."""
     start = time.perf_counter()
     size = checkpoints.save(run, (), "benchmark")
     return {"megabytes": size / 1e6, "seconds": time.perf_counter() - start}
 
 
 def measure(student: str, transitions: int, more: Sequence[int]) -> dict[str, Any]:
-    """Returns the cost of a first checkpoint, of one after each of `more` transitions, and of a restore."""
+    """Return the cost of a first checkpoint, of one after each of `more` transitions, and of a restore."""
     rng = np.random.default_rng(0)
     with tempfile.TemporaryDirectory() as place:
         store = Store.open(place)
@@ -85,7 +85,7 @@ def measure(student: str, transitions: int, more: Sequence[int]) -> dict[str, An
 
 
 def main() -> None:
-    """Measures both students."""
+    """Measure both students."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--transitions", type=COUNT, default=2_000_000, help="in the first checkpoint")
     parser.add_argument(

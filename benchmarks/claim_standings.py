@@ -35,7 +35,7 @@ STATEMENTS: dict[str, Callable[[Comparison], Standing]] = {
 
 
 def standings(difference: float, seeds: int, challenges: int, experiments: int) -> dict[str, list[float]]:
-    """Returns the shares of experiments in which each statement is supported, undecided and refuted, in %."""
+    """Return the shares of experiments in which each statement is supported, undecided and refuted, in %."""
     rng = np.random.default_rng([int(difference), seeds, challenges])
     order = [Standing.SUPPORTED, Standing.UNDECIDED, Standing.REFUTED]
     counts = {name: np.zeros(3) for name in STATEMENTS}
@@ -53,12 +53,12 @@ def _sample(values: np.ndarray, prefix: str) -> pd.Series:
 
 
 def of_the_paper() -> list[tuple[str, str, str]]:
-    """Returns each of the paper's claims with its standing by the paper's tables."""
+    """Return each of the paper's claims with its standing by the paper's tables."""
     return [(each.claim.text, each.standing, each.describe()) for each in judge(PaperSource())]
 
 
 def main() -> None:
-    """Prints the paper's claims, then shares of simulated ones: supported / undecided / refuted."""
+    """Print the paper's claims, then shares of simulated ones: supported / undecided / refuted."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--experiments", type=int, default=2_000, help="simulated for each row (%(default)s)")
     experiments = parser.parse_args().experiments

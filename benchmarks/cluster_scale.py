@@ -54,7 +54,7 @@ class Trainer:
     """An actor that trains simulated students, one after the other."""
 
     def run(self, spec: dict[str, Any], store: Store, number: int) -> tuple[PartFile, ...]:
-        """Returns the result files of a run."""
+        """Return the result files of a run."""
         run = RunSpec.from_dict(spec)
         challenge = find_simulated_challenge("original")
         played = simulate(challenge, "random", KnowledgeLevel.NONE, run.seed, EPISODES)
@@ -77,7 +77,7 @@ class Trainer:
 
     @ray.method(concurrency_group="reports")  # which wait for no run, as those of seed actors
     def nothing(self) -> None:
-        """Does nothing."""
+        """Do nothing."""
 
 
 RemoteTrainer: Any = ray.remote(concurrency_groups={"reports": 1})(Trainer)  # type: ignore[call-overload]
@@ -108,7 +108,7 @@ class Driver:
     def execute(
         self, runs: list[RunSpec], last: float = math.inf, done_before: int = 0
     ) -> tuple[Snapshot, dict[str, float]]:
-        """Executes runs until `last` of them have been started; returns how it ended and what it took."""
+        """Execute runs until `last` of them have been started; return how it ended and what it took."""
         memory: list[tuple[int, int]] = []
         start, cpu, before = time.perf_counter(), self._process.cpu_times(), Substitute.launched
         first = 0.0
@@ -141,7 +141,7 @@ class Driver:
 
 
 def measure(count: int, root: str) -> dict[str, Any]:
-    """Returns what a campaign of `count` runs takes up to its half, and from there to its end."""
+    """Return what a campaign of `count` runs takes up to its half, and from there to its end."""
     cell = effective_spec(Cell(student="ppo", teacher="random"), 0, Schedule(steps=1))
     runs = [replace(cell, seed=seed) for seed in range(count)]
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
@@ -166,7 +166,7 @@ def measure(count: int, root: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measures a campaign."""
+    """Measure a campaign."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--runs", type=int, default=2000, help="of the campaign (%(default)s)")
     parser.add_argument("--output", type=Path)

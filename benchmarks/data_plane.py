@@ -34,13 +34,13 @@ WARM_UP = 20
 
 
 def experience() -> tuple[Any, ...]:
-    """Returns what SAC's player hands over after an episode."""
+    """Return what SAC's player hands over after an episode."""
     observations = np.zeros((STEPS + 1, OBSERVATION), np.float32)
     return observations, np.zeros((STEPS, ACTION), np.float32), np.zeros(STEPS, np.float32), True
 
 
 def weights() -> np.ndarray:
-    """Returns as many parameters as SAC's actor has."""
+    """Return as many parameters as SAC's actor has."""
     sizes = OBSERVATION, *HIDDEN, 2 * ACTION
     return np.zeros(sum((i + 1) * o for i, o in pairwise(sizes)), np.float32)
 
@@ -66,15 +66,15 @@ class Learning:
         threading.Thread(target=server.serve, args=(lambda: False,), daemon=True).start()
 
     def address(self) -> Learner:
-        """Returns where it listens."""
+        """Return where it listens."""
         return self._learner
 
     def seconds(self) -> float:
-        """Returns the time of its processor so far, s."""
+        """Return the time of its processor so far, s."""
         return time.process_time()
 
     def learn(self, _experience: tuple[Any, ...], _updates: int) -> np.ndarray:
-        """Returns weights."""
+        """Return weights."""
         return self._weights
 
 
@@ -82,20 +82,20 @@ class Playing:
     """A player that plays nothing."""
 
     def socket(self, learner: Learner, count: int) -> float:
-        """Returns the median time of an exchange over the learner's socket, s."""
+        """Return the median time of an exchange over the learner's socket, s."""
         link, handed = SocketLink(learner), experience()
         membership: Any = None
         link.join(membership)
         return median(lambda: link.learn(handed, STEPS // 10), count)
 
     def calls(self, actor: Any, count: int) -> float:
-        """Returns the median time of a call of the learner's actor, s."""
+        """Return the median time of a call of the learner's actor, s."""
         handed = experience()
         return median(lambda: ray.get(actor.learn.remote(handed, STEPS // 10)), count)
 
 
 def median(exchange: Callable[[], object], count: int) -> float:
-    """Returns the median time of an exchange, s."""
+    """Return the median time of an exchange, s."""
     for _ in range(WARM_UP):
         exchange()
     seconds = []
@@ -107,7 +107,7 @@ def median(exchange: Callable[[], object], count: int) -> float:
 
 
 def main() -> int:
-    """Measures and prints."""
+    """Measure and prints."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=str(__doc__))
     parser.add_argument("--exchanges", type=int, default=500, help="of each kind")
     count = parser.parse_args().exchanges

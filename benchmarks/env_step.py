@@ -78,21 +78,21 @@ compiled_simulate: Any = numba.njit(simulate)
 
 
 def seconds(function: Callable[[], object]) -> float:
-    """Returns the processor time of a call of `function`, in s."""
+    """Return the processor time of a call of `function`, in s."""
     start = time.process_time()
     function()
     return time.process_time() - start
 
 
 def environment(world: str, body: str, engine: str) -> BodyEnvironment:
-    """Returns an environment that uses the engine named `engine`, whichever is the default here."""
+    """Return an environment that uses the engine named `engine`, whichever is the default here."""
     env = WORLDS[world][0](embodiment=body)
     env._engine = ENGINES[engine](env.embodiment, env.rules)
     return env
 
 
 def play(env: gymnasium.Env[Any, Any], task: list[float], actions: Actions) -> list[int]:
-    """Plays `actions`, starting a new episode whenever one ends; returns the episodes' lengths."""
+    """Play `actions`, starting a new episode whenever one ends; return the episodes' lengths."""
     lengths = [0]
     env.reset(seed=0, options={"task": task})
     for action in actions:
@@ -105,7 +105,7 @@ def play(env: gymnasium.Env[Any, Any], task: list[float], actions: Actions) -> l
 
 
 def bare_seconds(env: BodyEnvironment, task: list[float], actions: Actions, lengths: list[int]) -> float:
-    """Returns the time of the same episodes in Chipmunk alone, one compiled loop per episode, in s."""
+    """Return the time of the same episodes in Chipmunk alone, one compiled loop per episode, in s."""
     total, start = 0.0, 0
     for episode, length in enumerate(lengths):
         env.reset(seed=None if episode else 0, options={"task": task})
@@ -116,12 +116,12 @@ def bare_seconds(env: BodyEnvironment, task: list[float], actions: Actions, leng
 
 
 def reset_seconds(env: BodyEnvironment, task: list[float]) -> float:
-    """Returns the mean time of a reset, in s."""
+    """Return the mean time of a reset, in s."""
     return seconds(lambda: [env.reset(options={"task": task}) for _ in range(RESETS)]) / RESETS
 
 
 def measure(world: str, body: str, task: list[float], steps: int, box2d: bool) -> dict[str, float]:
-    """Returns microseconds of steps (resets included), of resets, and of the simulation in a step.
+    """Return microseconds of steps (resets included), of resets, and of the simulation in a step.
 
     Parkour has no figure for the bare simulation: forces of the water and grips are computed outside it. With
     `box2d`, Gymnasium's walker plays a tenth of the steps, without wrappers either.
@@ -150,7 +150,7 @@ def measure(world: str, body: str, task: list[float], steps: int, box2d: bool) -
 
 
 def main() -> None:
-    """Measures every chosen body in every task of the chosen environments."""
+    """Measure every chosen body in every task of the chosen environments."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--steps", type=int, default=20_000, help="steps per task and repeat")
     parser.add_argument("--repeats", type=int, default=3, help="repeats, of which the median counts")

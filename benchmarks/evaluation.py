@@ -29,7 +29,7 @@ from tma_ray.students.base import Actions, Observations
 
 
 def walker(steps: int) -> Student:
-    """Returns a PPO student after `steps` steps on easy tasks."""
+    """Return a PPO student after `steps` steps on easy tasks."""
     environment, tasks = make_environment("stump_tracks"), find_challenge("stump_tracks", "easy").task_space
     spaces = environment.observation_space, environment.action_space
     student, rng = make_student("ppo", *spaces, np.random.SeedSequence(0)), np.random.default_rng(0)
@@ -51,7 +51,7 @@ class Timed:
         self.student, self.seconds = student, 0.0
 
     def act_greedily(self, observations: Observations) -> Actions:
-        """Acts as the student does."""
+        """Act as the student does."""
         start = time.process_time()
         actions = self.student.act_greedily(observations)
         self.seconds += time.process_time() - start
@@ -59,7 +59,7 @@ class Timed:
 
 
 def in_lock_step(evaluation: Evaluation, student: Student) -> dict[str, float]:
-    """Plays the test set; returns steps, and microseconds per step, of which acting takes a part."""
+    """Play the test set; return steps, and microseconds per step, of which acting takes a part."""
     timed = Timed(student)
     start = time.process_time()
     rows = evaluation(timed)
@@ -74,7 +74,7 @@ def in_lock_step(evaluation: Evaluation, student: Student) -> dict[str, float]:
 
 
 def one_by_one(spec: RunSpec, student: Student) -> dict[str, float]:
-    """Plays a tenth of the test set one task after the other."""
+    """Play a tenth of the test set one task after the other."""
     environment = make_environment(spec.environment, **arguments(spec, "environment"))
     steps, start = 0, time.process_time()
     for index, seed in list(enumerate(evaluation_seeds(spec.test_set)))[::10]:
@@ -88,7 +88,7 @@ def one_by_one(spec: RunSpec, student: Student) -> dict[str, float]:
 
 
 def measure(student: Student, repeats: int) -> dict[str, Any]:
-    """Returns medians over `repeats` turns, after a warm-up turn."""
+    """Return medians over `repeats` turns, after a warm-up turn."""
     spec = effective_spec(Cell(student="ppo"), 0, Schedule())
     evaluation = Evaluation(spec)
     turns = [(in_lock_step(evaluation, student), one_by_one(spec, student)) for _ in range(repeats + 1)][1:]
@@ -104,7 +104,7 @@ def measure(student: Student, repeats: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measures both ways in one run."""
+    """Measure both ways in one run."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--training-steps", type=int, default=1_000_000)
     parser.add_argument("--repeats", type=int, default=3)

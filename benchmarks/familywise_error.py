@@ -52,7 +52,7 @@ class Families(NamedTuple):
 
 
 def released(runs: pd.DataFrame, measure: str) -> Release:
-    """Returns what a release has of `measure`, of `runs_after`."""
+    """Return what a release has of `measure`, of `runs_after`."""
     counts = runs.groupby("teacher")["run_id"].nunique()
     core = runs[runs["teacher"].isin(counts.index[counts == counts.max()])]
     table = core.pivot_table(index=["challenge", "embodiment"], columns=["teacher", "seed"], values=measure)
@@ -64,12 +64,12 @@ def released(runs: pd.DataFrame, measure: str) -> Release:
 
 
 def on_scale(values: Floats, scale: Scale) -> Floats:
-    """Returns percentages on a scale, in their shape."""
+    """Return percentages on a scale, in their shape."""
     return scale.of(pd.Series(values.ravel())).to_numpy(float).reshape(values.shape)
 
 
 def welch(values: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Returns t and p of Welch and Satterthwaite's test of each pair (..., pairs) over cells.
+    """Return t and p of Welch and Satterthwaite's test of each pair (..., pairs) over cells.
 
     Args:
         values: results of runs (..., cells, teachers, seeds).
@@ -86,7 +86,7 @@ def welch(values: Floats, weights: Floats) -> tuple[Floats, Floats]:
 
 
 def by_holm(values: Floats, release: Release, _: np.random.Generator) -> Families:
-    """Returns Welch and Satterthwaite's p with Holm's correction."""
+    """Return Welch and Satterthwaite's p with Holm's correction."""
     p = welch(values, release.weights)[1]
     return Families(holm(p), holm(p[_of_random(release)]))
 
@@ -94,7 +94,7 @@ def by_holm(values: Floats, release: Release, _: np.random.Generator) -> Familie
 def by_permutation(
     values: Floats, release: Release, rng: np.random.Generator, permutations: int = PERMUTATIONS
 ) -> Families:
-    """Returns the step-down max-t p of Westfall and Young (1993): runs change teachers within their cell."""
+    """Return the step-down max-t p of Westfall and Young (1993): runs change teachers within their cell."""
     cells, teachers, n = values.shape
     order = np.argsort(rng.random((permutations, cells, teachers * n)), axis=-1)
     shuffled = np.take_along_axis(values.reshape(1, cells, -1), order, -1).reshape(-1, cells, teachers, n)
@@ -124,7 +124,7 @@ METHODS: dict[str, Callable[[Floats, Release, np.random.Generator], Families]] =
 
 
 def simulated(release: Release, scale: Scale, seeds: int, experiments: int, *, half: bool) -> list[str]:
-    """Returns for each method and family the share of experiments with a false finding, and the true ones.
+    """Return for each method and family the share of experiments with a false finding, and the true ones.
 
     Args:
         release: runs whose residuals are drawn.
@@ -156,7 +156,7 @@ def simulated(release: Release, scale: Scale, seeds: int, experiments: int, *, h
 
 
 def coverage(release: Release, scale: Scale, seeds: int, experiments: int) -> float:
-    """Returns how often the interval that is shown of a difference holds the true one, in %."""
+    """Return how often the interval that is shown of a difference holds the true one, in %."""
     rng, held = np.random.default_rng(seeds), []
     teachers = release.values.shape[1]
     for _ in range(experiments):
@@ -174,7 +174,7 @@ def coverage(release: Release, scale: Scale, seeds: int, experiments: int) -> fl
 
 
 def main() -> None:
-    """Prints the pairs that each test decides, its false findings, and the coverage of intervals."""
+    """Print the pairs that each test decides, its false findings, and the coverage of intervals."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--experiments", type=int, default=1_000, help="simulated for each row (%(default)s)")
     parser.add_argument("--release", default="lite-1", help="release whose runs are taken (%(default)s)")

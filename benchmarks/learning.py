@@ -26,7 +26,7 @@ WALKS_RETURN, WALKS_SHARE = 230.0, 0.7
 
 
 def summarise(root: str) -> None:
-    """Prints the evaluations of every run, and the number of seeds that walk."""
+    """Print the evaluations of every run, and the number of seeds that walk."""
     rows = Results.open(root).table(Table.EVALUATIONS).to_pandas()
     rows["mastered"] = rows.episodic_return > MASTERY_RETURN
     curves = rows.groupby(["run_id", "step"], observed=True).agg(

@@ -16,7 +16,7 @@ from tma_ray.runs import Schedule
 
 
 def plan(stage: str) -> Plan:
-    """Returns the runs of `stage`."""
+    """Return the runs of `stage`."""
     intervals = LITE_1_SIZE.evaluation_interval, LITE_1_SIZE.probe_interval, LITE_1_SIZE.training_window
     assert all(intervals), "lite-1 has intervals of its own"
     evaluation, probe, window = (interval or 0 for interval in intervals)
@@ -27,7 +27,7 @@ def plan(stage: str) -> Plan:
 
 
 def main() -> int:
-    """Runs what is missing."""
+    """Run what is missing."""
     options = parser(str(__doc__))
     options.add_argument("--stage", default="core", choices=sorted(LITE_1_STAGES))
     given = options.parse_args()

@@ -38,7 +38,7 @@ CAMPAIGN = Campaign(
 
 
 def random_return(challenge: str, body: str) -> float:
-    """Returns the mean return of uniformly random actions on the test tasks of `challenge`."""
+    """Return the mean return of uniformly random actions on the test tasks of `challenge`."""
     environment = make_environment("parkour", embodiment=body)
     tasks, rng = load_test_set(find_challenge("parkour", challenge).test_set).tasks, np.random.default_rng(0)
     total = 0.0
@@ -54,7 +54,7 @@ def random_return(challenge: str, body: str) -> float:
 
 
 def bootstrap(returns: Floats, resamples: int = 10_000) -> tuple[float, float]:
-    """Returns the 95 % percentile interval of the mean of `returns` (seeds, tasks).
+    """Return the 95 % percentile interval of the mean of `returns` (seeds, tasks).
 
     Seeds are drawn with replacement, then tasks of each. With three seeds the interval cannot exceed their
     range and is too narrow: Student's t, which is printed too, is not.
@@ -67,7 +67,7 @@ def bootstrap(returns: Floats, resamples: int = 10_000) -> tuple[float, float]:
 
 
 def summarise(root: str) -> None:
-    """Prints the curves of every challenge, and the last mean return over the seeds with 95 % intervals."""
+    """Print the curves of every challenge, and the last mean return over the seeds with 95 % intervals."""
     results = Results.open(root)
     cells = results.table(Table.CELLS).to_pandas()[["run_id", "challenge", "seed"]]
     rows = results.table(Table.EVALUATIONS).to_pandas().merge(cells, on="run_id")

@@ -35,14 +35,14 @@ CELL = ["embodiment", "teacher", "student"]
 
 
 def plan(seeds: int) -> Plan:
-    """Returns the runs of the first `seeds` of each teacher."""
+    """Return the runs of the first `seeds` of each teacher."""
     cells = tuple(Cell(challenge="rugged_difficulty", teacher=name, student="ppo") for name in TEACHERS)
     schedule = Schedule(40_000, 40_000, 40_000, training_window=20_000)
     return joined_plan("pairing", [CampaignSpec("pairing", cells, tuple(range(seeds)), schedule)])
 
 
 def told(name: str, table: pd.DataFrame) -> list[str]:
-    """Returns what pairing gives at the ends of runs, a line for each measure and challenge.
+    """Return what pairing gives at the ends of runs, a line for each measure and challenge.
 
     Args:
         name: of the results.
@@ -68,7 +68,7 @@ def told(name: str, table: pd.DataFrame) -> list[str]:
 
 
 def released(name: str) -> pd.DataFrame:
-    """Returns the evaluations of a release or results root as `told` takes them, each run once."""
+    """Return the evaluations of a release or results root as `told` takes them, each run once."""
     frames = analysis.load(name)
     runs = frames.cells.drop_duplicates("run_id")[["run_id", "challenge", *CELL, "expert_knowledge", "seed"]]
     runs = runs.astype(dict.fromkeys(("challenge", *CELL, "expert_knowledge"), str))
@@ -79,14 +79,14 @@ def released(name: str) -> pd.DataFrame:
 
 
 def _widths(first: pd.Series, second: pd.Series) -> tuple[float, float]:
-    """Returns the widths of Welch's interval and of the paired one."""
+    """Return the widths of Welch's interval and of the paired one."""
     apart = welch(first.add_prefix("first"), second.add_prefix("second"))
     pairs = paired(first, second)
     return apart.high - apart.low, pairs.high - pairs.low
 
 
 def main() -> int:
-    """Runs what is missing, or reads tables; prints what pairing gives."""
+    """Run what is missing, or read tables; print what pairing gives."""
     options = parser(str(__doc__))
     options.add_argument("--seeds", type=int, default=6, help="of every cell")
     options.add_argument("--baselines", nargs="+", default=(), help="releases or roots, to read instead")

@@ -84,7 +84,7 @@ WALKER_STEPS = 1_000_000
 
 
 def changed(rollouts: str) -> dict[str, str]:
-    """Returns the students of the second half of the screen, by the name of their change."""
+    """Return the students of the second half of the screen, by the name of their change."""
     hyper = check_hyperparameters(rollouts)
     changes: dict[str, dict[str, Any]] = {
         "small batches": {"batch_size": 500 if hyper.batch_size == 1_000 else 512, "gamma": 0.995},
@@ -97,7 +97,7 @@ def changed(rollouts: str) -> dict[str, str]:
 
 
 def costs() -> pd.DataFrame:
-    """Returns the processor time of a training step of each student, in µs, and its ratio to the paper's.
+    """Return the processor time of a training step of each student, in µs, and its ratio to the paper's.
 
     All students take turns, so that what else the machine does meets all of them.
     """
@@ -128,12 +128,12 @@ class Tasks(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._space, self._rng = space, np.random.default_rng(seed)
 
     def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
-        """Returns the first observation of a random task."""
+        """Return the first observation of a random task."""
         return self.env.reset(**options | {"options": {"task": self._space.sample(self._rng, 1)[0]}})
 
 
 def loop_of(cell: Cell, seed: int) -> OurLoop:
-    """Returns the training of a student on random tasks of a challenge."""
+    """Return the training of a student on random tasks of a challenge."""
     from student_training import OurLoop  # it imports torch
 
     spec = effective_spec(cell, seed, Schedule())
@@ -143,7 +143,7 @@ def loop_of(cell: Cell, seed: int) -> OurLoop:
 
 
 def walker(student: str, seed: int, folder: Path) -> Path:
-    """Returns the file of the walking policy of a seed, which is trained unless it is there.
+    """Return the file of the walking policy of a seed, which is trained unless it is there.
 
     Prints its mastered share of the easy test tasks.
     """
@@ -163,7 +163,7 @@ def walker(student: str, seed: int, folder: Path) -> Path:
 
 
 def steps_of(student: str) -> int:
-    """Returns the budget with which `student` has as many core-seconds as the paper's with `STEPS`."""
+    """Return the budget with which `student` has as many core-seconds as the paper's with `STEPS`."""
     if student in ROLLOUTS:
         return STEPS
     ratio = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").ratio[student]
@@ -171,7 +171,7 @@ def steps_of(student: str) -> int:
 
 
 def plan(part: str, found: pd.DataFrame, walkers: Path) -> Plan:
-    """Returns the runs of `part`, given the evaluations before it and a folder for walking policies."""
+    """Return the runs of `part`, given the evaluations before it and a folder for walking policies."""
     chosen: list[tuple[str, str, str, str, int, int, tuple[int, ...]]]
     if part == "students":
         chosen = [
@@ -224,7 +224,7 @@ def plan(part: str, found: pd.DataFrame, walkers: Path) -> Plan:
 
 
 def evaluations(root: str, run_ids: Collection[str] | None = None) -> pd.DataFrame:
-    """Returns mastered % of every evaluation of all runs, of all test tasks and of those of even index."""
+    """Return mastered % of every evaluation of all runs, of all test tasks and of those of even index."""
     frames = analysis.load(root)
     rows = frames.evaluations
     if run_ids is not None:
@@ -239,7 +239,7 @@ def evaluations(root: str, run_ids: Collection[str] | None = None) -> pd.DataFra
 
 
 def areas(found: pd.DataFrame, until: int | None = None, column: str = "mastered_percent") -> pd.DataFrame:
-    """Returns area and last three, in %, of each run that got to its budget, or to `until` steps."""
+    """Return area and last three, in %, of each run that got to its budget, or to `until` steps."""
     rows = []
     for key, run in found.groupby([*CELL, "steps", "seed"], observed=True):
         end = until or key[-2]
@@ -251,12 +251,12 @@ def areas(found: pd.DataFrame, until: int | None = None, column: str = "mastered
 
 
 def every_second(found: pd.DataFrame) -> pd.DataFrame:
-    """Returns the evaluations that today's schedule has."""
+    """Return the evaluations that today's schedule has."""
     return found[found["step"] % INTERVAL == 0]
 
 
 def screened(found: pd.DataFrame) -> pd.DataFrame:
-    """Returns mean and deviation of area and last three of the students of the screen, the best first."""
+    """Return mean and deviation of area and last three of the students of the screen, the best first."""
     runs = areas(every_second(found))
     runs = runs[(runs["challenge"] == "original") & (runs["teacher"] == "random")]
     runs = runs[runs["seed"].isin(SEEDS["screen"])]
@@ -265,17 +265,17 @@ def screened(found: pd.DataFrame) -> pd.DataFrame:
 
 
 def best_rollouts(found: pd.DataFrame) -> str:
-    """Returns the student of `ROLLOUTS` with the largest mean area."""
+    """Return the student of `ROLLOUTS` with the largest mean area."""
     return str(screened(found).loc[list(ROLLOUTS), ("area", "mean")].idxmax())
 
 
 def finalists(found: pd.DataFrame) -> list[str]:
-    """Returns the two students that are compared with the paper's."""
+    """Return the two students that are compared with the paper's."""
     return [student for student in screened(found).index if student != PAPER][:2]
 
 
 def noise_of(runs: pd.DataFrame, measure: str) -> Estimate:
-    """Returns signal to noise of the square roots of a measure of the runs of one student."""
+    """Return signal to noise of the square roots of a measure of the runs of one student."""
     strata = [
         {str(teacher): np.sqrt(own[measure].to_numpy()) for teacher, own in space.groupby("teacher")}
         for _, space in runs.groupby(["challenge", "embodiment"])
@@ -284,7 +284,7 @@ def noise_of(runs: pd.DataFrame, measure: str) -> Estimate:
 
 
 def student_of_choice(found: pd.DataFrame) -> str:
-    """Returns the student that the rule of part a chooses, whether or not it is good enough."""
+    """Return the student that the rule of part a chooses, whether or not it is good enough."""
     runs = areas(every_second(found))
     runs = runs[runs["seed"].isin(SEEDS["screen"])]
     best = finalists(found)
@@ -296,14 +296,14 @@ def student_of_choice(found: pd.DataFrame) -> str:
 
 
 def pays(found: pd.DataFrame) -> bool:
-    """Returns whether the student of choice is good enough for a new release."""
+    """Return whether the student of choice is good enough for a new release."""
     runs = areas(every_second(found))
     own = runs[(runs["student"] == student_of_choice(found)) & runs["seed"].isin(SEEDS["screen"])]
     return noise_of(own, "area").value >= ENOUGH * noise_of(paper_runs(), "area").value
 
 
 def tables(found: pd.DataFrame) -> str:
-    """Returns the results as tables of the page, as far as there are any."""
+    """Return the results as tables of the page, as far as there are any."""
     parts = [screen_table(found), schedule_table(found)]
     compared = found[found["seed"].isin(SEEDS["screen"]) & (found["student"] != PAPER)]
     if students := complete(areas(every_second(compared))):
@@ -315,7 +315,7 @@ def tables(found: pd.DataFrame) -> str:
 
 
 def paper_runs() -> pd.DataFrame:
-    """Returns the runs of the paper's student in lite-1 that the pilot compares with."""
+    """Return the runs of the paper's student in lite-1 that the pilot compares with."""
     cells = analysis.load("lite-1").cells
     wanted = (cells["student"] == PAPER) & (cells["expert_knowledge"] == "high") & (cells["seed"] < 5)
     wanted &= cells["teacher"].isin(TEACHERS) & cells["challenge"].isin([name for name, _ in SPACES])
@@ -324,7 +324,7 @@ def paper_runs() -> pd.DataFrame:
 
 
 def complete(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Returns the runs of each student that has all teachers on all spaces with two seeds or more."""
+    """Return the runs of each student that has all teachers on all spaces with two seeds or more."""
     found = {}
     for student, own in runs.groupby("student"):
         seeds = own.groupby(CELL)["seed"].count()
@@ -334,13 +334,13 @@ def complete(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Returns a table."""
+    """Return a table."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
 
 
 def screen_table(found: pd.DataFrame) -> str:
-    """Returns the students of the screen, the best first."""
+    """Return the students of the screen, the best first."""
     ratios = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").ratio
     rows = [
         (
@@ -360,7 +360,7 @@ def screen_table(found: pd.DataFrame) -> str:
 
 
 def schedule_table(found: pd.DataFrame) -> str:
-    """Returns slope and deviation of the residuals of both schedules of evaluations, over the screen."""
+    """Return slope and deviation of the residuals of both schedules of evaluations, over the screen."""
     dense = found[found["step"] % INTERVAL != 0].groupby([*CELL, "steps", "seed"]).size().index
     runs = found.set_index([*CELL, "steps", "seed"]).loc[dense].reset_index()
     truth = areas(runs)["area"].to_numpy()
@@ -375,12 +375,12 @@ def schedule_table(found: pd.DataFrame) -> str:
 
 
 def shown(estimate: Estimate) -> str:
-    """Returns a number with its interval."""
+    """Return a number with its interval."""
     return f"{estimate.value:.2f} [{estimate.low:.2f}, {estimate.high:.2f}]"
 
 
 def comparison_table(students: Mapping[str, pd.DataFrame]) -> str:
-    """Returns mean area and signal to noise of each of the students that are compared."""
+    """Return mean area and signal to noise of each of the students that are compared."""
     rows = [
         (
             f"`{student}`",
@@ -397,7 +397,7 @@ def comparison_table(students: Mapping[str, pd.DataFrame]) -> str:
 
 
 def budget_table(found: pd.DataFrame) -> str:
-    """Returns signal to noise and decisiveness at each budget."""
+    """Return signal to noise and decisiveness at each budget."""
     micro = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").microseconds
     rows = []
     for millions in MILLIONS:
@@ -418,7 +418,7 @@ def budget_table(found: pd.DataFrame) -> str:
 
 
 def onset_table(runs: pd.DataFrame) -> str:
-    """Returns signal to noise and decisiveness on two spaces, of new students and of walking ones.
+    """Return signal to noise and decisiveness on two spaces, of new students and of walking ones.
 
     Args:
         runs: after `STEPS` steps, of one student, new or started from the walking policy of its seed.
@@ -439,7 +439,7 @@ def onset_table(runs: pd.DataFrame) -> str:
 
 
 def written(root: str, csv: Path) -> pd.DataFrame:
-    """Adds the evaluations of the finished runs of `root` to a file, and returns all of the file."""
+    """Add the evaluations of the finished runs of `root` to a file, and return all of the file."""
     earlier = [pd.read_csv(csv)] if csv.exists() else []
     table = pd.concat([*earlier, evaluations(root)]).drop_duplicates(["run_id", "step"])
     table = table[table["run_id"].isin(done(table))]
@@ -448,12 +448,12 @@ def written(root: str, csv: Path) -> pd.DataFrame:
 
 
 def done(found: pd.DataFrame) -> set[str]:
-    """Returns the ids of the runs whose last evaluation is there."""
+    """Return the ids of the runs whose last evaluation is there."""
     return set(found[found["step"] == found["steps"]]["run_id"])
 
 
 def main() -> int:
-    """Measures costs, prints tables, or runs what is missing."""
+    """Measure costs, print tables, or run what is missing."""
     options = parser(str(__doc__))
     options.add_argument("--parts", default=",".join(PARTS), help="in this order")
     options.add_argument("--csv", type=Path, default=MEASURED / "pilot.csv", help="file of all evaluations")

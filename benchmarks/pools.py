@@ -24,7 +24,7 @@ GRACE_SECONDS = 600.0
 
 
 def parser(description: str) -> argparse.ArgumentParser:
-    """Returns a parser with the options of a pool."""
+    """Return a parser with the options of a pool."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=description)
     parser.add_argument("--results", required=True, help="results root; what it holds is not done again")
     parser.add_argument("--processes", type=int, default=2, help="runs at a time")
@@ -37,7 +37,7 @@ def parser(description: str) -> argparse.ArgumentParser:
 
 
 def execute(plan: Plan, options: argparse.Namespace) -> None:
-    """Executes the runs of `plan` that are not done, as the options say, and prints the progress.
+    """Execute the runs of `plan` that are not done, as the options say, and print the progress.
 
     SIGTERM ends it as the last minute does, with checkpoints.
     """

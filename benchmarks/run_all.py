@@ -32,7 +32,7 @@ SMALLEST = {
 
 
 def main() -> None:
-    """Runs each script in a process of its own."""
+    """Run each script in a process of its own."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("build/benchmarks"), help="folder (%(default)s)")
     parser.add_argument(

@@ -26,7 +26,7 @@ CLAMP = "sac:log_std=clamp"
 
 
 def plan(parts: tuple[str, ...], seeds: int, precision: str) -> Plan:
-    """Returns the runs of `parts`, each cell with its first `seeds`."""
+    """Return the runs of `parts`, each cell with its first `seeds`."""
     hyper = {} if precision == "highest" else {"matmul_precision": precision}
     campaigns = {
         "easy": CampaignSpec(
@@ -52,7 +52,7 @@ def plan(parts: tuple[str, ...], seeds: int, precision: str) -> Plan:
 
 
 def curves(root: str) -> pd.DataFrame:
-    """Returns mastered share, in percent, and mean return of every seed at every evaluation."""
+    """Return mastered share, in percent, and mean return of every seed at every evaluation."""
     results = Results.open(root)
     rows = results.table(Table.EVALUATIONS).to_pandas()
     rows["mastered"] = 100.0 * (rows.episodic_return > MASTERY_RETURN)
@@ -64,7 +64,7 @@ def curves(root: str) -> pd.DataFrame:
 
 
 def main() -> int:
-    """Runs what is missing, and prints the curves of all that is there."""
+    """Run what is missing, and print the curves of all that is there."""
     options = parser(str(__doc__))
     options.add_argument("--parts", default="easy,original", help="easy, original or both")
     options.add_argument("--seeds", type=int, default=5, help="of every cell")

@@ -40,11 +40,11 @@ class Player:
     """An actor that executes runs without steps, one after the other."""
 
     def run(self, run_id: str, store: Store, number: int) -> tuple[PartFile, ...]:
-        """Returns the result files of a run without rows."""
+        """Return the result files of a run without rows."""
         return RunWriter(store, run_id, number).finish()
 
     def nothing(self) -> None:
-        """Does nothing."""
+        """Do nothing."""
 
 
 RemotePlayer: Any = ray.remote(Player)
@@ -57,7 +57,7 @@ class Method:
         self._method, self._arguments = method, arguments
 
     def remote(self) -> Any:
-        """Calls it; returns the reference of its result."""
+        """Call it; return the reference of its result."""
         return self._method.remote(*self._arguments)
 
 
@@ -86,17 +86,17 @@ class RayWithoutDeath:
         return getattr(ray, name)
 
     def kill(self, actor: Any) -> None:
-        """Does nothing."""
+        """Do nothing."""
 
 
 def specs(count: int, steps: int) -> list[RunSpec]:
-    """Returns `count` runs that differ in their seeds."""
+    """Return `count` runs that differ in their seeds."""
     first = effective_spec(Cell(student="ppo", teacher="random"), 0, Schedule(steps=steps))
     return [replace(first, seed=seed) for seed in range(count)]
 
 
 def execute(runs: list[RunSpec], root: str) -> dict[str, float]:
-    """Returns the time and memory that the scheduler takes for `runs`."""
+    """Return the time and memory that the scheduler takes for `runs`."""
     view = ProgressView(Console(file=io.StringIO()))
     start, used = time.perf_counter(), time.process_time()
     committer, head = Committer.open(root), connect(None).head
@@ -114,7 +114,7 @@ def execute(runs: list[RunSpec], root: str) -> dict[str, float]:
 
 
 def trivial(count: int) -> dict[str, Any]:
-    """Returns the overhead of `count` runs in shared processes, and of finding all of them done."""
+    """Return the overhead of `count` runs in shared processes, and of finding all of them done."""
     Substitute.players = [RemotePlayer.options(num_cpus=0).remote() for _ in range(PLAYERS)]
     runs = specs(count, 1)
     with (
@@ -129,7 +129,7 @@ def trivial(count: int) -> dict[str, Any]:
 
 
 def bare_actor_milliseconds(count: int) -> float:
-    """Returns the mean time to start, call and kill a Ray actor that does nothing, in ms."""
+    """Return the mean time to start, call and kill a Ray actor that does nothing, in ms."""
     start = time.perf_counter()
     for _ in range(count):
         actor = RemotePlayer.options(num_cpus=1).remote()
@@ -139,7 +139,7 @@ def bare_actor_milliseconds(count: int) -> float:
 
 
 def main() -> None:
-    """Measures both parts."""
+    """Measure both parts."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--runs", type=int, default=10_000, help="in shared processes (%(default)s)")
     parser.add_argument("--processes", type=int, default=20, help="runs in their own (%(default)s)")

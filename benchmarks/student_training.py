@@ -39,7 +39,7 @@ class OurLoop:
         self.observation = env.reset(seed=0)[0]
 
     def train(self, steps: int) -> None:
-        """Continues training for `steps` steps."""
+        """Continue training for `steps` steps."""
         student, env, observation = self.student, self.env, self.observation
         for _ in range(steps):
             action = student.act(observation)
@@ -56,12 +56,12 @@ class StockLoop:
         self.model = stock_ppo(env_name, values) if name == "ppo" else stock_sac(env_name, values)
 
     def train(self, steps: int) -> None:
-        """Continues training for `steps` steps, rounded up to whole rollouts for PPO."""
+        """Continue training for `steps` steps, rounded up to whole rollouts for PPO."""
         self.model.learn(steps, reset_num_timesteps=False)
 
 
 def stock_ppo(env_name: str, values: dict[str, Any]) -> stable_baselines3.PPO:
-    """Returns PPO with the hyper-parameters `values`, normalised by VecNormalize."""
+    """Return PPO with the hyper-parameters `values`, normalised by VecNormalize."""
     env = VecNormalize(DummyVecEnv([lambda: gymnasium.make(env_name)]))
     trunk = {"hidden_units": tuple(values["hidden_units"])}
     return stable_baselines3.PPO(
@@ -84,7 +84,7 @@ def stock_ppo(env_name: str, values: dict[str, Any]) -> stable_baselines3.PPO:
 
 
 def stock_sac(env_name: str, values: dict[str, Any]) -> stable_baselines3.SAC:
-    """Returns SAC with the hyper-parameters `values`."""
+    """Return SAC with the hyper-parameters `values`."""
     return stable_baselines3.SAC(
         "MlpPolicy",
         gymnasium.make(env_name),
@@ -101,7 +101,7 @@ def stock_sac(env_name: str, values: dict[str, Any]) -> stable_baselines3.SAC:
 
 
 def measure(name: str, precision: str, env_name: str, steps: int, repeats: int) -> dict[str, Any]:
-    """Returns the medians of `repeats` alternating stretches of `steps` steps, after one of warming up."""
+    """Return the medians of `repeats` alternating stretches of `steps` steps, after one of warming up."""
     values = default_hyperparameters(name) | {"matmul_precision": precision}
     if name == "sac":
         values |= {"exploration_steps": 1_000, "updates": "interleaved"}
@@ -132,7 +132,7 @@ def measure(name: str, precision: str, env_name: str, steps: int, repeats: int) 
 
 
 def main() -> None:
-    """Prints a line per student and writes all of it as JSON."""
+    """Print a line per student and write all of it as JSON."""
     parser = argparse.ArgumentParser(
         allow_abbrev=False, description=__doc__.splitlines()[0] if __doc__ else None
     )

@@ -27,7 +27,7 @@ SHARE = 0.25
 
 
 def cost(name: str, episodes: int) -> dict[str, float | str]:
-    """Returns milliseconds per episode: over all, over the first and over the last quarter."""
+    """Return milliseconds per episode: over all, over the first and over the last quarter."""
     challenge = find_challenge("stump_tracks", "original")
     space = challenge.task_space
     teacher = make_teacher(name)
@@ -61,7 +61,7 @@ def cost(name: str, episodes: int) -> dict[str, float | str]:
 
 
 def played(task: Task, episodic_return: float, length: int, step: int) -> Episode:
-    """Returns a finished episode."""
+    """Return a finished episode."""
     observation = np.zeros(24, dtype=np.float32)
     observation[: len(task)] = task
     success, discounted_return = episodic_return > 230, episodic_return / 6
@@ -69,18 +69,18 @@ def played(task: Task, episodic_return: float, length: int, step: int) -> Episod
 
 
 def values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Returns state values (n,) of observations (n, o): the higher, the lower the stumps."""
+    """Return state values (n,) of observations (n, o): the higher, the lower the stumps."""
     return 50 - 10 * observations[:, 0].astype(np.float64)
 
 
 def evaluated(tasks: Task, _greedy: bool) -> Outcomes:
-    """Returns the outcomes of `tasks` (n, d): mastered where stumps are low."""
+    """Return the outcomes of `tasks` (n, d): mastered where stumps are low."""
     episodic_returns = 300 - 100 * tasks[:, 0].astype(np.float64)
     return Outcomes(episodic_returns, episodic_returns > 230, np.full(len(tasks), 500))
 
 
 def main() -> None:
-    """Measures every teacher of the catalogue, or those asked for."""
+    """Measure every teacher of the catalogue, or those asked for."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--episodes", type=int, default=40_000, help="of each teacher (%(default)s)")
     parser.add_argument("--teachers", nargs="+", default=TEACHERS.names())

@@ -43,17 +43,17 @@ class OnOneTask(gymnasium.Wrapper[Any, Any, Any, Any]):
     """An environment with `TASK` in every episode."""
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Resets the environment to `TASK`, whatever other options are given."""
+        """Reset the environment to `TASK`, whatever other options are given."""
         return self.env.reset(seed=seed, options={**(options or {}), "task": TASK})
 
 
 def one() -> gymnasium.Env[Any, Any]:
-    """Returns a single environment."""
+    """Return a single environment."""
     return OnOneTask(gymnasium.make(ID).unwrapped)
 
 
 def ours(number: int, threads: int) -> tuple[Step, Callable[[], None]]:
-    """Returns the functions that step and close a vector of `number` of our environments."""
+    """Return the functions that step and close a vector of `number` of our environments."""
     worlds = gymnasium.make_vec(ID, num_envs=number, threads=threads)
     tasks = np.tile(TASK, (number, 1))
     worlds.reset(seed=0, options={"task": tasks})
@@ -68,7 +68,7 @@ def ours(number: int, threads: int) -> tuple[Step, Callable[[], None]]:
 
 
 def sb3(number: int) -> tuple[Step, Callable[[], None]]:
-    """Returns the same functions for stable-baselines3's DummyVecEnv."""
+    """Return the same functions for stable-baselines3's DummyVecEnv."""
     worlds = DummyVecEnv([one] * number)
     worlds.seed(0)
     worlds.reset()
@@ -78,7 +78,7 @@ def sb3(number: int) -> tuple[Step, Callable[[], None]]:
 def gymnasiums(
     kind: Callable[..., gymnasium.vector.VectorEnv[Any, Any, Any]],
 ) -> Maker:
-    """Returns the maker of the same functions for a vector environment of Gymnasium."""
+    """Return the maker of the same functions for a vector environment of Gymnasium."""
 
     def make(number: int) -> tuple[Step, Callable[[], None]]:
         worlds = kind([one] * number)
@@ -97,13 +97,13 @@ OTHERS: dict[str, Maker] = {
 
 
 def processor_seconds() -> float:
-    """Returns the processor time of this process and of its child processes that have ended, in s."""
+    """Return the processor time of this process and of its child processes that have ended, in s."""
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + ended.ru_utime + ended.ru_stime
 
 
 def microseconds(make: Maker, number: int, steps: int) -> dict[str, float]:
-    """Returns wall and processor time per step of one environment, in µs."""
+    """Return wall and processor time per step of one environment, in µs."""
     rng, before_start = np.random.default_rng(0), processor_seconds()
     step, close = make(number)
     shape = (number, *(gymnasium.make(ID).action_space.shape or ()))
@@ -120,7 +120,7 @@ def microseconds(make: Maker, number: int, steps: int) -> dict[str, float]:
 
 
 def measure(number: int, threads: list[int], steps: int, repeats: int) -> dict[str, Any]:
-    """Returns medians of all kinds over `repeats` turns, and of their speeds within a turn."""
+    """Return medians of all kinds over `repeats` turns, and of their speeds within a turn."""
     mine = {f"tma_ray_{count}": partial(ours, threads=count) for count in threads if count <= number}
     kinds: dict[str, Maker] = {**mine, **OTHERS}
     turns = [{kind: microseconds(kinds[kind], number, steps) for kind in kinds} for _ in range(repeats)]
@@ -137,7 +137,7 @@ def measure(number: int, threads: list[int], steps: int, repeats: int) -> dict[s
 
 
 def main() -> None:
-    """Measures vectors of several sizes in one run."""
+    """Measure vectors of several sizes in one run."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument(
         "--numbers", type=int, nargs="+", default=[1, 4, 8, 16, 64], help="environments in a vector"

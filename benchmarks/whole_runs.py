@@ -44,7 +44,7 @@ PLAYED = 6_000
 
 
 def runs_of(student: str, count: int) -> list[RunSpec]:
-    """Returns runs of a student under Random on the original space, one for each seed."""
+    """Return runs of a student under Random on the original space, one for each seed."""
     cell = Cell(student=student, teacher="random", student_hyperparameters=EXPLORATION.get(student, {}))
     schedule = Schedule(*[LONGER_THAN_MEASURED] * 3)
     return list(CampaignSpec("whole_runs", (cell,), tuple(range(count)), schedule).plan().runs)
@@ -69,7 +69,7 @@ class Meter:
     samples: list[tuple[float, float, float, int, dict[str, float]]] = field(default_factory=list)
 
     def update(self, snapshot: Snapshot) -> None:
-        """Takes a sample if all runs learn."""
+        """Take a sample if all runs learn."""
         steps = [run.status.step for run in snapshot.running]
         if len(steps) == self.runs and min(steps) > FIRST_STEPS:
             parts = account(self.learner) if self.learner else {}
@@ -79,14 +79,14 @@ class Meter:
             self.samples.append((time.monotonic(), playing, learning, sum(steps), parts))
 
     def close(self, snapshot: Snapshot) -> None:
-        """Takes no last sample: runs have ended."""
+        """Take no last sample: runs have ended."""
 
     def enough(self) -> bool:
-        """Returns True once the measurement is over."""
+        """Return True once the measurement is over."""
         return bool(self.samples) and self.samples[-1][0] - self.samples[0][0] > self.seconds
 
     def result(self) -> dict[str, float]:
-        """Returns the microseconds of the processor for a step, and the learner's shares of its time."""
+        """Return the microseconds of the processor for a step, and the learner's shares of its time."""
         first, last = self.samples[0], self.samples[-1]
         seconds, playing, learning, steps = (b - a for a, b in zip(first[:4], last[:4], strict=True))
         shares = {part: (last[4][part] - first[4][part]) / seconds for part in LEARNER if last[4]}
@@ -95,7 +95,7 @@ class Meter:
 
 
 def _processor_seconds() -> dict[int, float]:
-    """Returns the processor time of each process below this one, s."""
+    """Return the processor time of each process below this one, s."""
     found = {}
     for process in psutil.Process().children(recursive=True):
         try:
@@ -117,7 +117,7 @@ def _placed(width: int, device: str) -> Iterator[Placement]:
 
 
 def pool(student: str, count: int, width: int, device: str, seconds: float) -> dict[str, float]:
-    """Plays runs for some time, in as many processes; returns what `Meter.result` does."""
+    """Play runs for some time, in as many processes; return what `Meter.result` does."""
     with ExitStack() as stack:
         root = stack.enter_context(tempfile.TemporaryDirectory())
         committer = Committer.open(root)
@@ -129,7 +129,7 @@ def pool(student: str, count: int, width: int, device: str, seconds: float) -> d
 
 
 def player_parts(student: str, width: int, device: str) -> dict[str, float]:
-    """Returns the microseconds of the processor that each part of a player's step takes."""
+    """Return the microseconds of the processor that each part of a player's step takes."""
     (spec,) = runs_of(student, 1)
     environment = make_environment(spec.environment, **arguments(spec, "environment"))
     spaces = environment.observation_space, environment.action_space
@@ -155,7 +155,7 @@ def player_parts(student: str, width: int, device: str) -> dict[str, float]:
 
 
 def compare(student: str, width: int, device: str, seconds: float) -> dict[str, float | str]:
-    """Returns what a step costs alone, on a processor, and in a cohort that is full; and its parts."""
+    """Return what a step costs alone, on a processor, and in a cohort that is full; and its parts."""
     alone = pool(student, width, 0, "cpu", seconds)
     together = pool(student, width, width, device, seconds)
     costs = {"alone, µs": alone["runs"], "players, µs": together["runs"], "learner, µs": together["learner"]}
@@ -166,7 +166,7 @@ def compare(student: str, width: int, device: str, seconds: float) -> dict[str, 
 
 
 def table(rows: list[dict[str, float | str]]) -> str:
-    """Returns comparisons as a table: processor time of a step, and shares of the learner's time."""
+    """Return comparisons as a table: processor time of a step, and shares of the learner's time."""
     lines = [f"| {' | '.join(rows[0])} |", f"|{' --- |' * len(rows[0])}"]
     for row in rows:
         cells = [f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in row.values()]

@@ -23,7 +23,7 @@ QUESTIONS = ("How", "What", "When", "Where", "Whether", "Who", "Whose", "Why")
 
 
 def _modules() -> dict[str, Path]:
-    """Returns the files of all modules by their names."""
+    """Return the files of all modules by their names."""
     files = (path for package in PACKAGES for path in sorted((HOUSE / package).rglob("*.py")))
     return {_name(path): path for path in files}
 
@@ -39,7 +39,7 @@ def _tree(path: Path) -> ast.Module:
 
 
 def _imports(name: str, modules: dict[str, Path]) -> set[str]:
-    """Returns the modules that the text of a module imports, anywhere in it.
+    """Return the modules that the text of a module imports, anywhere in it.
 
     ``from package import module`` imports the package as well, since its own text runs first.
     """

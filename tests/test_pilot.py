@@ -46,7 +46,7 @@ def test_schedules_that_agree_with_all_evaluations_leave_no_residuals(pilot: Mod
 
 
 def compared(pilot: ModuleType, ends: dict[str, tuple[float, float]], spread: float) -> pd.DataFrame:
-    """Runs of students under all teachers on all spaces, half of the teachers with each of two ends."""
+    """Run of students under all teachers on all spaces, half of the teachers with each of two ends."""
     runs = [
         line(end + spread * place, student, teacher, 1000 + place).assign(challenge=space, embodiment=body)
         for student, pair in ends.items()

@@ -48,7 +48,7 @@ class BodyConformance:
     environments: ClassVar[Sequence[str]] = ("stump_tracks", "parkour")
 
     def pytest_generate_tests(self, metafunc: Any) -> None:
-        """Tells pytest to run the methods that take an environment for each of them."""
+        """Tell pytest to run the methods that take an environment for each of them."""
         if "environment" in metafunc.fixturenames:
             metafunc.parametrize("environment", self.environments)
 
@@ -60,7 +60,7 @@ class BodyConformance:
         assert loaded.action_size > 0, "a body without motors and grips has nothing to learn"
 
     def test_actions_and_observations_have_meanings(self, environment: str) -> None:
-        """Signals name every value, as pages and models show them."""
+        """Signal name every value, as pages and models show them."""
         made = make_environment(environment, embodiment=self.body)
         for kind in ("observation", "action"):
             signals = made.get_wrapper_attr(f"{kind}_signals")
@@ -96,7 +96,7 @@ class BodyConformance:
         return load_embodiment(self.body)
 
     def _played(self, environment: str, seed: int, scale: float = 1.0) -> list[tuple[Any, float]]:
-        """Returns observations of an episode on the middle task, and the speed of the head, in m/s."""
+        """Return observations of an episode on the middle task, and the speed of the head, in m/s."""
         made, rng = make_environment(environment, embodiment=self.body), np.random.default_rng(seed)
         task = made.get_wrapper_attr("task_space").centre
         observation, _ = made.reset(seed=seed, options={"task": task})
@@ -232,7 +232,7 @@ class EnvironmentConformance:
         return made.get_wrapper_attr("task_space"), made.get_wrapper_attr("valid_domain")
 
     def _play(self, made: Environment, seed: int) -> list[bytes]:
-        """Returns all that a random player gets to see."""
+        """Return all that a random player gets to see."""
         rng = np.random.default_rng(seed)
         seen = [made.reset(seed=seed)[0].tobytes()]
         for _ in range(STEPS):
@@ -377,7 +377,7 @@ def _states(number: int) -> np.ndarray[Any, np.dtype[np.float32]]:
 
 
 def _train(student: Student, steps: int, seed: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Returns the actions of whole episodes of `steps` steps in a noisy linear world."""
+    """Return the actions of whole episodes of `steps` steps in a noisy linear world."""
     rng, actions = np.random.default_rng(seed), []
     state = rng.normal(size=3)
     for step in range(1, steps + 1):

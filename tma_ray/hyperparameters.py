@@ -38,7 +38,7 @@ class Parameter(NamedTuple):
 
 
 def parameters_of(part: Callable[..., Any]) -> dict[str, Parameter]:
-    """Returns the settings that the constructor of `part` takes by keyword.
+    """Return the settings that the constructor of `part` takes by keyword.
 
     An annotation that cannot be evaluated, such as one imported for type checkers only, counts as any type.
     """
@@ -65,7 +65,7 @@ def parse_settings(
     given: Mapping[str, Any] | None = None,
     kind: str = "hyper-parameter",
 ) -> dict[str, Any]:
-    """Returns settings of `part` as typed values, with its preset expanded.
+    """Return settings of `part` as typed values, with its preset expanded.
 
     Explicit values take precedence over those of a preset. Lists count as tuples and whole numbers as
     floats, so that values may come from JSON.
@@ -105,7 +105,7 @@ def parse_settings(
 
 
 def differing(part: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the shortest settings that give `values`: those that differ from the defaults of `part`.
+    """Return the shortest settings that give `values`: those that differ from the defaults of `part`.
 
     A preset is used where it leaves fewer settings, not counting itself.
     """
@@ -121,7 +121,7 @@ def differing(part: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, 
 
 
 def identifying(part: Any) -> dict[str, Any]:
-    """Returns what the constructor of a dataclass was given, defaults included, as values that JSON has.
+    """Return what the constructor of a dataclass was given, defaults included, as values that JSON has.
 
     Fields that its attribute `absent_at_default` names, those that came after the first runs, are left out
     where they have their default: runs keep the identity that they had before.
@@ -135,14 +135,14 @@ def identifying(part: Any) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Returns a value that survives JSON unchanged: enums as text, tuples as lists."""
+    """Return a value that survives JSON unchanged: enums as text, tuples as lists."""
     if isinstance(value, StrEnum):
         return value.value
     return [plain(item) for item in value] if isinstance(value, (tuple, list)) else value
 
 
 def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter") -> Any:
-    """Returns `value` as its annotation has it.
+    """Return `value` as its annotation has it.
 
     Raises:
         ValueError: a value of another type, or a number that is not finite.
@@ -174,7 +174,7 @@ def _number_as(key: str, value: Any, annotation: type[int] | type[float], kind: 
 
 
 def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
-    """Returns `value` as the first of the types `choices` that it has."""
+    """Return `value` as the first of the types `choices` that it has."""
     if value is None and type(None) in choices:
         return None
     for choice in choices:
@@ -187,7 +187,7 @@ def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
 
 
 def _from_text(text: str, annotation: Any) -> Any:
-    """Returns what `text` says where a value of the type `annotation` is wanted; itself if it says none."""
+    """Return what `text` says where a value of the type `annotation` is wanted; itself if it says none."""
     if get_origin(annotation) in (Union, types.UnionType):
         wanted = [choice for choice in get_args(annotation) if choice is not type(None)]
         if text.lower() == "none" and len(wanted) < len(get_args(annotation)):
@@ -205,7 +205,7 @@ def _from_text(text: str, annotation: Any) -> Any:
 
 
 def _number(text: str) -> Any:
-    """Returns the number that `text` says, whole if it is; the text itself if it says none."""
+    """Return the number that `text` says, whole if it is; the text itself if it says none."""
     try:
         return int(text)
     except ValueError:
@@ -235,7 +235,7 @@ def _others(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str,
 
 
 def _default(part: Callable[..., Any], name: str, default: Any) -> Any:
-    """Returns a parameter's default; that of a dataclass's field may come from a factory."""
+    """Return a parameter's default; that of a dataclass's field may come from a factory."""
     if dataclasses.is_dataclass(part):
         field = {field.name: field for field in dataclasses.fields(part)}[name]
         if field.default_factory is not dataclasses.MISSING:

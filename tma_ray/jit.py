@@ -30,7 +30,7 @@ class _Announcement(event.Listener):
             )
 
     def on_end(self, event: Any) -> None:
-        """Leaves it at that."""
+        """Leave it at that."""
 
 
 class _Count(event.Listener):
@@ -40,7 +40,7 @@ class _Count(event.Listener):
         self._show = show
 
     def on_start(self, event: Any) -> None:
-        """Does nothing yet."""
+        """Do nothing yet."""
 
     def on_end(self, event: Any) -> None:  # noqa: ARG002 - as numba asks
         self._show(sum(bool(each.signatures) for each in _kernels), len(_kernels))
@@ -51,7 +51,7 @@ _kernels: list[Any] = []
 
 
 def count_compiled(show: Callable[[int, int], None]) -> None:
-    """Calls `show` after each compilation from now on.
+    """Call `show` after each compilation from now on.
 
     Args:
         show: takes the number of kernels that are compiled, and of all in the modules imported so far.
@@ -64,7 +64,7 @@ if is_command(sys.orig_argv):
 
 
 def kernel(function: F, nogil: bool = False) -> F:
-    """Returns `function` compiled on its first call, without fast-math, and cached on disk.
+    """Return `function` compiled on its first call, without fast-math, and cached on disk.
 
     Kernels of the physics and the terrains use arithmetic and comparisons only, no transcendental functions:
     compiled and plain they give the same bits.
@@ -94,7 +94,7 @@ def kernel(function: F, nogil: bool = False) -> F:
 
 
 def _package(file: Path) -> Path:
-    """Returns the subpackage directly below the topmost package of `file`, else the file's own folder."""
+    """Return the subpackage directly below the topmost package of `file`, else the file's own folder."""
     folder = file.parent
     while (folder.parent.parent / "__init__.py").is_file():
         folder = folder.parent
@@ -103,7 +103,7 @@ def _package(file: Path) -> Path:
 
 @cache
 def _sources(folder: Path) -> str:
-    """Returns a digest of every file that a kernel of `folder` may be in, with the files' names."""
+    """Return a digest of every file that a kernel of `folder` may be in, with the files' names."""
     content = hashlib.sha256()
     is_package = (folder / "__init__.py").is_file()  # any other folder may be anything, a home for instance
     for path in sorted(folder.glob("**/*.py" if is_package else "*.py")):

@@ -11,7 +11,7 @@ from typing import Any
 def import_later(
     package: str, modules: Mapping[str, str], parts: Mapping[str, str] | None = None
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Returns the functions `__getattr__` and `__dir__` of a package.
+    """Return the functions `__getattr__` and `__dir__` of a package.
 
     Args:
         package: its ``__name__``.

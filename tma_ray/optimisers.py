@@ -15,7 +15,7 @@ UNCOMPILED = (Optimizer.add_param_group, Optimizer.state_dict, Optimizer.load_st
 
 
 def leave_compiler_out() -> None:
-    """Lets optimisers of this process be made, saved and loaded without the compiler.
+    """Let optimisers of this process be made, saved and loaded without the compiler.
 
     Plug-ins that compile import it by themselves. Without the attribute, which is torch's own and
     not public, all is as slow as before.
@@ -26,6 +26,6 @@ def leave_compiler_out() -> None:
 
 
 def take_step(optimiser: Optimizer) -> None:
-    """Takes one step of `optimiser`, as its own method does, without hooks."""
+    """Take one step of `optimiser`, as its own method does, without hooks."""
     with torch.no_grad():
         unwrap(type(optimiser).step)(optimiser)

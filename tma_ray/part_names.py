@@ -26,7 +26,7 @@ ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":
 
 
 def split_name(text: str) -> tuple[str, dict[str, str]]:
-    """Returns the name of a part without its settings, and the settings as text.
+    """Return the name of a part without its settings, and the settings as text.
 
     Raises:
         ValueError: a setting is given twice.
@@ -55,7 +55,7 @@ def _settings_in(text: object) -> re.Match[str] | None:
 
 
 def base_name(text: str) -> str:
-    """Returns the name of a part without its settings.
+    """Return the name of a part without its settings.
 
     Examples:
         >>> base_name("alp_gmm:fit_every=10"), base_name("module:Name")
@@ -66,7 +66,7 @@ def base_name(text: str) -> str:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Returns a hint at the known name that is most like `name`, empty if none is like it.
+    """Return a hint at the known name that is most like `name`, empty if none is like it.
 
     Examples:
         >>> nearest("Alp_gm", ["random", "alp_gmm"])
@@ -78,7 +78,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def join_name(name: str, settings: Mapping[str, Any]) -> str:
-    """Returns `name` with `settings`, sorted by key; the reverse of `split_name`.
+    """Return `name` with `settings`, sorted by key; the reverse of `split_name`.
 
     Examples:
         >>> join_name("sac", {"learning_rate": 3e-4, "hidden_units": (64, 64), "batch_size": 100.0})
@@ -88,7 +88,7 @@ def join_name(name: str, settings: Mapping[str, Any]) -> str:
 
 
 def text_of(value: Any) -> str:
-    """Returns a value as it is written in a name.
+    """Return a value as it is written in a name.
 
     Examples:
         >>> [text_of(value) for value in (1.0, 3e-4, True, None, (64, 64))]

@@ -40,7 +40,7 @@ _searched: list[str] = []
 
 
 def search_current_folder() -> None:
-    """Lets ``module:Name`` find modules of the current folder, which shadow no others."""
+    """Let ``module:Name`` find modules of the current folder, which shadow no others."""
     _searched[:] = [str(Path.cwd())]
 
 
@@ -75,7 +75,7 @@ class Registry(Generic[T]):
         return self._base
 
     def register(self, name: str) -> Callable[[C], C]:
-        """Returns a decorator that makes an implementation known under `name`.
+        """Return a decorator that makes an implementation known under `name`.
 
         Raises:
             ValueError: another implementation already has that name, or it is none.
@@ -99,15 +99,15 @@ class Registry(Generic[T]):
         return decorate
 
     def names(self) -> list[str]:
-        """Returns all known names, sorted."""
+        """Return all known names, sorted."""
         return sorted({*self._targets, *self._decorated, *self._installed()})
 
     def summaries(self) -> dict[str, str]:
-        """Returns the first line of the documentation of every known name; empty where there is none."""
+        """Return the first line of the documentation of every known name; empty where there is none."""
         return {name: self._summary(name) for name in self.names()}
 
     def _summary(self, name: str) -> str:
-        """Reads the source where that will do: importing an implementation may take seconds."""
+        """Read the source where that will do: importing an implementation may take seconds."""
         if name in self._decorated:
             return _first_line(self._decorated[name].__doc__)
         module, _, attribute = self._target(name).partition(":")
@@ -115,7 +115,7 @@ class Registry(Generic[T]):
         return _first_line(text if text is not None else self.get(name).__doc__)
 
     def get(self, name: str) -> T:
-        """Returns the implementation called `name`.
+        """Return the implementation called `name`.
 
         Args:
             name: a registered name, or ``module:Name`` for one that is not registered. Settings after it,
@@ -130,7 +130,7 @@ class Registry(Generic[T]):
         return self._load(self._target(name))
 
     def origin(self, name: str) -> str | None:
-        """Returns the module whose import makes `name` known, None for what ships with tma_ray.
+        """Return the module whose import makes `name` known, None for what ships with tma_ray.
 
         Raises:
             UnknownNameError: nothing answers to `name`.
@@ -140,7 +140,7 @@ class Registry(Generic[T]):
         return None if module.partition(".")[0] == OURS else module
 
     def plugin(self, name: str) -> PluginSource | None:
-        """Returns the source of a plug-in, as it was when this process first asked for it.
+        """Return the source of a plug-in, as it was when this process first asked for it.
 
         The name's `data_files`, if it has such an attribute, are patterns of further files that it
         reads, relative to its module's folder.
@@ -166,12 +166,12 @@ class Registry(Generic[T]):
         return self._sources[key]
 
     def plugin_digest(self, name: str) -> str | None:
-        """Returns the hash of `plugin`, so that an edited plug-in is never taken for the old."""
+        """Return the hash of `plugin`, so that an edited plug-in is never taken for the old."""
         source = self.plugin(name)
         return None if source is None else source.digest
 
     def algorithm_version(self, name: str) -> int | None:
-        """Returns the `algorithm_version` that an implementation declares, None if it declares none.
+        """Return the `algorithm_version` that an implementation declares, None if it declares none.
 
         What ships with tma_ray declares one, and raises it with every change of behaviour; a plug-in may,
         and is told apart by the hash of its source in any case.
@@ -192,7 +192,7 @@ class Registry(Generic[T]):
         return version
 
     def learn(self, name: str, module: str) -> None:
-        """Imports `module`, whose decorator makes `name` known, unless it is known already."""
+        """Import `module`, whose decorator makes `name` known, unless it is known already."""
         name = base_name(name)
         if ":" not in name and name not in self.names():
             self._import(name, module)
@@ -232,7 +232,7 @@ class Registry(Generic[T]):
         return self.base is object or (isinstance(found, type) and issubclass(found, self.base))
 
     def _import(self, name: str, module: str) -> ModuleType:
-        """Imports the module of an implementation; the user's own may lie in the current folder.
+        """Import the module of an implementation; the user's own may lie in the current folder.
 
         Raises:
             UnknownNameError: no such module was found.
@@ -267,7 +267,7 @@ def _first_line(text: str | None) -> str:
 
 @cache
 def _entry_points(path: tuple[str, ...]) -> EntryPoints:  # noqa: ARG001 - part of the key
-    """Returns the entry points of the packages on `path`, read once: hundreds of files hold them."""
+    """Return the entry points of the packages on `path`, read once: hundreds of files hold them."""
     return cast("EntryPoints", entry_points())  # before Python 3.12 groups, which select alike
 
 
@@ -276,7 +276,7 @@ def _target_of(implementation: object) -> str:
 
 
 def _identity(implementation: object) -> str:
-    """Returns module and name: the same for a script and for whoever imports it by its file's name."""
+    """Return module and name: the same for a script and for whoever imports it by its file's name."""
     module = getattr(implementation, "__module__", "?")
     with contextlib.suppress(ValueError):  # an interactive session has no other name
         module = importable_name(module)

@@ -24,7 +24,7 @@ def card(
     tables: Sequence[Table] = (),
     ceilings: Sequence[str] = (),
 ) -> str:
-    """Returns the card of a baseline.
+    """Return the card of a baseline.
 
     Args:
         manifest: manifest of the baseline.
@@ -56,7 +56,7 @@ def card(
 
 
 def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Returns the distinct values of some columns, sorted, and some counts, as JSON has them."""
+    """Return the distinct values of some columns, sorted, and some counts, as JSON has them."""
     found = {name: sorted(set(values)) for name, values in columns.items()}
     return {name: values for name, values in found.items() if values and values != [""]} | dict(counts)
 
@@ -72,12 +72,12 @@ def _plain(name: str, value: Any) -> str:
 
 
 def _safe(text: str) -> str:
-    """Returns a name that may be somebody else's, without what Markdown or a table would take for its own."""
+    """Return a name that may be somebody else's, without what Markdown or a table would take for its own."""
     return "".join(each if each.isalnum() or each in " _-+./:=" else f"&#{ord(each)};" for each in text)
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Returns 0, 1, 2, 5 as "0 to 2, 5"."""
+    """Return 0, 1, 2, 5 as "0 to 2, 5"."""
     runs: list[list[int]] = []
     for number in sorted(numbers):
         if runs and number == runs[-1][1] + 1:
@@ -92,7 +92,7 @@ LIBRARIES: Final = ("python", "tma_ray", "torch", "numpy", "pymunk")
 
 
 def made_on(attempts: pd.DataFrame, seeds: pd.Series) -> str:
-    """Returns hours, machines, processors and software of the attempts at runs, in words.
+    """Return hours, machines, processors and software of the attempts at runs, in words.
 
     Args:
         attempts: table of attempts, at least one.
@@ -118,7 +118,7 @@ def made_on(attempts: pd.DataFrame, seeds: pd.Series) -> str:
 
 
 def _devices(prints: list[dict[str, Any]]) -> list[str]:
-    """Returns each device, with the model of a GPU and the width of a cohort."""
+    """Return each device, with the model of a GPU and the width of a cohort."""
     shown = set()
     for each in prints:
         text = str(each.get("device", "cpu"))

@@ -62,7 +62,7 @@ class BaselineFile:
 
     @classmethod
     def of(cls, store: Store, path: str) -> Self:
-        """Returns path, size and checksum of the file at `path`."""
+        """Return path, size and checksum of the file at `path`."""
         data = store.read_bytes(path)
         return cls(path, len(data), hashlib.sha256(data).hexdigest())
 
@@ -80,7 +80,7 @@ class About:
     gaps: str = ""
 
     def or_of(self, released: BaselineManifest | None) -> About:
-        """Returns these statements, and those of a release where there are none."""
+        """Return these statements, and those of a release where there are none."""
         if released is None:
             return self
         return About(self.core or released.core, self.gaps or released.gaps)
@@ -143,13 +143,13 @@ class BaselineManifest:
         return f"{self.name}, made with {self.software} on {self.created[:10]}."
 
     def to_bytes(self) -> bytes:
-        """Returns the content of `BASELINE_FILE`."""
+        """Return the content of `BASELINE_FILE`."""
         content = {"format": FORMAT, "format_version": FORMAT_VERSION, **asdict(self)}
         return (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode()
 
     @classmethod
     def load(cls, store: Store) -> Self:
-        """Returns the manifest of the baseline in `store`.
+        """Return the manifest of the baseline in `store`.
 
         Raises:
             BaselineError: not a baseline, a damaged one, or one of another version.
@@ -191,7 +191,7 @@ class Baseline:
 
     @classmethod
     def open(cls, place: str | Path) -> Baseline:
-        """Returns the baseline at a folder or an ``s3://`` or ``gs://`` address.
+        """Return the baseline at a folder or an ``s3://`` or ``gs://`` address.
 
         Raises:
             BaselineError: there is none.
@@ -199,7 +199,7 @@ class Baseline:
         return cls(str(place), BaselineManifest.load(Store.open(place)))
 
     def frames(self) -> Frames:
-        """Returns its runs, as `load` returns those of the root that it was made of.
+        """Return its runs, as `load` returns those of the root that it was made of.
 
         Raises:
             BaselineError: it has none, being published means and deviations.
@@ -209,7 +209,7 @@ class Baseline:
         return frames_of(Results(self.store()))
 
     def published(self) -> pd.DataFrame:
-        """Returns its published results, in the columns of `published.paper_frame`.
+        """Return its published results, in the columns of `published.paper_frame`.
 
         Raises:
             BaselineError: it has runs instead.
@@ -219,7 +219,7 @@ class Baseline:
         return published_frame(self.store())
 
     def store(self) -> Store:
-        """Returns its files; at an address all of each is compared with its checksum before it is used."""
+        """Return its files; at an address all of each is compared with its checksum before it is used."""
         store = Store.open(self.place)
         if "://" not in self.place:
             return store
@@ -227,7 +227,7 @@ class Baseline:
 
 
 def baselines() -> tuple[Baseline, ...]:
-    """Returns the baselines that have a name here, by name.
+    """Return the baselines that have a name here, by name.
 
     Raises:
         BaselineError: `PLACES_VARIABLE` names a place without any, or one is damaged.
@@ -240,7 +240,7 @@ def baselines() -> tuple[Baseline, ...]:
 
 
 def find_baseline(name: str | Path) -> Baseline:
-    """Returns the baseline of a name, or the one at a folder or address.
+    """Return the baseline of a name, or the one at a folder or address.
 
     Raises:
         BaselineError: there is none, or several have the name.
@@ -263,7 +263,7 @@ def find_baseline(name: str | Path) -> Baseline:
 
 
 def as_baseline(root: str | Path) -> Baseline | None:
-    """Returns the baseline that `root` names or is, None if it is none: perhaps a results root.
+    """Return the baseline that `root` names or is, None if it is none: perhaps a results root.
 
     Raises:
         BaselineError: it is a damaged one.
@@ -286,7 +286,7 @@ def as_baseline(root: str | Path) -> Baseline | None:
 
 
 def _within(entry: str) -> Iterator[str]:
-    """Yields the baselines at a place: itself, or those just below it."""
+    """Yield the baselines at a place: itself, or those just below it."""
     store = Store.open(entry)
     if store.holds(BASELINE_FILE):
         yield entry
@@ -307,7 +307,7 @@ Sources: TypeAlias = str | Path | Sequence[str | Path]
 
 
 def read(sources: Sources) -> Frames:
-    """Returns the runs of all `sources` together, as those of one root.
+    """Return the runs of all `sources` together, as those of one root.
 
     Raises:
         BaselineError: a damaged baseline, or one of published means, without runs.
@@ -319,7 +319,7 @@ def read(sources: Sources) -> Frames:
 
 
 def places_of(sources: Sources) -> tuple[str | Path, ...]:
-    """Returns `sources` one by one, each once.
+    """Return `sources` one by one, each once.
 
     Raises:
         ValueError: none is given.
@@ -331,7 +331,7 @@ def places_of(sources: Sources) -> tuple[str | Path, ...]:
 
 
 def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
-    """Returns the teachers, but Random, of the results roots that are read with baselines, if any are.
+    """Return the teachers, but Random, of the results roots that are read with baselines, if any are.
 
     Args:
         sources: results roots and baselines.
@@ -347,14 +347,14 @@ def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
 
 
 def published(sources: Sources) -> Baseline | None:
-    """Returns the baseline of published means and deviations that `sources` is, None if it has runs."""
+    """Return the baseline of published means and deviations that `sources` is, None if it has runs."""
     places = places_of(sources)
     baseline = as_baseline(places[0]) if len(places) == 1 else None
     return baseline if baseline is not None and _without_runs(baseline) else None
 
 
 def read_one(place: str | Path) -> Frames:
-    """Returns the runs of a results root or a baseline.
+    """Return the runs of a results root or a baseline.
 
     Raises:
         BaselineError: a damaged baseline, or one of published means, without runs.

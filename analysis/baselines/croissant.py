@@ -69,7 +69,7 @@ _ROWS: Final = {
 
 
 def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: str) -> dict[str, Any]:
-    """Returns the Croissant metadata of a release of runs, as JSON has it.
+    """Return the Croissant metadata of a release of runs, as JSON has it.
 
     Args:
         manifest: manifest of the release.
@@ -108,7 +108,7 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
 
 
 def _version(manifest: BaselineManifest) -> str:
-    """Returns the version at the end of a name such as mine-1.2, with the three numbers of Croissant."""
+    """Return the version at the end of a name such as mine-1.2, with the three numbers of Croissant."""
     numbers = [each for each in manifest.name.rpartition("-")[2].split(".") if each.isdigit()]
     return ".".join([*numbers, "0", "0", "0"][:3])
 
@@ -119,7 +119,7 @@ def _table_of(file: BaselineFile) -> Table | None:
 
 
 def _distribution(table: Table, files: Sequence[BaselineFile]) -> Iterator[dict[str, Any]]:
-    """Yields the files of a table, and the set of all of them."""
+    """Yield the files of a table, and the set of all of them."""
     for file in files:
         yield {
             "@type": "cr:FileObject",
@@ -150,7 +150,7 @@ def _record_set(table: Table) -> dict[str, Any]:
 
 
 def _field(table: Table, column: pa.Field) -> dict[str, Any] | None:
-    """Returns the description of a column; None for structures and maps, which have no type in Croissant."""
+    """Return the description of a column; None for structures and maps, which have no type in Croissant."""
     repeated = pa.types.is_list(column.type)
     kind = _data_type(column.type.value_type if repeated else column.type)
     if kind is None:

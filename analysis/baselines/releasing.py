@@ -77,7 +77,7 @@ def release(
     contents: Contents = WHOLE,
     about: About = UNSAID,
 ) -> Path:
-    """Packs the campaigns of a root that are done into a folder of files that need nothing else.
+    """Pack the campaigns of a root that are done into a folder of files that need nothing else.
 
     It is a results root of its own: `analysis.load` reads it as it reads `root`, from a disk or an
     object store, without ray or torch. Checkpoints and logs stay behind, and so does what is neither JSON
@@ -128,7 +128,7 @@ def describe(
     about: About,
     planned: Mapping[str, int],
 ) -> None:
-    """Writes card, metadata and manifest of a root that was copied to `place`, and verifies all of it.
+    """Write card, metadata and manifest of a root that was copied to `place`, and verify all of it.
 
     Raises:
         BaselineError: it is not as it should be.
@@ -157,7 +157,7 @@ def describe(
 
 
 def release_folder(name: str, output: Path) -> Path:
-    """Returns the folder of a release of this name within `output`.
+    """Return the folder of a release of this name within `output`.
 
     Raises:
         BaselineError: the name has other characters, or `output` is not on a disk.
@@ -184,7 +184,7 @@ def _as_release(frames: Frames) -> BaselineManifest | None:
 
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str = "") -> str:
-    """Returns the gaps of the campaigns, in words, if they are allowed.
+    """Return the gaps of the campaigns, in words, if they are allowed.
 
     Args:
         frames: results of the root.
@@ -208,7 +208,7 @@ def _refuse_unfinished(frames: Frames, partial: bool, lacking: str = "") -> str:
 
 
 def refuse_damaged(problems: Sequence[str], partial: bool) -> None:
-    """Refuses a root with damaged files unless a part of it will do.
+    """Refuse a root with damaged files unless a part of it will do.
 
     Raises:
         BaselineError: the message names the first.
@@ -264,13 +264,13 @@ def _manifest(
 
 
 def _physics_versions(cells: pd.DataFrame) -> tuple[int, ...]:
-    """Returns the versions of our physics among runs; none for those of other engines."""
+    """Return the versions of our physics among runs; none for those of other engines."""
     own = cells.loc[cells["engine"] == CHIPMUNK, "physics_version"].dropna()
     return tuple(sorted({int(value) for value in own}))
 
 
 def _made(frames: Frames) -> str:
-    """Returns the origin of the runs, in words."""
+    """Return the origin of the runs, in words."""
     engines = set(frames.cells["engine"])
     others = sorted(engines - {CHIPMUNK, SIMULATED})
     text = f"Imported from results that others made in worlds of {', '.join(others)}." if others else ""
@@ -301,7 +301,7 @@ def add_to_release(
     *,
     about: About = UNSAID,
 ) -> Path:
-    """Adds to a release the runs of a root that are done and that it lacks, as one file per table.
+    """Add to a release the runs of a root that are done and that it lacks, as one file per table.
 
     The release is made if there is none. It holds evaluations, windows of training, curricula, cells, runs
     and attempts without names of machines; neither episodes, logs of teachers nor policies. Its other files
@@ -354,7 +354,7 @@ def _refuse_nothing(added: Shard, results: Results, folder: Path) -> None:
 
 
 def _copied(folder: Path, aside: Path) -> BaselineManifest | None:
-    """Copies a release that is there, and returns its manifest.
+    """Copy a release that is there, and return its manifest.
 
     Raises:
         BaselineError: it is damaged, or other files lie in its folder.
@@ -374,7 +374,7 @@ def _copied(folder: Path, aside: Path) -> BaselineManifest | None:
 
 
 def _replace(folder: Path, aside: Path) -> None:
-    """Puts the folder `aside` in the place of another."""
+    """Put the folder `aside` in the place of another."""
     old = folder.parent / f".{folder.name}-{uuid4().hex[:8]}-old"
     if folder.exists():
         folder.rename(old)
@@ -383,20 +383,20 @@ def _replace(folder: Path, aside: Path) -> None:
 
 
 def _planned(results: Results) -> dict[str, int]:
-    """Returns the number of runs that each campaign of a root plans."""
+    """Return the number of runs that each campaign of a root plans."""
     cells = results.table(Table.CELLS, columns=["campaign", "run_id"]).to_pandas()
     counts = cells.astype(str).groupby("campaign")["run_id"].nunique()
     return {str(campaign): int(count) for campaign, count in counts.items()}
 
 
 def _most(counts: Mapping[str, int], others: Mapping[str, int]) -> dict[str, int]:
-    """Returns the larger count of each name: a root that began with a shard knows a part of its campaign."""
+    """Return the larger count of each name: a root that began with a shard knows a part of its campaign."""
     names = sorted({*counts, *others})
     return {name: max(counts.get(name, 0), others.get(name, 0)) for name in names}
 
 
 def _missing(results: Results, planned: dict[str, int]) -> str:
-    """Returns the runs that a release lacks of its campaigns, in words."""
+    """Return the runs that a release lacks of its campaigns, in words."""
     done = {manifest.run.run_id for manifest in results.runs() if manifest.status is RunStatus.DONE}
     cells = results.table(Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
     held = cells[cells["run_id"].isin(done)].groupby("campaign")["run_id"].nunique()

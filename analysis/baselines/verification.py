@@ -61,7 +61,7 @@ class Verification:
 
 
 def verify(name: str | Path) -> Verification:
-    """Compares a baseline with its manifest, and reads its tables.
+    """Compare a baseline with its manifest, and read its tables.
 
     Args:
         name: name of a known baseline, or its folder or address.
@@ -91,7 +91,7 @@ def _damaged_files(store: Store, baseline: Baseline) -> Iterator[Damage]:
 
 
 def _damaged_content(store: Store, baseline: Baseline, known: set[str]) -> Iterator[Damage]:
-    """Yields what the tables show to be wrong besides the files that are `known` to be damaged."""
+    """Yield what the tables show to be wrong besides the files that are `known` to be damaged."""
     if baseline.manifest.kind is BaselineKind.RUNS:
         yield from (damage for damage in _damaged_runs(store, baseline) if damage.path not in known)
         return
@@ -139,7 +139,7 @@ COMBINATION = [
 
 
 def lacking(baseline: Baseline) -> list[str]:
-    """Returns the gaps of a release that is not complete, in words; empty if it is.
+    """Return the gaps of a release that is not complete, in words; empty if it is.
 
     Complete is a release of whole campaigns under a licence: every planned run is done, in each campaign the
     teachers of a combination of challenge, body, student and level have the same seeds, of which there are at
@@ -187,7 +187,7 @@ def _of_runs(frames: Frames) -> Iterator[str]:
 
 
 def publish(folder: str | Path, address: str) -> str:
-    """Copies a release from a disk to an address, then reads all of it back and compares the checksums.
+    """Copy a release from a disk to an address, then read all of it back and compare the checksums.
 
     Its ``baseline.json`` comes last: what has none is not a release. An upload that was interrupted is
     continued by the same call.
@@ -214,7 +214,7 @@ def publish(folder: str | Path, address: str) -> str:
 
 
 def check_address(address: str, paths: Collection[str] | None = None) -> None:
-    """Tries whether a release can be published at an address; leaves nothing there.
+    """Try whether a release can be published at an address; leave nothing there.
 
     Args:
         address: address of the release.

@@ -79,7 +79,7 @@ class Results:
     untested: list[Pair]
 
     def letters(self) -> dict[str, str]:
-        """Returns the letters of each teacher, with a blank for each it has not; "?" of one never tested."""
+        """Return the letters of each teacher, with a blank for each it has not; "?" of one never tested."""
         names = list(self.rows.index)
         never = [name for name in names if sum(name in pair for pair in self.untested) >= len(names) - 1]
         numbers = compact_letter_display([name for name in names if name not in never], self.different)
@@ -98,7 +98,7 @@ def bars_with_pairs(
     whisker: Whisker = Whisker.DEVIATION,
     by: tuple[str, str] = ("challenge", "expert_knowledge"),
 ) -> Chart:
-    """Returns mean results as bars, a row of panels per challenge and a column per level of expert knowledge.
+    """Return mean results as bars, a row of panels per challenge and a column per level of expert knowledge.
 
     Pairs of teachers that differ significantly are joined by brackets. Eight teachers make 28 pairs, most of
     them significant in the paper: so many brackets cannot be told apart at the width of a page. If any panel
@@ -157,7 +157,7 @@ def bars_with_pairs(
 def _panel(
     each: Results, marks: Sequence[Mark], axes: tuple[Scale, Scale], single: bool, first: bool
 ) -> Panel:
-    """Returns a panel, headed by its challenge where there is a `single` column of levels."""
+    """Return a panel, headed by its challenge where there is a `single` column of levels."""
     remark = "no results" if each.rows.empty else ""
     if single:
         return Panel(*axes, marks, each.titles[0], remark=remark)
@@ -165,7 +165,7 @@ def _panel(
 
 
 def _table(table: pd.DataFrame, measure: str, whisker: Whisker, by: tuple[str, str]) -> pd.DataFrame:
-    """Returns `by`, teacher, mean, whisker (0 where there is none) and doubt (empty where there is none)."""
+    """Return `by`, teacher, mean, whisker (0 where there is none) and doubt (empty where there is none)."""
     mean, std = f"{measure}_mean", f"{measure}_std"
     require(table, [*by, "teacher", "n", mean, std], "results")
     table = table[table[mean].notna()]
@@ -178,7 +178,7 @@ def _table(table: pd.DataFrame, measure: str, whisker: Whisker, by: tuple[str, s
 
 
 def _results(table: pd.DataFrame, tests: pd.DataFrame, by: tuple[str, str]) -> list[list[Results | None]]:
-    """Returns the results of panels in rows of one length; rows are wrapped if there is a single column."""
+    """Return the results of panels in rows of one length; rows are wrapped if there is a single column."""
     rows, columns = (sorted(table[column].unique(), key=functools.partial(order, column)) for column in by)
     found = [[_at_place(table, tests, by, (row, column)) for column in columns] for row in rows]
     if len(columns) > 1:
@@ -203,7 +203,7 @@ def _at_place(
 
 
 def _at(frame: pd.DataFrame, by: tuple[str, str], place: tuple[object, object]) -> pd.DataFrame:
-    """Returns the rows of one panel; element by element, since pools are tuples in some tables."""
+    """Return the rows of one panel; element by element, since pools are tuples in some tables."""
     here = [values == place for values in frame[list(by)].itertuples(index=False, name=None)]
     return frame[np.array(here, dtype=bool)]
 
@@ -213,7 +213,7 @@ def _pairs(tests: pd.DataFrame) -> list[Pair]:
 
 
 def _limits(table: pd.DataFrame, measure: str) -> tuple[float, float]:
-    """Returns the ends of the axis of values: no whisker of a percentage goes below 0."""
+    """Return the ends of the axis of values: no whisker of a percentage goes below 0."""
     percent = measure.endswith("percent")
     low = 0.0 if percent else min(0.0, (table["mean"] - table["whisker"]).min())
     high = max((table["mean"] + table["whisker"]).max(), LEAST_PERCENT if percent else 0.0)
@@ -246,7 +246,7 @@ def _bars(each: Results, teachers: Sequence[str], start: float) -> Iterator[Mark
 
 
 def _brackets(each: Results, teachers: Sequence[str]) -> Iterator[tuple[int, Beside]]:
-    """Yields the lane of a bracket for each pair of teachers that differ, and the bracket."""
+    """Yield the lane of a bracket for each pair of teachers that differ, and the bracket."""
     places = {teacher: place for place, teacher in enumerate(teachers)}
     spans = lanes({(min(s), max(s)) for s in ((places[a], places[b]) for a, b in each.different)})
     for (low, high), number in spans.items():
@@ -260,7 +260,7 @@ def _bracket(low: float, high: float, about: str, start: float, lane: float) -> 
 
 
 def _letters(each: Results, teachers: Sequence[str]) -> Iterator[tuple[int, Beside]]:
-    """Yields the column of each letter of each teacher, and the letter."""
+    """Yield the column of each letter of each teacher, and the letter."""
     letters = each.letters()
     for place, teacher in enumerate(teachers):
         for column, letter in enumerate(letters.get(teacher, "")):
@@ -289,7 +289,7 @@ def _notes(panels: Sequence[Results], brackets: bool) -> list[str]:
 
 
 def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> dict[str, list[int]]:
-    """Returns the compact letter display: letters of each name, from 0; two share one exactly if alike.
+    """Return the compact letter display: letters of each name, from 0; two share one exactly if alike.
 
     Alike are those that do not differ. Piepho's insert-and-absorb algorithm (Journal of Computational and
     Graphical Statistics 13, 2004) asks for no order among names, and so is exact for tests with unequal
@@ -312,7 +312,7 @@ def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> d
 
 
 def lanes(spans: Collection[tuple[int, int]]) -> dict[tuple[int, int], int]:
-    """Returns for each span of whole numbers a lane, from 0, so that spans in a lane only touch.
+    """Return for each span of whole numbers a lane, from 0, so that spans in a lane only touch.
 
     Short spans come first, so that long brackets lie outside.
     """

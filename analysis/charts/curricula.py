@@ -58,7 +58,7 @@ def film_strip(
     steps: Sequence[int] | None = None,
     width: float = TWO_COLUMNS,
 ) -> Chart:
-    """Returns probed tasks, Gaussians and boxes: a row per run, a column per moment.
+    """Return probed tasks, Gaussians and boxes: a row per run, a column per moment.
 
     Gaussians are drawn at two standard deviations, fuller for more weight; a single box as an outline;
     several boxes as regions coloured by score, with a scale for each row. A row whose tasks lie in a small
@@ -91,7 +91,7 @@ def film_strip(
 
 
 def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> Chart:
-    """Returns a film strip in motion: a panel per run, each of whose moments is a frame.
+    """Return a film strip in motion: a panel per run, each of whose moments is a frame.
 
     Args:
         shots: runs as in `film_strip`; at most `MOST_SHOTS`.
@@ -113,7 +113,7 @@ def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> C
 
 
 def _moving(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> Panel:
-    """Returns the panel of a run at any of some moments, in the bounds of the plane or of its tasks."""
+    """Return the panel of a run at any of some moments, in the bounds of the plane or of its tasks."""
     view, scores = TaskView(plane), _score_colours(shot.curriculum, steps)
     tasks = np.concatenate([shot.curriculum.probed_at(step).reshape(-1, 2) for step in steps])
     low, high = np.array([[axis.low, axis.high] for axis in plane]).T
@@ -137,7 +137,7 @@ def _moving(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> Panel
 
 
 def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
-    """Returns the moments to draw, `MOMENTS` over the runs if none are given."""
+    """Return the moments to draw, `MOMENTS` over the runs if none are given."""
     if not shots:
         raise ValueError("no runs: expected at least one, to draw its curriculum")
     for shot in shots:
@@ -154,12 +154,12 @@ def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
 
 
 def _moment_name(step: int) -> str:
-    """Returns the heading of a moment: ``4 million steps``."""
+    """Return the heading of a moment: ``4 million steps``."""
     return f"{amount(step)} steps" if step else "start"
 
 
 def _score_colours(curriculum: Curriculum, steps: Sequence[int]) -> Colours | None:
-    """Returns the colours of a teacher's regions over all moments; None if it has at most one at a time."""
+    """Return the colours of a teacher's regions over all moments; None if it has at most one at a time."""
     updates = [curriculum.update_at(step) for step in steps]
     boxes = [boxes_of(update) for update in updates if update is not None]
     scores = [float(box["score"]) for each in boxes if len(each) > 1 for box in each]
@@ -168,7 +168,7 @@ def _score_colours(curriculum: Curriculum, steps: Sequence[int]) -> Colours | No
 
 
 def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> Chart:
-    """Returns training episodes, coloured by return: a row per teacher, a column per part of the run.
+    """Return training episodes, coloured by return: a row per teacher, a column per part of the run.
 
     Args:
         curricula: one run for each teacher.
@@ -200,7 +200,7 @@ def _part_name(part: int) -> str:
 
 
 def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -> Chart:
-    """Returns quantiles of probed tasks against steps: a row per dimension, a column per teacher.
+    """Return quantiles of probed tasks against steps: a row per dimension, a column per teacher.
 
     Dark lines are the bounds of a teacher's box if it has a single one, or two standard deviations
     around its Gaussian; dots the means of several Gaussians, larger for more weight.

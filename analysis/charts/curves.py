@@ -80,7 +80,7 @@ def learning_curves(
     ceiling: float | None = None,
     against: str = STEPS,
 ) -> Chart:
-    """Returns a line with its band for each teacher: mean ± one standard error over runs, against steps.
+    """Return a line with its band for each teacher: mean ± one standard error over runs, against steps.
 
     Args:
         table: teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`.
@@ -106,7 +106,7 @@ def learning_curves(
 
 
 def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Chart:
-    """Returns `learning_curves` of runs: a line starts where all its runs have values.
+    """Return `learning_curves` of runs: a line starts where all its runs have values.
 
     Args:
         curves: teacher, run_id, step and `value`, of one comparison.
@@ -119,7 +119,7 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Chart:
 def _curves(
     rows: pd.DataFrame, style: Look, name: str, teacher: str, width: float, fill: str = ""
 ) -> Iterator[Curve]:
-    """Yields the line of some rows of mean and standard_error, sorted by step; nothing of no values."""
+    """Yield the line of some rows of mean and standard_error, sorted by step; nothing of no values."""
     rows = rows[rows["mean"].notna()].sort_values("step")
     if rows.empty:
         return
@@ -142,7 +142,7 @@ def _curves(
 
 
 def _ceiling(value: float | None, curves: Sequence[Curve]) -> Iterator[Rule]:
-    """Yields the line that no run exceeds, unless it is so high above all curves that it flattens them."""
+    """Yield the line that no run exceeds, unless it is so high above all curves that it flattens them."""
     highest = max((float(curve.high.max()) for curve in curves if curve.high is not None), default=0.0)
     if value is not None and highest >= FLATTENED * value:
         yield Rule(y=value, look=Look(MUTED, "", (0, (1, 2))), name="mastered by any run", width=1.0)
@@ -171,7 +171,7 @@ class CurvePanel:
     ceiling: float | None = None
 
     def parts(self) -> list[CurvePanel]:
-        """Returns the panel of many teachers as several, each with the baseline and `TOGETHER` others."""
+        """Return the panel of many teachers as several, each with the baseline and `TOGETHER` others."""
         teachers = sorted(self.curves["teacher"].unique(), key=teacher_order) if len(self.curves) else []
         others = [teacher for teacher in teachers if not is_baseline(teacher)]
         if len(others) <= TOGETHER:
@@ -190,12 +190,12 @@ class CurvePanel:
         ]
 
     def table(self) -> pd.DataFrame:
-        """Returns teacher, expert_knowledge, step, n, mean and standard_error, sorted by step."""
+        """Return teacher, expert_knowledge, step, n, mean and standard_error, sorted by step."""
         keys = ["teacher", "expert_knowledge", "step"]
         return _table(self.curves, self.measure, keys, f"curves of panel {self.title!r}", empty=True)
 
     def stars(self, every: int) -> pd.DataFrame:
-        """Returns line, step and difference of the significant tests at multiples of `every`."""
+        """Return line, step and difference of the significant tests at multiples of `every`."""
         if self.tests is None or self.tests.empty:
             return pd.DataFrame(columns=["line", "step", "difference"])
         what = f"tests of panel {self.title!r}"
@@ -213,7 +213,7 @@ class CurvePanel:
 
 
 def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns: int = 2) -> Chart:
-    """Returns mean ± standard error against steps, and above each panel stars where lines differ.
+    """Return mean ± standard error against steps, and above each panel stars where lines differ.
 
     Colour and marker say the teacher, dashes and the filling of markers the level of expert knowledge where
     a figure has several. Stars have a row for each line, with its marker at the end of the row: full where
@@ -295,7 +295,7 @@ def _panel(
 
 
 def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> list[Key]:
-    """Returns legend entries for full and hollow stars, of those that there are."""
+    """Return legend entries for full and hollow stars, of those that there are."""
     tests = [panel.tests for panel in panels if panel.tests is not None and len(panel.tests)]
     references = sorted({str(name) for table in tests for name in table["second"]})
     levels = any("teacher" in table for table in tests)
@@ -320,7 +320,7 @@ class LineLooks:
         self._several_levels = len({level for _, level in self.lines}) > 1
 
     def name(self, line: Line) -> str:
-        """Returns the name of a line in the legend."""
+        """Return the name of a line in the legend."""
         teacher, level = line
         if not self._several_levels:
             return self._names[teacher]
@@ -328,12 +328,12 @@ class LineLooks:
         return f"{self._names[teacher]}, {told.lower()}" if len(self._names) > 1 else told
 
     def look(self, line: Line) -> Look:
-        """Returns colour, marker and dashes of a line."""
+        """Return colour, marker and dashes of a line."""
         style = look(line[0])
         return style._replace(dashes=_DASHES.get(line[1], "-")) if self._several_levels else style
 
     def fill(self, line: Line) -> str:
-        """Returns the colour inside its markers, paler for less knowledge."""
+        """Return the colour inside its markers, paler for less knowledge."""
         pale = _PALE.get(line[1], 0.0) if self._several_levels else 0.0
         colour = look(line[0]).colour
         parts = [int(colour[place : place + 2], 16) for place in (1, 3, 5)]
@@ -347,7 +347,7 @@ def _lines(table: pd.DataFrame) -> set[Line]:
 def _table(
     curves: pd.DataFrame, measure: str, keys: Sequence[str], what: str, empty: bool = False
 ) -> pd.DataFrame:
-    """Returns `keys`, n, mean and standard_error of a measure, sorted by step, where there is a mean."""
+    """Return `keys`, n, mean and standard_error of a measure, sorted by step, where there is a mean."""
     mean, std = f"{measure}_mean", f"{measure}_std"
     columns = [*keys, "n", mean, std]
     if len(curves) or not empty:
@@ -361,7 +361,7 @@ def _table(
 def body_panels(
     runs: pd.DataFrame, measure: str = "mastered_percent", name: str = MASTERED, ceiling: float | None = None
 ) -> list[CurvePanel]:
-    """Returns a panel over all bodies of a pool, if it has several, and one for each, tested against Random.
+    """Return a panel over all bodies of a pool, if it has several, and one for each, tested against Random.
 
     Args:
         runs: rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison,
@@ -392,7 +392,7 @@ def knowledge_panels(
     measures: Mapping[str, str] = MEASURES,
     reference: KnowledgeLevel | None = KnowledgeLevel.HIGH,
 ) -> list[CurvePanel]:
-    """Returns a row of panels for each challenge, one for each measure, at all levels of expert knowledge.
+    """Return a row of panels for each challenge, one for each measure, at all levels of expert knowledge.
 
     Args:
         runs: rows of `pooling.pool_runs` with the `measures` at each step, of the teachers to be shown.
@@ -427,7 +427,7 @@ def _one(runs: pd.DataFrame, columns: Sequence[str]) -> None:
 def pairwise_curves(
     curves: pd.DataFrame, tests: pd.DataFrame, measure: str = "mastered_percent", name: str = MASTERED
 ) -> Chart:
-    """Returns a panel for every pair of teachers, with mean ± standard error of both against steps.
+    """Return a panel for every pair of teachers, with mean ± standard error of both against steps.
 
     Stars along the top of a panel mark the steps at which the two differ significantly, in the colour of
     the one that is above. All panels have the same axes. Of more than `LARGEST` + 1 teachers
@@ -487,7 +487,7 @@ def _pair(table: pd.DataFrame, pair: tuple[str, str], names: Mapping[str, str]) 
 
 
 def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> Iterator[Dots]:
-    """Yields a star at each step at which two teachers differ, in the colour of the one above."""
+    """Yield a star at each step at which two teachers differ, in the colour of the one above."""
     for above, below in (pair, pair[::-1]):
         there = (tests["first"] == above) & (tests["second"] == below) & (tests["difference"] > 0)
         here = (tests["first"] == below) & (tests["second"] == above) & (tests["difference"] < 0)
@@ -499,7 +499,7 @@ def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> It
 
 
 def difference_matrix(table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequence[str], name: str) -> Chart:
-    """Returns the difference of each row's teacher to each column's, with a dot where it is significant.
+    """Return the difference of each row's teacher to each column's, with a dot where it is significant.
 
     Args:
         table: teacher, step and mean.

@@ -29,7 +29,7 @@ from analysis.statistics import describe, mean_percent_interval
 
 
 def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> Chart:
-    """Returns a row for each teacher: its runs as rings, their mean with its 95 % interval.
+    """Return a row for each teacher: its runs as rings, their mean with its 95 % interval.
 
     Args:
         points: teacher, seed, step (of an evaluation, or `END`) and value, in per cent.
@@ -72,7 +72,7 @@ def _run_by_run(rows: pd.DataFrame, teacher: str, name: str, place: int) -> Iter
 
 
 def _mean(values: pd.Series, teacher: str, place: float, words: str, **own: Any) -> Interval:
-    """Returns the mean of values with its 95 % interval, and both in words with the number of runs."""
+    """Return the mean of values with its 95 % interval, and both in words with the number of runs."""
     sample = describe(values)
     low, high = mean_percent_interval(sample) if sample.n else (math.nan, math.nan)
     text = words.format(number(sample.mean), sample.n) if sample.n else ""
@@ -92,7 +92,7 @@ def _mean(values: pd.Series, teacher: str, place: float, words: str, **own: Any)
 
 
 def _moving(name: str, at: Any, moments: Sequence[object], heading: str, caption: str, rows: int) -> Chart:
-    """Returns a chart of one panel that shows the ends of runs, or any of its moments."""
+    """Return a chart of one panel that shows the ends of runs, or any of its moments."""
     end = at(END)
     panel = Panel(end.x, end.y, end.marks, moments=moments, moment=at)
     return Chart(name, [[panel]], heading, caption, size=(5.2, 0.9 + 0.42 * rows))
@@ -101,7 +101,7 @@ def _moving(name: str, at: Any, moments: Sequence[object], heading: str, caption
 def overview_chart(
     points: pd.DataFrame, rows: Mapping[str, str], quantity: str, heading: str, caption: str
 ) -> Chart:
-    """Returns a row for each comparison, and in it the mean of each teacher with its 95 % interval.
+    """Return a row for each comparison, and in it the mean of each teacher with its 95 % interval.
 
     Every pair of comparison and teacher is a mark, so that a page can leave out either.
 
@@ -147,7 +147,7 @@ def overview_chart(
 
 
 def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> Chart:
-    """Returns a row for each teacher: its rank by the mean, and the ranks that tests leave open.
+    """Return a row for each teacher: its rank by the mean, and the ranks that tests leave open.
 
     Args:
         boards: ranks on the same challenges, the best first, by conditions and challenges, separated by a

@@ -39,7 +39,7 @@ ACROSS = 180
 def mastery_chart(
     shares: pd.DataFrame, tasks: pd.DataFrame, axes: Sequence[Axis], name: str = "mastery", caption: str = ""
 ) -> Chart:
-    """Returns a panel of the test tasks for each teacher: a mark for each task, darker for more runs.
+    """Return a panel of the test tasks for each teacher: a mark for each task, darker for more runs.
 
     On the task plane where tasks have two dimensions, else in a square, the tasks that most runs master
     first. Tasks on a full grid fill the panel.
@@ -87,7 +87,7 @@ def _panel(
 
 
 def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> Chart:
-    """Returns which test tasks are mastered by which share of runs at their ends.
+    """Return which test tasks are mastered by which share of runs at their ends.
 
     A panel per teacher on the task plane if the tasks form a grid on it, else one row per teacher and one
     column per task, from the most to the least mastered over all teachers.
@@ -117,7 +117,7 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
 
 
 def _cells(points: Array, words: Sequence[str]) -> Callable[[Array], Mark] | None:
-    """Returns a function that fills the cells of a full grid of tasks (n, 2); None if it is not one."""
+    """Return a function that fills the cells of a full grid of tasks (n, 2); None if it is not one."""
     xs, columns = np.unique(points[:, 0], return_inverse=True)
     ys, rows = np.unique(points[:, 1], return_inverse=True)
     full = len(xs) * len(ys) == len(np.unique(points, axis=0)) == len(points)
@@ -135,7 +135,7 @@ def _cells(points: Array, words: Sequence[str]) -> Callable[[Array], Mark] | Non
 
 
 def _dots(points: Array, words: Sequence[str]) -> Callable[[Array], Mark]:
-    """Returns a function that marks each task at its place (n, 2), coloured by values (n,)."""
+    """Return a function that marks each task at its place (n, 2), coloured by values (n,)."""
     size = float(np.clip(ACROSS / np.sqrt(max(len(points), 1)), 4, 24))
 
     def draw(values: Array) -> Mark:
@@ -155,7 +155,7 @@ def _dots(points: Array, words: Sequence[str]) -> Callable[[Array], Mark]:
 
 
 def _scales(axes: Sequence[Axis], points: Array) -> tuple[Scale, Scale]:
-    """Returns the axes of the task plane, with half a cell around the tasks (n, 2)."""
+    """Return the axes of the task plane, with half a cell around the tasks (n, 2)."""
     scales = []
     for axis, places in zip(axes, points.T, strict=True):
         centres = np.unique(places)
@@ -172,7 +172,7 @@ def _percent(rows: pd.DataFrame, tasks: pd.DataFrame) -> Array:
 
 
 def _places(shares: pd.DataFrame, tasks: pd.DataFrame, axes: Sequence[Axis]) -> tuple[Array, bool]:
-    """Returns the place of each task's mark (n, 2), and True if that is the task plane."""
+    """Return the place of each task's mark (n, 2), and True if that is the task plane."""
     values = stack(tasks["task"]).astype(np.float64)
     if len(axes) == 2 == values.shape[1]:
         return values, True

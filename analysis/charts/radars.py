@@ -111,7 +111,7 @@ class Ratios(NamedTuple):
     missing: list[str]
 
     def radius(self, teacher: str, axis: int, rim: float) -> float:
-        """Returns the radius of a ratio: an infinite one lies in the band beyond the rim."""
+        """Return the radius of a ratio: an infinite one lies in the band beyond the rim."""
         ratio = self.ratios[teacher][axis]
         return rim * (1 + BEYOND * self.shares.get((teacher, axis), 1.0)) if math.isinf(ratio) else ratio
 
@@ -123,7 +123,7 @@ def radar(
     challenges: Sequence[Matrix] = STUMP_TRACKS_CHALLENGES,
     original: Matrix = ORIGINAL_SPACE,
 ) -> Chart:
-    """Returns results on challenges as ratios of Random's mean, one panel per level of expert knowledge.
+    """Return results on challenges as ratios of Random's mean, one panel per level of expert knowledge.
 
     Stars at the end of an axis, in the teachers' colours and order, say who is significantly better than
     Random there; marks on lines are filled where a teacher differs from Random, either way. A plus is the
@@ -178,7 +178,7 @@ def ratios_of_random(
     challenges: Sequence[Matrix],
     original: Matrix,
 ) -> Ratios:
-    """Returns the ratios at one level.
+    """Return the ratios at one level.
 
     Args:
         table: results of this level: teacher, challenge, perhaps doubt, and the column `mean`.
@@ -245,7 +245,7 @@ def _ratio(mean: float, lower: float) -> float:
 def _random_missing(
     names: Sequence[str], lower: Sequence[float], means: Mapping[tuple[str, str], float]
 ) -> Iterator[str]:
-    """Yields sentences on challenges on which Random has no result or is at 0."""
+    """Yield sentences on challenges on which Random has no result or is at 0."""
     for name, random in zip(names, lower, strict=True):
         words = name.replace("_", " ")
         if math.isnan(random):
@@ -262,7 +262,7 @@ def _random_missing(
 def _no_result(
     means: Mapping[tuple[str, str], float], teachers: Sequence[str], names: Sequence[str]
 ) -> list[str]:
-    """Returns sentences on teachers without results, with the challenges."""
+    """Return sentences on teachers without results, with the challenges."""
     gaps: dict[str, list[str]] = {}
     for teacher in teachers:
         absent = [name.replace("_", " ") for name in names if (teacher, name) not in means]
@@ -273,7 +273,7 @@ def _no_result(
 
 
 def _chart(levels: Mapping[str, Ratios], teachers: Sequence[str], titles: Sequence[str]) -> Chart:
-    """Returns a row of radars, one for each level, for every `TOGETHER` teachers."""
+    """Return a row of radars, one for each level, for every `TOGETHER` teachers."""
     values = [
         value for each in levels.values() for line in (*each.ratios.values(), each.upper) for value in line
     ]

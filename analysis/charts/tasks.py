@@ -47,7 +47,7 @@ GOLDEN = 0.618034
 
 
 def task_scale(axis: Axis) -> Scale:
-    """Returns the axis of a dimension of the task space."""
+    """Return the axis of a dimension of the task space."""
     return Scale(axis.name, Kind.TASK, axis.low, axis.high)
 
 
@@ -79,7 +79,7 @@ class TaskView:
         return "task {x}, {y}" if self.plane else "{y} of the range"
 
     def scales(self) -> tuple[Scale, Scale]:
-        """Returns the axes of a panel."""
+        """Return the axes of a panel."""
         if self.plane:
             return task_scale(self.axes[0]), task_scale(self.axes[1])
         names = {str(place): self.axes[place].name.partition(" (")[0] for place in self.varied}
@@ -87,7 +87,7 @@ class TaskView:
         return Scale(kind=Kind.NAMES, rows=names), share
 
     def dots(self, tasks: Array) -> tuple[Array, Array]:
-        """Returns xs and ys of `tasks` (n, d): one dot each on a plane, else one in every column."""
+        """Return xs and ys of `tasks` (n, d): one dot each on a plane, else one in every column."""
         tasks = np.asarray(tasks, np.float64)
         if not len(tasks):
             return np.empty(0), np.empty(0)
@@ -97,7 +97,7 @@ class TaskView:
         return (np.arange(len(self.varied)) + jitter[:, None]).ravel(), self._shares(tasks).ravel()
 
     def boxes(self, boxes: Sequence[Mapping[str, Any]]) -> list[Outline]:
-        """Returns the outlines of boxes (low, high, score), in their order."""
+        """Return the outlines of boxes (low, high, score), in their order."""
         found = []
         for box in boxes:
             low, high = (np.asarray(box[end], np.float64) for end in ("low", "high"))
@@ -107,7 +107,7 @@ class TaskView:
         return found
 
     def gaussians(self, gaussians: Iterable[Mapping[str, Any]]) -> list[Outline]:
-        """Returns the outlines of Gaussians (weight, mean, covariance) at two standard deviations."""
+        """Return the outlines of Gaussians (weight, mean, covariance) at two standard deviations."""
         found: list[Outline] = []
         gaussians = list(gaussians)
         heaviest = max((float(each["weight"]) for each in gaussians), default=1.0)
@@ -124,7 +124,7 @@ class TaskView:
         return found
 
     def _shares(self, tasks: Array) -> Array:
-        """Returns varied dimensions of tasks (…, d) as shares of their ranges (…, v)."""
+        """Return varied dimensions of tasks (…, d) as shares of their ranges (…, v)."""
         low, high = np.array([[self.axes[place].low, self.axes[place].high] for place in self.varied]).T
         return np.asarray((tasks[..., self.varied] - low) / (high - low), dtype=np.float64)
 
@@ -137,7 +137,7 @@ class TaskView:
 
 
 def ellipse(mean: Array, covariance: Array) -> tuple[Array, Array]:
-    """Returns xs and ys of a two-dimensional Gaussian (mean (2,), covariance (2, 2)) at two deviations."""
+    """Return xs and ys of a two-dimensional Gaussian (mean (2,), covariance (2, 2)) at two deviations."""
     angles = np.linspace(0, 2 * np.pi, CORNERS)
     values, vectors = np.linalg.eigh(covariance)
     circle = np.stack([np.cos(angles), np.sin(angles)])
@@ -153,7 +153,7 @@ def _rectangle(low: Array, high: Array) -> tuple[Array, Array]:
 def state(
     curriculum: Curriculum, teacher: str, step: int, view: TaskView, scores: Colours | None, most: int | None
 ) -> list[Mark]:
-    """Returns boxes, Gaussians and probed tasks of a teacher at a step; the marks are empty without probes.
+    """Return boxes, Gaussians and probed tasks of a teacher at a step; the marks are empty without probes.
 
     Args:
         curriculum: curriculum of the run.
@@ -183,7 +183,7 @@ def state(
 def probed_tasks(
     curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> Chart | None:
-    """Returns tasks that each teacher would propose at any moment; None without probes.
+    """Return tasks that each teacher would propose at any moment; None without probes.
 
     Args:
         curricula: one run for each teacher; without probes it has no panel.
@@ -214,7 +214,7 @@ def _moving(curriculum: Curriculum, teacher: str, name: str, steps: Sequence[int
 def training_tasks(
     curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> Chart | None:
-    """Returns training tasks in each part of a run, coloured by return; None without episodes.
+    """Return training tasks in each part of a run, coloured by return; None without episodes.
 
     Args:
         curricula: one run for each teacher; without episodes it has no panel.
@@ -236,14 +236,14 @@ def training_tasks(
 
 
 def return_colours(curricula: Mapping[str, Curriculum]) -> Colours:
-    """Returns the colours of returns, the same for all runs, with the mastery threshold marked."""
+    """Return the colours of returns, the same for all runs, with the mastery threshold marked."""
     mastery = next(iter(curricula.values())).mastery
     low, high = return_range(curricula, mastery)
     return Colours(RETURN_COLOURS, low, high, "Return of the episode", open=True, mark=mastery)
 
 
 def _parts(curriculum: Curriculum, teacher: str, name: str, view: TaskView, colours: Colours) -> Panel | None:
-    """Returns the episodes of the last part of a run that has any, with the other parts as moments."""
+    """Return the episodes of the last part of a run that has any, with the other parts as moments."""
     parts = {round(curriculum.steps * (part + 1) / PANELS): part for part in range(PANELS)}
     there = [step for step, part in parts.items() if len(curriculum.during(part).episodes)]
 
@@ -255,7 +255,7 @@ def _parts(curriculum: Curriculum, teacher: str, name: str, view: TaskView, colo
 
 
 def episodes(part: Curriculum, teacher: str, view: TaskView, colours: Colours, most: int) -> Dots:
-    """Returns at most `most` training tasks of a part of a run, coloured by return."""
+    """Return at most `most` training tasks of a part of a run, coloured by return."""
     chosen = spread(len(part.episodes), most)
     xs, ys = view.dots(part.tasks[chosen].astype(np.float64) if chosen else np.empty((0, 0)))
     returns = part.episodes["episodic_return"].to_numpy(np.float64)[chosen].round(1)
@@ -272,7 +272,7 @@ def episodes(part: Curriculum, teacher: str, view: TaskView, colours: Colours, m
 
 
 def projected(curriculum: Curriculum, dimensions: tuple[int, int]) -> Curriculum:
-    """Returns a curriculum as it looks along two of its task dimensions.
+    """Return a curriculum as it looks along two of its task dimensions.
 
     Tasks and boxes are projected; of Gaussians the marginals are taken. Where boxes lie behind each
     other, that with the highest score is seen.

@@ -67,10 +67,10 @@ class Source(Protocol):
     """Results that readings can be looked up in."""
 
     def sample(self, reading: Reading) -> Sample | None:
-        """Returns the results of `reading`; None if they are not there, or not complete."""
+        """Return the results of `reading`; None if they are not there, or not complete."""
 
     def teachers(self, reading: Reading) -> Sequence[str]:
-        """Returns the teachers that have results where `reading` is read."""
+        """Return the teachers that have results where `reading` is read."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Verdict:
     findings: tuple[Finding, ...]
 
     def describe(self) -> str:
-        """Returns the number of statements of each standing, in words."""
+        """Return the number of statements of each standing, in words."""
         counts = {s: sum(finding.standing is s for finding in self.findings) for s in Standing}
         parts = [f"{counts[Standing.SUPPORTED]} of {len(self.findings)} statements supported"]
         parts += [f"{counts[s]} {s}" for s in Standing if s is not Standing.SUPPORTED and counts[s]]
@@ -113,7 +113,7 @@ class Verdict:
 
 
 def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[Verdict]:
-    """Returns the standing of each of `claims` by the results of `source`."""
+    """Return the standing of each of `claims` by the results of `source`."""
     return [_judge(source, claim) for claim in claims]
 
 
@@ -260,7 +260,7 @@ class PaperSource:
     """The paper's tables; they hold final results, and single bodies of Parkour only."""
 
     def sample(self, reading: Reading) -> Sample | None:
-        """Returns n, mean and std of the entry, None where the tables have none."""
+        """Return n, mean and std of the entry, None where the tables have none."""
         entries = [result for result in _entries(reading) if result.teacher == reading.teacher]
         if reading.share < 1 or not entries:
             return None
@@ -268,7 +268,7 @@ class PaperSource:
         return Sample(Description(entry.seeds, entry.mean, entry.std))
 
     def teachers(self, reading: Reading) -> Sequence[str]:
-        """Returns the teachers that have an entry there."""
+        """Return the teachers that have an entry there."""
         return sorted({result.teacher for result in _entries(reading)})
 
 
@@ -290,15 +290,15 @@ class RootSource:
         self._present = set(frames.cells[columns].itertuples(index=False, name=None))
 
     def sample(self, reading: Reading) -> Sample | None:
-        """Returns the runs of the reading, None unless all of its pool are there."""
+        """Return the runs of the reading, None unless all of its pool are there."""
         return self._at(reading).get(reading.teacher)
 
     def teachers(self, reading: Reading) -> Sequence[str]:
-        """Returns the teachers that have complete results there."""
+        """Return the teachers that have complete results there."""
         return sorted(self._at(reading))
 
     def _at(self, reading: Reading) -> dict[str, Sample]:
-        """Returns the complete results where `reading` is read, by teacher."""
+        """Return the complete results where `reading` is read, by teacher."""
         if (reading.environment, reading.challenge) not in self._present:
             return {}
         place = [reading.environment, reading.challenge, reading.level.value]
@@ -306,7 +306,7 @@ class RootSource:
         return self._places(reading.share, bool(reading.embodiment)).get(tuple(place), {})
 
     def _complete(self, share: float, by_body: bool) -> dict[tuple[str, ...], dict[str, Sample]]:
-        """Returns the complete results after a share of the budget, by place (and body) and teacher."""
+        """Return the complete results after a share of the budget, by place (and body) and teacher."""
         by = ["embodiment"] if by_body else []
         runs = runs_after(self._frames, share, training=share == 1)  # of which the page shows more
         runs = runs[_under(runs, self._conditions)]
@@ -325,7 +325,7 @@ class RootSource:
 
 
 def _chosen_conditions(runs: pd.DataFrame) -> tuple[pd.Series | None, str]:
-    """Returns the conditions under which claims are judged, and a sentence where there are others."""
+    """Return the conditions under which claims are judged, and a sentence where there are others."""
     runs = runs[runs["steps"].notna()]
     if runs.empty:
         return None, ""
@@ -343,7 +343,7 @@ def _chosen_conditions(runs: pd.DataFrame) -> tuple[pd.Series | None, str]:
 
 
 def _under(runs: pd.DataFrame, conditions: pd.Series | None) -> pd.Series:
-    """Returns a mask of the runs that were made under these conditions."""
+    """Return a mask of the runs that were made under these conditions."""
     fits = pd.Series(conditions is not None, index=runs.index)
     for column, value in () if conditions is None else conditions.items():
         fits &= runs[str(column)].isna() if pd.isna(value) else runs[str(column)] == value
@@ -362,7 +362,7 @@ def _entries(reading: Reading) -> list[PaperResult]:
 
 
 def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
-    """Returns those of `verdicts` of which the results say anything, if only about one statement."""
+    """Return those of `verdicts` of which the results say anything, if only about one statement."""
     return [
         verdict
         for verdict in verdicts
@@ -371,7 +371,7 @@ def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
 
 
 def root_verdicts(frames: Frames) -> tuple[list[Verdict], list[str]]:
-    """Returns the standing of each of the paper's claims by the results of a root, and notes.
+    """Return the standing of each of the paper's claims by the results of a root, and notes.
 
     These say which of the results claims are judged by, where there are several kinds.
     """

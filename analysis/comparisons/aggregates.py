@@ -37,7 +37,7 @@ def interquartile_means(
     by: Sequence[str] = POOLED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Returns the interquartile mean of each group of runs, with its interval.
+    """Return the interquartile mean of each group of runs, with its interval.
 
     Args:
         runs: rows of `pooling.pool_runs`; those without the measure do not count, and no run counts twice.
@@ -75,7 +75,7 @@ def improvements(
     within: Sequence[str] = COMPARED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Returns the probability that a run of one teacher beats one of another, one row a pair.
+    """Return the probability that a run of one teacher beats one of another, one row a pair.
 
     Args:
         runs: rows of `pooling.pool_runs`.
@@ -102,7 +102,7 @@ def improvements(
 
 
 def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = ACROSS) -> pd.DataFrame:
-    """Returns the mean of each teacher over all challenges that it has results of, one row each.
+    """Return the mean of each teacher over all challenges that it has results of, one row each.
 
     Weights as in `frame.over_challenges`. Intervals of percentages stay within 0 and 100, and are not
     symmetric.
@@ -132,19 +132,19 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
 
 
 def _within_percent(mean: float, high: float) -> dict[str, float]:
-    """Returns low and high of a mean percentage, of which the upper end of a symmetric interval is known."""
+    """Return low and high of a mean percentage, of which the upper end of a symmetric interval is known."""
     return dict(zip(("low", "high"), percent_interval(mean, high - mean), strict=True))
 
 
 def _clusters(sample: Mapping[str, pd.Series], seeds: Seeds) -> Seeds | None:
-    """Returns the seeds of a sample whose runs they make depend on each other; None where they do not."""
+    """Return the seeds of a sample whose runs they make depend on each other; None where they do not."""
     return seeds if are_paired(list(sample.values()), seeds) else None
 
 
 def _of_common_seeds(
     first: Mapping[str, pd.Series], second: Mapping[str, pd.Series], seeds: Seeds
 ) -> tuple[dict[str, pd.Series], dict[str, pd.Series]]:
-    """Returns both samples without the runs of paired seeds that only one of them has in a stratum."""
+    """Return both samples without the runs of paired seeds that only one of them has in a stratum."""
     parts = {name: in_common(first[name], second[name], seeds) for name in first if name in second}
     return (
         {**first, **{name: pair[0] for name, pair in parts.items()}},
@@ -159,7 +159,7 @@ def profiles(
     by: Sequence[str] = POOLED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Returns the share of runs over each threshold, group by group, with intervals.
+    """Return the share of runs over each threshold, group by group, with intervals.
 
     Args:
         runs: rows of `pooling.pool_runs`.

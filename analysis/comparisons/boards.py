@@ -95,7 +95,7 @@ class Rank:
         return self.of - len(self.better)
 
     def describe(self) -> str:
-        """Returns rank and verdicts in one sentence."""
+        """Return rank and verdicts in one sentence."""
         where = f"expert knowledge {self.across['expert_knowledge']}, {amount(self.across['steps'])} steps"
         where += f", {self.across['variant']}" if self.across["variant"] else ""
         over = f"Over {self.challenges} challenge{'s' if self.challenges > 1 else ''} ({where})"
@@ -118,7 +118,7 @@ class Rank:
 
 
 def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: str = HEADLINE) -> list[Rank]:
-    """Returns the rank of each teacher at each level and budget, the best first.
+    """Return the rank of each teacher at each level and budget, the best first.
 
     One family at each, corrected by Holm: the tests of the pairs of which one is looked at, and of which the
     other has results on all of its challenges. What is not ranked costs no power.
@@ -167,7 +167,7 @@ def _rank(across: dict[str, Any], mine: dict[Hashable, Any], tests: pd.DataFrame
 
 
 def _names(tests: pd.DataFrame) -> tuple[str, ...]:
-    """Returns the others of some tests, Random first, then by name."""
+    """Return the others of some tests, Random first, then by name."""
     return tuple(sorted(tests["second"], key=lambda name: (not is_baseline(name), name)))
 
 
@@ -221,7 +221,7 @@ class Leaderboard:
 
 
 def leaderboards(frames: Frames) -> list[Leaderboard]:
-    """Returns leaderboards for each level of expert knowledge and budget, those with most runs first.
+    """Return leaderboards for each level of expert knowledge and budget, those with most runs first.
 
     Next to the leaderboard of the teachers that have results on all challenges there is one for each smaller
     set, as `on_the_same` has them.
@@ -237,7 +237,7 @@ def leaderboards(frames: Frames) -> list[Leaderboard]:
 
 
 def _blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
-    """Yields the values of `BLOCK` and the runs of each set of challenges that teachers share."""
+    """Yield the values of `BLOCK` and the runs of each set of challenges that teachers share."""
     if runs.empty:
         return
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
@@ -248,7 +248,7 @@ def _blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[dict[str, Any], 
 
 
 def on_the_same(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
-    """Yields the runs of each set of challenges, the largest first, and the number of all challenges.
+    """Yield the runs of each set of challenges, the largest first, and the number of all challenges.
 
     A set is all challenges that some teacher has with all of their bodies and students; its runs are those of
     all teachers that have these.
@@ -266,7 +266,7 @@ def on_the_same(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
 
 
 def _board(where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames) -> Leaderboard:
-    """Returns the leaderboard of the runs of a block."""
+    """Return the leaderboard of the runs of a block."""
     results: dict[str, dict[str, tuple[float, float, float]]] = {}
     titles: dict[str, None] = {}
     for row in stratified_means(runs, HEADLINE, [*ACROSS, *PLACES]).to_dict("records"):
@@ -301,7 +301,7 @@ def _board(where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames) -> Lead
 def headlines(
     runs: pd.DataFrame, measure: str = HEADLINE, teachers: Collection[str] | None = None
 ) -> list[str]:
-    """Returns the differences of teachers to Random over all challenges, a sentence for each verdict.
+    """Return the differences of teachers to Random over all challenges, a sentence for each verdict.
 
     Few seeds of one challenge decide little, all challenges together more. A teacher is better or worse where
     p is under 0.05 after Holm's correction for all teachers at that level.
@@ -333,7 +333,7 @@ def headlines(
 
 
 def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
-    """Returns one row for each teacher at each level and budget, on the same challenges, the best first.
+    """Return one row for each teacher at each level and budget, on the same challenges, the best first.
 
     Teachers are set side by side on the same challenges only: apart from those that have results on all,
     there is a block of rows for each smaller set, as `on_the_same` has them.
@@ -380,7 +380,7 @@ def _final(runs: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
 
 
 def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, Any]]:
-    """Returns the rows of `overall` as text.
+    """Return the rows of `overall` as text.
 
     Args:
         runs: rows of `pooling.pool_runs`.
@@ -414,7 +414,7 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
 
 
 def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yields level and budget, in words, and the performance profiles of all teachers there.
+    """Yield level and budget, in words, and the performance profiles of all teachers there.
 
     Args:
         runs: rows of `pooling.pool_runs`.
@@ -429,12 +429,12 @@ def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterato
 
 
 def _told(runs: pd.DataFrame) -> list[str]:
-    """Returns the conditions that places name: the budget, and those that vary."""
+    """Return the conditions that places name: the budget, and those that vary."""
     return ["steps", *(name for name in varying(runs) if name != "steps")]
 
 
 def _place_of(row: pd.Series, told: Sequence[str]) -> str:
-    """Returns level and conditions of a block in words, and its challenges where they are not all."""
+    """Return level and conditions of a block in words, and its challenges where they are not all."""
     words = [f"expert knowledge {row['expert_knowledge']}", *condition_words(row, told)]
     if row["challenges"] < row["of"]:
         words.append(f"{row['challenges']} of {row['of']} challenges")

@@ -72,7 +72,7 @@ def pairwise(
     *,
     detectable: bool = True,
 ) -> pd.DataFrame:
-    """Returns the frame of comparisons between groups of runs, one row a pair.
+    """Return the frame of comparisons between groups of runs, one row a pair.
 
     Tests are Welch's, or paired by seed where seeds share a student, on the scale of `tested.scale_of`. Runs
     without the measure do not count. Groups are not tested that share a run or that pool other bodies or
@@ -131,12 +131,12 @@ def pairwise(
 
 
 def over_challenges(runs: pd.DataFrame, measure: str, reference: str | None = None) -> pd.DataFrame:
-    """Returns the frame of comparisons over all challenges that two teachers have, each of equal weight."""
+    """Return the frame of comparisons over all challenges that two teachers have, each of equal weight."""
     return pairwise(runs, measure, reference, ACROSS, strata=CHALLENGES, detectable=False)
 
 
 def from_both_sides(tests: pd.DataFrame) -> pd.DataFrame:
-    """Returns each test of a frame twice, as it is and with its sides exchanged, with the same index."""
+    """Return each test of a frame twice, as it is and with its sides exchanged, with the same index."""
     exchanged = tests.assign(
         first=tests["second"],
         second=tests["first"],
@@ -151,7 +151,7 @@ def from_both_sides(tests: pd.DataFrame) -> pd.DataFrame:
 
 
 def verdict(test: pd.Series | Mapping[str, Any]) -> str:
-    """Returns the result of a test in a word or two, after Holm, or the reason why there was none."""
+    """Return the result of a test in a word or two, after Holm, or the reason why there was none."""
     if test["reason"]:
         return str(test["reason"])
     if not test["holm"] < SIGNIFICANCE:
@@ -165,7 +165,7 @@ def pairwise_from_statistics(
     reference: str | None = None,
     within: Sequence[str] = (*COMPARED, "embodiments", "students"),
 ) -> pd.DataFrame:
-    """Returns the frame of comparisons between published results, by Welch's t-test.
+    """Return the frame of comparisons between published results, by Welch's t-test.
 
     Of our own results prefer the runs, which also tell whether two samples share some.
 
@@ -199,7 +199,7 @@ def pairwise_from_statistics(
 
 
 def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Returns the test of every teacher of a report against Random, one row each.
+    """Return the test of every teacher of a report against Random, one row each.
 
     Where Random was run at another level of expert knowledge or in another experiment only, those runs are
     used. While runs are under way both are read at the same step, and the difference is not tested.
@@ -224,7 +224,7 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
 
 
 def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Returns the test of every teacher against Random at every evaluation, with Holm's p by step.
+    """Return the test of every teacher against Random at every evaluation, with Holm's p by step.
 
     Args:
         curves: results of `evaluation_curves`, of one comparison.
@@ -244,7 +244,7 @@ def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) 
 def _at_one_step(
     mine: pd.DataFrame, reference: pd.DataFrame, curves: pd.DataFrame, measure: str
 ) -> tuple[float, Comparison]:
-    """Returns the step at which two groups are compared, and the comparison."""
+    """Return the step at which two groups are compared, and the comparison."""
     step, reason = min(mine["step"].max(), reference["step"].max()), ""
     if reference.empty:
         reason = NO_BASELINE
@@ -263,12 +263,12 @@ def _at_one_step(
 
 
 def randoms_of(everything: pd.DataFrame) -> Randoms:
-    """Returns the rows of Random by the columns `ALIKE`, of rows with `GROUP` and `CONDITIONS`."""
+    """Return the rows of Random by the columns `ALIKE`, of rows with `GROUP` and `CONDITIONS`."""
     return dict(list(baseline_rows(everything).groupby(ALIKE))) if len(everything) else {}
 
 
 def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
-    """Returns the rows of Random that the rows of one experiment are tested against, by `baseline_runs`.
+    """Return the rows of Random that the rows of one experiment are tested against, by `baseline_runs`.
 
     Args:
         teachers: rows of one comparison, at least one, with `GROUP` and the columns of `CONDITIONS`.
@@ -279,7 +279,7 @@ def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
 
 
 def pairs_of(names: Sequence[str], reference: str | None) -> Iterator[tuple[str, str]]:
-    """Yields each name with `reference`, or all pairs if there is none."""
+    """Yield each name with `reference`, or all pairs if there is none."""
     if reference is None:
         yield from itertools.combinations(names, 2)
     else:
@@ -287,12 +287,12 @@ def pairs_of(names: Sequence[str], reference: str | None) -> Iterator[tuple[str,
 
 
 def nobody(reference: str) -> str:
-    """Returns the reason why nothing was compared with `reference`, which was not run."""
+    """Return the reason why nothing was compared with `reference`, which was not run."""
     return NO_BASELINE if is_baseline(reference) else f"no {reference} to compare with"
 
 
 def check_reference(reference: str | None, table: pd.DataFrame) -> None:
-    """Refuses a reference that is neither a teacher of the table, nor one of the benchmark's.
+    """Refuse a reference that is neither a teacher of the table, nor one of the benchmark's.
 
     Raises:
         ValueError: the message holds the nearest teacher.
@@ -304,7 +304,7 @@ def check_reference(reference: str | None, table: pd.DataFrame) -> None:
 def stratified_runs(
     runs: pd.DataFrame, measure: str, by: Sequence[str], strata: Sequence[str], also: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Returns `by`, run_id, the measure, and place (challenge), stratum and stratum_name of each row.
+    """Return `by`, run_id, the measure, and place (challenge), stratum and stratum_name of each row.
 
     Strata are numbered here, in order, rather than in each of hundreds of groups. A run that is measured
     counts once in each group.
@@ -330,7 +330,7 @@ def stratified_runs(
 
 
 def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
-    """Returns the values of `measure` by stratum, named by what tells them apart, indexed by run id.
+    """Return the values of `measure` by stratum, named by what tells them apart, indexed by run id.
 
     Args:
         rows: some of `stratified_runs`; those without the measure do not count.
@@ -345,7 +345,7 @@ def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
 
 
 def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
-    """Returns the samples of each body and student by challenge, of rows of `stratified_runs`."""
+    """Return the samples of each body and student by challenge, of rows of `stratified_runs`."""
     counted = rows[rows[measure].notna()]
     return {place: strata_of(part, measure) for place, part in counted.groupby("place", sort=True)}
 
@@ -358,7 +358,7 @@ def _numbered(runs: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.int64]:
 
 
 def _with_holm(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
-    """Returns a table of tests with p adjusted for those that have the columns `family` in common."""
+    """Return a table of tests with p adjusted for those that have the columns `family` in common."""
     groups = table.groupby(list(family), dropna=False)["p"] if family and len(table) else None
     return table.assign(holm=holm(table["p"]) if groups is None else groups.transform(holm))
 
@@ -391,7 +391,7 @@ class _Sample:
 def _compared(
     first: _Sample, second: _Sample, seeds: Seeds, scale: Scale, *, over: bool
 ) -> dict[str, object]:
-    """Returns the test of two groups, over strata or of two samples, and what it is of."""
+    """Return the test of two groups, over strata or of two samples, and what it is of."""
     mine, theirs = first.places, second.places
     places = [place for place in mine if place in theirs and set(mine[place]) == set(theirs[place])]
     if over:

@@ -59,7 +59,7 @@ class Measured:
 
 
 def measure(frames: Frames) -> Measured:
-    """Returns everything that is measured of a root."""
+    """Return everything that is measured of a root."""
     finals, evaluations = final_evaluations(frames), evaluation_curves(frames)
     tests = [against_baseline(finals, evaluations, name) for name in TESTED]
     return Measured(
@@ -75,7 +75,7 @@ def measure(frames: Frames) -> Measured:
 def curricula_of(
     frames: Frames, mine: Measured, runs: Mapping[str, pd.Series] | None = None
 ) -> dict[str, Curriculum]:
-    """Returns the curriculum of the median run of each teacher, if it has played any episode.
+    """Return the curriculum of the median run of each teacher, if it has played any episode.
 
     Args:
         frames: results of the root.
@@ -93,20 +93,20 @@ def curricula_of(
 
 
 def which_runs(curricula: Mapping[str, Curriculum]) -> str:
-    """Returns the seed of each teacher's median run, in words."""
+    """Return the seed of each teacher's median run, in words."""
     named = listed(f"{label(teacher)}: seed {each.seed}" for teacher, each in curricula.items())
     return f"One run of each teacher, the median one by mastered tasks over training ({named})"
 
 
 def in_whose_space(curricula: Mapping[str, Curriculum]) -> str:
-    """Returns a sentence on whose tasks are shown where the task space is shuffled, else nothing."""
+    """Return a sentence on whose tasks are shown where the task space is shuffled, else nothing."""
     if not any(curriculum.shuffled for curriculum in curricula.values()):
         return ""
     return " The task space is shuffled: axes are the teacher's, not the world's."
 
 
 def examples_of(mine: Measured) -> dict[str, pd.Series]:
-    """Returns the run of each teacher with the median headline, else its first run that has begun."""
+    """Return the run of each teacher with the median headline, else its first run that has begun."""
     cells = mine.cells[mine.cells["status"].isin(["done", "running"])]
     ranked = mine.finals.sort_values([HEADLINE, "evaluation_return"], kind="stable")
     finals = {str(teacher): rows.to_numpy(object) for teacher, rows in ranked.groupby("teacher")["run_id"]}

@@ -31,7 +31,7 @@ LITE_BUDGET = 6_000_000
 
 
 def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -> pd.DataFrame:
-    """Returns the smallest differences between two teachers that a plan's seeds can detect, by challenge.
+    """Return the smallest differences between two teachers that a plan's seeds can detect, by challenge.
 
     Args:
         cell_rows: rows of a plan's table of cells: environment, challenge, teacher, expert_knowledge.
@@ -62,7 +62,7 @@ def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -
 
 @cache
 def _lite_deviations() -> dict[Hashable, list[float]]:
-    """Returns by environment and challenge the standard deviations of `LITE`, of teachers with most seeds."""
+    """Return by environment and challenge the standard deviations of `LITE`, of teachers with most seeds."""
     table = pooled(runs_after(find_baseline(LITE).frames(), training=False), [HEADLINE])
     place = ["environment", "challenge"]
     whole = table.groupby(place)["n"].transform("max") == table["n"]
@@ -71,7 +71,7 @@ def _lite_deviations() -> dict[Hashable, list[float]]:
 
 
 def _deviations(environment: object, challenge: object, levels: set[str]) -> list[float]:
-    """Returns the standard deviations in the paper's tables, over all bodies and students."""
+    """Return the standard deviations in the paper's tables, over all bodies and students."""
     results = [r for r in paper_results() if (r.environment, r.challenge) == (environment, challenge)]
     whole = max((result.seeds for result in results), default=0)
     return [r.std for r in results if r.seeds == whole and r.expert_knowledge in levels and not r.doubt]
@@ -80,7 +80,7 @@ def _deviations(environment: object, challenge: object, levels: set[str]) -> lis
 def plans_against_random(
     runs: pd.DataFrame, teachers: Collection[str], hours: pd.Series, measure: str = HEADLINE
 ) -> list[str]:
-    """Returns a sentence on each teacher not told from Random: the runs and hours that would tell them apart.
+    """Return a sentence on each teacher not told from Random: the runs and hours that would tell them apart.
 
     Args:
         runs: rows of `pooling.pool_runs`.
@@ -98,7 +98,7 @@ def plans_against_random(
 
 
 def _plan(row: Mapping[Hashable, Any], pair_hours: float) -> str:
-    """Returns the number of runs that find a difference over challenges to Random, and their hours, in words.
+    """Return the number of runs that find a difference over challenges to Random, and their hours, in words.
 
     Args:
         row: a row of `frame.over_challenges`.

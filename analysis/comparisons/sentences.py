@@ -41,12 +41,12 @@ OTHERS = "\N{OBJECT REPLACEMENT CHARACTER}"
 
 
 def in_brief(smallest: float) -> str:
-    """Returns the end of a sentence on tests of a group with `smallest` runs: ``; few seeds``, or nothing."""
+    """Return the end of a sentence on tests of a group with `smallest` runs: ``; few seeds``, or nothing."""
     return "; few seeds" if smallest < FEW_SEEDS else ""
 
 
 def caveat(smallest: float) -> str:
-    """Returns a sentence for readers of results of which one has no more than `smallest` runs, or nothing."""
+    """Return a sentence for readers of results of which one has no more than `smallest` runs, or nothing."""
     if not smallest < FEW_SEEDS:
         return ""
     seeds = f"{smallest:.0f} seed{'s' if smallest > 1 else ''}"
@@ -57,7 +57,7 @@ def caveat(smallest: float) -> str:
 
 
 def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
-    """Returns the sentences that open a comparison of a report, by the headline.
+    """Return the sentences that open a comparison of a report, by the headline.
 
     Args:
         summary: rows of `evaluations.summarise`, of one comparison.
@@ -95,7 +95,7 @@ def _value(row: pd.Series) -> str:
 
 
 def _so_far(row: pd.Series, tests: pd.DataFrame) -> str:
-    """Returns the standing of a teacher whose runs are all under way, next to Random's at the same step."""
+    """Return the standing of a teacher whose runs are all under way, next to Random's at the same step."""
     name = label(row["teacher"])
     text = f"So far, over {amount(row['step'])} steps, {name} masters {_value(row)}"
     if row["teacher"] in tests.index and math.isfinite(tests.loc[row["teacher"], "difference"]):
@@ -108,7 +108,7 @@ def _gap(difference: float) -> str:
 
 
 def _certainty(ranked: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
-    """Returns sentences on how far the order of the finished teachers can be trusted."""
+    """Return sentences on how far the order of the finished teachers can be trusted."""
     best = ranked["teacher"].iloc[0]
     if len(ranked) == 1:
         return []
@@ -150,7 +150,7 @@ def _against_random(teacher: str, test: pd.Series) -> str:
 
 
 def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.DataFrame:
-    """Returns one row for each result: a teacher at a level on a challenge, pooled as the paper pools.
+    """Return one row for each result: a teacher at a level on a challenge, pooled as the paper pools.
 
     Args:
         frames: results of `load`.
@@ -167,7 +167,7 @@ def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.D
 
 
 def ranked(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
-    """Returns the rows of `ranking`, from runs of `pooling.runs_after`."""
+    """Return the rows of `ranking`, from runs of `pooling.runs_after`."""
     table = pooled(runs, list(dict.fromkeys([measure, FINAL])))
     tests = pairwise(runs, measure, BASELINE, detectable=False).rename(columns={"first": "teacher"})
     columns = [*(name for name in TEST if name != "n"), "holm"]
@@ -181,13 +181,13 @@ def ranked(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
 
 
 def ranking_sentences(table: pd.DataFrame) -> list[str]:
-    """Returns sentences on every teacher of a `ranking` that was tested against Random."""
+    """Return sentences on every teacher of a `ranking` that was tested against Random."""
     tested = table[table["p"].notna()].rename(columns={"teacher": "first"})
     return sentences(tested.assign(second=BASELINE))
 
 
 def sentences(tests: pd.DataFrame) -> list[str]:
-    """Returns the results of tests in plain words, Random first; a result that several teachers share, once.
+    """Return the results of tests in plain words, Random first; a result that several teachers share, once.
 
     Differences count as found where p is under 0.05 after Holm's correction.
 
@@ -225,7 +225,7 @@ def _found(rows: pd.DataFrame) -> str:
 
 
 def places(table: pd.DataFrame) -> list[str]:
-    """Returns the challenge of each row, with what sets it apart from others of its name in the table.
+    """Return the challenge of each row, with what sets it apart from others of its name in the table.
 
     Args:
         table: results with the columns `pooling.COMPARED`.

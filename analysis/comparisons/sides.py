@@ -73,13 +73,13 @@ class Side:
 
 
 def side_of(frames: Frames, name: str) -> Side:
-    """Returns the results of a root or a release at the end of its runs."""
+    """Return the results of a root or a release at the end of its runs."""
     runs = result_runs(frames, run_measures(frames))
     return Side(name, _engine_of(runs), pooled(runs, [PAPERS]), runs, frames)
 
 
 def named_jointly(mine: Side, baselines: Sequence[Side]) -> tuple[Side, list[Side], tuple[str, ...]]:
-    """Returns the same sides with names that mean one thing in all, and a sentence on each split name.
+    """Return the same sides with names that mean one thing in all, and a sentence on each split name.
 
     What one root calls PPO may have other settings, or another version, in another root.
     """
@@ -93,7 +93,7 @@ def named_jointly(mine: Side, baselines: Sequence[Side]) -> tuple[Side, list[Sid
 
 
 def _engine_of(runs: pd.DataFrame) -> str:
-    """Returns the simulators of the worlds of `runs`, with the version of our physics."""
+    """Return the simulators of the worlds of `runs`, with the version of our physics."""
     found = []
     for engine in sorted(map(str, runs["engine"].unique())):
         rows = runs[runs["engine"] == engine]
@@ -103,7 +103,7 @@ def _engine_of(runs: pd.DataFrame) -> str:
 
 
 def baseline_side(place: str) -> Side:
-    """Returns the results of a baseline by name, or at a folder or address of a baseline or a root.
+    """Return the results of a baseline by name, or at a folder or address of a baseline or a root.
 
     Raises:
         BaselineError: a damaged baseline.
@@ -117,13 +117,13 @@ def baseline_side(place: str) -> Side:
 
 
 def published_side(name: str, frame: pd.DataFrame) -> Side:
-    """Returns published tables (columns of `published.paper_frame`) without parts of what they pool."""
+    """Return published tables (columns of `published.paper_frame`) without parts of what they pool."""
     whole = frame.groupby(PLACE)["n"].transform("max") == frame["n"]
     return Side(name, ", ".join(sorted(frame["engine"].unique())), frame[whole].reset_index(drop=True))
 
 
 def together(mine: Side, baselines: Sequence[Side], *, along: bool = False) -> pd.DataFrame:
-    """Returns the runs that may be compared with each other: mine, and those of baselines of the same kind.
+    """Return the runs that may be compared with each other: mine, and those of baselines of the same kind.
 
     A baseline's teacher that I have run under the same conditions is left out: mine replaces it. Random
     counts at every level, whoever ran it: it uses no expert knowledge.
@@ -148,13 +148,13 @@ def together(mine: Side, baselines: Sequence[Side], *, along: bool = False) -> p
 
 
 def new_teachers(mine: Side) -> list[str]:
-    """Returns the teachers that are compared: those the benchmark does not know, else all but Random."""
+    """Return the teachers that are compared: those the benchmark does not know, else all but Random."""
     teachers = [teacher for teacher in mine.table["teacher"].unique() if not is_baseline(teacher)]
     return [teacher for teacher in teachers if teacher not in TEACHERS] or teachers
 
 
 def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = HEADLINE) -> pd.DataFrame:
-    """Returns the test of each of `teachers` against every other one, challenge by challenge.
+    """Return the test of each of `teachers` against every other one, challenge by challenge.
 
     Args:
         runs: rows of `together`.
@@ -171,7 +171,7 @@ def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = HEADLINE) 
 
 
 def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> list[str]:
-    """Returns a sentence on each baseline of which nothing may be compared with mine: why, and what to run.
+    """Return a sentence on each baseline of which nothing may be compared with mine: why, and what to run.
 
     Args:
         mine: results of one's own.
@@ -189,7 +189,7 @@ def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> l
 
 
 def _apart(mine: Side, baseline: Side) -> str:
-    """Returns the conditions that no result of a baseline shares with mine, and a command to repeat them."""
+    """Return the conditions that no result of a baseline shares with mine, and a command to repeat them."""
     if baseline.runs is None:
         return (
             f"its tables are of {baseline.engine}, and are set beside, untested; a release of runs, as "
@@ -209,7 +209,7 @@ def _apart(mine: Side, baseline: Side) -> str:
 
 
 def beside(mine: Side, baseline: Side) -> pd.DataFrame:
-    """Returns the results of a baseline that must not be compared with mine, where I have some.
+    """Return the results of a baseline that must not be compared with mine, where I have some.
 
     Returns:
         `PLACE`, teacher, n, mastered_percent_mean and _std, and differs: what is not the same, in words.
@@ -223,7 +223,7 @@ def beside(mine: Side, baseline: Side) -> pd.DataFrame:
 
 
 def _among(frame: pd.DataFrame, others: pd.DataFrame, columns: list[str]) -> NDArray[np.bool_]:
-    """Returns a mask of the rows of `frame` that agree with any of `others` in all of `columns`."""
+    """Return a mask of the rows of `frame` that agree with any of `others` in all of `columns`."""
     if frame.empty or others.empty:
         return np.zeros(len(frame), dtype=bool)
     known = pd.MultiIndex.from_frame(others[columns])
@@ -231,7 +231,7 @@ def _among(frame: pd.DataFrame, others: pd.DataFrame, columns: list[str]) -> NDA
 
 
 def _plain_places(table: pd.DataFrame) -> pd.DataFrame:
-    """Returns the table with names of places without their settings."""
+    """Return the table with names of places without their settings."""
     names = {name: table[name].map(base_name) for name in ("environment", "challenge")}
     return table.assign(**names)
 
@@ -255,7 +255,7 @@ def _differences(row: pd.Series, mine: Side, baseline: Side) -> str:
 
 
 def missing(mine: Side, teachers: Sequence[str]) -> list[str]:
-    """Returns the challenges of the benchmark on which `teachers` have no result at any level, in words."""
+    """Return the challenges of the benchmark on which `teachers` have no result at any level, in words."""
     places = dict.fromkeys((matrix.environment, matrix.challenge) for matrix in MATRICES)
     said = []
     for teacher in teachers:

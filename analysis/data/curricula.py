@@ -57,7 +57,7 @@ class Curriculum:
         return stack(column)
 
     def during(self, part: int) -> Curriculum:
-        """Returns the curriculum during one of the `PANELS` equal parts of the run."""
+        """Return the curriculum during one of the `PANELS` equal parts of the run."""
         low, high = self.steps * part / PANELS, self.steps * (part + 1) / PANELS
 
         def cut(frame: pd.DataFrame) -> pd.DataFrame:
@@ -66,24 +66,24 @@ class Curriculum:
         return replace(self, episodes=cut(self.episodes), probes=cut(self.probes), updates=cut(self.updates))
 
     def probed_at(self, step: int) -> NDArray[np.float32]:
-        """Returns the tasks of the last probe up to `step` (n, d); (0, 0) if the probes end before it."""
+        """Return the tasks of the last probe up to `step` (n, d); (0, 0) if the probes end before it."""
         steps = self.probes["step"]
         last = steps[steps <= step].max() if (steps >= step).any() else None
         return stack(self.probes.loc[steps == last, "task"])
 
     def update_at(self, step: int) -> pd.Series | None:
-        """Returns the teacher's last update up to `step`, None if it had none."""
+        """Return the teacher's last update up to `step`, None if it had none."""
         earlier = self.updates[self.updates["step"] <= step].sort_values("step", kind="stable")
         return None if earlier.empty else earlier.iloc[-1]
 
 
 def stack(tasks: pd.Series) -> NDArray[np.float32]:
-    """Returns a column of tasks as one array (n, d); (0, 0) when there are none."""
+    """Return a column of tasks as one array (n, d); (0, 0) when there are none."""
     return np.stack(tasks.to_list()).astype(np.float32) if len(tasks) else np.empty((0, 0), np.float32)
 
 
 def return_range(curricula: Mapping[str, Curriculum], mastery: float) -> tuple[float, float]:
-    """Returns the ends of the colours of returns: `RETURNS` in the benchmark's worlds."""
+    """Return the ends of the colours of returns: `RETURNS` in the benchmark's worlds."""
     if mastery == MASTERY_RETURN:
         return RETURNS
     returns = np.concatenate(
@@ -98,20 +98,20 @@ MOMENTS = 6
 
 
 def moments(curricula: Mapping[str, Curriculum], count: int = MOMENTS) -> list[int]:
-    """Returns at most `count` steps at which some teacher was probed, evenly spaced over the run."""
+    """Return at most `count` steps at which some teacher was probed, evenly spaced over the run."""
     steps = sorted({int(step) for each in curricula.values() for step in each.probes["step"].unique()})
     chosen = np.unique(np.linspace(0, len(steps) - 1, min(count, len(steps))).round().astype(int))
     return [steps[index] for index in chosen] if steps else []
 
 
 def gaussians_of(update: pd.Series) -> list[dict[str, Any]]:
-    """Returns the mixture components of an update, the heaviest first."""
+    """Return the mixture components of an update, the heaviest first."""
     found = update["gaussians"] if update["gaussians"] is not None else ()
     return sorted(found, key=lambda gaussian: -float(gaussian["weight"]))
 
 
 def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
-    """Returns the boxes of an update, the largest first, so that those within others lie above them.
+    """Return the boxes of an update, the largest first, so that those within others lie above them.
 
     Projections of boxes say themselves which lies above.
     """
@@ -124,14 +124,14 @@ def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
 
 
 def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
-    """Returns the curriculum of one run, a row of `Frames.cells`."""
+    """Return the curriculum of one run, a row of `Frames.cells`."""
     check_kind("run", run, pd.Series, "a row of frames.cells")
     (found,) = curricula_of_runs(frames, [run])
     return found
 
 
 def curricula_of_runs(frames: Frames, runs: Sequence[pd.Series]) -> list[Curriculum]:
-    """Returns the curricula of several runs, rows of `Frames.cells`, which are read together."""
+    """Return the curricula of several runs, rows of `Frames.cells`, which are read together."""
     run_ids = [run["run_id"] for run in runs]
     episodes, probes, updates = (
         frames.of_runs(table, run_ids) for table in (Table.EPISODES, Table.CURRICULUM, Table.TEACHER_LOG)
@@ -158,7 +158,7 @@ class Axis(NamedTuple):
 
 
 def task_axes(cells: pd.DataFrame) -> tuple[Axis, ...]:
-    """Returns the dimensions that teachers choose from in the runs of `cells`; none where it is unknown."""
+    """Return the dimensions that teachers choose from in the runs of `cells`; none where it is unknown."""
     check_columns("cells", cells, ["spec"])
     for spec in cells["spec"].dropna():
         return tuple(_axis(dimension) for dimension in parsed(spec).get("task_space", []))

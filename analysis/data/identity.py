@@ -51,7 +51,7 @@ BEFORE_VERSIONS = "before 1"
 
 
 def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Returns the identity of each part of a run, by the column of `NAMED` that names it.
+    """Return the identity of each part of a run, by the column of `NAMED` that names it.
 
     Args:
         spec: specification of the run, JSON values; empty for a run without one.
@@ -72,7 +72,7 @@ def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tuple[str, ...]]:
-    """Returns the cells of one or several roots with names that mean one thing each, and the split names.
+    """Return the cells of one or several roots with names that mean one thing each, and the split names.
 
     Points of searches for hyper-parameters, which differ by design, keep their names.
 
@@ -103,7 +103,7 @@ def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tupl
 
 
 def experiments_apart(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Returns cells in which each experiment has runs of one budget, physics, threshold and test set.
+    """Return cells in which each experiment has runs of one budget, physics, threshold and test set.
 
     The runs of a place that differ from most get another name of their experiment, which says how.
 
@@ -132,13 +132,13 @@ def experiments_apart(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...
 
 
 def searches() -> list[Matrix]:
-    """Returns the matrices that search for hyper-parameters."""
+    """Return the matrices that search for hyper-parameters."""
     matrices = (matrix for experiment in EXPERIMENTS for matrix in experiment.matrices)
     return [matrix for matrix in matrices if matrix.teacher_grid or matrix.student_grid]
 
 
 def of_searches(experiments: pd.Series) -> pd.Series:
-    """Returns a mask of the `experiments` that are points of a search, by their names."""
+    """Return a mask of the `experiments` that are points of a search, by their names."""
     names = "|".join(matrix.name for matrix in searches())
     search = re.compile(rf"({names})(_\d+)?( \(.*\))?")
     found = {name: search.fullmatch(name) is not None for name in experiments.unique()}
@@ -146,7 +146,7 @@ def of_searches(experiments: pd.Series) -> pd.Series:
 
 
 def _of_part(spec: Mapping[str, Any], part: str, files: Mapping[str, str]) -> dict[str, Any]:
-    """Returns version, source and files of a part; nothing of a run that says nothing of itself."""
+    """Return version, source and files of a part; nothing of a run that says nothing of itself."""
     if not spec or part not in spec:
         return {}
     found: dict[str, Any] = {"algorithm_version": spec.get("algorithm_versions", {}).get(part)}
@@ -161,7 +161,7 @@ def _of_part(spec: Mapping[str, Any], part: str, files: Mapping[str, str]) -> di
 
 
 def _challenge(spec: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the identity of a challenge, with its resets as shares of the budget."""
+    """Return the identity of a challenge, with its resets as shares of the budget."""
     steps = spec.get("schedule", {}).get("steps") or 1
     space = {
         dimension["name"]: f"{dimension['low']:g}..{dimension['high']:g}"
@@ -182,7 +182,7 @@ def _with_plain_names(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
-    """Returns the scope of the name of each row, the name, and the settings that it means."""
+    """Return the scope of the name of each row, the name, and the settings that it means."""
     places = [*WITHIN, "environment"] if column == "challenge" else WITHIN
     codes, texts = pd.factorize(cells["identity"], use_na_sentinel=False)  # long, and few
     settings = [_settings(text, column) for text in texts]
@@ -191,7 +191,7 @@ def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
 
 
 def _names(of_runs: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
-    """Returns the new name of each variant but that of most runs, by `WITHIN`, old name and settings."""
+    """Return the new name of each variant but that of most runs, by `WITHIN`, old name and settings."""
     variants: dict[tuple[Any, ...], Counter[str]] = {}
     for *key, settings in of_runs:
         variants.setdefault(tuple(key), Counter())[settings] += 1
@@ -222,7 +222,7 @@ def _other_names(name: str, counts: Counter[str]) -> dict[str, str]:
 
 @cache
 def _settings(text: object, column: str) -> str:
-    """Returns the settings of one column of an identity, as JSON with sorted keys."""
+    """Return the settings of one column of an identity, as JSON with sorted keys."""
     if not isinstance(text, str):
         return "{}"
     return json.dumps(json.loads(text)[column], sort_keys=True)
@@ -245,7 +245,7 @@ SEED = re.compile(r'"seed": \d+, "student":')
 
 
 def parsed(text: object) -> dict[str, Any]:
-    """Returns the JSON object in `text`, or an empty one if it holds something else."""
+    """Return the JSON object in `text`, or an empty one if it holds something else."""
     try:
         return decode_json(text, dict[str, Any], "a spec") if isinstance(text, str) else {}
     except DamagedFileError:
@@ -253,12 +253,12 @@ def parsed(text: object) -> dict[str, Any]:
 
 
 def mastery_threshold(spec: object) -> float:
-    """Returns the episodic return over which tasks are mastered in a run with this `spec` (JSON)."""
+    """Return the episodic return over which tasks are mastered in a run with this `spec` (JSON)."""
     return float(parsed(spec).get("mastery_threshold", MASTERY_RETURN))
 
 
 def with_settings(runs: pd.DataFrame) -> pd.DataFrame:
-    """Adds what comparisons need of each run's spec: engine, mastery_threshold, settings and identity.
+    """Add what comparisons need of each run's spec: engine, mastery_threshold, settings and identity.
 
     A spec is long, and there are thousands: those that differ in their seed alone are parsed once.
     """
@@ -268,7 +268,7 @@ def with_settings(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def thresholds_of(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | float:
-    """Returns the threshold of each evaluation's run; one number where all have the same."""
+    """Return the threshold of each evaluation's run; one number where all have the same."""
     known = runs["mastery_threshold"].unique()
     if len(known) == 1:
         return float(known[0])

@@ -26,7 +26,7 @@ def is_baseline(teacher: str) -> bool:
 
 
 def baseline_rows(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns those of Random."""
+    """Return those of Random."""
     names = {teacher: is_baseline(teacher) for teacher in rows["teacher"].unique()}
     return rows[rows["teacher"].map(names).astype(bool)]
 
@@ -34,7 +34,7 @@ def baseline_rows(rows: pd.DataFrame) -> pd.DataFrame:
 def baseline_runs(
     group: pd.DataFrame, alike: pd.DataFrame, apart: Sequence[str] = ("expert_knowledge",)
 ) -> pd.DataFrame:
-    """Returns the runs of Random that the teachers of one comparison are tested against.
+    """Return the runs of Random that the teachers of one comparison are tested against.
 
     Random uses no expert knowledge, and whose campaign it ran in makes no difference. So where the comparison
     has none of its own, those of one other place are used: of the same experiment if it has any, and of the
@@ -74,7 +74,7 @@ PAPER_STEPS = 20_000_000
 
 
 def paper_frame() -> pd.DataFrame:
-    """Returns the paper's tables, one row per entry.
+    """Return the paper's tables, one row per entry.
 
     Returns:
         environment, challenge, expert_knowledge, embodiments and students (tuples of those pooled),
@@ -89,7 +89,7 @@ def paper_frame() -> pd.DataFrame:
 
 
 def published_frame(store: Store) -> pd.DataFrame:
-    """Returns published results that lie in a folder or object store, in the columns of `paper_frame`.
+    """Return published results that lie in a folder or object store, in the columns of `paper_frame`.
 
     Raises:
         FileNotFoundError: there are none.

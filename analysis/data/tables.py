@@ -14,7 +14,7 @@ MADE_BY = "a table, as from analysis.runs_after(frames)"
 
 
 def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
-    """Refuses what is not a table with these columns.
+    """Refuse what is not a table with these columns.
 
     Args:
         name: name of the argument.
@@ -33,7 +33,7 @@ def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
 
 
 def check_measure(name: str, table: object, measure: str, columns: Sequence[str]) -> None:
-    """Refuses what is not a table with `columns` and the numbers of a `measure`.
+    """Refuse what is not a table with `columns` and the numbers of a `measure`.
 
     Raises:
         TypeError: as of `check_columns`.
@@ -47,7 +47,7 @@ def check_measure(name: str, table: object, measure: str, columns: Sequence[str]
 
 
 def with_plain_texts(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns `frame` with its texts and categories as Python strings, missing ones as they are.
+    """Return `frame` with its texts and categories as Python strings, missing ones as they are.
 
     Names are few and short, and tables are grouped by a dozen of them again and again: pandas takes and
     groups Arrow's strings several times more slowly than objects, and merging unequal categories is fragile.
@@ -63,7 +63,7 @@ SHOWN_RUNS = 3
 
 
 def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
-    """Returns one row per run and evaluation: run_id, step, the measures, tasks, and not_finite.
+    """Return one row per run and evaluation: run_id, step, the measures, tasks, and not_finite.
 
     An evaluation that has any return that is NaN or infinite has no measures (NaN): mastered % is of all test
     tasks, and a missing return is neither a failure nor a success. not_finite is the number of such returns.
@@ -97,7 +97,7 @@ def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
 
 
 def evaluation_warnings(measured: pd.DataFrame) -> list[str]:
-    """Returns a sentence on the returns that are NaN or infinite, with their number and whose they are.
+    """Return a sentence on the returns that are NaN or infinite, with their number and whose they are.
 
     Args:
         measured: rows of `evaluation_measures`.
@@ -112,7 +112,7 @@ def evaluation_warnings(measured: pd.DataFrame) -> list[str]:
 
 
 def training_warnings(training: pd.DataFrame) -> list[str]:
-    """Returns a sentence on the windows of training whose mean return is NaN or infinite.
+    """Return a sentence on the windows of training whose mean return is NaN or infinite.
 
     Args:
         training: run_id, episodes and mean_return of each window.

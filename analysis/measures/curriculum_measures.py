@@ -23,7 +23,7 @@ GRID_DIMENSIONS = 3
 
 
 def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tuple[float, float]:
-    """Returns the share of occupied cells of a grid, and the normalised entropy of the tasks over it.
+    """Return the share of occupied cells of a grid, and the normalised entropy of the tasks over it.
 
     Dimensions without width are left out. With more than `GRID_DIMENSIONS` others, both numbers are
     means over the grids of the single dimensions, which do not see how dimensions depend on each other.
@@ -58,7 +58,7 @@ def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tup
 def curriculum_measures(
     frames: Frames, run_ids: Iterable[str], at: int | None = None, bins: int = BINS
 ) -> pd.DataFrame:
-    """Returns coverage and entropy of all probed tasks of a run: run_id, tasks, coverage, entropy.
+    """Return coverage and entropy of all probed tasks of a run: run_id, tasks, coverage, entropy.
 
     Probed tasks are what a teacher would teach, without its exploration. The table of them is long: ask
     for the runs that are needed.
@@ -82,7 +82,7 @@ def curriculum_measures(
 
 
 def curriculum_curves(frames: Frames, run_ids: Iterable[str], bins: int = BINS) -> pd.DataFrame:
-    """Returns coverage and entropy of each probe: run_id, step, tasks, coverage, entropy.
+    """Return coverage and entropy of each probe: run_id, step, tasks, coverage, entropy.
 
     Args:
         frames: results with the probed tasks.
@@ -104,7 +104,7 @@ def _check_bins(bins: int) -> None:
 
 
 def _probes(frames: Frames, run_ids: Iterable[str]) -> Iterator[tuple[str, TaskSpace | None, pd.DataFrame]]:
-    """Yields each run with its task space, None where its spec names none, and its probed tasks."""
+    """Yield each run with its task space, None where its spec names none, and its probed tasks."""
     check_kind("frames", frames, Frames, "what analysis.load returns")
     check_names("run_ids", run_ids)
     specs = frames.cells.drop_duplicates("run_id").set_index("run_id")["spec"]
@@ -121,7 +121,7 @@ def _measured(probes: pd.DataFrame, space: TaskSpace | None, bins: int) -> tuple
 
 
 def _occupation(cells: NDArray[np.intp], count: int) -> tuple[float, float]:
-    """Returns coverage and normalised entropy of tasks in `cells` (n,), of `count` there are."""
+    """Return coverage and normalised entropy of tasks in `cells` (n,), of `count` there are."""
     from scipy import stats
 
     _, sizes = np.unique(cells, return_counts=True)

@@ -30,7 +30,7 @@ EPISODE_COLUMN = {"episodic_return": "training_return"}
 
 @computed_once
 def training_curves(frames: Frames) -> pd.DataFrame:
-    """Returns `GROUP`, run_id, step, training_return and smoothed of every run that did not fail.
+    """Return `GROUP`, run_id, step, training_return and smoothed of every run that did not fail.
 
     From the training windows where a comparison has enough of them; else from the episodes, as the
     mean of the latest `RECENT` at `CURVE_POINTS` steps.
@@ -47,7 +47,7 @@ def training_curves(frames: Frames) -> pd.DataFrame:
 
 
 def training_quarters(frames: Frames) -> pd.DataFrame:
-    """Returns run_id and the mean training return in the first and the last quarter of each run's steps."""
+    """Return run_id and the mean training return in the first and the last quarter of each run's steps."""
     windows, short = _windows(frames)
     episodes = frames.episode_returns(short["run_id"].unique().tolist()).astype({"run_id": object})
     rows = pd.concat(
@@ -66,7 +66,7 @@ NEARLY_ALL = 99.0
 
 @computed_once
 def trained_steps(frames: Frames) -> pd.DataFrame:
-    """Returns run_id, step, trained_steps and trained_percent (of step) at the end of each training window.
+    """Return run_id, step, trained_steps and trained_percent (of step) at the end of each training window.
 
     Episodes that only score tasks, or try them, spend steps from which the student does not learn. An episode
     counts to the window in which it ends.
@@ -79,7 +79,7 @@ def trained_steps(frames: Frames) -> pd.DataFrame:
 
 
 def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Returns the training windows of comparisons that have enough, and the cells of those that have not."""
+    """Return the training windows of comparisons that have enough, and the cells of those that have not."""
     alive = unfailed(frames.cells)
     windows = frames.training_returns[["run_id", "step", "mean_return"]].astype({"run_id": object})
     windows = windows[np.isfinite(windows["mean_return"].astype(float))]
@@ -91,7 +91,7 @@ def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def _recent_returns(episodes: pd.DataFrame) -> pd.DataFrame:
-    """Returns run_id, step and training_return of one run, from its first episode on."""
+    """Return run_id, step and training_return of one run, from its first episode on."""
     means = episodes["episodic_return"].rolling(RECENT, min_periods=1).mean().to_numpy()
     ends = episodes["step"].to_numpy()
     # The budget of a finished run ends inside an episode: its latest ones stand until then.
@@ -112,7 +112,7 @@ MEASURED = ["mastered_area", "last_three", "mastered_percent", "evaluation_retur
 
 @computed_once
 def measured_so_far(frames: Frames) -> pd.DataFrame:
-    """Returns run_id, step and `MEASURED` of each evaluation, as if the run had ended there.
+    """Return run_id, step and `MEASURED` of each evaluation, as if the run had ended there.
 
     Evaluations with returns that are not finite are left out. last_three is the mean of mastered % at the
     last three evaluations, of all if there are fewer; that of the untrained student, at step 0, counts only
@@ -135,7 +135,7 @@ def measured_so_far(frames: Frames) -> pd.DataFrame:
 
 
 def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
-    """Returns mastered_area over the budget of runs whose last value holds until its end.
+    """Return mastered_area over the budget of runs whose last value holds until its end.
 
     Args:
         budget: steps of each run.
@@ -147,7 +147,7 @@ def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
 
 @computed_once
 def final_evaluations(frames: Frames) -> pd.DataFrame:
-    """Returns the evaluation at which each run is read, with its measures.
+    """Return the evaluation at which each run is read, with its measures.
 
     The columns are `GROUP`, `CONDITIONS`, seed, run_id, status, step, provisional, `MEASURED` and the
     training return in the first and the last quarter. A finished run is read at its last evaluation. A group
@@ -175,7 +175,7 @@ def final_evaluations(frames: Frames) -> pd.DataFrame:
 
 @computed_once
 def evaluation_curves(frames: Frames) -> pd.DataFrame:
-    """Returns one row per run and evaluation with `GROUP` and `MEASURED`, of every run that did not fail.
+    """Return one row per run and evaluation with `GROUP` and `MEASURED`, of every run that did not fail.
 
     Evaluations with returns that are not finite are left out.
     """
@@ -184,7 +184,7 @@ def evaluation_curves(frames: Frames) -> pd.DataFrame:
 
 @computed_once
 def ceilings(frames: Frames) -> pd.DataFrame:
-    """Returns the share of each test set that any run ever masters, one row each.
+    """Return the share of each test set that any run ever masters, one row each.
 
     Tasks that no run ever masters are beyond this student and budget: they bound the results of all teachers.
 
@@ -207,14 +207,14 @@ def ceilings(frames: Frames) -> pd.DataFrame:
 
 
 def ceiling_percent(frames: Frames, environment: str) -> float | None:
-    """Returns the test tasks that any run ever masters in an environment, in %; None of several test sets."""
+    """Return the test tasks that any run ever masters in an environment, in %; None of several test sets."""
     found = ceilings(frames)
     found = found[found["environment"] == environment]
     return float(100 * found["ever"].iloc[0] / found["tasks"].iloc[0]) if len(found) == 1 else None
 
 
 def ceilings_in_words(frames: Frames) -> list[str]:
-    """Returns a sentence for each row of `ceilings`."""
+    """Return a sentence for each row of `ceilings`."""
     return [
         f"Ceiling: of the {row['tasks']} tasks of test set {row['test_set']} {row['ever']} are mastered by "
         f"any run at any evaluation, {row['last']} at the last one; the best evaluation of a run masters "
@@ -224,7 +224,7 @@ def ceilings_in_words(frames: Frames) -> list[str]:
 
 
 def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd.DataFrame:
-    """Returns `by`, step, n, mean, std and standard_error of `value` over the runs of a group."""
+    """Return `by`, step, n, mean, std and standard_error of `value` over the runs of a group."""
     check_measure("curves", curves, value, [*by, "step"])
     grouped = curves.groupby([*by, "step"], sort=True)[value]
     table = grouped.agg(n="count", mean="mean", std="std").reset_index()
@@ -232,7 +232,7 @@ def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd
 
 
 def mastered_tasks(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
-    """Returns `GROUP`, test_set, task_index, n and share: seeds that master each test task.
+    """Return `GROUP`, test_set, task_index, n and share: seeds that master each test task.
 
     Args:
         frames: results with the evaluations.
@@ -249,7 +249,7 @@ def mastered_tasks(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
 
 
 def summarise(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
-    """Returns one row per group: counts of runs by status, and mean and std of every measure."""
+    """Return one row per group: counts of runs by status, and mean and std of every measure."""
     rows, by_group = [], dict(list(finals.groupby(GROUP))) if len(finals) else {}
     for key, seeds in frames.cells.groupby(GROUP, sort=True):
         mine = by_group.get(key, finals.head(0))
@@ -268,7 +268,7 @@ POINTS = ["searched", "experiment", "point", "chosen", "n", "mean", "std"]
 
 
 def search_results(frames: Frames) -> pd.DataFrame:
-    """Returns one row for each point of a grid that has results.
+    """Return one row for each point of a grid that has results.
 
     Returns:
         searched (teacher, or student where students are searched), experiment, point (the
@@ -295,7 +295,7 @@ def search_results(frames: Frames) -> pd.DataFrame:
 
 
 def _grid(matrix: Matrix) -> tuple[Grid, str]:
-    """Returns the grid of `matrix`, and whether it is of the teacher or of the student."""
+    """Return the grid of `matrix`, and whether it is of the teacher or of the student."""
     if matrix.teacher_grid:
         return matrix.teacher_grid, "teacher"
     assert matrix.student_grid is not None

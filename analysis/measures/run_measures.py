@@ -23,7 +23,7 @@ SHARES = (0.5, 0.9)
 
 
 def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
-    """Returns the columns of `run_measures` that are measures, in order."""
+    """Return the columns of `run_measures` that are measures, in order."""
     return [
         *MEASURED,
         *map(steps_to, shares),
@@ -33,7 +33,7 @@ def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
 
 
 def steps_to(share: float) -> str:
-    """Returns the name of the column that says when `share` of the final mastered % was reached."""
+    """Return the name of the column that says when `share` of the final mastered % was reached."""
     return f"steps_to_{round(100 * share)}_percent"
 
 
@@ -46,7 +46,7 @@ def run_measures(
     *,
     training: bool = True,
 ) -> pd.DataFrame:
-    """Returns one row per run, with what it came to at the end of its budget.
+    """Return one row per run, with what it came to at the end of its budget.
 
     Args:
         frames: results with runs, evaluations and training windows.
@@ -93,7 +93,7 @@ def run_measures(
 
 @computed_once
 def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
-    """Returns the measures of every run at each of `steps`, of runs that got there and did not fail.
+    """Return the measures of every run at each of `steps`, of runs that got there and did not fail.
 
     Returns:
         step (the one asked for), run_id, evaluated_at (step of the last evaluation at or before it), and
@@ -115,7 +115,7 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
 
 
 def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
-    """Returns the mean return of recent training episodes of every run at each of `steps`.
+    """Return the mean return of recent training episodes of every run at each of `steps`.
 
     Of runs that got there and did not fail: the last value of `measures.training_curves` at or before it.
 
@@ -137,7 +137,7 @@ def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
 
 
 def every(frames: Frames, interval: int) -> list[int]:
-    """Returns the multiples of `interval` up to the last evaluation of any run, 0 left out.
+    """Return the multiples of `interval` up to the last evaluation of any run, 0 left out.
 
     Raises:
         ValueError: `interval` is under 1.
@@ -149,7 +149,7 @@ def every(frames: Frames, interval: int) -> list[int]:
 
 
 def _until(frames: Frames, rows: pd.DataFrame, *, cut: bool) -> pd.DataFrame:
-    """Returns the evaluations, `cut` at the steps at which runs are measured."""
+    """Return the evaluations, `cut` at the steps at which runs are measured."""
     evaluations = frames.evaluations
     if not cut:
         return evaluations
@@ -164,13 +164,13 @@ def _check(at: int | None, shares: Sequence[float], share: float) -> None:
 
 
 def _reached(frames: Frames, curves: pd.DataFrame) -> pd.Series:
-    """Returns the step of the last evaluation of each run, by run_id; NaN for a run without."""
+    """Return the step of the last evaluation of each run, by run_id; NaN for a run without."""
     runs = sorted(frames.cells["run_id"].unique())
     return curves.groupby("run_id")["step"].max().reindex(runs).astype(float)
 
 
 def _standing(frames: Frames, at: int | None, reached: pd.Series, share: float = 1.0) -> pd.DataFrame:
-    """Returns by run_id the steps at which it is measured, and why it cannot be."""
+    """Return by run_id the steps at which it is measured, and why it cannot be."""
     runs = frames.cells.drop_duplicates("run_id").set_index("run_id").sort_index()
     status, budget = runs["status"], runs["steps"].astype(float)
     steps = np.floor(share * budget) if at is None else pd.Series(float(at), index=runs.index)
@@ -184,7 +184,7 @@ def _standing(frames: Frames, at: int | None, reached: pd.Series, share: float =
 
 
 def _steps_to(curves: pd.DataFrame, shares: Sequence[float]) -> pd.DataFrame:
-    """Returns `steps_to` of each share, by run_id."""
+    """Return `steps_to` of each share, by run_id."""
     found: dict[str, list[float]] = {}
     run_ids, steps = curves["run_id"].to_numpy(object), curves["step"].to_numpy(float)
     mastered = curves["mastered_percent"].to_numpy(float)
@@ -203,7 +203,7 @@ def _first_reaching(steps: NDArray[np.float64], mastered: NDArray[np.float64], s
 
 
 def _forgotten(evaluations: pd.DataFrame, measured: pd.DataFrame) -> pd.Series:
-    """Returns the % of test tasks once mastered and not at the last evaluation, by run_id."""
+    """Return the % of test tasks once mastered and not at the last evaluation, by run_id."""
     mastered = evaluations.loc[evaluations["mastered"], ["run_id", "task_index", "step"]]
     broken = measured.loc[measured["not_finite"] > 0, ["run_id", "step"]]
     if len(broken):
@@ -220,7 +220,7 @@ def _forgotten(evaluations: pd.DataFrame, measured: pd.DataFrame) -> pd.Series:
 
 
 def _training_return(frames: Frames, rows: pd.DataFrame) -> pd.Series:
-    """Returns the mean return of the training episodes of each run, by run_id."""
+    """Return the mean return of the training episodes of each run, by run_id."""
     windows = frames.training_returns.dropna()
     windows = windows[np.isfinite(windows["mean_return"].astype(float))]
     windows = windows[windows["step"] <= windows["run_id"].map(rows["steps"]).astype(float)]

@@ -33,7 +33,7 @@ QUANTITIES = {
 
 
 def scale_of(measure: str) -> Scale:
-    """Returns the scale on which means of a measure are tested.
+    """Return the scale on which means of a measure are tested.
 
     The spread of an area grows with its mean, and does not on the arcsine scale; that of single evaluations
     does not grow, so that they are tested in per cent (`docs/statistics.md`).
@@ -42,7 +42,7 @@ def scale_of(measure: str) -> Scale:
 
 
 def how_tested(measure: str, family: str) -> str:
-    """Returns the scale of the tests of a measure and the family of their correction, in a sentence.
+    """Return the scale of the tests of a measure and the family of their correction, in a sentence.
 
     Args:
         measure: column, of `MEASURES`.
@@ -67,7 +67,7 @@ Seeds: TypeAlias = Mapping[Hashable, Hashable]
 
 
 def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
-    """Returns the seeds of the runs that are to be paired by them.
+    """Return the seeds of the runs that are to be paired by them.
 
     Args:
         tables: with engine, seed and run_id.
@@ -82,7 +82,7 @@ def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
 def compared(
     sample: pd.Series, reference: pd.Series, seeds: Seeds, scale: Scale = Scale.PERCENT
 ) -> Comparison:
-    """Compares the means of two samples, by pairs if all of their runs are in `seeds`, else by Welch's test.
+    """Compare the means of two samples, by pairs if all of their runs are in `seeds`, else by Welch's test.
 
     Args:
         sample: one value a run, indexed by run id.
@@ -104,7 +104,7 @@ def compared_over_strata(
     seeds: Seeds,
     scale: Scale = Scale.PERCENT,
 ) -> Comparison:
-    """Compares the means of two groups over strata, as `compared` does; arguments as of `stratified`."""
+    """Compare the means of two groups over strata, as `compared` does; arguments as of `stratified`."""
     if scale is not Scale.PERCENT:
         scaled = [(scale.of(first), scale.of(second)) for first, second in pairs]
         return tested_on(
@@ -116,7 +116,7 @@ def compared_over_strata(
 
 
 def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], seeds: Seeds) -> Comparison:
-    """Returns the weighted mean of the strata's means, and its interval, as the difference from 0.
+    """Return the weighted mean of the strata's means, and its interval, as the difference from 0.
 
     Args:
         samples: one per stratum, one value a run, indexed by run id.
@@ -131,7 +131,7 @@ def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], see
 
 
 def in_common(first: pd.Series, second: pd.Series, seeds: Seeds) -> tuple[pd.Series, pd.Series]:
-    """Returns the values of both samples whose seeds both have, if they are paired; else all of them."""
+    """Return the values of both samples whose seeds both have, if they are paired; else all of them."""
     if not are_paired([first, second], seeds):
         return first, second
     mine, theirs = (sample.index.map(seeds) for sample in (first, second))

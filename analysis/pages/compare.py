@@ -89,7 +89,7 @@ class Place:
 def places(
     runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, measure: str = HEADLINE
 ) -> Iterator[Place]:
-    """Yields each place with its ranking and charts.
+    """Yield each place with its ranking and charts.
 
     Args:
         runs: runs of `sides.together`, at their ends.
@@ -120,7 +120,7 @@ def places(
 
 
 def places_chart(found: list[Place], measure: str = HEADLINE) -> Iterator[PageChart]:
-    """Yields the chart of all places at once, if there are several."""
+    """Yield the chart of all places at once, if there are several."""
     if len(found) > 1:
         points = pd.concat([place.points for place in found], ignore_index=True)
         titles = {place.anchor: place.title for place in found}
@@ -138,7 +138,7 @@ def _at(frame: pd.DataFrame, place: dict[str, Any]) -> pd.DataFrame:
 
 
 def _points(ends: pd.DataFrame, along: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Returns teacher, seed, step (or `END`) and value of every run that was evaluated."""
+    """Return teacher, seed, step (or `END`) and value of every run that was evaluated."""
     curves = along[along["step"].notna()].astype({"step": int}).astype({"step": object})
     parts = [
         rows[["teacher", "seed", "step", measure]].rename(columns={measure: "value"})
@@ -162,7 +162,7 @@ def _charts(anchor: str, points: pd.DataFrame, along: pd.DataFrame, measure: str
 
 
 def _step_rows(along: pd.DataFrame, measure: str) -> dict[str, dict[str, dict[str, str]]]:
-    """Returns runs and mastered tasks of every teacher at every evaluation, as text."""
+    """Return runs and mastered tasks of every teacher at every evaluation, as text."""
     found: dict[str, dict[str, dict[str, str]]] = {}
     known = along[along["step"].notna() & along[measure].notna()]
     for _, rows in known.groupby(["step", "teacher"], sort=True):
@@ -212,7 +212,7 @@ def write_comparison(
     tell: Callable[[str], object] | None = None,
     measure: str = HEADLINE,
 ) -> Path:
-    """Writes a page that compares the results of a root with baselines; returns its ``index.html``.
+    """Write a page that compares the results of a root with baselines; return its ``index.html``.
 
     Args:
         sources: results of one's own, finished or not: one root or several.
@@ -237,7 +237,7 @@ def write_comparison(
 def _render(
     frames: Frames, baselines: Sequence[str], tell: Callable[[str], object] | None, measure: str
 ) -> tuple[str, list[Picture]]:
-    """Returns the page, and the figures on it."""
+    """Return the page, and the figures on it."""
     mine, others, split = named_jointly(side_of(frames, "yours"), [baseline_side(name) for name in baselines])
     runs, curves = together(mine, others), together(mine, others, along=True)
     teachers = new_teachers(mine)
@@ -283,7 +283,7 @@ def _render(
 
 
 def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
-    """Returns the ranks of each level and budget on as many challenges, by conditions and challenges."""
+    """Return the ranks of each level and budget on as many challenges, by conditions and challenges."""
     found: dict[str, list[Rank]] = {}
     for rank in ranked:
         if rank.of > 1:
@@ -295,12 +295,12 @@ def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
 
 
 def _folder_name(baselines: Sequence[str]) -> str:
-    """Returns the name of the folder of a page, so that no page replaces that of other baselines."""
+    """Return the name of the folder of a page, so that no page replaces that of other baselines."""
     return "+".join(re.sub(r"[^\w.-]+", "_", str(name)).strip("_.") or "_" for name in baselines)
 
 
 def _hours(frames: Frames, others: Sequence[Side]) -> pd.Series:
-    """Returns the hours of all runs by id."""
+    """Return the hours of all runs by id."""
     known = [frames, *(side.frames for side in others if side.frames is not None)]
     hours: pd.Series = pd.concat([each.run_hours for each in known])
     return hours[~hours.index.duplicated()]
@@ -320,7 +320,7 @@ def _tell(standings: Sequence[str], tell: Callable[[str], object] | None) -> Non
 
 
 def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
-    """Yields the radar of comparable results, and one of each published table."""
+    """Yield the radar of comparable results, and one of each published table."""
     kinds = [*SETTINGS, "students"]
     students = runs["pool"].map(lambda pool: ", ".join(sorted({student for _, student in parts_of(pool)})))
     for place, (_, group) in enumerate(runs.assign(students=students).groupby(kinds, dropna=False), start=1):
@@ -335,7 +335,7 @@ def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
 
 
 def _tables(runs: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Yields the paper's tables of comparable results, as text by row and column."""
+    """Yield the paper's tables of comparable results, as text by row and column."""
     for _, alike in runs.groupby(SETTINGS, dropna=False):
         for _, matrices, chosen in by_students(alike):
             both = pd.concat([pooled(chosen), pooled(chosen, by=["embodiment"])], ignore_index=True)

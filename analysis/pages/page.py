@@ -27,13 +27,13 @@ from tma_ray.commands.texts import visible
 
 
 def page(template: str, **content: Any) -> str:
-    """Returns the page that `template`, of the folder of templates, makes of `content`."""
+    """Return the page that `template`, of the folder of templates, makes of `content`."""
     return _environment().get_template(template).render(**content)
 
 
 @cache
 def _environment() -> Environment:
-    """Returns the environment of templates, which compiles each once."""
+    """Return the environment of templates, which compiles each once."""
     environment = Environment(
         loader=PackageLoader("analysis.pages.page"),
         autoescape=True,
@@ -48,7 +48,7 @@ def _environment() -> Environment:
 
 
 def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> Path:
-    """Returns the folder that a page about `root` is written to: `output`, or `name` in `root`.
+    """Return the folder that a page about `root` is written to: `output`, or `name` in `root`.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
@@ -74,7 +74,7 @@ def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> 
 
 
 def write_page(folder: Path, text: str, beside: Mapping[str, bytes]) -> Path:
-    """Writes a page as ``index.html`` of a folder, with other files by name; returns the page."""
+    """Write a page as ``index.html`` of a folder, with other files by name; return the page."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in beside.items():
         (folder / name).write_bytes(content)
@@ -146,7 +146,7 @@ class Controls:
 def controls(
     comparisons: pd.DataFrame, teachers: Iterable[str], steps: Iterable[int], shown: Collection[str]
 ) -> Controls:
-    """Returns the controls of a page.
+    """Return the controls of a page.
 
     Args:
         comparisons: one row each, with some of the columns of `FILTERS`.
@@ -203,7 +203,7 @@ SHOWN = 8
 def leading(
     results: pd.DataFrame, measure: str, teachers: Iterable[object], within: Sequence[str] = ()
 ) -> frozenset[str]:
-    """Returns the teachers that a page shows at first: all, or of many Random and the best.
+    """Return the teachers that a page shows at first: all, or of many Random and the best.
 
     The best are those with the highest mean of a measure over the challenges that each has results of, and
     the best one of each comparison that would otherwise be empty.
@@ -254,7 +254,7 @@ class Overall:
 
 
 def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> Overall:
-    """Returns the section on all runs that count as results, of `pooling.pool_runs`."""
+    """Return the section on all runs that count as results, of `pooling.pool_runs`."""
     over = " / ".join(map(str, THRESHOLDS))
     return Overall(
         overall_rows(runs, measure),

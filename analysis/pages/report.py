@@ -32,13 +32,13 @@ from tma_ray.tasks import MASTERY_RETURN
 
 
 def counts_of(cells: pd.DataFrame) -> dict[str, int]:
-    """Returns the number of runs, in all and in each state."""
+    """Return the number of runs, in all and in each state."""
     runs = cells.drop_duplicates("run_id")["status"].value_counts()
     return {"runs": int(runs.sum())} | {status: int(runs.get(status, 0)) for status in STATUSES}
 
 
 def what_ran(cells: pd.DataFrame) -> str:
-    """Returns the extent of a campaign: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
+    """Return the extent of a campaign: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
     teachers = [label(teacher) for teacher in sorted(cells["teacher"].unique(), key=teacher_order)]
     named = " and ".join(teachers) if len(teachers) < 3 else f"{len(teachers)} teachers"
     parts = [named]
@@ -51,7 +51,7 @@ def what_ran(cells: pd.DataFrame) -> str:
 
 
 def unfinished(frames: Frames) -> dict[str, list[dict[str, Any]]]:
-    """Returns the failed and the running runs with their progress and errors."""
+    """Return the failed and the running runs with their progress and errors."""
     reached = frames.evaluations.groupby("run_id", observed=True)["step"].max().rename("reached")
     runs = frames.cells.drop_duplicates("run_id").merge(
         reached.rename_axis("run_id").reset_index().astype({"run_id": object}), how="left", on="run_id"
@@ -80,7 +80,7 @@ def _described(run: pd.Series) -> dict[str, Any]:
 
 
 def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
-    """Returns machines and versions of the runs, one entry per distinct fingerprint."""
+    """Return machines and versions of the runs, one entry per distinct fingerprint."""
     found = []
     for fingerprint, rows in attempts.astype({"fingerprint": object, "host": object}).groupby("fingerprint"):
         content = parsed(fingerprint) or {"fingerprint": fingerprint}
@@ -97,7 +97,7 @@ def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
-    """Returns the settings that runs were made with, one entry for each that differs."""
+    """Return the settings that runs were made with, one entry for each that differs."""
     columns = ["engine", "environment", "physics_version", "test_set", "mastery_threshold", "steps"]
     found = []
     for _, rows in cells.dropna(subset=["steps"]).groupby(columns, dropna=False, sort=True):
@@ -132,7 +132,7 @@ class Download:
 
 
 def downloads(frames: Frames, measured: Measured) -> list[Download]:
-    """Returns the tables of a report, in order."""
+    """Return the tables of a report, in order."""
     curves = [
         aggregate(table, value).assign(measure=value)
         for table, value in (
@@ -164,7 +164,7 @@ def downloads(frames: Frames, measured: Measured) -> list[Download]:
 def write_report(
     sources: Sources, output: Path | None = None, videos: Sequence[Video] = (), reload: int = 0
 ) -> Path:
-    """Writes the report of a root, finished or not, with its tables.
+    """Write the report of a root, finished or not, with its tables.
 
     Args:
         sources: results roots and baselines with runs: folders, addresses, names.
@@ -192,7 +192,7 @@ def write_report(
 
 
 def report_folder(sources: Sources, output: Path | None) -> Path:
-    """Returns the folder that a report of `sources` is written to.
+    """Return the folder that a report of `sources` is written to.
 
     Raises:
         ValueError: an object store and no `output`.

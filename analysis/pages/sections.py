@@ -42,7 +42,7 @@ from analysis.statistics import describe
 
 
 def curve_caption(value: str, table: pd.DataFrame) -> str:
-    """Returns the caption of learning curves of `value`, a column of `table`."""
+    """Return the caption of learning curves of `value`, a column of `table`."""
     text = f"Lines are means over seeds, bands ± one standard error of the mean; {counts(table)}."
     if (table["status"] == "running").any():
         text += " Where some runs have yet to arrive, n is smaller."
@@ -54,7 +54,7 @@ def curve_caption(value: str, table: pd.DataFrame) -> str:
 
 
 def counts(rows: pd.DataFrame) -> str:
-    """Returns the number of runs of each teacher: ``n = 4 seeds``, or one number per teacher."""
+    """Return the number of runs of each teacher: ``n = 4 seeds``, or one number per teacher."""
     counts = rows.groupby("teacher")["run_id"].nunique()
     usual = int(counts.mode().iloc[-1])
     text = f"n = {usual} seed{'s' if usual > 1 else ''}" + (" per teacher" if len(counts) > 1 else "")
@@ -65,13 +65,13 @@ def counts(rows: pd.DataFrame) -> str:
 
 
 def thresholds(cells: pd.DataFrame) -> str:
-    """Returns the episodic return over which tasks are mastered, or all of them: ``230``."""
+    """Return the episodic return over which tasks are mastered, or all of them: ``230``."""
     found = sorted(cells["mastery_threshold"].dropna().unique())
     return " or ".join(map(threshold, found))
 
 
 def threshold(value: float) -> str:
-    """Returns one such return, without decimals where it has none."""
+    """Return one such return, without decimals where it has none."""
     return number(value, 0 if value == round(value) else 2)
 
 
@@ -87,7 +87,7 @@ LARGEST = 20
 
 
 def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Chart]:
-    """Yields learning curves, and every seed at any step; the ceiling is that of mastered tasks, in %."""
+    """Yield learning curves, and every seed at any step; the ceiling is that of mastered tasks, in %."""
     for value, quantity, title in CURVES:
         table = mine.training if value == "training_return" else mine.evaluations
         if len(table):
@@ -101,7 +101,7 @@ def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Ch
 
 
 def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart]:
-    """Yields learning curves against the steps that trained, if the student of a teacher has others, too."""
+    """Yield learning curves against the steps that trained, if the student of a teacher has others, too."""
     trained = trained_steps(frames)
     trained = trained[trained["run_id"].isin(mine.evaluations["run_id"])]
     teachers = trained["run_id"].map(
@@ -134,7 +134,7 @@ def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart
 
 
 def points_of(mine: Measured, column: str) -> pd.DataFrame:
-    """Returns teacher, seed, step (or `END`) and value of every run, at every evaluation and at its end."""
+    """Return teacher, seed, step (or `END`) and value of every run, at every evaluation and at its end."""
     columns = ["teacher", "seed", "step", column]
     along = mine.evaluations[columns].astype({"step": object})
     ends = mine.finals[columns].assign(step=END)
@@ -144,7 +144,7 @@ def points_of(mine: Measured, column: str) -> pd.DataFrame:
 def panels_of(
     frames: Frames, mine: Measured, curricula: Mapping[str, Curriculum], anchor: str
 ) -> Iterator[Chart]:
-    """Yields charts of mastered test tasks, training tasks, probed tasks and teachers' logs."""
+    """Yield charts of mastered test tasks, training tasks, probed tasks and teachers' logs."""
     if mine.finals.empty:
         return
     axes, which = task_axes(mine.cells), which_runs(curricula)
@@ -176,7 +176,7 @@ def panels_of(
 
 
 def pictures_of(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str) -> Iterator[Picture]:
-    """Yields the curricula dimension by dimension, where the task space is not a plane."""
+    """Yield the curricula dimension by dimension, where the task space is not a plane."""
     axes = task_axes(mine.cells)
     varied = sum(axis.low < axis.high for axis in axes)
     probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}
@@ -197,7 +197,7 @@ def pictures_of(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str
 
 
 def _shares(frames: Frames, mine: Measured) -> pd.DataFrame:
-    """Returns teacher, step (or `END`), test_set, task_index, n and share of seeds that master the task."""
+    """Return teacher, step (or `END`), test_set, task_index, n and share of seeds that master the task."""
     runs = mine.evaluations[["run_id", "step", "teacher"]].drop_duplicates()
     rows = frames.evaluations_of(runs["run_id"].unique())
     rows = rows.astype({"run_id": object, "test_set": object}).merge(runs, on=["run_id", "step"])
@@ -211,7 +211,7 @@ NONE = {"difference": "", "p": ""}
 
 
 def end_rows(mine: Measured) -> list[dict[str, Any]]:
-    """Returns the rows of the table at the ends of runs, Random first."""
+    """Return the rows of the table at the ends of runs, Random first."""
     tests = mine.tests[mine.tests["measure"] == HEADLINE]
     rows = []
     for teacher in sorted(mine.summary["teacher"], key=teacher_order):
@@ -225,7 +225,7 @@ def end_rows(mine: Measured) -> list[dict[str, Any]]:
 
 
 def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[str, str]]]:
-    """Returns the rows at every evaluation, as text by step, teacher and column.
+    """Return the rows at every evaluation, as text by step, teacher and column.
 
     Args:
         mine: measures of the comparison.
@@ -315,7 +315,7 @@ class Section:
 
 
 def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iterator[Section]:
-    """Yields a section for each comparison of the root, in a fixed order.
+    """Yield a section for each comparison of the root, in a fixed order.
 
     Args:
         frames: results of the root.
@@ -344,14 +344,14 @@ def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iter
 
 
 def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
-    """Yields the anchor, title and part of each comparison of the root, in a fixed order."""
+    """Yield the anchor, title and part of each comparison of the root, in a fixed order."""
     several = {name: measured.cells[name].nunique() > 1 for name in ("experiment", "engine")}
     for count, mine in enumerate(measured.comparisons, start=1):
         yield f"comparison-{count}", _title(mine.cells.iloc[0], several), mine
 
 
 def _title(comparison: pd.Series, several: dict[str, bool]) -> str:
-    """Returns the title of a comparison."""
+    """Return the title of a comparison."""
     name = comparison["challenge"]
     challenge = challenge_title(comparison["environment"], name, name)
     parts = [
@@ -369,7 +369,7 @@ def _title(comparison: pd.Series, several: dict[str, bool]) -> str:
 
 
 def overview(measured: Measured) -> Iterator[PageChart]:
-    """Yields the chart of a root with several comparisons, if any run was evaluated."""
+    """Yield the chart of a root with several comparisons, if any run was evaluated."""
     found = list(titled(measured))
     if len(found) < 2 or measured.finals.empty:
         return
@@ -385,7 +385,7 @@ def overview(measured: Measured) -> Iterator[PageChart]:
 
 
 def distinct(titles: Sequence[str]) -> list[str]:
-    """Returns titles without the parts, between commas, that all of them share."""
+    """Return titles without the parts, between commas, that all of them share."""
     parts = [title.split(", ") for title in titles]
     shared = set.intersection(*map(set, parts)) if parts else set()
     return [", ".join(part for part in each if part not in shared) or ", ".join(each) for each in parts]

@@ -79,7 +79,7 @@ class Video:
 
 
 def wanted_videos(frames: Frames, measured: Measured) -> Iterator[WantedVideo]:
-    """Yields the best and the worst finished seed of every teacher, by mastered tasks.
+    """Yield the best and the worst finished seed of every teacher, by mastered tasks.
 
     All policies of a comparison play the same test task: the one on which the returns of its runs differ
     most, since there a viewer sees what tells them apart.
@@ -100,7 +100,7 @@ def wanted_videos(frames: Frames, measured: Measured) -> Iterator[WantedVideo]:
 
 
 def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
-    """Returns the videos of each section by its anchor."""
+    """Return the videos of each section by its anchor."""
     found: dict[str, list[Video]] = {}
     for video in videos:
         found.setdefault(video.wanted.comparison, []).append(video)
@@ -108,7 +108,7 @@ def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
 
 
 def _telling_task(frames: Frames, finals: pd.DataFrame) -> tuple[str, int] | None:
-    """Returns test set and index of the task on which the last returns of runs differ most."""
+    """Return test set and index of the task on which the last returns of runs differ most."""
     evaluations = frames.evaluations_of(finals["run_id"].unique())
     evaluations = evaluations.astype({"run_id": object, "test_set": object})
     rows = evaluations.merge(finals[["run_id", "step"]], on=["run_id", "step"])

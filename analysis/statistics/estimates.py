@@ -54,14 +54,14 @@ class Estimate:
 
 
 def interquartile_mean(values: ArrayLike, axis: int = -1) -> Any:
-    """Returns the mean of the middle half: a quarter of the values, rounded down, is cut at each end."""
+    """Return the mean of the middle half: a quarter of the values, rounded down, is cut at each end."""
     from scipy import stats  # it takes a second to import
 
     return stats.trim_mean(np.asarray(values, dtype=float), TRIMMED, axis=axis)
 
 
 def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> Estimate:
-    """Returns the interquartile mean of all runs of all strata together, each run with equal weight.
+    """Return the interquartile mean of all runs of all strata together, each run with equal weight.
 
     The interval is Tukey and McLaughlin's (1963): Student's t with the winsorised variance within each
     stratum, and Satterthwaite's degrees of freedom over the strata; or that with the variance of the
@@ -93,7 +93,7 @@ def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> E
 
 
 def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
-    """Returns the probability that a run of `first` beats one of `second`, ties counting half.
+    """Return the probability that a run of `first` beats one of `second`, ties counting half.
 
     It is Mann and Whitney's U over the number of pairs, averaged over strata with equal weight. The interval
     of a stratum is Newcombe's (2006, method 5) with Student's t in place of the normal quantile; those of
@@ -128,7 +128,7 @@ def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
 
 
 def signal_to_noise(strata: Sequence[Mapping[str, ArrayLike]]) -> Estimate:
-    """Returns the deviation between teachers over that between seeds, shrunken by what chance explains.
+    """Return the deviation between teachers over that between seeds, shrunken by what chance explains.
 
     With F = n v / s², where v is the mean variance of the teachers' means in a stratum and s² the pooled
     variance of seeds with f degrees of freedom, the square is (F (f - 2) / f - 1) / n, or 0 if that is less:
@@ -158,7 +158,7 @@ def signal_to_noise(strata: Sequence[Mapping[str, ArrayLike]]) -> Estimate:
 def performance_profile(
     sample: Strata, thresholds: Sequence[float], clusters: Clusters | None = None
 ) -> pd.DataFrame:
-    """Returns the share of runs over each threshold, with Clopper and Pearson's exact intervals.
+    """Return the share of runs over each threshold, with Clopper and Pearson's exact intervals.
 
     An interval holds threshold by threshold, not for the whole profile at once. Runs of several strata count
     as one sample, for which the intervals are wider than they need to be. Of runs that depend on each other,
@@ -192,7 +192,7 @@ def _share_over(values: Floats, threshold: float, counted: int) -> dict[str, Any
 
 
 def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) -> float:
-    """Returns half the width of Student's interval of the mean over all values of `parts`."""
+    """Return half the width of Student's interval of the mean over all values of `parts`."""
     n = sum(map(len, parts))
     freedoms = freedoms or [len(part) - 1.0 for part in parts]
     variances = [len(part) / n**2 * float(part.var(ddof=1)) for part in parts]
@@ -204,7 +204,7 @@ def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) ->
 
 
 def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept: float = 1.0) -> float:
-    """Returns half the width of Student's interval of the mean over all values of `parts`, by clusters.
+    """Return half the width of Student's interval of the mean over all values of `parts`, by clusters.
 
     Args:
         parts: values of each stratum.
@@ -221,13 +221,13 @@ def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept
 
 
 def _superiority(values: Floats, others: Floats) -> float:
-    """Returns the share of pairs in which `values` (n,) beat `others` (m,), ties counting half."""
+    """Return the share of pairs in which `values` (n,) beat `others` (m,), ties counting half."""
     ours, theirs = values[:, None], others[None, :]
     return float(((ours > theirs) + 0.5 * (ours == theirs)).mean())
 
 
 def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
-    """Returns the interval of a probability of improvement that was estimated from n times m pairs.
+    """Return the interval of a probability of improvement that was estimated from n times m pairs.
 
     Its ends are the chances c whose squared distance to `share` is the squared quantile times their variance
     c (1 - c) / (n m) (1 + (mean) ((1 - c) / (2 - c) + c / (1 + c))), mean being (n + m) / 2 - 1. Over their
@@ -242,7 +242,7 @@ def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
 
 
 def _finite(sample: Strata) -> dict[str, pd.Series]:
-    """Returns the strata that have finite values, those only, as floats."""
+    """Return the strata that have finite values, those only, as floats."""
     floats = {name: part.astype(float) for name, part in sample.items()}
     finite = {name: np.isfinite(part.to_numpy()) for name, part in floats.items()}
     return {

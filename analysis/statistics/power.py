@@ -28,7 +28,7 @@ FURTHEST = 1e6
 def power(
     difference: float, first: Description, second: Description, significance: float = SIGNIFICANCE
 ) -> float:
-    """Returns the probability that a two-sided Welch test finds `difference` between two means.
+    """Return the probability that a two-sided Welch test finds `difference` between two means.
 
     Exact for normal samples: the noncentral t distribution holds where the degrees of freedom are known, as
     in Student's test, but Welch estimates them from the two sample variances, which costs much power
@@ -54,7 +54,7 @@ def power(
 def detectable_difference(
     first: Description, second: Description, wanted: float = POWER, significance: float = SIGNIFICANCE
 ) -> float:
-    """Returns the smallest difference of means that a two-sided Welch test finds with power `wanted`.
+    """Return the smallest difference of means that a two-sided Welch test finds with power `wanted`.
 
     Args:
         first: n and true standard deviation of a sample; its mean does not matter.
@@ -85,7 +85,7 @@ def detectable_difference(
 def detectable_in_pairs(
     pairs: int, margin: float, wanted: float = POWER, significance: float = SIGNIFICANCE
 ) -> float:
-    """Returns the smallest mean difference that a two-sided paired t-test finds with power `wanted`.
+    """Return the smallest mean difference that a two-sided paired t-test finds with power `wanted`.
 
     Exact for normal differences: the test statistic has the noncentral t distribution.
 
@@ -111,7 +111,7 @@ def detectable_in_pairs(
 
 
 def seeds_needed(test: Comparison, seeds: float, wanted: float = POWER) -> int | None:
-    """Returns the number of seeds that finds a difference as large as a test with fewer seeds saw.
+    """Return the number of seeds that finds a difference as large as a test with fewer seeds saw.
 
     By the noncentral t distribution: the standard error of the difference falls with the root of the number
     of seeds, and the degrees of freedom grow with it.
@@ -141,7 +141,7 @@ def seeds_needed(test: Comparison, seeds: float, wanted: float = POWER) -> int |
 
 
 def _student_power(shift: float, freedom: float, significance: float) -> float:
-    """Returns the power of a two-sided t-test for a difference of `shift` true standard errors."""
+    """Return the power of a two-sided t-test for a difference of `shift` true standard errors."""
     from scipy import special
 
     critical = float(special.stdtrit(freedom, 1 - significance / 2))
@@ -150,7 +150,7 @@ def _student_power(shift: float, freedom: float, significance: float) -> float:
 
 
 def _power(shift: float, first: Description, second: Description, significance: float) -> float:
-    """Returns the power for a difference of `shift` true standard errors."""
+    """Return the power for a difference of `shift` true standard errors."""
     from scipy import special
 
     error, _ = standard_error_of_difference(first, second)
@@ -164,7 +164,7 @@ def _power(shift: float, first: Description, second: Description, significance: 
 def _critical_values(
     n: int, std: float, other_n: int, other_std: float, significance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the differences (q, q) over which Welch finds one, by sample variances, and their weights."""
+    """Return the differences (q, q) over which Welch finds one, by sample variances, and their weights."""
     from scipy import special
 
     (mine, weights), (theirs, other_weights) = _variances(n), _variances(other_n)
@@ -176,7 +176,7 @@ def _critical_values(
 
 @lru_cache(maxsize=256)
 def _variances(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns values (q,) of the variance of n standard normal values, and their weights (q,)."""
+    """Return values (q,) of the variance of n standard normal values, and their weights (q,)."""
     from scipy import special
 
     nodes, weights = np.polynomial.legendre.leggauss(NODES)

@@ -41,7 +41,7 @@ class Description:
 
 
 def describe(values: ArrayLike) -> Description:
-    """Returns n, mean, standard deviation and standard error of the finite ones among `values`."""
+    """Return n, mean, standard deviation and standard error of the finite ones among `values`."""
     sample = finite(values)
     mean = float(sample.mean()) if sample.size else math.nan
     std = float(sample.std(ddof=1)) if sample.size > 1 else math.nan
@@ -49,7 +49,7 @@ def describe(values: ArrayLike) -> Description:
 
 
 def mean_interval(sample: Description) -> tuple[float, float]:
-    """Returns the 95 % confidence interval of the mean, by Student's t.
+    """Return the 95 % confidence interval of the mean, by Student's t.
 
     NaN under two values and without any spread, where no method holds: equal values do not show that the mean
     is known.
@@ -63,7 +63,7 @@ def mean_interval(sample: Description) -> tuple[float, float]:
 
 
 def percent_interval(mean: float, margin: float) -> tuple[float, float]:
-    """Returns the 95 % confidence interval of a mean percentage, which stays within 0 and 100.
+    """Return the 95 % confidence interval of a mean percentage, which stays within 0 and 100.
 
     It is symmetric in the arcsine of the root of the mean's share, whose standard error follows from that of
     the mean (delta method). A mean of 0 or 100, where that has none, keeps the symmetric interval, cut there.
@@ -81,13 +81,13 @@ def percent_interval(mean: float, margin: float) -> tuple[float, float]:
 
 
 def mean_percent_interval(sample: Description) -> tuple[float, float]:
-    """Returns the 95 % confidence interval of the mean of percentages, by Student's t, within 0 and 100."""
+    """Return the 95 % confidence interval of the mean of percentages, by Student's t, within 0 and 100."""
     _, high = mean_interval(sample)
     return percent_interval(sample.mean, high - sample.mean)
 
 
 def finite(values: ArrayLike) -> NDArray[np.float64]:
-    """Returns the finite ones among `values` (n,).
+    """Return the finite ones among `values` (n,).
 
     Raises:
         ValueError: they have another number of dimensions, or are not numbers.
@@ -99,7 +99,7 @@ def finite(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def holm(p_values: ArrayLike) -> NDArray[np.float64]:
-    """Returns Holm's adjustment of `p_values` (n,) for testing n hypotheses at once; NaN stays NaN.
+    """Return Holm's adjustment of `p_values` (n,) for testing n hypotheses at once; NaN stays NaN.
 
     Raises:
         ValueError: a value is outside [0, 1].
@@ -139,12 +139,12 @@ CONTRARY = {Standing.SUPPORTED: Standing.REFUTED, Standing.REFUTED: Standing.SUP
 
 
 def contrary(standing: Standing) -> Standing:
-    """Returns the standing of a statement's negation."""
+    """Return the standing of a statement's negation."""
     return CONTRARY.get(standing, standing)
 
 
 def greater(low: float, high: float, margin: float = MARGIN) -> Standing:
-    """Returns the standing of "the difference is over 0", by its interval.
+    """Return the standing of "the difference is over 0", by its interval.
 
     Supported where the whole interval is over 0; else refuted where it is under `margin`, so that a
     difference that matters is ruled out. An interval of NaN decides nothing.
@@ -160,7 +160,7 @@ def greater(low: float, high: float, margin: float = MARGIN) -> Standing:
 
 
 def equivalent(low: float, high: float, margin: float = MARGIN) -> Standing:
-    """Returns the standing of "the difference does not matter", by the interval of the difference.
+    """Return the standing of "the difference does not matter", by the interval of the difference.
 
     Supported where the interval is within plus and minus `margin`; else refuted where it leaves out 0. An
     interval of NaN decides nothing.

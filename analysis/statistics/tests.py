@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 
 def permutation_p(pairs: Sequence[tuple[ArrayLike, ArrayLike]], weights: Sequence[float] = (1.0,)) -> float:
-    """Returns the two-sided p-value of a weighted mean of differences between two groups over strata.
+    """Return the two-sided p-value of a weighted mean of differences between two groups over strata.
 
     Runs change groups within their stratum only.
 
@@ -56,7 +56,7 @@ def permutation_p(pairs: Sequence[tuple[ArrayLike, ArrayLike]], weights: Sequenc
 
 
 def sign_flip_p(differences: ArrayLike) -> float:
-    """Returns the two-sided p-value of the mean of paired differences (n,): each may have either sign."""
+    """Return the two-sided p-value of the mean of paired differences (n,): each may have either sign."""
     values = np.asarray(differences, np.float64)
     found, scale = float(values.mean()), float(np.abs(values).max())
     if 2 ** len(values) <= MOST:
@@ -67,7 +67,7 @@ def sign_flip_p(differences: ArrayLike) -> float:
 
 
 def _share(differences: Floats, found: float, scale: float) -> float:
-    """Returns the share of `differences` that are at least as far from 0 as the one `found`."""
+    """Return the share of `differences` that are at least as far from 0 as the one `found`."""
     return float(np.mean(np.abs(differences) >= abs(found) - EQUAL * scale))
 
 
@@ -125,7 +125,7 @@ class Scale(StrEnum):
     ARCSINE = "arcsine"
 
     def of(self, percentages: pd.Series) -> pd.Series:
-        """Returns `percentages` on this scale; arcsines are in radians, from 0 to half of pi.
+        """Return `percentages` on this scale; arcsines are in radians, from 0 to half of pi.
 
         Raises:
             ValueError: a value is not a percentage.
@@ -175,7 +175,7 @@ class Comparison:
 
 
 def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
-    """Compares the means of two independent samples without assuming equal variances.
+    """Compare the means of two independent samples without assuming equal variances.
 
     With v = std² / n of each sample, t is the difference of the means by the root of v₁ + v₂, and the degrees
     of freedom are (v₁ + v₂)² / (v₁² / (n₁ - 1) + v₂² / (n₂ - 1)) (Welch, 1947). Teachers differ in variance,
@@ -204,7 +204,7 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
 
 
 def _permuted(test: Comparison, p: float) -> Comparison:
-    """Returns Welch's interval with the p of the permutation test, which it must not contradict."""
+    """Return Welch's interval with the p of the permutation test, which it must not contradict."""
     low, high = test.low, test.high
     if not p < SIGNIFICANCE:
         low, high = min(low, 0.0), max(high, 0.0)
@@ -215,7 +215,7 @@ def _permuted(test: Comparison, p: float) -> Comparison:
 
 
 def welch_from_statistics(first: Description, second: Description) -> Comparison:
-    """Compares the means of two independent samples of which only n, mean and std are known.
+    """Compare the means of two independent samples of which only n, mean and std are known.
 
     Without any spread in either all values are known, and p is that of the permutation test.
 
@@ -234,7 +234,7 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
 
 
 def standard_error_of_difference(first: Description, second: Description) -> tuple[float, float]:
-    """Returns the standard error of the difference of two means, and Welch and Satterthwaite's freedom.
+    """Return the standard error of the difference of two means, and Welch and Satterthwaite's freedom.
 
     Both samples need two values, and one of them a spread.
     """
@@ -254,7 +254,7 @@ def _obstacle(first: Description, second: Description) -> str:
 
 
 def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[float]) -> Comparison:
-    """Compares the means of two groups over strata that both have, such as the challenges of a benchmark.
+    """Compare the means of two groups over strata that both have, such as the challenges of a benchmark.
 
     The difference is the weighted mean of the strata's differences. Samples of a stratum need not have equal
     variances, nor strata each other's: the degrees of freedom are Welch and Satterthwaite's over all of them.
@@ -303,7 +303,7 @@ def _obstacle_of_strata(
 
 
 def tested_on(scaled: Comparison, shown: Comparison) -> Comparison:
-    """Returns a difference in percentages with the test that was made on another scale.
+    """Return a difference in percentages with the test that was made on another scale.
 
     The interval is that of the percentages, except where it contradicts the test: without a finding it is
     widened to hold 0, and an end that would hold 0 beside a finding is that of the test's own interval,
@@ -329,7 +329,7 @@ def tested_on(scaled: Comparison, shown: Comparison) -> Comparison:
 def t_test(
     n: int, reference_n: int, difference: float, error: float, freedom: float, method: Method = Method.WELCH
 ) -> Comparison:
-    """Returns the t-test of a difference with standard error `error` and `freedom` degrees of freedom."""
+    """Return the t-test of a difference with standard error `error` and `freedom` degrees of freedom."""
     from scipy import special  # `stats` has the same functions, and takes a second to import
 
     t = difference / error
@@ -371,7 +371,7 @@ class Correlation:
 
 
 def paired(sample: pd.Series, reference: pd.Series) -> Comparison:
-    """Compares the means of two samples whose values belong together in pairs, by Student's t-test.
+    """Compare the means of two samples whose values belong together in pairs, by Student's t-test.
 
     Where all differences are equal, p is that of the sign-flip test, and the interval is missing; where all
     are 0, nothing is tested.
@@ -399,7 +399,7 @@ def paired(sample: pd.Series, reference: pd.Series) -> Comparison:
 def paired_strata(
     pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[float], seeds: Mapping[Any, Hashable]
 ) -> Comparison:
-    """Compares the means of two groups over strata that both have, as pairs of runs with the same seed.
+    """Compare the means of two groups over strata that both have, as pairs of runs with the same seed.
 
     A pair is a seed that both groups have in every stratum, and its difference the weighted mean over strata:
     so what its runs of several strata have in common, too, does not count as several results.
@@ -423,7 +423,7 @@ def paired_strata(
 def seed_means(
     samples: Sequence[pd.Series], weights: Sequence[float], seeds: Mapping[Any, Hashable]
 ) -> pd.Series:
-    """Returns the weighted mean over strata of each seed that all of them have, indexed by seed.
+    """Return the weighted mean over strata of each seed that all of them have, indexed by seed.
 
     Args:
         samples: one per stratum, one value a run, indexed by run id; several of a seed count as their mean.
@@ -437,7 +437,7 @@ def seed_means(
 
 
 def _of_seeds(sample: pd.Series, seeds: Mapping[Any, Hashable]) -> dict[Hashable, float]:
-    """Returns the mean of the finite values of each seed."""
+    """Return the mean of the finite values of each seed."""
     values: dict[Hashable, list[float]] = {}
     for run, value in zip(sample.index, sample.to_numpy(float), strict=True):
         if math.isfinite(value):
@@ -446,7 +446,7 @@ def _of_seeds(sample: pd.Series, seeds: Mapping[Any, Hashable]) -> dict[Hashable
 
 
 def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Correlation:
-    """Returns the intraclass correlation of runs that have a seed in common, with its F interval.
+    """Return the intraclass correlation of runs that have a seed in common, with its F interval.
 
     Shrout and Fleiss' (1979) ICC(3,1), pooled over tables: sums of squares of seeds and of residuals add up,
     after each teacher's values are divided by their standard deviation.
@@ -480,7 +480,7 @@ def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Correlation:
 
 
 def least_correlation(n: int) -> float:
-    """Returns the correlation over which pairs of `n` runs have a narrower interval than Welch's test.
+    """Return the correlation over which pairs of `n` runs have a narrower interval than Welch's test.
 
     0.58 with 3 runs, 0.31 with 5, 0.14 with 10: the variance of a difference falls by the correlation, while
     Student's quantile grows, since n - 1 degrees of freedom are left of 2 n - 2.
@@ -497,7 +497,7 @@ def least_correlation(n: int) -> float:
 
 
 def pairing_helps(correlation: Correlation, n: int) -> bool:
-    """Returns the rule: runs are paired where the interval of their correlation is over what `n` need.
+    """Return the rule: runs are paired where the interval of their correlation is over what `n` need.
 
     It is held against released results of other campaigns, never against those that are to be tested: to
     choose the test by its own data finds differences that are not there.

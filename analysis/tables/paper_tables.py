@@ -68,7 +68,7 @@ class TableResults:
 
 
 def published_table_results(frame: pd.DataFrame | None = None) -> TableResults:
-    """Returns published results, those of the paper by default.
+    """Return published results, those of the paper by default.
 
     Args:
         frame: table with the columns of `paper_frame`.
@@ -81,7 +81,7 @@ def published_table_results(frame: pd.DataFrame | None = None) -> TableResults:
 
 
 def table_results(frames: Frames, step: int | None = None) -> list[TableResults]:
-    """Returns the results of a root, those apart that no table may hold together.
+    """Return the results of a root, those apart that no table may hold together.
 
     Results of students that the paper does not have in a challenge, such as PPO everywhere, stand apart from
     those that pool the paper's. Points of searches for hyper-parameters are left out.
@@ -102,7 +102,7 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
 
 
 def results_of(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns the columns `RESULTS` of pooled results or of published ones.
+    """Return the columns `RESULTS` of pooled results or of published ones.
 
     Args:
         frame: results of `pooling.pooled`, some by embodiment or not, or of `published.paper_frame`.
@@ -133,7 +133,7 @@ def _tuples(sets: Sequence[set[str]], index: pd.Index[Any]) -> pd.Series:
 
 
 def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yields groups of results with the same settings, each with a remark."""
+    """Yield groups of results with the same settings, each with a remark."""
     shipped = shipped_together(frame["environment"].unique())
     places = frame[["engine", "environment", "challenge"]].itertuples(index=False, name=None)
     own = [
@@ -170,13 +170,13 @@ _LEVELS = {"none": "No expert knowledge", "low": "Low", "high": "High"}
 
 
 def result_tables(results: TableResults) -> list[Table]:
-    """Returns every table of results of which any cell was asked for, in the paper's order."""
+    """Return every table of results of which any cell was asked for, in the paper's order."""
     tables = [original_space(results), *(challenges(results, level) for level in KnowledgeLevel)]
     return [table for table in (*tables, parkour(results)) if table.rows]
 
 
 def original_space(results: TableResults) -> Table:
-    """Returns the original task space of Stump Tracks: teachers by levels of expert knowledge."""
+    """Return the original task space of Stump Tracks: teachers by levels of expert knowledge."""
     (matrix,) = _like([ORIGINAL_SPACE], results)
     title = f"Stump Tracks, original task space: {MASTERED}"
     wanted = {level: (matrix, matrix.embodiments, level) for level in _LEVELS}
@@ -184,7 +184,7 @@ def original_space(results: TableResults) -> Table:
 
 
 def challenges(results: TableResults, level: KnowledgeLevel) -> Table:
-    """Returns the five challenges of Stump Tracks at one level: teachers by challenges."""
+    """Return the five challenges of Stump Tracks at one level: teachers by challenges."""
     matrices = {matrix.challenge: matrix for matrix in _like(STUMP_TRACKS_CHALLENGES, results)}
     columns = {name: find_challenge("stump_tracks", name).title for name in matrices}
     title = f"Challenges of Stump Tracks, expert knowledge {level.value}: {MASTERED}"
@@ -193,7 +193,7 @@ def challenges(results: TableResults, level: KnowledgeLevel) -> Table:
 
 
 def parkour(results: TableResults) -> Table:
-    """Returns Parkour, which has one level: teachers by bodies, and over all of them."""
+    """Return Parkour, which has one level: teachers by bodies, and over all of them."""
     matrices = {matrix.embodiments[0]: matrix for matrix in _like(PARKOUR, results)}
     (level,) = matrices[next(iter(matrices))].levels
     columns = {body: body.replace("_", " ").capitalize() for body in matrices} | {OVERALL: "Overall"}
@@ -205,7 +205,7 @@ def parkour(results: TableResults) -> Table:
 
 
 def hyperparameters(found: pd.DataFrame | None = None) -> Table:
-    """Returns searched hyper-parameters: values tried, the paper's choice, the best point found.
+    """Return searched hyper-parameters: values tried, the paper's choice, the best point found.
 
     Args:
         found: result of `search_results`; None where nothing was searched.
@@ -238,7 +238,7 @@ def hyperparameters(found: pd.DataFrame | None = None) -> Table:
 
 
 def knowledge_needs() -> Table:
-    """Returns the expert knowledge that each teacher requires, can use and ignores."""
+    """Return the expert knowledge that each teacher requires, can use and ignores."""
     columns = {
         "initial_distribution": "Initial distribution",
         "target_distribution": "Target distribution",
@@ -255,7 +255,7 @@ def knowledge_needs() -> Table:
 
 
 def _like(wanted: list[Matrix] | tuple[Matrix, ...], results: TableResults) -> list[Matrix]:
-    """Returns the matrices of `wanted` as `results` have them, perhaps with other students."""
+    """Return the matrices of `wanted` as `results` have them, perhaps with other students."""
     mine = {matrix.name: matrix for matrix in results.matrices}
     return [mine[matrix.name] for matrix in wanted]
 
@@ -267,7 +267,7 @@ def _table(
     columns: Mapping[str, str],
     wanted: Mapping[str, tuple[Matrix, tuple[str, ...], str]],
 ) -> Table:
-    """Returns a table of teachers, whose columns show a matrix, its bodies and a level."""
+    """Return a table of teachers, whose columns show a matrix, its bodies and a level."""
     found: dict[tuple[str, str], Cell] = {}
     for column, (matrix, bodies, level) in wanted.items():
         found |= {(teacher, column): cell for teacher, cell in _column(results.rows, matrix, bodies, level)}
@@ -303,7 +303,7 @@ def _number(row: pd.Series) -> Cell:
 
 
 def _absent(teacher: str, level: str) -> str:
-    """Returns why results are missing of `teacher` at `level`."""
+    """Return why results are missing of `teacher` at `level`."""
     needs = KNOWLEDGE_REQUIREMENTS.get(teacher)
     if needs and needs.mastery_range is Requirement.REQUIRED and level == KnowledgeLevel.NONE:
         return "cannot run without the reward mastery range"

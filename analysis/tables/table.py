@@ -75,22 +75,22 @@ class Table:
     remarks: tuple[str, ...] = field(default=())
 
     def cell(self, row: str, column: str) -> Cell:
-        """Returns the cell of a row and column, `NOT_RUN` where there is none."""
+        """Return the cell of a row and column, `NOT_RUN` where there is none."""
         return self.cells.get((row, column), NOT_RUN)
 
     def column_cells(self, column: str) -> tuple[Cell, ...]:
-        """Returns the cells of a column from top to bottom."""
+        """Return the cells of a column from top to bottom."""
         return tuple(self.cell(row, column) for row in self.rows)
 
     def notes(self) -> dict[str, str]:
-        """Returns the marks of all notes of cells, a, b, ... by text, row after row."""
+        """Return the marks of all notes of cells, a, b, ... by text, row after row."""
         cells = (self.cell(row, column) for row in self.rows for column in self.columns)
         texts = dict.fromkeys(note for cell in cells for note in cell.notes)
         return {text: _letters(place) for place, text in enumerate(texts)}
 
 
 def with_best(table: Table, columns: Iterable[str] | None = None) -> Table:
-    """Returns `table` with the highest numbers of its columns marked, or of some; ties share the mark.
+    """Return `table` with the highest numbers of its columns marked, or of some; ties share the mark.
 
     What reads the same is the same. A number that has no other beside it, or only equal ones, is not marked.
     """
@@ -110,7 +110,7 @@ def with_best(table: Table, columns: Iterable[str] | None = None) -> Table:
 
 
 def _letters(place: int) -> str:
-    """Returns a, b, ... z, aa, ab, ... for 0, 1, ..."""
+    """Return a, b, ... z, aa, ab, ... for 0, 1, ..."""
     rest, letter = divmod(place, 26)
     return (_letters(rest - 1) if rest else "") + chr(ord("a") + letter)
 
@@ -132,7 +132,7 @@ CSV_COLUMNS = ["table", "row", "column", "n", "mean", "std", "best", "words", "m
 
 
 def render(table: Table, kind: TableFormat) -> str:
-    """Returns `table` as text that ends with a line break.
+    """Return `table` as text that ends with a line break.
 
     Markdown and LaTeX (which needs the package booktabs) have the best cells in bold, a dash where a number
     is missing, notes below, and numbers of runs: once if they are all the same, else with each column or
@@ -221,7 +221,7 @@ def _csv(table: Table) -> str:
 
 
 def _grid(table: Table, marks: _Marks) -> Iterator[list[str]]:
-    """Yields the labels of the columns, then the cells of each row, all as text of the format."""
+    """Yield the labels of the columns, then the cells of each row, all as text of the format."""
     counts = {column: _counts(table, column) for column in table.columns}
     same_everywhere = len(set().union(*counts.values())) < 2
     labels = [marks.escape(table.head)]
@@ -250,7 +250,7 @@ def _text(cell: Cell, marks: _Marks, *, with_count: bool) -> str:
 
 
 def _below(table: Table, marks: _Marks) -> Iterator[str]:
-    """Yields the lines under a table: numbers of runs, remarks, notes."""
+    """Yield the lines under a table: numbers of runs, remarks, notes."""
     counts: set[int] = set().union(*(_counts(table, column) for column in table.columns))
     remarks = [f"{min(counts)} run{'s' if min(counts) > 1 else ''} each."] if len(counts) == 1 else []
     if any(cell.best for column in table.columns for cell in table.column_cells(column)):

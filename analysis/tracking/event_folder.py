@@ -26,7 +26,7 @@ _LENGTH: Final = struct.Struct("<Q")
 
 
 def check_installed() -> None:
-    """Refuses to go on without tensorboardX.
+    """Refuse to go on without tensorboardX.
 
     Raises:
         ValueError: it is not installed.
@@ -36,12 +36,12 @@ def check_installed() -> None:
 
 
 def event_files(folder: Path) -> list[Path]:
-    """Returns the event files in `folder`, but no links, in the order in which TensorBoard reads them."""
+    """Return the event files in `folder`, but no links, in the order in which TensorBoard reads them."""
     return sorted(path for path in folder.glob(_NAMES) if not path.is_symlink())
 
 
 def read_scalars(files: Sequence[Path]) -> dict[str, deque[tuple[int, float]]]:
-    """Returns steps and values of every tag in `files`, each up to its first record that is not whole."""
+    """Return steps and values of every tag in `files`, each up to its first record that is not whole."""
     from google.protobuf.message import DecodeError
     from tensorboardX.proto.event_pb2 import Event
 
@@ -85,7 +85,7 @@ class EventFile:
         self._writer = EventsWriter(str(folder / "events"), f".{number}")
 
     def add(self, step: int, scalars: Mapping[str, float]) -> None:
-        """Adds scalars by their tags at a step; nothing if there are none."""
+        """Add scalars by their tags at a step; nothing if there are none."""
         if scalars:
             event = self._event(wall_time=time.time(), step=step)
             for tag, value in scalars.items():
@@ -93,17 +93,17 @@ class EventFile:
             self._writer.write_event(event)
 
     def start_anew(self) -> None:
-        """Makes a TensorBoard that looks on forget what it has read of this folder."""
+        """Make a TensorBoard that looks on forget what it has read of this folder."""
         start = self._event(wall_time=time.time(), step=0)
         start.session_log.status = start.session_log.START
         self._writer.write_event(start)
 
     def flush(self) -> None:
-        """Puts on the disk what was added."""
+        """Put on the disk what was added."""
         self._writer.flush()
 
     def close(self) -> None:
-        """Flushes and closes."""
+        """Flush and closes."""
         self._writer.close()
 
 
@@ -157,7 +157,7 @@ class EventFolder:
         self._runs: dict[str, _Run] = {}
 
     def update(self) -> int:
-        """Writes what has been published since the last time.
+        """Write what has been published since the last time.
 
         Returns:
             Of how many runs there was something.
@@ -171,7 +171,7 @@ class EventFolder:
         return count
 
     def close(self) -> None:
-        """Closes all files."""
+        """Close all files."""
         for run in self._runs.values():
             _close(run)
 
@@ -190,7 +190,7 @@ class EventFolder:
         return count
 
     def _append(self, run: _Run, points: Mapping[Table, Sequence[Point]]) -> bool:
-        """Writes the points that are new; all of them anew if some were taken back."""
+        """Write the points that are new; all of them anew if some were taken back."""
         if not run.counts:
             _count_written(run, points)
         elif any(len(points[table]) < count for table, count in run.counts.items()):
@@ -212,7 +212,7 @@ class EventFolder:
         return True
 
     def _find_folders(self, results: Results, manifests: Sequence[Manifest]) -> None:
-        """Gives each run the folder that it has, or a new one."""
+        """Give each run the folder that it has, or a new one."""
         experiments = experiments_of(results, manifests)
         for manifest in manifests:
             run_id = manifest.run.run_id
@@ -221,14 +221,14 @@ class EventFolder:
 
 
 def run_folder(run: RunRecord, experiment: str) -> Path:
-    """Returns where the event files of a run of this experiment lie in the folder of all."""
+    """Return where the event files of a run of this experiment lie in the folder of all."""
     names = run.student, run.challenge, run.embodiment, run.expert_knowledge
     setting = "-".join(_plain(name) for name in names if name)
     return Path(_plain(experiment), _plain(run.teacher), setting, f"seed_{_plain(run.seed)}-{run.run_id}")
 
 
 def _plain(name: object) -> str:
-    """Returns `name` as that of a folder: anything may be read from a root, even a path upwards."""
+    """Return `name` as that of a folder: anything may be read from a root, even a path upwards."""
     return re.sub(r"[^0-9A-Za-z._=-]+", "_", str(name)).strip("._")[:100] or "unnamed"
 
 
@@ -244,7 +244,7 @@ def _made(folder: str | Path) -> Path:
 
 
 def _count_written(run: _Run, points: Mapping[Table, Sequence[Point]]) -> None:
-    """Counts what is in the folder of `run`; takes it away if it is not the beginning of its `points`."""
+    """Count what is in the folder of `run`; take it away if it is not the beginning of its `points`."""
     files = event_files(run.folder)
     run.opened = len(files)
     written = read_scalars(files)
@@ -254,7 +254,7 @@ def _count_written(run: _Run, points: Mapping[Table, Sequence[Point]]) -> None:
 
 
 def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, float]]]) -> int:
-    """Returns how many of `points` come first in `written`, by tag, and takes them from there."""
+    """Return how many of `points` come first in `written`, by tag, and take them from there."""
     for index, (step, scalars) in enumerate(points):
         expected = {tag: (step, float(np.float32(value))) for tag, value in scalars.items()}
         if any(not written.get(tag) or written[tag][0] != value for tag, value in expected.items()):

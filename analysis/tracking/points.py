@@ -31,12 +31,12 @@ class Tracker(Protocol):
     """A tracker of experiments that takes what has been published."""
 
     def update(self) -> int:
-        """Hands over what is new; returns of how many runs there was something."""
+        """Hand over what is new; returns of how many runs there was something."""
         ...
 
 
 def watch(tracker: Tracker) -> Iterator[int]:
-    """Updates every few seconds; yields of how many runs there was something, whenever there was any."""
+    """Update every few seconds; yields of how many runs there was something, whenever there was any."""
     while True:
         time.sleep(WATCH_SECONDS)
         if count := tracker.update():
@@ -44,14 +44,14 @@ def watch(tracker: Tracker) -> Iterator[int]:
 
 
 def experiments_of(results: Results, manifests: Iterable[Manifest]) -> dict[str, str]:
-    """Returns the experiment of each run by its ID, the first by name of those that share it."""
+    """Return the experiment of each run by its ID, the first by name of those that share it."""
     cells = _rows(results, Table.CELLS, _ids(manifests), ["run_id", "campaign", "experiment"])
     cells = cells.sort_values(["campaign", "experiment"], kind="stable").drop_duplicates("run_id")
     return dict(zip(cells["run_id"], cells["experiment"], strict=True))
 
 
 def published_points(results: Results, manifests: Sequence[Manifest]) -> dict[tuple[str, Table], list[Point]]:
-    """Returns the points of each run and table, in the order in which they were published."""
+    """Return the points of each run and table, in the order in which they were published."""
     run_ids = _ids(manifests)
     thresholds = {manifest.run.run_id: mastery_threshold(manifest.run.spec) for manifest in manifests}
     training = _rows(results, Table.TRAINING, run_ids, ["run_id", "step", *TRAINING])

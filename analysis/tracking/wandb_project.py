@@ -64,7 +64,7 @@ class WandbProject:
         )
 
     def update(self) -> int:
-        """Sends what has been published since the last time.
+        """Send what has been published since the last time.
 
         Returns:
             Of how many runs there was something.
@@ -85,7 +85,7 @@ class WandbProject:
         return count
 
     def _send(self, manifest: Manifest, points: Mapping[Table, Sequence[Point]], experiment: str) -> bool:
-        """Sends the points of a run that are not there; returns whether there were any."""
+        """Send the points of a run that are not there; return whether there were any."""
         key = f"{self._entity or ''}/{self._project}/{manifest.run.run_id}"
         sent = self._sent.get(key, {})
         if all(len(points[table]) <= sent.get(table.value, 0) for table in TABLES):
@@ -107,7 +107,7 @@ class WandbProject:
         return bool(new)
 
     def _begin(self, manifest: Manifest, experiment: str) -> Any:
-        """Returns the run of that ID there, new or resumed."""
+        """Return the run of that ID there, new or resumed."""
         import wandb
 
         record = manifest.run
@@ -138,7 +138,7 @@ class WandbProject:
 
 
 def config_of(manifest: Manifest) -> dict[str, Any]:
-    """Returns the configuration of a run, with the names by which openrlbenchmark finds runs.
+    """Return the configuration of a run, with the names by which openrlbenchmark finds runs.
 
     Those are ``env_id`` (environment, challenge and body), ``exp_name`` (student, teacher and its knowledge)
     and ``seed``.
@@ -158,13 +158,13 @@ def config_of(manifest: Manifest) -> dict[str, Any]:
 
 
 def group_of(manifest: Manifest) -> str:
-    """Returns the group of a run: those that differ in their seed alone share it."""
+    """Return the group of a run: those that differ in their seed alone share it."""
     config = config_of(manifest)
     return f"{config['env_id']}-{config['exp_name']}"[:128]
 
 
 def tags_of(manifest: Manifest, experiment: str) -> list[str]:
-    """Returns the tags of a run: its experiment, parts and versions, in letters that a query may hold."""
+    """Return the tags of a run: its experiment, parts and versions, in letters that a query may hold."""
     record = manifest.run
     names = (
         experiment,
@@ -183,5 +183,5 @@ def _has_return(scalars: Mapping[str, float]) -> bool:
 
 
 def _count(run: Any, table: Table, sent: Mapping[str, int]) -> int:
-    """Returns how many points of a table the run there has, by its own word or by the ledger."""
+    """Return how many points of a table the run there has, by its own word or by the ledger."""
     return max(int(run.summary.get(f"{SENT}/{table.value}", 0)), sent.get(table.value, 0))

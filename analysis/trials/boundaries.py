@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 
 def spent(fraction: float, error: float) -> float:
-    """Returns the error spent at a fraction of the information, like O'Brien and Fleming's boundaries.
+    """Return the error spent at a fraction of the information, like O'Brien and Fleming's boundaries.
 
     Lan and DeMets (1983), their first function, for one side: 2 - 2 Phi(z(1 - error / 2) / sqrt(fraction)).
 
@@ -47,7 +47,7 @@ def spent(fraction: float, error: float) -> float:
 def boundaries(
     fractions: tuple[float, ...], error: float, information: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Returns the boundary of each look, at which the error that `spent` allows is spent.
+    """Return the boundary of each look, at which the error that `spent` allows is spent.
 
     Args:
         fractions: rising to 1, at which error is spent.
@@ -66,7 +66,7 @@ def boundaries(
 
 
 def crossing(bounds: Sequence[float], information: Sequence[float], drift: float = 0.0) -> list[float]:
-    """Returns the probability of each look to be the first whose statistic is over its bound.
+    """Return the probability of each look to be the first whose statistic is over its bound.
 
     By numerical integration over the statistics that crossed nowhere (Armitage, McPherson and Rowe, 1969).
 
@@ -83,7 +83,7 @@ def crossing(bounds: Sequence[float], information: Sequence[float], drift: float
 
 
 def median_unbiased(statistic: float, bounds: Sequence[float], information: Sequence[float]) -> float:
-    """Returns the estimate of a difference that is too high as often as too low, after a stop.
+    """Return the estimate of a difference that is too high as often as too low, after a stop.
 
     By the stagewise order of results: crossing sooner is more (Jennison and Turnbull, 2000, section 8.4).
 
@@ -120,13 +120,13 @@ class _Path:
     information: float = 0.0
 
     def over(self, bound: float, information: float, drift: float = 0.0) -> float:
-        """Returns the probability of crossing `bound` at the next look."""
+        """Return the probability of crossing `bound` at the next look."""
         step = information - self.information
         distance = self.scores + drift * step - bound * math.sqrt(information)
         return float(self.density @ special.ndtr(distance / math.sqrt(step)))
 
     def under(self, bound: float, information: float, drift: float = 0.0) -> _Path:
-        """Returns the scores that do not cross `bound` at the next look."""
+        """Return the scores that do not cross `bound` at the next look."""
         step, root = information - self.information, math.sqrt(information)
         low, high = LOWEST + min(drift * root, bound), min(bound, drift * root - LOWEST)
         nodes, weights = _quadrature()
@@ -138,6 +138,6 @@ class _Path:
 
 @cache
 def _quadrature() -> tuple[Floats, Floats]:
-    """Returns Gauss and Legendre's nodes (n,) and weights (n,) on [-1, 1]."""
+    """Return Gauss and Legendre's nodes (n,) and weights (n,) on [-1, 1]."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     return nodes, weights

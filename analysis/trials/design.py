@@ -124,7 +124,7 @@ class Design:
 
     @classmethod
     def of(cls, content: Mapping[str, Any], where: str) -> Design:
-        """Returns the design of a trial file.
+        """Return the design of a trial file.
 
         Raises:
             DamagedFileError: it is not what was written.
@@ -132,7 +132,7 @@ class Design:
         return decode_json(json.dumps(content), cls, where)
 
     def to_dict(self) -> dict[str, Any]:
-        """Returns it as plain data."""
+        """Return it as plain data."""
         return asdict(self)
 
     @property
@@ -146,7 +146,7 @@ class Design:
         return np.array([cell.slope for cell in self.cells])
 
     def rule(self, reference: str, runs: Floats) -> Rule:
-        """Returns the rule of one comparison.
+        """Return the rule of one comparison.
 
         Args:
             reference: one of `references`.
@@ -157,7 +157,7 @@ class Design:
         return Rule(self.looks, fractions, self.margin, candidates, self.error / COMPARISONS)
 
     def differing(self, other: Design) -> list[str]:
-        """Returns in words what another design has otherwise, except what is computed of the rest."""
+        """Return in words what another design has otherwise, except what is computed of the rest."""
         computed = {"error", "simulated_error", "runs"}
         mine, theirs = self.to_dict(), other.to_dict()
         words = [
@@ -182,15 +182,15 @@ class Released:
 
     @classmethod
     def of(cls, frames: Frames) -> Released:
-        """Returns the runs of `frames` that have ended with finite returns."""
+        """Return the runs of `frames` that have ended with finite returns."""
         return cls(ended_runs(frames).dropna(subset=["angle"]))
 
     def moments(self, teacher: str, places: Sequence[tuple[str, ...]]) -> Moments:
-        """Returns the moments of a teacher's runs in cells."""
+        """Return the moments of a teacher's runs in cells."""
         return moments([self.angles(teacher, place) for place in places])
 
     def angles(self, teacher: str, place: tuple[str, ...]) -> Floats:
-        """Returns the arcsines of a teacher's runs in a cell (runs,), rad."""
+        """Return the arcsines of a teacher's runs in a cell (runs,), rad."""
         return self._angles.get((teacher, *place), np.zeros(0))
 
     @cached_property
@@ -200,7 +200,7 @@ class Released:
 
 
 def ended_runs(frames: Frames) -> pd.DataFrame:
-    """Returns the runs that have ended: `PLACE`, teacher, run_id, seed, `MEASURE` and angle.
+    """Return the runs that have ended: `PLACE`, teacher, run_id, seed, `MEASURE` and angle.
 
     Both measures of a run whose returns are not finite are NaN.
     """
@@ -212,7 +212,7 @@ def ended_runs(frames: Frames) -> pd.DataFrame:
 
 
 def moments(samples: Sequence[Floats]) -> Moments:
-    """Returns the moments of one sample a cell; NaN of a sample that is too small."""
+    """Return the moments of one sample a cell; NaN of a sample that is too small."""
     with np.errstate(invalid="ignore", divide="ignore"):
         means = [sample.mean() if sample.size else np.nan for sample in samples]
         variances = [sample.var(ddof=1) if sample.size > 1 else np.nan for sample in samples]
@@ -220,7 +220,7 @@ def moments(samples: Sequence[Floats]) -> Moments:
 
 
 def newest_release() -> Baseline:
-    """Returns the release made last of those with runs of real students that have names here.
+    """Return the release made last of those with runs of real students that have names here.
 
     Raises:
         BaselineError: there is none.
@@ -243,7 +243,7 @@ def make_design(
     wanted: Collection[str] = (),
     looks: tuple[int, ...] = LOOKS,
 ) -> Design:
-    """Returns the design of a trial against a release.
+    """Return the design of a trial against a release.
 
     Args:
         teacher: canonical name of the new teacher.
@@ -281,7 +281,7 @@ def make_design(
 
 
 def _chosen(cells: pd.DataFrame, wanted: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Returns the places of Random at the highest level of knowledge that each has, by name."""
+    """Return the places of Random at the highest level of knowledge that each has, by name."""
     own = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
     places: dict[tuple[str, ...], tuple[str, ...]] = {}
     for place in sorted({tuple(map(str, row)) for row in own[PLACE].itertuples(index=False)}):
@@ -315,7 +315,7 @@ def _cell(name: str, place: tuple[str, ...], released: Released, frames: Frames)
 
 
 def _ordered(cells: Sequence[TrialCell], released: Released) -> tuple[TrialCell, ...]:
-    """Returns the cells in which a core-hour tells most of teachers first.
+    """Return the cells in which a core-hour tells most of teachers first.
 
     That is the variance between the release's teachers, without what their seeds add to it, over the variance
     of a run, for each hour of a run.
@@ -332,7 +332,7 @@ def _ordered(cells: Sequence[TrialCell], released: Released) -> tuple[TrialCell,
 
 
 def _best(released: Released, places: Sequence[tuple[str, ...]], name: str) -> tuple[str, int]:
-    """Returns the best teacher but Random over cells of equal weight, and how many have as many runs."""
+    """Return the best teacher but Random over cells of equal weight, and how many have as many runs."""
     needed = released.moments(BASELINE, places).runs
     if needed.min() < 3:
         raise ValueError(f"{name} has {needed.min():.0f} runs of Random in a cell: a trial needs 3")
@@ -348,7 +348,7 @@ def _best(released: Released, places: Sequence[tuple[str, ...]], name: str) -> t
 
 
 def setting_of(design: Design, released: Released) -> Setting:
-    """Returns a design for simulated trials, with residuals of the teachers that the best is chosen among."""
+    """Return a design for simulated trials, with residuals of the teachers that the best is chosen among."""
     cells = tuple(_simulated_cell(cell, released) for cell in design.cells)
     return Setting(cells, design.looks, design.margin, design.candidates, design.error)
 
@@ -363,7 +363,7 @@ def _simulated_cell(cell: TrialCell, released: Released) -> Cell:
 
 
 def _calibrated(design: Design, released: Released) -> Design:
-    """Returns the design with the largest of `ERRORS` by which simulated verdicts are wrong rarely enough.
+    """Return the design with the largest of `ERRORS` by which simulated verdicts are wrong rarely enough.
 
     Student's quantiles of few and skewed values spend more than they should; trials over one cell feel it.
     """
@@ -380,7 +380,7 @@ def _calibrated(design: Design, released: Released) -> Design:
 
 
 def detectable(design: Design, reference: str, runs: Floats) -> float:
-    """Returns the difference in points that a trial finds with probability `POWER`, at any of its looks.
+    """Return the difference in points that a trial finds with probability `POWER`, at any of its looks.
 
     For normal runs with the release's standard deviations.
     """
@@ -397,7 +397,7 @@ def detectable(design: Design, reference: str, runs: Floats) -> float:
 
 
 def planned(design: Design, runs: Floats) -> list[Difference]:
-    """Returns what each look has if the new teacher is like the reference."""
+    """Return what each look has if the new teacher is like the reference."""
     variance = np.array([cell.deviation**2 for cell in design.cells])
     reference = Moments(np.zeros_like(variance), variance, runs)
     teachers = [replace(reference, runs=np.full_like(variance, seeds)) for seeds in design.looks]

@@ -64,7 +64,7 @@ class Moments:
 
     @classmethod
     def of(cls, values: Floats) -> Moments:
-        """Returns the moments of samples (..., cells, runs)."""
+        """Return the moments of samples (..., cells, runs)."""
         runs = np.full(values.shape[-2], float(values.shape[-1]))
         return cls(values.mean(axis=-1), values.var(axis=-1, ddof=1), runs)
 
@@ -85,7 +85,7 @@ class Difference:
 
 
 def difference(teacher: Moments, reference: Moments, slopes: Floats) -> Difference:
-    """Returns the difference over cells of equal weight.
+    """Return the difference over cells of equal weight.
 
     Args:
         teacher: runs of the new teacher.
@@ -135,7 +135,7 @@ class Rule:
         return self._bounds(1 - (1 - self.error / 2) ** (1 / self.candidates))
 
     def _bounds(self, error: float) -> tuple[float, ...]:
-        """Returns boundaries that hold whatever the ratio of variances of teacher and reference is.
+        """Return boundaries that hold whatever the ratio of variances of teacher and reference is.
 
         Error is spent by the planned information. Statistics of looks are least correlated, and cross most
         often, where all variance is the new teacher's: this correlation is used (Slepian, 1962).
@@ -143,7 +143,7 @@ class Rule:
         return boundaries(self.fractions, error, tuple(map(float, self.looks)))
 
     def interval(self, found: Difference, look: int) -> tuple[Floats, Floats]:
-        """Returns both ends of the repeated confidence interval at look `look`, from 0 on.
+        """Return both ends of the repeated confidence interval at look `look`, from 0 on.
 
         Student's t in the place of the normal distribution, at the same probability. All intervals of a
         trial hold the true difference at once with probability 1 - error.
@@ -154,7 +154,7 @@ class Rule:
         )
 
     def reach(self, found: Difference, look: int, *, above: bool) -> Floats:
-        """Returns how far a difference must be from 0 for a verdict at look `look`, in points.
+        """Return how far a difference must be from 0 for a verdict at look `look`, in points.
 
         Args:
             found: differences, of which the errors are read.
@@ -169,13 +169,13 @@ class Rule:
             )
 
     def verdicts(self, found: Difference, look: int) -> NDArray[np.str_]:
-        """Returns the `Verdict` of each difference at look `look`."""
+        """Return the `Verdict` of each difference at look `look`."""
         low, high = self.interval(found, look)
         decided = (low > 0, high < 0, (low > -self.margin) & (high < self.margin))
         return np.select(decided, (Verdict.BETTER, Verdict.WORSE, Verdict.ALIKE), Verdict.OPEN)
 
     def power(self, teacher: Moments, reference: Moments, slopes: Floats, last: int | None = None) -> Floats:
-        """Returns the probability that a later look decides, as the seeds so far let expect.
+        """Return the probability that a later look decides, as the seeds so far let expect.
 
         Conditional power at look `last`, averaged over the differences that the seeds so far leave open
         (predictive power; Spiegelhalter, Freedman and Blackburn, 1986).
@@ -205,7 +205,7 @@ class Rule:
 
 
 def planned_fractions(looks: Sequence[int], slopes: Floats, reference_runs: Floats) -> tuple[float, ...]:
-    """Returns the information of each look over that of the last, for equal variances in all samples.
+    """Return the information of each look over that of the last, for equal variances in all samples.
 
     The reference's runs are fixed: their part of the variance stays.
 
@@ -219,5 +219,5 @@ def planned_fractions(looks: Sequence[int], slopes: Floats, reference_runs: Floa
 
 
 def quantile(freedom: Floats, bound: float) -> Floats:
-    """Returns Student's quantiles at the probability of a normal statistic under `bound`."""
+    """Return Student's quantiles at the probability of a normal statistic under `bound`."""
     return np.asarray(-special.stdtrit(freedom, float(special.ndtr(-bound))), np.float64)

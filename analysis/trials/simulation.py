@@ -91,7 +91,7 @@ class Setting:
 
 
 def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Outcomes:
-    """Returns how trials end where all released teachers are alike and the new one differs by `true` points.
+    """Return how trials end where all released teachers are alike and the new one differs by `true` points.
 
     That is the least favourable case of the choice of the best: any candidate may seem so.
 
@@ -133,7 +133,7 @@ def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Ou
 
 
 def wrong(verdicts: NDArray[np.str_], true: float, margin: float) -> NDArray[np.bool_]:
-    """Returns which verdicts are wrong where the true difference is `true` points."""
+    """Return which verdicts are wrong where the true difference is `true` points."""
     refuted = {
         Verdict.BETTER: true <= 0,
         Verdict.WORSE: true >= 0,
@@ -143,7 +143,7 @@ def wrong(verdicts: NDArray[np.str_], true: float, margin: float) -> NDArray[np.
 
 
 def _references(setting: Setting, trials: int, rng: np.random.Generator) -> tuple[Moments, Moments]:
-    """Returns the moments of Random and of the candidate with the highest mean in each trial."""
+    """Return the moments of Random and of the candidate with the highest mean in each trial."""
     runs = np.array([float(cell.runs) for cell in setting.cells])
     shape = trials, setting.candidates + 1
     drawn = [rng.choice(cell.residuals, (*shape, cell.runs)) for cell in setting.cells]

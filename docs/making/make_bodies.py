@@ -33,13 +33,13 @@ Floats = NDArray[np.float64]
 
 
 def placed(position: Floats, angle: float, points: Floats) -> Floats:
-    """Returns `points` (n, 2) of a frame at `position`, turned by `angle` (rad), in world axes."""
+    """Return `points` (n, 2) of a frame at `position`, turned by `angle` (rad), in world axes."""
     sine, cosine = np.sin(angle), np.cos(angle)
     return np.asarray(position + points @ np.array([[cosine, sine], [-sine, cosine]]))
 
 
 def draw(axis: Axes, body: Embodiment) -> None:
-    """Draws `body` on the ground, or hanging from the ceiling, or in the water, as its kind begins."""
+    """Draw `body` on the ground, or hanging from the ceiling, or in the water, as its kind begins."""
     pose = settled(body, settings_for(body))
     places = range(len(body.parts))
     outlines = [placed(pose.position[i], pose.angle[i], body.parts[i].shape.points) for i in places]
@@ -66,7 +66,7 @@ def draw(axis: Axes, body: Embodiment) -> None:
 
 
 def grips(body: Embodiment, pose: BodyArrays) -> Floats:
-    """Returns the centres of the grip sensors (g, 2), in m over the ground."""
+    """Return the centres of the grip sensors (g, 2), in m over the ground."""
     centres = []
     for sensor in body.grip_sensors:
         part = body.part_index(sensor.part)
@@ -76,7 +76,7 @@ def grips(body: Embodiment, pose: BodyArrays) -> Floats:
 
 
 def draw_world(axis: Axes, body: Embodiment, left: float) -> None:
-    """Draws ground, water for those that live in it, and the ceiling for those that hang from it."""
+    """Draw ground, water for those that live in it, and the ceiling for those that hang from it."""
     axis.set(xlim=(left, left + WIDTH), ylim=(-MARGIN, HEIGHT - MARGIN), aspect="equal", xticks=[], yticks=[])
     axis.set_facecolor(WATER if body.steps_survivable_under_water is None else SKY)
     axis.add_patch(Rectangle((left, -MARGIN), WIDTH, MARGIN, facecolor=SOIL, edgecolor=SOIL_EDGE))
@@ -89,14 +89,14 @@ def draw_world(axis: Axes, body: Embodiment, left: float) -> None:
 
 
 def caption(body: Embodiment) -> str:
-    """Returns what a body is and acts with."""
+    """Return what a body is and acts with."""
     grip = f", {len(body.grip_sensors)} grips" if body.starts_hanging else ""
     mass = sum(piece.mass for piece in (*body.parts, *body.grip_sensors))
     return f"{body.body_type}, {mass:.1f} kg, {len(body.motors)} motors{grip}"
 
 
 def main() -> None:
-    """Writes the picture."""
+    """Write the picture."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--bodies", nargs="*", default=embodiment_names(), metavar="NAME")
     parser.add_argument("--output", type=Path, default=Path("docs/images/bodies.png"))

@@ -27,7 +27,7 @@ FRAMES, DPI, COLOURS = 9, 90, 64
 
 
 def main() -> None:
-    """Writes NAME-CHALLENGE.png and NAME-CHALLENGE.gif."""
+    """Write NAME-CHALLENGE.png and NAME-CHALLENGE.gif."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("release", help="name, folder or address of a release with curricula")
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="made if missing")
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def first_runs(frames: Frames) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yields each challenge and the run of each teacher with its first body and seed."""
+    """Yield each challenge and the run of each teacher with its first body and seed."""
     done = frames.cells[frames.cells["status"] == "done"]
     ordered = done.sort_values(["embodiment", "seed"]).drop_duplicates(["challenge", "teacher"])
     for challenge, runs in ordered.groupby("challenge"):

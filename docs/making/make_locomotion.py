@@ -27,7 +27,7 @@ SEED_COLOURS = ("#1b6f9c", "#d1603d", "#5d8a4a")
 
 
 def evaluations(roots: list[Path]) -> pd.DataFrame:
-    """Returns the mean return of every evaluation: root, run_id, challenge, seed, step, episodic_return."""
+    """Return the mean return of every evaluation: root, run_id, challenge, seed, step, episodic_return."""
     tables = []
     for root in roots:
         results = Results.open(root)
@@ -39,7 +39,7 @@ def evaluations(roots: list[Path]) -> pd.DataFrame:
 
 
 def draw(axes: Axes, challenge: str, rows: pd.DataFrame) -> None:
-    """Plots the curve of every seed in a challenge, and the mean return of random actions."""
+    """Plot the curve of every seed in a challenge, and the mean return of random actions."""
     body = BODIES[challenge]
     for colour, (seed, curve) in zip(SEED_COLOURS, rows.groupby("seed"), strict=False):
         curve = curve.sort_values("step")
@@ -62,7 +62,7 @@ def film(challenge: str, rows: pd.DataFrame, folder: Path) -> Path:
 
 
 def main() -> None:
-    """Writes locomotion.png and a film of each challenge."""
+    """Write locomotion.png and a film of each challenge."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument(
         "roots", type=Path, nargs="+", help="finished results roots, each challenge in one only"

@@ -29,7 +29,7 @@ LEFT_BEHIND = ("checkpoints", "staging", "logs", "tmp", "lease.json", "heartbeat
 
 
 def main() -> None:
-    """Writes the folder `NAME`, a results root of its own."""
+    """Write the folder `NAME`, a results root of its own."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("root", type=Path, help="results root of the campaign, in a folder")
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help=f"{NAME} is made in it")
@@ -47,14 +47,14 @@ def main() -> None:
 
 
 def best_run(frames: Frames, cells: pd.DataFrame) -> str:
-    """Returns the run of `cells` that masters most, by mean return where several do."""
+    """Return the run of `cells` that masters most, by mean return where several do."""
     measured = run_measures(frames)
     measured = measured[measured["run_id"].isin(cells["run_id"])]
     return str(measured.sort_values(["mastered_percent", "evaluation_return"])["run_id"].iloc[-1])
 
 
 def _keep(store: Store, frames: Frames, runs: set[str], best: str) -> None:
-    """Deletes all but `runs` from a root, and all saved policies but that of the `best`."""
+    """Delete all but `runs` from a root, and all saved policies but that of the `best`."""
     for run_id in set(frames.cells["run_id"]) - runs:
         if store.exists(manifest_path(run_id)):
             store.delete(manifest_path(run_id))

@@ -41,7 +41,7 @@ LICENCE = "Facts from the paper, which is to be cited for them."
 
 
 def main() -> None:
-    """Writes the folder."""
+    """Write the folder."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument(
         "--output", type=Path, required=True, metavar="FOLDER", help="paper-2021 is made in it"

@@ -112,7 +112,7 @@ CLIP_SIZE = 360, 240
 
 
 def world_of(view: View, cppn: CPPN) -> tuple[Terrain, NDArray[np.float32]]:
-    """Returns the world of a cell, with its spawn point, and its task."""
+    """Return the world of a cell, with its spawn point, and its task."""
     theta = np.array(view.theta, np.float32)
     ground, ceiling = outlines(theta, view.delta, cppn)
     level = 0.0
@@ -129,7 +129,7 @@ def world_of(view: View, cppn: CPPN) -> tuple[Terrain, NDArray[np.float32]]:
 
 
 def level_place(segments: NDArray[np.float64], x: float) -> float:
-    """Returns the place nearest to `x` around which ground or ceiling is level, in m."""
+    """Return the place nearest to `x` around which ground or ceiling is level, in m."""
     lefts, heights = segments[1:-1, 0], segments[1:-1, 1]
     spread = [np.ptp(heights[np.abs(lefts - left) < LEVEL[0]]) for left in lefts]
     level = lefts[np.array(spread) <= max(LEVEL[1], min(spread))]
@@ -137,7 +137,7 @@ def level_place(segments: NDArray[np.float64], x: float) -> float:
 
 
 def keep_pose(engine: Engine) -> Acting:
-    """Returns the acting of one who keeps the joints as they are, and grips closed."""
+    """Return the acting of one who keeps the joints as they are, and grips closed."""
     first, second = engine.arrays.joint_parts.T
     wanted = engine.state[second, 2] - engine.state[first, 2]
 
@@ -149,13 +149,13 @@ def keep_pose(engine: Engine) -> Acting:
 
 
 def wriggle(engine: Engine) -> Acting:
-    """Returns the acting of one who beats up and down, each joint a little before the last."""
+    """Return the acting of one who beats up and down, each joint a little before the last."""
     phases = 0.9 * np.arange(len(engine.arrays.motors))
     return lambda step, _: np.sin(2 * np.pi * step / STROKE + phases)
 
 
 def swing(engine: Engine, seed: int = 0) -> Acting:
-    """Returns the acting of one who moves at random and opens a hand now and then."""
+    """Return the acting of one who moves at random and opens a hand now and then."""
     rng, motors = np.random.default_rng(seed), len(engine.arrays.motors)
     drawn = np.ones(motors + len(engine.grips))
 
@@ -171,12 +171,12 @@ def swing(engine: Engine, seed: int = 0) -> Acting:
 
 
 def engine_of(body: Embodiment) -> Engine:
-    """Returns the engine that Parkour has for `body`."""
+    """Return the engine that Parkour has for `body`."""
     return make_engine(body, Rules("parkour", body.lidars, observes_medium=True))
 
 
 def play(view: View, body: Embodiment, terrain: Terrain) -> tuple[Engine, NDArray[np.float32]]:
-    """Returns the engine with the body as it is shown, and its last observation."""
+    """Return the engine with the body as it is shown, and its last observation."""
     engine = engine_of(body)
     observation = engine.reset(terrain, 0.0)
     if view.grasp:
@@ -193,12 +193,12 @@ def play(view: View, body: Embodiment, terrain: Terrain) -> tuple[Engine, NDArra
 
 
 def _straddles(held: NDArray[np.int64]) -> bool:
-    """Tells whether the hands hold different things, none of them nothing."""
+    """Tell whether the hands hold different things, none of them nothing."""
     return bool(np.all(held > NOTHING)) and len(set(held.tolist())) > 1
 
 
 def draw_map(axis: Axes, terrain: Terrain, x: float, y: float) -> None:
-    """Draws the whole world, and where in it the body is."""
+    """Draw the whole world, and where in it the body is."""
     ends = np.linspace(0, terrain.goal_x, 800)
     ground, ceiling = (height_at(segments, ends) for segments in (terrain.surface, terrain.ceiling))
     low, high = ground.min() - 2, ceiling.max() + 2
@@ -212,7 +212,7 @@ def draw_map(axis: Axes, terrain: Terrain, x: float, y: float) -> None:
 
 
 def caption(view: View, task: NDArray[np.float32]) -> str:
-    """Returns the name of the body and the task."""
+    """Return the name of the body and the task."""
     theta = ", ".join(f"{value:g}" for value in view.theta)
     water = "dry" if view.water is None else f"water {task[3]:.2f}"
     creepers = f"creepers {view.creepers[0]:g} m every {view.creepers[1]:g} m"
@@ -223,7 +223,7 @@ def caption(view: View, task: NDArray[np.float32]) -> str:
 
 
 def sheet(path: Path) -> None:
-    """Draws all cells."""
+    """Draw all cells."""
     rows = -(-len(SHEET) // COLUMNS)
     size = COLUMNS * CELL[0] + GAP, rows * CELL[1]
     figure = plt.figure(figsize=size)
@@ -246,12 +246,12 @@ def sheet(path: Path) -> None:
 
 
 def _share(box: tuple[float, ...], size: tuple[float, float]) -> tuple[float, ...]:
-    """Returns left, bottom, width and height in inches as shares of a figure of `size`."""
+    """Return left, bottom, width and height in inches as shares of a figure of `size`."""
     return tuple(value / size[index % 2] for index, value in enumerate(box))
 
 
 def clip(view: View, acting: Callable[[Engine], Acting]) -> list[NDArray[np.uint8]]:
-    """Returns frames of a body that acts from its start on, (height, width, 3) each."""
+    """Return frames of a body that acts from its start on, (height, width, 3) each."""
     body, (terrain, _) = load_embodiment(view.body), world_of(view, CPPN.load(DEFAULT_WEIGHTS))
     engine, frames, renderer = engine_of(body), [], Renderer(body, False, 50)
     observation, act = engine.reset(terrain, 0.0), acting(engine)
@@ -264,13 +264,13 @@ def clip(view: View, acting: Callable[[Engine], Acting]) -> list[NDArray[np.uint
 
 
 def moving(path: Path) -> None:
-    """Writes a chimpanzee and a fish side by side."""
+    """Write a chimpanzee and a fish side by side."""
     both = zip(clip(CLIMBER, partial(swing, seed=CLIMBER.seed)), clip(SWIMMER, wriggle), strict=True)
     write_frames(path, [np.concatenate(pair, axis=1) for pair in both], Fraction(50, STEPS_PER_FRAME))
 
 
 def main() -> None:
-    """Writes parkour.png and parkour.gif."""
+    """Write parkour.png and parkour.gif."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("docs/images"))
     options = parser.parse_args()

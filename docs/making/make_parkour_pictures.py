@@ -32,12 +32,12 @@ INSIDE = 60
 
 
 def world(task: np.ndarray) -> Terrain:
-    """Returns the world of a task (8,)."""
+    """Return the world of a task (8,)."""
     return parkour(task, np.random.default_rng(0), cppn=NETWORK)
 
 
 def draw(axis: Axes, terrain: Terrain, *, creepers: bool = True) -> None:
-    """Draws a world, with its `creepers` or without."""
+    """Draw a world, with its `creepers` or without."""
     bottom, top = terrain.spawn[1] - BELOW, terrain.spawn[1] + ABOVE
     lines = [np.vstack([line[:, :2], line[-1:, 2:]]) for line in (terrain.surface, terrain.ceiling)]
     axis.fill_between([0, LENGTH], bottom, terrain.water_y, color=WATER, alpha=0.45, lw=0)
@@ -50,7 +50,7 @@ def draw(axis: Axes, terrain: Terrain, *, creepers: bool = True) -> None:
 
 
 def inputs() -> plt.Figure:
-    """Returns the figure of terrains along each input, the others at the medium space's centre."""
+    """Return the figure of terrains along each input, the others at the medium space's centre."""
     shares = np.linspace(-1, 1, 5)
     figure, axes = plt.subplots(4, len(shares), figsize=(15, 6.9), layout="constrained")
     for row, (name, reach) in enumerate((("theta_1", 1), ("theta_2", 1), ("theta_3", 1), ("theta_2", 0.2))):
@@ -68,18 +68,18 @@ def inputs() -> plt.Figure:
 
 
 def rated(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Returns a test set's tasks (100, 8) and their difficulties (100,)."""
+    """Return a test set's tasks (100, 8) and their difficulties (100,)."""
     tasks = load_test_set(f"parkour_{name}").tasks
     return tasks, np.array([difficulty(demands(world(task), BODIES[name])) for task in tasks])
 
 
 def class_of(ranks: np.ndarray) -> list[str]:
-    """Returns the classes of tasks by their place in the order of difficulty, from 0 to 99."""
+    """Return the classes of tasks by their place in the order of difficulty, from 0 to 99."""
     return [list(CLASSES)[min(2, int(3 * (rank + 0.5) / 100))] for rank in ranks]
 
 
 def examples() -> plt.Figure:
-    """Returns the figure of examples: one row for each body, from the easiest to the hardest task."""
+    """Return the figure of examples: one row for each body, from the easiest to the hardest task."""
     figure, axes = plt.subplots(3, 4, figsize=(15, 6.2), layout="constrained")
     for row, name in zip(axes, BODIES, strict=True):
         tasks, values = rated(name)
@@ -96,7 +96,7 @@ def examples() -> plt.Figure:
 
 
 def order_of_difficulty() -> plt.Figure:
-    """Returns the figure of the thirds: the demands of every task, in the order of difficulty."""
+    """Return the figure of the thirds: the demands of every task, in the order of difficulty."""
     figure, axes = plt.subplots(1, 3, figsize=(15, 4.2), layout="constrained", sharex=True)
     for axis, (name, body_type) in zip(axes, BODIES.items(), strict=True):
         tasks, values = rated(name)
@@ -120,7 +120,7 @@ def order_of_difficulty() -> plt.Figure:
 
 
 def main() -> None:
-    """Writes parkour_inputs.png, parkour_test_sets.png and parkour_difficulty.png."""
+    """Write parkour_inputs.png, parkour_test_sets.png and parkour_difficulty.png."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("docs/images"))
     options = parser.parse_args()

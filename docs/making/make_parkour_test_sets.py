@@ -33,12 +33,12 @@ Draw = Callable[[np.random.Generator], np.ndarray]
 
 
 def inside(rng: np.random.Generator) -> np.ndarray:
-    """Returns a task of the medium space (8,)."""
+    """Return a task of the medium space (8,)."""
     return MEDIUM.clip(np.round(MEDIUM.sample(rng).astype(np.float64), DECIMALS))
 
 
 def other_theta(rng: np.random.Generator) -> np.ndarray:
-    """Returns a task (8,) whose theta is in the hard space only."""
+    """Return a task (8,) whose theta is in the hard space only."""
     while True:
         task = HARD.clip(np.round(HARD.sample(rng).astype(np.float64), DECIMALS))
         if not MEDIUM.contains(task):
@@ -46,7 +46,7 @@ def other_theta(rng: np.random.Generator) -> np.ndarray:
 
 
 def other_delta(rng: np.random.Generator) -> np.ndarray:
-    """Returns a task (8,) of the medium space but for its delta."""
+    """Return a task (8,) of the medium space but for its delta."""
     task = inside(rng)
     task[-1] = np.round(rng.uniform(*DELTA), 1)
     return other_delta(rng) if task[-1] == 10 else task
@@ -61,13 +61,13 @@ SOURCES: tuple[tuple[str, Draw, tuple[int, int, int]], ...] = (
 
 
 def judge(task: np.ndarray, body_type: str, cppn: CPPN) -> float:
-    """Returns the difficulty of a task (8,), infinite where it is not feasible."""
+    """Return the difficulty of a task (8,), infinite where it is not feasible."""
     # Creepers' heights, all that is random, make no difference to the demands.
     return difficulty(demands(parkour(task, np.random.default_rng(0), cppn=cppn), body_type))
 
 
 def thirds(body_type: str, cppn: CPPN, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Returns where the feasible tasks of the medium space are cut (2,), and their share."""
+    """Return where the feasible tasks of the medium space are cut (2,), and their share."""
     values = np.array([judge(inside(rng), body_type, cppn) for _ in range(REFERENCE_TASKS)])
     feasible = values[np.isfinite(values)]
     return np.quantile(feasible, [1 / 3, 2 / 3]), len(feasible) / len(values)
@@ -80,7 +80,7 @@ def choose(
     cuts: np.ndarray,
     rng: np.random.Generator,
 ) -> tuple[list[tuple[float, np.ndarray]], float]:
-    """Returns (difficulty, task) of as many tasks of each third as `quotas` say, and the feasible share."""
+    """Return (difficulty, task) of as many tasks of each third as `quotas` say, and the feasible share."""
     found: list[list[tuple[float, np.ndarray]]] = [[] for _ in quotas]
     drawn = feasible = 0
     while any(len(tasks) < quota for tasks, quota in zip(found, quotas, strict=True)):
@@ -97,7 +97,7 @@ def choose(
 
 
 def make(name: str, seed: int, cppn: CPPN) -> TestSet:
-    """Returns a body type's test set: the medium space's tasks first, those of each source by difficulty."""
+    """Return a body type's test set: the medium space's tasks first, those of each source by difficulty."""
     body_type, rng = BODY_TYPES[name], np.random.default_rng(seed)
     cuts, share = thirds(body_type, cppn, rng)
     print(f"{name}: thirds cut at {cuts.round(3).tolist()}; {share:.1%} of the medium space are feasible")
@@ -110,7 +110,7 @@ def make(name: str, seed: int, cppn: CPPN) -> TestSet:
 
 
 def main() -> None:
-    """Writes the three files."""
+    """Write the three files."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("tma_ray/benchmark/test_sets"))
     options = parser.parse_args()

@@ -22,7 +22,7 @@ FRAMES = 3
 
 
 def best_run(results: Results) -> tuple[str, str]:
-    """Returns run id and student of the run with the highest mean return at its last evaluation."""
+    """Return run id and student of the run with the highest mean return at its last evaluation."""
     rows = results.table(Table.EVALUATIONS, columns=["run_id", "step", "episodic_return"]).to_pandas()
     last = rows[rows.step == rows.step.max()]
     run_id = str(last.groupby("run_id", observed=True).episodic_return.mean().idxmax())
@@ -30,7 +30,7 @@ def best_run(results: Results) -> tuple[str, str]:
 
 
 def walk(root: Path) -> np.ndarray:
-    """Returns frames of the best policy side by side, (height, width, 3)."""
+    """Return frames of the best policy side by side, (height, width, 3)."""
     run_id, student = best_run(Results.open(root))
     policy = load_policy(student, root / policy_folder(run_id))
     environment = make_environment("stump_tracks", render_mode="rgb_array")
@@ -46,7 +46,7 @@ def walk(root: Path) -> np.ndarray:
 
 
 def main() -> None:
-    """Writes walker.png and curriculum.png."""
+    """Write walker.png and curriculum.png."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("root", type=Path, help="results root of a finished quickstart with a report")
     parser.add_argument("--output", type=Path, default=Path("docs/images"))

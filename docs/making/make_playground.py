@@ -34,7 +34,7 @@ FILM_SIZE, FRAMES, FRAME_STEPS, FRAME_MILLISECONDS, COLOURS = (640, 240), 90, 5,
 
 
 def page(root: str, task: tuple[float, ...], seed: int) -> tuple[str, list[str]]:
-    """Returns the page with the policies of a results root, and the ids of their runs."""
+    """Return the page with the policies of a results root, and the ids of their runs."""
     records = []
     for manifest in Results.open(root).runs():
         saved = find_policy(manifest.run.run_id, root)
@@ -45,7 +45,7 @@ def page(root: str, task: tuple[float, ...], seed: int) -> tuple[str, list[str]]
 
 
 def film(file: Path, output: Path) -> None:
-    """Writes the first seconds of what a page plays, frame by frame, without its controls."""
+    """Write the first seconds of what a page plays, frame by frame, without its controls."""
     frames = []
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
@@ -72,7 +72,7 @@ def film(file: Path, output: Path) -> None:
 
 
 def main() -> None:
-    """Builds everything."""
+    """Build everything."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("root", help="results root with the policies that the page has")
     parser.add_argument("--task", default="0.6,4", help="task that the page plays first")

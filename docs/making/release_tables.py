@@ -39,7 +39,7 @@ ALIKE = "\N{MIDDLE DOT}"
 
 
 def leaderboard() -> str:
-    """Returns the leaderboards of the releases that ship, and the curricula of their teachers."""
+    """Return the leaderboards of the releases that ship, and the curricula of their teachers."""
     parts = [leaderboards()]
     for name in (each.manifest.name for each in baselines()):
         for strip in sorted(PICTURES.glob(f"{name}-*.png")):
@@ -53,7 +53,7 @@ def leaderboard() -> str:
 
 @functools.cache
 def _simulated_runs() -> tuple[pd.DataFrame, int]:
-    """Returns the runs of the seeds of simulated students that are complete, and the number of these."""
+    """Return the runs of the seeds of simulated students that are complete, and the number of these."""
     runs = played_runs(Results(find_baseline(SIMULATED_RELEASE).store()))
     teachers = sorted({run.teacher for run in runs}, key=teacher_order)
     cells = cells_of(teachers, SIMULATED_CHALLENGES, list(KnowledgeLevel))
@@ -64,7 +64,7 @@ def _simulated_runs() -> tuple[pd.DataFrame, int]:
 
 
 def simulated_students() -> str:
-    """Returns what teachers master in the seeds that are complete, and how they recover from resets."""
+    """Return what teachers master in the seeds that are complete, and how they recover from resets."""
     frame, seeds = _simulated_runs()
     mastered = mastered_table(frame).rename(columns=lambda name: name.replace("_", " "))
     tables = (markdown(table.map(_on_one_line)) for table in (mastered, recovery_table(frame)))
@@ -77,7 +77,7 @@ def simulated_students() -> str:
 
 
 def simulated_and_paper() -> str:
-    """Returns differences from Random of the paper's teachers: of simulated students, and in its own tables.
+    """Return differences from Random of the paper's teachers: of simulated students, and in its own tables.
 
     The paper's are Welch's tests of its means and deviations against Random at the same level of knowledge,
     with Holm's correction for a challenge; it has no result of Random on the original space.
@@ -112,12 +112,12 @@ def _described(row: Mapping[Hashable, Any]) -> Description:
 
 
 def _on_one_line(text: str) -> str:
-    """Returns a mean with its margin and mark without places where a line may break."""
+    """Return a mean with its margin and mark without places where a line may break."""
     return text.replace(" ", NO_BREAK) if "±" in text else text
 
 
 def trials() -> str:
-    """Returns the errors and seeds of simulated trials, as `benchmarks/trials.py` measured them."""
+    """Return the errors and seeds of simulated trials, as `benchmarks/trials.py` measured them."""
     rows = pd.read_csv(MEASURED / "trials.csv")
     table = pd.DataFrame(
         {
@@ -141,7 +141,7 @@ def _verdicts(rows: pd.DataFrame, reference: str) -> pd.Series:
 
 
 def releases() -> str:
-    """Returns the baselines that ship."""
+    """Return the baselines that ship."""
     rows = []
     for manifest in (each.manifest for each in baselines()):
         holds = manifest.holds
@@ -158,7 +158,7 @@ def releases() -> str:
 
 
 def learning_of_the_release() -> str:
-    """Returns mastered tasks of all runs of `lite-1` together, by step."""
+    """Return mastered tasks of all runs of `lite-1` together, by step."""
     means = find_baseline("lite-1").frames().evaluations.groupby("step")["mastered"].mean()
     head = [f"{step / 1e6:g} M" for step in means.index]
     return markdown(
@@ -167,7 +167,7 @@ def learning_of_the_release() -> str:
 
 
 def sensitivity() -> str:
-    """Returns tasks mastered at the end of the runs of `benchmarks/sensitivity.py`, a row a variant."""
+    """Return tasks mastered at the end of the runs of `benchmarks/sensitivity.py`, a row a variant."""
     table = pd.read_csv(MEASURED / "sensitivity.csv")
     last = table[table["step"] == table["step"].max()]
     cells = dict(list(last.groupby(["embodiment", "student"], sort=False)["mastered"]))

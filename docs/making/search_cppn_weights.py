@@ -69,18 +69,18 @@ RISE, RISE_STEPS = 1.4, 5
 
 
 def truncated_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Returns float32 weights."""
+    """Return float32 weights."""
     return truncnorm.rvs(-CUT, CUT, scale=STD, size=shape, random_state=rng).astype(np.float32)
 
 
 def hidden_layers(seed: int) -> dict[str, np.ndarray]:
-    """Returns w1 to w4."""
+    """Return w1 to w4."""
     rng = np.random.default_rng([seed, 0])
     return {name: truncated_normal(rng, shape) for name, shape in list(SHAPES.items())[:-1]}
 
 
 def columns(seed: int) -> np.ndarray:
-    """Returns the columns (64, 2, HEADS) that may become w5: of the ground, and of the ceiling.
+    """Return the columns (64, 2, HEADS) that may become w5: of the ground, and of the ceiling.
 
     Every second half is the first one's negative, which is as likely.
     """
@@ -89,14 +89,14 @@ def columns(seed: int) -> np.ndarray:
 
 
 def features(layers: dict[str, np.ndarray], theta: np.ndarray) -> np.ndarray:
-    """Returns the last hidden layer (n, 200, 64) for `theta` (n, 3)."""
+    """Return the last hidden layer (n, 200, 64) for `theta` (n, 3)."""
     x = np.linspace(0, 1, POINTS, dtype=np.float32)
     signal = np.tanh(np.outer(x, layers["w1"][0]) + (theta @ layers["w1"][1:])[:, None])
     return softplus(np.tanh(softplus(signal @ layers["w2"]) @ layers["w3"]) @ layers["w4"])
 
 
 def thetas(count: int, seed: int) -> dict[str, np.ndarray]:
-    """Returns `count` uniform theta (count, 3) of each box."""
+    """Return `count` uniform theta (count, 3) of each box."""
     rng = np.random.default_rng(seed)
     return {
         name: rng.uniform(*np.transpose(box), size=(count, 3)).astype(np.float32)
@@ -105,12 +105,12 @@ def thetas(count: int, seed: int) -> dict[str, np.ndarray]:
 
 
 def aligned(curves: np.ndarray) -> np.ndarray:
-    """Returns curves (n, 200, ...) in m above their start."""
+    """Return curves (n, 200, ...) in m above their start."""
     return (curves - curves[:, :1]) / DELTA
 
 
 def figures(ground: np.ndarray, ceiling: np.ndarray) -> Figures:
-    """Returns the figures of grounds and ceilings (n, 200), in m above their starts."""
+    """Return the figures of grounds and ceilings (n, 200), in m above their starts."""
     clearance = (ceiling - ground).min(axis=1) + START_CLEARANCE
     slope = np.abs(np.diff(ground, axis=1)) / STEP
     return Figures(
@@ -123,13 +123,13 @@ def figures(ground: np.ndarray, ceiling: np.ndarray) -> Figures:
 
 
 def greatest_rise(ground: np.ndarray) -> np.ndarray:
-    """Returns how much grounds (n, 200) rise at most within `RISE_STEPS` (n,)."""
+    """Return how much grounds (n, 200) rise at most within `RISE_STEPS` (n,)."""
     rises = [(ground[:, steps:] - ground[:, :-steps]).max(axis=1) for steps in range(1, RISE_STEPS + 1)]
     return np.max(rises, axis=0)
 
 
 def deviations(measured: Figures, target: Figures) -> np.ndarray:
-    """Returns every figure's deviation in units of what is tolerated (5,)."""
+    """Return every figure's deviation in units of what is tolerated (5,)."""
     ours, theirs, tolerances = (
         np.array(dataclasses.astuple(item)) for item in (measured, target, TOLERANCES)
     )
@@ -138,7 +138,7 @@ def deviations(measured: Figures, target: Figures) -> np.ndarray:
 
 
 def grounds_that_fit(ground: np.ndarray, target: Figures, chosen: np.ndarray) -> np.ndarray:
-    """Returns those of the `chosen` among grounds (n, 200, HEADS) that are about as the target."""
+    """Return those of the `chosen` among grounds (n, 200, HEADS) that are about as the target."""
     curves = ground[..., chosen]
     slope = np.abs(np.diff(curves, axis=1)).mean(axis=(0, 1)) / STEP
     extent = np.ptp(curves, axis=1).mean(axis=0)
@@ -151,12 +151,12 @@ def grounds_that_fit(ground: np.ndarray, target: Figures, chosen: np.ndarray) ->
 
 
 def noise(share: float, count: int) -> float:
-    """Returns two standard errors of a share of `count` tasks."""
+    """Return two standard errors of a share of `count` tasks."""
     return 2 * float(np.sqrt(share * (1 - share) / count))
 
 
 def candidates(seed: int, samples: dict[str, np.ndarray]) -> list[tuple[float, int, int]]:
-    """Returns (worst deviation of the shares, ground, ceiling) of pairs worth a closer look, best first."""
+    """Return (worst deviation of the shares, ground, ceiling) of pairs worth a closer look, best first."""
     layers, heads = hidden_layers(seed), columns(seed)
     hidden, grounds, chosen = {}, {}, np.arange(HEADS)
     for box in ("medium", "easy", "hard"):  # few grounds pass the first
@@ -180,14 +180,14 @@ def candidates(seed: int, samples: dict[str, np.ndarray]) -> list[tuple[float, i
 
 
 def assemble(seed: int, ground: int, ceiling: int) -> CPPN:
-    """Returns the network of a seed with two of its columns."""
+    """Return the network of a seed with two of its columns."""
     heads = columns(seed)
     w5 = np.stack([heads[:, 0, ground], heads[:, 1, ceiling]], axis=1)
     return CPPN({**hidden_layers(seed), "w5": w5})
 
 
 def measure(network: CPPN, count: int = 2000, seed: int = 1) -> dict[str, Figures]:
-    """Returns the figures of every box over `count` tasks."""
+    """Return the figures of every box over `count` tasks."""
     result = {}
     for box, theta in thetas(count, seed).items():
         curves = np.concatenate([network.curves(part) for part in np.array_split(theta, 20)])
@@ -197,13 +197,13 @@ def measure(network: CPPN, count: int = 2000, seed: int = 1) -> dict[str, Figure
 
 
 def worst_deviation(network: CPPN, count: int, seed: int = 1) -> float:
-    """Returns the largest of all figures' deviations."""
+    """Return the largest of all figures' deviations."""
     measured = measure(network, count, seed)
     return max(float(deviations(measured[box], target).max()) for box, target in TARGETS.items())
 
 
 def search(first: int, seeds: int) -> tuple[int, int, int]:
-    """Returns seed, ground and ceiling of the network with the smallest worst deviation."""
+    """Return seed, ground and ceiling of the network with the smallest worst deviation."""
     best: tuple[float, tuple[int, int, int]] = (np.inf, (0, 0, 0))
     samples = thetas(30, seed=0)
     for seed in range(first, first + seeds):
@@ -217,7 +217,7 @@ def search(first: int, seeds: int) -> tuple[int, int, int]:
 
 
 def main() -> None:
-    """Searches, prints the figures beside their targets, and writes the weights."""
+    """Search, print the figures beside their targets, and write the weights."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--seeds", type=int, default=1000, help="how many sets of hidden layers to try")

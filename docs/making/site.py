@@ -42,7 +42,7 @@ MARK = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
 
 
 def on_config(config: Any) -> Any:
-    """Names the version that the pages describe on each of them.
+    """Name the version that the pages describe on each of them.
 
     A site of several versions, which mike makes, has a menu of them, too.
     """
@@ -58,7 +58,7 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, *, config: Any) -> Files:
-    """Adds what lies outside of docs/."""
+    """Add what lies outside of docs/."""
     for source, place in PAGES.items():
         files.append(File.generated(config, place, abs_src_path=str(ROOT / source)))
     for pattern in FILES:
@@ -69,7 +69,7 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Makes links between files of the repository links of the site, and writes the generated tables."""
+    """Make links between files of the repository links of the site, and write the generated tables."""
     place = page.file.src_uri
     sources = {there: here for here, there in PAGES.items()}
     folder = posixpath.dirname(sources.get(place, DOCS + place))

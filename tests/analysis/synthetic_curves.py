@@ -32,7 +32,7 @@ def curve_runs(
     head_start: Mapping[str, float] | None = None,
     **changes: Any,
 ) -> pd.DataFrame:
-    """Returns what `pool_runs` makes of invented runs of 20 million steps, one row per run and step.
+    """Return what `pool_runs` makes of invented runs of 20 million steps, one row per run and step.
 
     Args:
         teachers: who taught; the names of `SKILL` end higher the larger their skill.

@@ -18,13 +18,13 @@ Update = dict[str, Any]
 
 
 def axes(size: int) -> tuple[Axis, ...]:
-    """Returns `size` axes of unlike ranges, the fourth one constant."""
+    """Return `size` axes of unlike ranges, the fourth one constant."""
     named = (f"Dimension {i}" + (f" ({UNITS[i % 5]})" if UNITS[i % 5] else "") for i in range(size))
     return tuple(Axis(name, -i, -i if i == 3 else 3.0 + i) for i, name in enumerate(named))
 
 
 def curriculum(teacher: str, size: int = 2, upto: float = 1.0) -> Curriculum:
-    """Returns what a run of `teacher` shows after a share `upto` of its steps."""
+    """Return what a run of `teacher` shows after a share `upto` of its steps."""
     rng = np.random.default_rng([*teacher.encode(), size])
     low, high = (np.array([getattr(axis, name) for axis in axes(size)]) for name in ("low", "high"))
     steps = range(0, int(upto * STEPS) + 1, PROBE_EVERY)

@@ -16,7 +16,7 @@ PARKOUR_POOL = "classic_bipedal/sac + climbing_chimpanzee/sac + fish/sac"
 
 
 def cell(teacher: str, seed: int, value: float, **changes: Any) -> dict[str, Any]:
-    """Returns one cell and the mastered % of its run."""
+    """Return one cell and the mastered % of its run."""
     row = {
         "experiment": "original",
         "environment": "stump_tracks",
@@ -46,7 +46,7 @@ def cell(teacher: str, seed: int, value: float, **changes: Any) -> dict[str, Any
 
 
 def parkour(teacher: str, values: dict[str, Sequence[float]], **changes: Any) -> Iterator[dict[str, Any]]:
-    """Yields cells of Parkour, one for each value of each body, with seeds of their own."""
+    """Yield cells of Parkour, one for each value of each body, with seeds of their own."""
     seeds = iter(range(1000))
     for body, numbers in values.items():
         locomotion = PARKOUR[body]
@@ -61,7 +61,7 @@ def parkour(teacher: str, values: dict[str, Sequence[float]], **changes: Any) ->
 
 
 def pool(*cells: dict[str, Any]) -> pd.DataFrame:
-    """Returns what `pool_runs` makes of these cells, each with its value of all measures."""
+    """Return what `pool_runs` makes of these cells, each with its value of all measures."""
     rows = pd.DataFrame(cells)
     values = rows[["run_id", "mastered_percent", "step"]].drop_duplicates("run_id")
     values = values.assign(**dict.fromkeys(MEASURES, values["mastered_percent"].astype(float)))

@@ -57,7 +57,7 @@ class SyntheticCampaign:
         shares: Sequence[str] = (),
         **changes: Any,
     ) -> str:
-        """Writes one invented run up to a share of its steps, and its cells at `level` and at `shares`."""
+        """Write one invented run up to a share of its steps, and its cells at `level` and at `shares`."""
         record = self.record(teacher, seed, level, **changes)
         for cell_level in (level, *shares):
             self.cell(record, cell_level)
@@ -74,7 +74,7 @@ class SyntheticCampaign:
         level: str = "low",
         **changes: Any,
     ) -> str:
-        """Writes one run with exactly these returns on the test tasks, by step, and no episodes."""
+        """Write one run with exactly these returns on the test tasks, by step, and no episodes."""
         record = self.record(teacher, seed, level, **changes)
         self.cell(record, level)
         rows = [
@@ -157,7 +157,7 @@ class SyntheticCampaign:
         }
 
     def returns(self, tasks: np.ndarray, ability: float, rng: np.random.Generator) -> np.ndarray:
-        """Returns on `tasks` (n, 2): high when flat or widely spaced, falling off where ability ends."""
+        """Return on `tasks` (n, 2): high when flat or widely spaced, falling off where ability ends."""
         difficulty = tasks[:, 0] / 3 + 0.35 * (1 - tasks[:, 1] / 6)
         return 300 - 380 / (1 + np.exp(-9 * (difficulty - ability))) + rng.normal(0, 12, len(tasks))
 

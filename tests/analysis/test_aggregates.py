@@ -96,7 +96,7 @@ def test_unfinished_and_empty_pools_have_no_numbers() -> None:
 
 
 def spread_out(**teachers: list[float]) -> list[dict[str, object]]:
-    """Returns cells of two seeds a challenge, whose values are so far over the challenge's own level."""
+    """Return cells of two seeds a challenge, whose values are so far over the challenge's own level."""
     return [
         cell(teacher, seed, level + gain + spread, challenge=challenge)
         for teacher, gains in teachers.items()

@@ -34,7 +34,7 @@ def brackets(axes: Axes) -> set[str]:
 
 
 def letters(axes: Axes) -> dict[int, str]:
-    """Returns the letters in each row of bars."""
+    """Return the letters in each row of bars."""
     found: dict[int, str] = {}
     for text in sorted(axes.texts, key=lambda text: text.get_position()[0]):
         row = round(text.get_position()[1])

@@ -90,7 +90,7 @@ def test_claims_are_about_what_the_benchmark_runs(claim: Claim) -> None:
 
 
 def write(root: Path, teacher: str, mastered: list[int], **changes: object) -> None:
-    """Writes finished runs that master so many of ten test tasks in the end, and half of them before."""
+    """Write finished runs that master so many of ten test tasks in the end, and half of them before."""
     level = str(changes.pop("level", "low"))
     fields = {"challenge": "rugged_difficulty", "test_set": "stump_tracks"} | changes
     campaign = SyntheticCampaign(root, experiment="claims")

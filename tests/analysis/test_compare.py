@@ -31,7 +31,7 @@ CHALLENGES = ("mostly_unfeasible", "mostly_trivial", "rugged_difficulty")
 def write(
     root: Path, teacher: str, mastered: dict[str, list[int]], steps: int = 2_000_000, **changes: object
 ) -> None:
-    """Writes finished runs that master so many of ten test tasks, by challenge."""
+    """Write finished runs that master so many of ten test tasks, by challenge."""
     for challenge, counts in mastered.items():
         campaign = SyntheticCampaign(root, experiment=challenge, steps=steps)
         for seed, count in enumerate(counts):

@@ -29,7 +29,7 @@ COUNTS = {"random": (2, 3, 2), "riac": (7, 8, 7)}
 
 
 def write(root: Path, **kinds: object) -> None:
-    """Writes three seeds of Random and RIAC on two challenges, under these conditions."""
+    """Write three seeds of Random and RIAC on two challenges, under these conditions."""
     tag = "-".join(map(str, kinds.values()))
     for challenge in CHALLENGES:
         campaign = SyntheticCampaign(root, steps=int(str(kinds.get("steps", 1000))), experiment=challenge)

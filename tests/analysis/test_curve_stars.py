@@ -39,7 +39,7 @@ def levels() -> CurvePanel:
 
 
 def stars(axes: Axes) -> dict[str, list[float]]:
-    """Returns the steps of the stars by what they say."""
+    """Return the steps of the stars by what they say."""
     return {str(line.get_gid()): list(line.get_xdata()) for line in axes.lines if line.get_gid()}
 
 
@@ -158,7 +158,7 @@ def test_pairs_need_two_teachers() -> None:
 
 
 def many(count: int) -> pd.DataFrame:
-    """Returns curves of so many teachers beside Random."""
+    """Return curves of so many teachers beside Random."""
     names = ["random", *(f"teacher_{number:02}" for number in range(count))]
     rows = [(name, "low", step, 4, float(step), 1.0) for name in names for step in (0, 1000)]
     columns = ["teacher", "expert_knowledge", "step", "n", "mastered_percent_mean", "mastered_percent_std"]

@@ -50,7 +50,7 @@ def mean_of(teacher: str, challenge: str) -> float:
 
 
 def write(root: Path, seeds: dict[str, int], sign: int = 1, name: str = "core") -> Path:
-    """Runs whose means are those of the paper, or in the reverse order."""
+    """Run whose means are those of the paper, or in the reverse order."""
     for challenge in CHALLENGES:
         campaign = SyntheticCampaign(root, experiment=challenge, campaign=name, steps=STEPS)
         for teacher, count in seeds.items():

@@ -43,7 +43,7 @@ STEPS = 1_000_000
 
 
 def add_runs(root: Path, engine: str, mastered: Mapping[str, int]) -> None:
-    """Adds three runs of each teacher; a run masters as many tasks as `mastered` says, plus its seed."""
+    """Add three runs of each teacher; a run masters as many tasks as `mastered` says, plus its seed."""
     ours = engine == CHIPMUNK
     test_set = "stump_tracks" if ours else f"{BOX2D_TEST_SET}stump_tracks"
     committer = Committer(Store.open(root))

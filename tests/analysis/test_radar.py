@@ -49,7 +49,7 @@ def drawn(table: pd.DataFrame) -> Figure:
 
 
 def lines_of(figure: Figure, panel: int = 0) -> dict[str, list[float]]:
-    """Returns the values on the axes by teacher."""
+    """Return the values on the axes by teacher."""
     lines = [line for line in figure.axes[panel].lines if not str(line.get_label()).startswith("_")]
     return {str(line.get_label()): list(np.asarray(line.get_ydata(), float)[:-1]) for line in lines}
 
@@ -63,7 +63,7 @@ def notes_of(figure: Figure) -> str:
 
 
 def uppers_of(figure: Figure, panel: int = 0) -> list[tuple[float, float]]:
-    """Returns axis and height of each upper baseline."""
+    """Return axis and height of each upper baseline."""
     marks = [line for line in figure.axes[panel].lines if line.get_gid() == "upper"]
     return [
         (round(angle / (2 * math.pi) * len(CHALLENGES)), height)

@@ -16,7 +16,7 @@ from analysis.measures.pooling import runs_after
 
 
 def write(root: Path, teacher: str, mastered: list[int], challenge: str, level: str = "none") -> None:
-    """Writes finished runs that master so many of ten test tasks in the end, and none at half time."""
+    """Write finished runs that master so many of ten test tasks in the end, and none at half time."""
     campaign = SyntheticCampaign(root, experiment=challenge)
     for seed, count in enumerate(mastered):
         end = [300.0] * count + [0.0] * (10 - count)

@@ -15,7 +15,7 @@ from tma_ray.benchmark import PPO_GRID, TEACHER_GRIDS
 
 
 def searched(root: Path, side: str, name: str, returns: dict[int, list[float]]) -> None:
-    """Writes a seed for each return at the points of a grid; the threshold of mastery is 230."""
+    """Write a seed for each return at the points of a grid; the threshold of mastery is 230."""
     grid = {**TEACHER_GRIDS, "ppo": PPO_GRID}[name]
     names = {"teacher": "random", "student": "sac"} | {side: name}
     for place, values in returns.items():

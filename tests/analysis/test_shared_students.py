@@ -33,7 +33,7 @@ PACES = [30.0, 19.0, 11.0, 5.0, 2.0]
 
 
 def results(values: Mapping[str, Sequence[float]], engine: str = SIMULATED) -> pd.DataFrame:
-    """Returns pooled runs: a teacher's values of seeds 0, 1, …, the same on each challenge but for noise."""
+    """Return pooled runs: a teacher's values of seeds 0, 1, …, the same on each challenge but for noise."""
     return pool(*_cells(values, engine))
 
 
@@ -73,7 +73,7 @@ def detectable_in_welch(runs: pd.DataFrame, place: str) -> float:
 
 
 def shares(rng: np.random.Generator, mean: float, prefix: str, n: int = 5) -> pd.Series:
-    """Returns percentages of `n` runs that scatter more the higher their mean."""
+    """Return percentages of `n` runs that scatter more the higher their mean."""
     return pd.Series(100 * rng.beta(9 * mean, 9 * (1 - mean), n), index=[f"{prefix}{k}" for k in range(n)])
 
 

@@ -25,7 +25,7 @@ STEPS = 1000
 def write(
     root: Path, teacher: str, level: str, counts: list[int], experiment: str, **changes: object
 ) -> None:
-    """Writes finished runs that master so many of ten test tasks, one seed each."""
+    """Write finished runs that master so many of ten test tasks, one seed each."""
     campaign = SyntheticCampaign(root, steps=STEPS, experiment=experiment, campaign=experiment)
     for seed, count in enumerate(counts):
         campaign.plain_run(

@@ -78,7 +78,7 @@ def campaign(root: Path, **changes: Any) -> SyntheticCampaign:
 
 
 def finished(where: SyntheticCampaign, teacher: str, seed: int, mastered: int, **changes: Any) -> None:
-    """Writes a run that masters so many of 10 tasks in the end, and one half way."""
+    """Write a run that masters so many of 10 tasks in the end, and one half way."""
     end = [300.0] * mastered + [0.0] * (10 - mastered)
     where.plain_run(teacher, seed, {0: [0.0] * 10, STEPS // 2: [300.0] + [0.0] * 9, STEPS: end}, **changes)
 

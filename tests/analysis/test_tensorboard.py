@@ -25,7 +25,7 @@ Series = dict[str, list[tuple[int, float]]]
 
 
 def events_of(file: Path, whole: bool) -> list[Event]:
-    """Parses TFRecord: length, its checksum, data, its checksum; the last record need not be whole."""
+    """Parse TFRecord: length, its checksum, data, its checksum; the last record need not be whole."""
     content, found = file.read_bytes(), []
     while content:
         if not whole and len(content) < 16 + int.from_bytes(content[:8], "little"):
@@ -43,7 +43,7 @@ def events_of(file: Path, whole: bool) -> list[Event]:
 
 
 def scalars(folder: Path, whole: bool = True) -> dict[str, Series]:
-    """Returns by sub-folder and tag what TensorBoard would show: files in the order of their names."""
+    """Return by sub-folder and tag what TensorBoard would show: files in the order of their names."""
     found: dict[str, Series] = defaultdict(lambda: defaultdict(list))
     for file in sorted(folder.rglob("*tfevents*")):
         events = events_of(file, whole)
@@ -84,7 +84,7 @@ class Growing:
         self.attempt(())
 
     def attempt(self, parts: Sequence[Any]) -> None:
-        """Begins another attempt, from a checkpoint with these parts."""
+        """Begin another attempt, from a checkpoint with these parts."""
         self.number = self.committer.start(self.record)
         self.writer = RunWriter(self.committer.store, self.record.run_id, self.number, tuple(parts))
 

@@ -30,7 +30,7 @@ def no_account(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def records(file: Path) -> Iterator[Any]:
-    """Yields what the library wrote: LevelDB's log format after a header of seven bytes."""
+    """Yield what the library wrote: LevelDB's log format after a header of seven bytes."""
     from wandb.proto.wandb_internal_pb2 import Record
 
     content, place, whole = file.read_bytes(), 7, b""
@@ -47,7 +47,7 @@ def records(file: Path) -> Iterator[Any]:
 
 
 def runs(folder: Path) -> dict[str, dict[str, Any]]:
-    """Returns by run its group, tags, configuration, and steps and values by name."""
+    """Return by run its group, tags, configuration, and steps and values by name."""
     found: dict[str, dict[str, Any]] = defaultdict(lambda: {"series": defaultdict(list)})
     for file in sorted(folder.glob("wandb/offline-run-*/*.wandb")):
         run_id = re.sub(r"^run-|\.wandb$", "", file.name)
@@ -74,7 +74,7 @@ def send(root: Path, folder: Path, *more: str) -> dict[str, dict[str, Any]]:
 
 
 def published(run: dict[str, Any]) -> dict[str, Any]:
-    """Returns the scalars of a run that TensorBoard would show, too."""
+    """Return the scalars of a run that TensorBoard would show, too."""
     return {
         name: run["series"][name] for name in run["series"] if not name.startswith(("published/", "charts/"))
     }

@@ -68,7 +68,7 @@ def local_head(*options: str, dashboard: bool = False) -> Iterator[Head]:
 
 
 def free_ports(count: int) -> list[int]:
-    """Returns ports on which nothing listens at this moment."""
+    """Return ports on which nothing listens at this moment."""
     with ExitStack() as stack:
         sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
         for each in sockets:
@@ -77,7 +77,7 @@ def free_ports(count: int) -> list[int]:
 
 
 def private_environment(folder: Path) -> dict[str, str]:
-    """Returns this process's environment with home, token and Ray's files in `folder`."""
+    """Return this process's environment with home, token and Ray's files in `folder`."""
     token = folder / "token"
     token.write_text(secrets.token_hex(32))
     token.chmod(0o600)

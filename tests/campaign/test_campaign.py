@@ -41,12 +41,12 @@ def corridor(teacher: str, level: KnowledgeLevel = KnowledgeLevel.NONE, **hyperp
 
 
 def idle(teacher: str, level: KnowledgeLevel = KnowledgeLevel.NONE) -> Cell:
-    """Returns a cell in which nothing is learned, and which starts sooner for that."""
+    """Return a cell in which nothing is learned, and which starts sooner for that."""
     return replace(corridor(teacher, level), student="idle_student:Idle", student_hyperparameters={})
 
 
 def lingering(folder: Path) -> Cell:
-    """Returns a cell whose run cannot end before a file `stopped` is in a folder."""
+    """Return a cell whose run cannot end before a file `stopped` is in a folder."""
     settings = {"region_capacity": 20, "folder": str(folder)}
     return replace(idle("misbehaving:Lingering"), teacher_hyperparameters=settings)
 
@@ -68,7 +68,7 @@ def execute(what: Campaign, root: Path, **changes: Any) -> Snapshot:
 
 
 def alone(what: Campaign, root: Path) -> dict[str, bytes]:
-    """Executes the runs of `what` one after the other in this process; returns their data files."""
+    """Execute the runs of `what` one after the other in this process; return their data files."""
     for spec in what.plan().runs:
         run_locally(spec, Committer.open(root))
     return data_files(root)

@@ -28,7 +28,7 @@ LOCAL: dict[str, Any] = yaml.safe_load((FILE.parent / "cluster-local.yaml").read
 
 
 def locked(name: str) -> dict[str, str]:
-    """Returns the versions of a lock file by package."""
+    """Return the versions of a lock file by package."""
     lines = (FILE.parent / name).read_text().splitlines()
     return dict(line.split("==") for line in lines if "==" in line)
 

@@ -46,7 +46,7 @@ def in_cohort(what: Any, root: Path, **changes: Any) -> Any:
 
 
 def without_ray(what: Any, root: Path) -> dict[str, bytes]:
-    """Executes the runs of `what` one after the other beside one learner; returns their data files."""
+    """Execute the runs of `what` one after the other beside one learner; return their data files."""
     with serving(root.parent, WIDTH) as beside:
         for spec in what.plan().runs:
             run_locally(spec, Committer.open(root), Placement(learner=beside))
@@ -58,7 +58,7 @@ def sac(teacher: str) -> Cell:
 
 
 def slowed(folder: Path) -> Cell:
-    """Returns a cell of SAC whose run cannot end before a file `stopped` is in a folder."""
+    """Return a cell of SAC whose run cannot end before a file `stopped` is in a folder."""
     teacher = lingering(folder)
     return replace(sac(teacher.teacher), teacher_hyperparameters=teacher.teacher_hyperparameters)
 

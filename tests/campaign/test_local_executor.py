@@ -49,7 +49,7 @@ class Playing:
             self._look()
 
     def close(self, snapshot: Snapshot) -> None:
-        """Looks at no ended campaign."""
+        """Look at no ended campaign."""
 
     def __call__(self) -> bool:
         return self.begun

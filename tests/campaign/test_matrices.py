@@ -17,7 +17,7 @@ PAPERS = ("random", "riac", "alp_gmm", "covar_gmm", "spdl", *FROM_LOW_KNOWLEDGE)
 
 
 def counts(matrices: Iterable[Matrix], teacher: str) -> tuple[int, int]:
-    """Runs as the paper counts them, and those that are executed."""
+    """Run as the paper counts them, and those that are executed."""
     plans = [campaign.plan() for campaign in matrix_campaigns(matrices, (teacher,))]
     run_ids = {spec.run_id for plan in plans for spec in plan.runs}
     return sum(len(plan.cell_rows) for plan in plans), len(run_ids)

@@ -30,7 +30,7 @@ def family(pid: int) -> list[psutil.Process]:
 
 
 def listening(processes: list[psutil.Process]) -> dict[tuple[str, int], str]:
-    """Returns what process listens at which address and port."""
+    """Return what process listens at which address and port."""
     return {
         tuple(socket.laddr): process.name()
         for process in processes
@@ -57,7 +57,7 @@ def assert_ends_soon_with_nothing_left(
 
 
 def folders_of_ray(processes: list[psutil.Process]) -> set[Path]:
-    """Returns the folders in which processes keep open files of Ray."""
+    """Return the folders in which processes keep open files of Ray."""
     opened = {Path(file.path) for process in processes for file in process.open_files()}
     return {folder for path in opened for folder in path.parents if folder.name == "ray"}
 

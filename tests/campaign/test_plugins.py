@@ -90,7 +90,7 @@ def test_a_script_with_everything_of_its_own_runs_on_a_cluster(address: str, fol
     command = str(folder / "script.py"), "--address", address, "--results", str(root)
 
     def campaign() -> tuple[list[float], int]:
-        """Runs the script; returns the distances of all tasks taught, and how many attempts there were."""
+        """Run the script; return the distances of all tasks taught, and how many attempts there were."""
         done = start(*command, cwd=elsewhere)
         assert done.returncode == 0, done.stdout + done.stderr
         taught = {row["task"][0] for row in rows(root, Table.EPISODES)}
@@ -110,7 +110,7 @@ def test_a_body_in_a_file_reaches_the_workers(address: str, folder: Path) -> Non
     sizes = "--seeds", "1", "--steps", "20", "--results", str(root), "--address", address
 
     def campaign() -> list[str]:
-        """Runs the command; returns the bodies of all runs that are done."""
+        """Run the command; return the bodies of all runs that are done."""
         done = start("-m", "tma_ray.cli", "campaign", *names, *sizes, cwd=folder)
         assert done.returncode == 0, done.stdout + done.stderr
         return [run["embodiment"] for run in rows(root, Table.RUNS) if run["status"] == "done"]

@@ -22,7 +22,7 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def abandoned(place: Path) -> Path:
-    """Returns the folder of a process that was killed."""
+    """Return the folder of a process that was killed."""
     code = (
         f"import os, tempfile; tempfile.tempdir = {str(place)!r}\n"
         "from tma_ray.campaign.cluster import local\n"

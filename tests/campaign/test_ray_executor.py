@@ -67,7 +67,7 @@ class Head:
 
 @pytest.fixture
 def dying() -> list[str]:
-    """Runs whose first actor dies, by id."""
+    """Run whose first actor dies, by id."""
     return []
 
 

@@ -221,7 +221,7 @@ def test_a_simulation_that_was_ended_is_continued(
 
 
 def _second_player(folder: Path, simulation: subprocess.Popen[str]) -> int:
-    """Waits until the first run is kept and the second begun; returns the process that plays it."""
+    """Wait until the first run is kept and the second begun; return the process that plays it."""
     while True:
         assert simulation.poll() is None
         time.sleep(0.05)

@@ -148,7 +148,7 @@ def test_a_folder_that_another_user_may_have_put_there_is_not_used(
 
 
 def of_this_job(environment: dict[str, str]) -> list[str]:
-    """Returns the command lines of processes that know this job, other than Ray's agents, which end later."""
+    """Return the command lines of processes that know this job, other than Ray's agents, which end later."""
     own = f"SLURM_TMPDIR={environment['SLURM_TMPDIR']}\0".encode()
     found = []
     for process in Path("/proc").glob("[0-9]*"):

@@ -15,12 +15,12 @@ pytestmark = pytest.mark.usefixtures("cluster")
 
 
 def other_disk(store: Store, probe: str | None) -> bool:
-    """Answers as a worker on a machine with a disk of its own."""
+    """Answer as a worker on a machine with a disk of its own."""
     return preflight.can_access(Store.open(f"{store.base} of another machine"), probe)
 
 
 def as_two(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Adds a node of which Ray knows nothing: what is asked of it, this machine answers."""
+    """Add a node of which Ray knows nothing: what is asked of it, this machine answers."""
     nodes: list[dict[str, Any]] = working_nodes()
     others = [node | {"NodeID": "e" * len(node["NodeID"])} for node in nodes]
     monkeypatch.setattr(preflight, "working_nodes", lambda: nodes + others)

@@ -47,7 +47,7 @@ def attack(kind: str, injections: int, chance: random.Random, site: Site, nodes:
 
 
 def merged(faults: list[Fault]) -> Fault:
-    """Returns several faults of one kind as one."""
+    """Return several faults of one kind as one."""
     return Fault(
         faults[0].name,
         sum(fault.injected for fault in faults),
@@ -70,7 +70,7 @@ def private_site() -> Iterator[tuple[Site, Nodes]]:
 
 
 def say(text: str) -> None:
-    """Prints a text at once."""
+    """Print a text at once."""
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()
 

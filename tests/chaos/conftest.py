@@ -67,12 +67,12 @@ def undisturbed_short() -> dict[str, bytes]:
 
 @pytest.fixture(scope="session")
 def faults() -> list[Fault]:
-    """Takes what was done and what came of it; shown after the tests."""
+    """Take what was done and what came of it; shown after the tests."""
     return FAULTS
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Prints the table of faults."""
+    """Print the table of faults."""
     if not FAULTS:
         return
     terminalreporter.write_sep("=", "faults")

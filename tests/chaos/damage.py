@@ -55,7 +55,7 @@ def _flipped(data: bytes, chance: random.Random) -> bytes:
 
 
 def _mistyped(data: bytes, chance: random.Random) -> bytes:
-    """Returns JSON with one value replaced by one of another type, or other bytes for what is not JSON."""
+    """Return JSON with one value replaced by one of another type, or other bytes for what is not JSON."""
     try:
         content = json.loads(data)
     except ValueError:
@@ -131,7 +131,7 @@ def _damage(file: Path, kind: str, chance: random.Random) -> None:
 
 
 def _tried(root: Path, whole: set[str], found: list[Damage], ranking: str) -> list[str]:
-    """Returns what was wrong in a root some of whose files are damaged."""
+    """Return what was wrong in a root some of whose files are damaged."""
     about = " and ".join(f"{each.path} ({each.kind})" for each in found)
     problems = []
     outputs = {}
@@ -165,7 +165,7 @@ def _ended(words: tuple[str, ...]) -> tuple[int, str]:
 
 
 def _resumed(root: Path, specs: Sequence[RunSpec], expected: Mapping[str, bytes]) -> list[str]:
-    """Starts all runs again on a damaged root; returns what went wrong."""
+    """Start all runs again on a damaged root; return what went wrong."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -197,7 +197,7 @@ def _cell(spec: RunSpec) -> dict[str, Any]:
 
 
 def small_root(folder: Path) -> tuple[Path, list[RunSpec], dict[str, bytes]]:
-    """Returns a root of finished and interrupted runs, their specs, and the tables that they end with."""
+    """Return a root of finished and interrupted runs, their specs, and the tables that they end with."""
     pairs = [(student, teacher) for student in ("ppo", "sac") for teacher in ("random", "alp_gmm", "riac")]
     changes = {"steps": 600, "evaluation_interval": 300, "probe_interval": 300, "training_window": 300}
     specs = [small_spec(folder, *pair, **changes) for pair in pairs]

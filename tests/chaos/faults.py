@@ -71,7 +71,7 @@ class Site:
     uri: str = ""
 
     def at(self, name: str) -> Site:
-        """Returns a site in a new folder below this one's, without requests."""
+        """Return a site in a new folder below this one's, without requests."""
         for left in self.requests.iterdir():
             left.unlink()
         folder = self.folder / name
@@ -84,17 +84,17 @@ class Site:
         return self.folder / "root"
 
     def ask(self, *requests: str) -> None:
-        """Lets the first process that comes to each place do what the request says."""
+        """Let the first process that comes to each place do what the request says."""
         for request in requests:
             (self.requests / request).touch()
 
     def withdraw(self, *requests: str) -> None:
-        """Ends what lasts as long as it is asked for."""
+        """End what lasts as long as it is asked for."""
         for request in requests:
             (self.requests / request).unlink()
 
     def pending(self, *requests: str) -> bool:
-        """Tells whether some of these have not been done yet."""
+        """Tell whether some of these have not been done yet."""
         return any((self.requests / request).exists() for request in requests)
 
     @property
@@ -103,7 +103,7 @@ class Site:
         return Path(self.environment["TMA_SABOTAGE"])
 
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
-        """Starts the campaign's driver."""
+        """Start the campaign's driver."""
         where = ("--local",) if self.address is None else ("--address", self.address)
         root = ("--results", self.uri or str(self.root))
         command = [sys.executable, self.script, *where, *root, *FLAGS, *flags]
@@ -111,7 +111,7 @@ class Site:
             return subprocess.Popen(command, cwd=HERE, env=self.environment, stdout=log, stderr=log)
 
     def finish(self, driver: subprocess.Popen[bytes], code: int = 0) -> None:
-        """Waits for the end of a driver, and for its exit code."""
+        """Wait for the end of a driver, and for its exit code."""
         try:
             ended = driver.wait(timeout=600)
         finally:
@@ -119,7 +119,7 @@ class Site:
         assert ended == code, (self.folder / "driver.txt").read_text()[-3000:]
 
     def compare(self, name: str, injected: int, undisturbed: dict[str, bytes], faults: list[float]) -> Fault:
-        """Returns the difference from the undisturbed campaign, with the time to recover from each fault."""
+        """Return the difference from the undisturbed campaign, with the time to recover from each fault."""
         found = data_files(self.root)
         lost = sum(count_rows(data) for data in undisturbed.values()) - sum(map(count_rows, found.values()))
         different = sum(
@@ -133,47 +133,47 @@ class Site:
         return Fault(name, injected, lost, different, recovery)
 
     def fetch(self, store: Store) -> None:
-        """Copies a root from elsewhere to where that of this site is compared."""
+        """Copy a root from elsewhere to where that of this site is compared."""
         for path in store.files():
             target = self.root / path
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(store.read_bytes(path))
 
     def outcomes(self) -> list[str]:
-        """Returns how the attempts ended, sorted."""
+        """Return how the attempts ended, sorted."""
         return sorted(row["outcome"] for row in rows(self.root, Table.ATTEMPTS))
 
     def taken_up(self, attempt: int) -> bool:
-        """Tells whether an attempt of this number, at whatever run, has written a checkpoint."""
+        """Tell whether an attempt of this number, at whatever run, has written a checkpoint."""
         return any(f"-attempt-{attempt:03d}" in path.parent.name for path in self.checkpoints())
 
     def checkpoints(self) -> list[Path]:
-        """Returns the indices of all complete checkpoints."""
+        """Return the indices of all complete checkpoints."""
         return sorted((self.root / "checkpoints").glob("*/*/index.json"))
 
     def newest_checkpoints(self) -> list[Path]:
-        """Returns the index of the newest complete checkpoint of each run that has one."""
+        """Return the index of the newest complete checkpoint of each run that has one."""
         return sorted({path.parts[-3]: path for path in self.checkpoints()}.values())
 
     def last_checkpoint(self) -> float:
-        """Returns when the newest complete checkpoint was written, s since 1970; 0 before the first."""
+        """Return when the newest complete checkpoint was written, s since 1970; 0 before the first."""
         store = Store.open(self.uri or self.root)
         indices = [path for path in store.files("checkpoints") if path.endswith("/index.json")]
         times = [at.timestamp() for at in map(store.modified_at, indices) if at is not None]
         return max(times, default=0.0)
 
     def attempts(self) -> set[tuple[str, str]]:
-        """Returns runs and numbers of attempts that have written a checkpoint which is still there."""
+        """Return runs and numbers of attempts that have written a checkpoint which is still there."""
         return {(path.parts[-3], path.parts[-2].rpartition("-")[2]) for path in self.checkpoints()}
 
 
 def count_rows(data: bytes) -> int:
-    """Returns the rows of an encoded table."""
+    """Return the rows of an encoded table."""
     return int(pq.ParquetFile(pa.BufferReader(data)).metadata.num_rows)
 
 
 def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> float:
-    """Waits until `condition` holds; returns the time of it, s since 1970."""
+    """Wait until `condition` holds; return the time of it, s since 1970."""
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
@@ -182,7 +182,7 @@ def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> float:
 
 
 def kill(pid: int) -> None:
-    """Kills a process that may have ended."""
+    """Kill a process that may have ended."""
     try:
         os.kill(pid, signal.SIGKILL)
     except ProcessLookupError:
@@ -190,7 +190,7 @@ def kill(pid: int) -> None:
 
 
 def private_environment(place: Path) -> dict[str, str]:
-    """Returns the variables of all processes: no file of Ray's is in the user's home, nobody's Ray is met."""
+    """Return the variables of all processes: no file of Ray's is in the user's home, nobody's Ray is met."""
     requests = place / "requests"
     requests.mkdir()
     kept = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
@@ -210,7 +210,7 @@ def private_environment(place: Path) -> dict[str, str]:
 def undisturbed_files(
     module: str = "chaos_campaign", name: str = "CAMPAIGN", width: int = 0, seeds: int = 1
 ) -> dict[str, bytes]:
-    """Returns the data files of a campaign of a module, run by run in this process, without Ray.
+    """Return the data files of a campaign of a module, run by run in this process, without Ray.
 
     Runs learn alone, or each in an otherwise empty cohort of a width.
     """
@@ -223,7 +223,7 @@ def undisturbed_files(
 
 
 def table(faults: Sequence[Fault]) -> str:
-    """Returns what was done, and what came of it."""
+    """Return what was done, and what came of it."""
     lines = ["| fault | injected | rows lost | bytes different | recovery, s |", "|---|---|---|---|---|"]
     for fault in faults:
         known = [f"{value:.1f}" for value in fault.recovery_seconds if not math.isnan(value)]

@@ -61,42 +61,42 @@ class Scene:
     drivers: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
-        """Starts a driver, whose runs hardly go on until `finish`."""
+        """Start a driver, whose runs hardly go on until `finish`."""
         self.site.ask(HOLD)
         self.since = time.time()
         self.drivers.append(self.site.start(*flags))
         return self.drivers[-1]
 
     def wait(self) -> None:
-        """Waits for a checkpoint after the last fault or start, and then for a random instant."""
+        """Wait for a checkpoint after the last fault or start, and then for a random instant."""
         wait_for(lambda: self.site.last_checkpoint() > self.since, LONGEST_START)
         time.sleep(self.chance.uniform(0, LONGEST_WAIT))
 
     def note(self) -> None:
-        """Takes down that a fault has been injected."""
+        """Take down that a fault has been injected."""
         self.since = time.time()
         self.times.append(self.since)
 
     def finish(self, driver: subprocess.Popen[bytes] | None = None) -> None:
-        """Lets the runs go on, under a new driver if there is none, to the end of the campaign."""
+        """Let the runs go on, under a new driver if there is none, to the end of the campaign."""
         self.site.withdraw(HOLD)
         self.site.finish(driver or self.site.start())
 
     def close(self) -> None:
-        """Ends what an attack that fails has left."""
+        """End what an attack that fails has left."""
         for driver in self.drivers:
             driver.kill()
             driver.wait()
 
     def kill_driver(self, driver: subprocess.Popen[bytes]) -> None:
-        """Kills a driver, and waits until its actors have ended."""
+        """Kill a driver, and wait until its actors have ended."""
         driver.kill()
         driver.wait()
         self.note()
         wait_for(lambda: not self.nodes.workers("SeedActor"))
 
     def busy_node(self) -> int:
-        """Returns a node on which a run is."""
+        """Return a node on which a run is."""
 
         def busy() -> list[int]:
             seeds = set(self.nodes.workers("SeedActor"))
@@ -116,7 +116,7 @@ def driver_killed(scene: Scene, injections: int) -> None:
 
 
 def actor_killed(kind: str) -> Kind:
-    """Returns the fault that an actor of a kind is killed alone."""
+    """Return the fault that an actor of a kind is killed alone."""
 
     def disturb(scene: Scene, injections: int) -> None:
         driver = scene.start()
@@ -131,7 +131,7 @@ def actor_killed(kind: str) -> Kind:
 
 
 def learner_disturbed(number: signal.Signals) -> Kind:
-    """Returns the fault that the learner of a cohort gets a signal: it dies, or hangs."""
+    """Return the fault that the learner of a cohort gets a signal: it dies, or hangs."""
 
     def disturb(scene: Scene, injections: int) -> None:
         node = scene.nodes.add(COHORT_CORES)
@@ -195,7 +195,7 @@ def node_frozen(scene: Scene, injections: int) -> None:
 
 
 def core_killed(name: str) -> Kind:
-    """Returns the fault that a core process of the campaign's own Ray is killed."""
+    """Return the fault that a core process of the campaign's own Ray is killed."""
 
     def disturb(scene: Scene, injections: int) -> None:
         scene.site = replace(scene.site, address=None)

@@ -55,31 +55,31 @@ class Nodes:
         self._process.kill()
 
     def add(self, cpus: int = 1) -> int:
-        """Starts a worker node with so many CPUs; returns its number."""
+        """Start a worker node with so many CPUs; return its number."""
         return int(self._ask("add", cpus))
 
     def kill(self, number: int) -> None:
-        """Kills a node and all its processes."""
+        """Kill a node and all its processes."""
         processes = self.processes(number)
         self._ask("kill", number)
         _signal(processes, signal.SIGKILL)
 
     def kill_raylet(self, number: int) -> None:
-        """Kills a node's raylet alone; its workers do not know it yet."""
+        """Kill a node's raylet alone; its workers do not know it yet."""
         self._ask("kill", number)
 
     def freeze(self, number: int) -> set[int]:
-        """Stops all processes of a node; returns them."""
+        """Stop all processes of a node; return them."""
         processes = self.processes(number)
         _signal(processes, signal.SIGSTOP)
         return processes
 
     def thaw(self, processes: set[int]) -> None:
-        """Lets stopped processes go on."""
+        """Let stopped processes go on."""
         _signal(processes, signal.SIGCONT)
 
     def ended(self, processes: set[int]) -> bool:
-        """Tells whether all of some processes have ended.
+        """Tell whether all of some processes have ended.
 
         A raylet that nobody waits for stays a zombie, which its workers take for alive.
         """
@@ -87,12 +87,12 @@ class Nodes:
         return not living(processes)
 
     def processes(self, number: int) -> set[int]:
-        """Returns the ids of all processes of a node: raylet, agents and workers."""
+        """Return the ids of all processes of a node: raylet, agents and workers."""
         raylet = int(self._ask("raylet", number))
         return {raylet} | descendants(raylet)
 
     def workers(self, kind: str) -> list[int]:
-        """Returns the processes of this cluster that are actors of a kind, by what Ray calls them."""
+        """Return the processes of this cluster that are actors of a kind, by what Ray calls them."""
         family = set().union(*map(self.processes, self.living))
         return sorted(pid for pid in family if _title(pid).startswith(f"ray::{kind}"))
 
@@ -111,7 +111,7 @@ class Nodes:
 
 
 def descendants(pid: int) -> set[int]:
-    """Returns the ids of all processes below `pid`."""
+    """Return the ids of all processes below `pid`."""
     parents = {}
     for name in filter(str.isdigit, os.listdir("/proc")):  # noqa: PTH208  # names are enough
         try:
@@ -128,7 +128,7 @@ def descendants(pid: int) -> set[int]:
 
 
 def living(processes: set[int]) -> set[int]:
-    """Returns those of some processes that have not ended."""
+    """Return those of some processes that have not ended."""
     found = set()
     for pid in processes:
         try:

@@ -45,7 +45,7 @@ HOLD = "hold"
 
 
 def asked(request: str) -> bool:
-    """Takes a request; one process of all gets it."""
+    """Take a request; one process of all gets it."""
     try:
         (REQUESTS / request).unlink()
     except FileNotFoundError:

@@ -58,7 +58,7 @@ def is_done(root: Path, spec: RunSpec) -> bool:
 def kill_until_done(
     processes: ForkServerContext, spec: RunSpec, root: Path, seconds: float, chance: random.Random
 ) -> int:
-    """Kills the run after up to `seconds`, and its successors; returns how often it had to begin again."""
+    """Kill the run after up to `seconds`, and its successors; return how often it had to begin again."""
     for kills in range(MOST_KILLS):
         process = start(processes, spec, root)
         process.join(chance.uniform(0.02, seconds))

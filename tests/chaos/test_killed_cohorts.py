@@ -40,7 +40,7 @@ def roomy(nodes: Nodes) -> Iterator[int]:
 
 
 def trained(site: Site, runs: int = 2) -> None:
-    """Waits until every run has a checkpoint."""
+    """Wait until every run has a checkpoint."""
     wait_for(lambda: len({path.parts[-3] for path in site.checkpoints()}) == runs)
 
 

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.chaos
 
 
 def trained_somewhere(site: Site, nodes: Nodes) -> int:
-    """Waits until every run has a checkpoint; returns a node that trains one."""
+    """Wait until every run has a checkpoint; return a node that trains one."""
     wait_for(lambda: len({path.parts[-3] for path in site.checkpoints()}) == 2)
     seeds = set(nodes.workers("SeedActor"))
     return next(number for number in nodes.living if nodes.processes(number) & seeds)

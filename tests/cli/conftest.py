@@ -24,7 +24,7 @@ TEACHERS = ("random", "alp_gmm", "alp_gmm:fit_every=20")
 
 @pytest.fixture(scope="session")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Runs of two teachers, and of one of them with another hyper-parameter."""
+    """Run of two teachers, and of one of them with another hyper-parameter."""
     folder = tmp_path_factory.mktemp("command_line")
     tests = folder / "one.csv"
     tests.write_text("stump_height,obstacle_spacing\n0,6\n1.5,3\n")

@@ -190,7 +190,7 @@ class Mistake:
 
 
 def mistakes() -> Iterator[Mistake]:
-    """Yields every mistake: values of each option of each command, and options that are none."""
+    """Yield every mistake: values of each option of each command, and options that are none."""
     for path, app in commands():
         rest = valid_rest(path, app, None)
         yield Mistake((*path, *rest, "--no-such-option"), ("--no-such-option",), "unknown option")
@@ -201,7 +201,7 @@ def mistakes() -> Iterator[Mistake]:
 
 
 def commands() -> Iterator[tuple[tuple[str, ...], App]]:
-    """Yields the words that choose each command, and its command line."""
+    """Yield the words that choose each command, and its command line."""
     for path, app in command_line.commands(cli.app()):
         if app.default_command is not None:
             yield path, app
@@ -274,7 +274,7 @@ def _names(argument: Argument, value: str) -> tuple[str, ...]:
 
 
 def fill(text: str, places: Mapping[str, Any]) -> str:
-    """Returns `text` with the places that it names."""
+    """Return `text` with the places that it names."""
     for name, place in places.items():
         text = text.replace(f"{{{name}}}", str(place))
     return text

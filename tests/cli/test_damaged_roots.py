@@ -53,7 +53,7 @@ COMMANDS = {
 
 
 def cases(first: Iterable[str], second: Iterable[str], fast: tuple[str, str]) -> list[Any]:
-    """Returns all pairs, of which those without any of `fast` are slow: a row and a column say most."""
+    """Return all pairs, of which those without any of `fast` are slow: a row and a column say most."""
     return [
         pytest.param(*pair, marks=() if set(pair) & set(fast) else pytest.mark.slow)
         for pair in itertools.product(first, second)
@@ -101,7 +101,7 @@ def test_a_release_leaves_it_out(root: Path, kind: str, tmp_path: Path) -> None:
 
 @pytest.fixture
 def unprivileged() -> Iterator[None]:
-    """Takes the right to read everything from root, for the time of a test; others never had it."""
+    """Take the right to read everything from root, for the time of a test; others never had it."""
     if sys.platform != "linux":
         if os.geteuid() == 0:
             pytest.skip("root reads everything here")

@@ -29,7 +29,7 @@ ARGUMENTS: dict[str, list[str]] = {
 
 @pytest.fixture
 def printed(root: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Runs a command with --json and returns what it prints."""
+    """Run a command with --json and return what it prints."""
     monkeypatch.setattr(
         costs,
         "known_speeds",

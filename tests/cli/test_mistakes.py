@@ -49,7 +49,7 @@ class Ending:
     seconds: float
 
     def why_not_refused(self, named: tuple[str, ...]) -> str:
-        """Returns what is wrong with it as a refusal that names one of `named`, empty if nothing is."""
+        """Return what is wrong with it as a refusal that names one of `named`, empty if nothing is."""
         if "Traceback" in self.said:
             return "a traceback"
         if self.code != 2:
@@ -114,7 +114,7 @@ def wrong(mistake: Mistake, places: Mapping[str, Any]) -> str:
 
 @pytest.fixture
 def warm(places: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Imports are not what is timed."""
+    """Import are not what is timed."""
     for path, _ in commands():
         next(wrong(mistake, places) for mistake in MISTAKES if mistake.words[: len(path)] == path)
     return places

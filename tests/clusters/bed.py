@@ -42,7 +42,7 @@ SEARCHED = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 
 
 def missing() -> str | None:
-    """Returns what this machine lacks for a bed; None if it has all."""
+    """Return what this machine lacks for a bed; None if it has all."""
     if platform.system() != "Linux" or os.geteuid() != 0:
         return "nodes are namespaces of Linux, which root makes"
     lacking = [each for each in PROGRAMS if shutil.which(each, path=SEARCHED) is None]
@@ -93,7 +93,7 @@ class Node:
         self._init = init.pid
 
     def power_off(self) -> None:
-        """Ends all processes of the node at once."""
+        """End all processes of the node at once."""
         assert self._process is not None
         os.kill(self._init, signal.SIGKILL)
         self._process.wait(timeout=60)
@@ -101,7 +101,7 @@ class Node:
             log.write("Terminated\n")
 
     def start_process(self, command: str, user: str = USER) -> subprocess.Popen[str]:
-        """Starts a command of the shell in the user's home; its output and errors are one stream."""
+        """Start a command of the shell in the user's home; its output and errors are one stream."""
         return subprocess.Popen(
             [*self._entering(user), command],
             env={"PATH": SEARCHED, "TERM": "xterm"}, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
@@ -117,7 +117,7 @@ class Node:
         code: int | None = 0,
         shown: bool = True,
     ) -> str:
-        """Returns the output of a command.
+        """Return the output of a command.
 
         Args:
             command: of the shell, in the user's home.
@@ -139,7 +139,7 @@ class Node:
         return output
 
     def write(self, path: str, text: str) -> None:
-        """Writes a file of root's."""
+        """Write a file of root's."""
         self.run(f"printf %s {shlex.quote(text)} > {path}", user="root", shown=False)
 
     def _entering(self, user: str) -> list[str]:
@@ -148,7 +148,7 @@ class Node:
 
 
 def wait_until(happened: Callable[[], object], seconds: float) -> None:
-    """Returns when something has happened.
+    """Return when something has happened.
 
     Raises:
         AssertionError: it did not within so many seconds.
@@ -211,7 +211,7 @@ class Bed:
         return self.on(name)[0]
 
     def close(self) -> None:
-        """Ends all nodes with all that belongs to them."""
+        """End all nodes with all that belongs to them."""
         os.kill(self._switch, signal.SIGKILL)
         self._process.wait(timeout=60)
 

@@ -19,7 +19,7 @@ CAMPAIGN = f"experiments/quickstart.py {FLAGS}"
 
 
 def copy_checkout(folder: Path, wheel: Path) -> None:
-    """Fills a folder with what clusters need of a checkout in which the wheel was built."""
+    """Fill a folder with what clusters need of a checkout in which the wheel was built."""
     (folder / "dist").mkdir(parents=True)
     shutil.copy(wheel, folder / "dist")
     for name in ("cluster.lock", "torch.lock"):
@@ -29,7 +29,7 @@ def copy_checkout(folder: Path, wheel: Path) -> None:
 
 
 def lend_environment(node: Node) -> None:
-    """Lets the node's user change the virtual environment, as its own, and find it in ``~/venv``.
+    """Let the node's user change the virtual environment, as its own, and find it in ``~/venv``.
 
     What the cluster's files install is there, in the same versions: no package index is needed. Kernels are
     compiled once for all beds.

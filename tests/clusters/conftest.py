@@ -13,7 +13,7 @@ FOLDER = Path(__file__).parent
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Marks all tests of this folder, and skips them where no bed can be made."""
+    """Mark all tests of this folder, and skip them where no bed can be made."""
     reason = missing()
     for item in items:
         if FOLDER in item.path.parents:

@@ -45,12 +45,12 @@ class Instances:
         self._thread.start()
 
     def close(self) -> None:
-        """Ends the watch; nodes stay as they are."""
+        """End the watch; nodes stay as they are."""
         self._process.kill()
         self._process.wait()
 
     def of_kind(self, kind: str) -> list[dict[str, Any]]:
-        """Returns the instances that the launcher has tagged as "head" or "worker"."""
+        """Return the instances that the launcher has tagged as "head" or "worker"."""
         return [each for each in self.seen.values() if tags(each).get("ray-node-type") == kind]
 
     def _watch(self) -> None:
@@ -79,5 +79,5 @@ class Instances:
 
 
 def tags(instance: dict[str, Any]) -> dict[str, str]:
-    """Returns the tags of an instance."""
+    """Return the tags of an instance."""
     return {tag["Key"]: tag["Value"] for tag in instance.get("Tags", ())}

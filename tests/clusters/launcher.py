@@ -32,11 +32,11 @@ class Laptop:
         self.run("umask 077; ray get-auth-token --generate > /dev/null; chmod 600 ~/.ray/auth_token")
 
     def write(self, name: str, text: str) -> None:
-        """Writes a file of the checkout."""
+        """Write a file of the checkout."""
         (self._checkout / name).write_text(text)
 
     def up(self, head: Node, workers: Sequence[Node]) -> None:
-        """Fills `FILE` in, calls `ray up`, and returns when all machines have joined."""
+        """Fill `FILE` in, call `ray up`, and return when all machines have joined."""
         text = (REPOSITORY / FILE).read_text()
         addresses = ", ".join(worker.address for worker in workers)
         for line, filled in {
@@ -51,7 +51,7 @@ class Laptop:
         self.wait_for_workers(len(workers))
 
     def wait_for_workers(self, count: int) -> None:
-        """Returns when the head and so many more nodes are there."""
+        """Return when the head and so many more nodes are there."""
 
         def nodes() -> int:
             there, _, _ = self.run(f"ray exec {FILE} 'ray status'", shown=False).partition("Pending:")
@@ -61,9 +61,9 @@ class Laptop:
         wait_until(lambda: nodes() == 1 + count, 1200)
 
     def start(self, command: str) -> subprocess.Popen[str]:
-        """Starts a command in the checkout; see `Node.start_process`."""
+        """Start a command in the checkout; see `Node.start_process`."""
         return self._node.start_process(ACTIVE + command)
 
     def run(self, command: str, *, timeout: float = 1800, code: int | None = 0, shown: bool = True) -> str:
-        """Runs a command in the checkout, whose virtual environment is active; see `Node.run`."""
+        """Run a command in the checkout, whose virtual environment is active; see `Node.run`."""
         return self._node.run(ACTIVE + command, timeout=timeout, code=code, shown=shown)

@@ -39,12 +39,12 @@ class ObjectStore:
         }
 
     def make_known(self, node: Node) -> None:
-        """Gives a node's programs the way to the store."""
+        """Give a node's programs the way to the store."""
         lines = "".join(f"export {name}={value}\n" for name, value in self.variables.items())
         node.write("/etc/profile.d/store.sh", lines)
 
     def start(self) -> None:
-        """Starts the server on its node, and makes the bucket."""
+        """Start the server on its node, and make the bucket."""
         self._node.run(
             f"nohup {VENV}/bin/moto_server -H 0.0.0.0 -p {PORT} > moto.log 2>&1 & "
             f"until (exec 3<>/dev/tcp/127.0.0.1/{PORT}) 2>/dev/null; do sleep 0.5; done; "
@@ -52,7 +52,7 @@ class ObjectStore:
         )
 
     def data_files(self, root: str) -> dict[str, bytes]:
-        """Returns the data files of a root in the bucket, see `small_runs.data_files`."""
+        """Return the data files of a root in the bucket, see `small_runs.data_files`."""
         self._node.write("/tmp/read.py", READ)
         output = self._node.run(f"{VENV}/bin/python /tmp/read.py s3://{BUCKET}/{root}")
         return {path: base64.b64decode(data) for path, data in json.loads(output.splitlines()[-1]).items()}

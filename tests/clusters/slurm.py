@@ -41,7 +41,7 @@ CHECKOUT = "/shared/checkout"
 
 
 def missing_daemons() -> str | None:
-    """Returns what this machine lacks for Slurm; None if it has all."""
+    """Return what this machine lacks for Slurm; None if it has all."""
     lacking = [each for each in DAEMONS if shutil.which(each, path=SEARCHED) is None]
     return f"needs {', '.join(lacking)} (Debian's slurm-wlm and munge)" if lacking else None
 
@@ -81,7 +81,7 @@ class Slurm:
         wait_until(lambda: self._head.run("sinfo -h -o %D/%T", shown=False).split() == ready, 60)
 
     def run(self, command: str, code: int | None = 0) -> str:
-        """Runs a command in the checkout, as a user on the first node; see `Node.run`."""
+        """Run a command in the checkout, as a user on the first node; see `Node.run`."""
         return self._head.run(f"cd {CHECKOUT}; {command}", code=code)
 
     def submit(self, arguments: str) -> int:
@@ -89,22 +89,22 @@ class Slurm:
         return int(self.run(f"sbatch --parsable {arguments}"))
 
     def state(self, job: int) -> str:
-        """Returns the state of a job, and its exit code, such as "COMPLETED 0:0"."""
+        """Return the state of a job, and its exit code, such as "COMPLETED 0:0"."""
         shown = self._head.run(f"scontrol show job {job}", shown=False)
         found = {key: re.search(rf"\b{key}=(\S+)", shown) for key in ("JobState", "ExitCode")}
         return " ".join(match[1] for match in found.values() if match)
 
     def restarts(self, job: int) -> int:
-        """Returns how often a job was queued again."""
+        """Return how often a job was queued again."""
         found = re.search(r"\bRestarts=(\d+)", self._head.run(f"scontrol show job {job}", shown=False))
         return int(found[1]) if found else 0
 
     def log(self, job: int) -> str:
-        """Returns what a job has printed, in all of its lives."""
+        """Return what a job has printed, in all of its lives."""
         path = self.shared / "checkout" / f"tma-ray-{job}.log"
         return path.read_text() if path.exists() else ""
 
     def ended(self, job: int, seconds: float = 900) -> str:
-        """Returns the state of a job when it has ended for good."""
+        """Return the state of a job when it has ended for good."""
         wait_until(lambda: not re.match("PENDING|RUNNING|COMPLETING|REQUEUE", self.state(job)), seconds)
         return self.state(job)

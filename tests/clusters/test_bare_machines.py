@@ -24,7 +24,7 @@ PYTHON = "/usr/bin/python3"
 
 
 def system_python() -> str:
-    """Returns the version of the system's Python if it makes virtual environments, else nothing."""
+    """Return the version of the system's Python if it makes virtual environments, else nothing."""
     look = "import ensurepip, sys; print('.'.join(map(str, sys.version_info[:2])))"
     try:
         return subprocess.run(

@@ -50,27 +50,27 @@ def undisturbed(laptop: Laptop, bed: Bed) -> dict[str, bytes]:
 
 
 def submitted(results: str, *flags: str) -> str:
-    """Returns the command that runs `CAMPAIGN` on the cluster."""
+    """Return the command that runs `CAMPAIGN` on the cluster."""
     return f"ray submit {FILE} {' '.join(flags)} {CAMPAIGN} --address auto --results {results}"
 
 
 def trains(node: Node) -> bool:
-    """Returns True if a run has a process on the node."""
+    """Return True if a run has a process on the node."""
     return "ray::SeedActor" in node.run("ps ax -o args", shown=False)
 
 
 def has_ray(node: Node) -> bool:
-    """Returns True if Ray runs on the node."""
+    """Return True if Ray runs on the node."""
     return "raylet" in node.run("ps ax -o args", shown=False)
 
 
 def checkpoints(root: Path) -> int:
-    """Returns how many runs have a checkpoint."""
+    """Return how many runs have a checkpoint."""
     return len({path.parents[1] for path in root.glob("checkpoints/*/*/index.json")})
 
 
 def done(root: Path) -> int:
-    """Returns how many runs are done."""
+    """Return how many runs are done."""
     return sum('"done"' in path.read_text() for path in root.glob("manifests/*.json"))
 
 

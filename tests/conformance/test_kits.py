@@ -37,7 +37,7 @@ class TestPPO(StudentConformance):
 
 
 def outcome(kit, test: str) -> str:
-    """Returns what a kit's test says, empty if it passes."""
+    """Return what a kit's test says, empty if it passes."""
     try:
         getattr(kit(), test)()
     except AssertionError as error:

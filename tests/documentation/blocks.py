@@ -56,7 +56,7 @@ class Block:
 
 
 def blocks_of(page: str) -> list[Block]:
-    """Returns the blocks of a page, in order."""
+    """Return the blocks of a page, in order."""
     text = (ROOT / page).read_text()
     found = []
     for match in FENCE.finditer(text):
@@ -70,12 +70,12 @@ def blocks_of(page: str) -> list[Block]:
 
 
 def inline_commands(page: str) -> list[str]:
-    """Returns the commands with arguments that stand within the sentences and tables of a page."""
+    """Return the commands with arguments that stand within the sentences and tables of a page."""
     prose = FENCE.sub("", (ROOT / page).read_text())
     return [re.sub(r"\s+", " ", command) for command in INLINE.findall(prose)]
 
 
 def lines_of(block: Block) -> list[str]:
-    """Returns the command lines of a block, without comments and with continued lines joined."""
+    """Return the command lines of a block, without comments and with continued lines joined."""
     joined = block.text.replace("\\\n", " ").splitlines()
     return [line.strip() for line in joined if line.strip() and not line.lstrip().startswith("#")]

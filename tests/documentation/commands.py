@@ -41,7 +41,7 @@ REDIRECTION = re.compile(r"\s\d?>\s*[^\s;&|)]+")
 
 
 def simple_commands(line: str) -> Iterator[list[str]]:
-    """Yields the words of each command of a line of the shell."""
+    """Yield the words of each command of a line of the shell."""
     words = shlex.shlex(REDIRECTION.sub("", line), posix=True, punctuation_chars="();&|")
     words.whitespace_split = True
     command: list[str] = []
@@ -57,7 +57,7 @@ def simple_commands(line: str) -> Iterator[list[str]]:
 
 
 def execute(words: Sequence[str]) -> int:
-    """Runs one command in the present folder; returns its exit code.
+    """Run one command in the present folder; return its exit code.
 
     Raises:
         LookupError: no way to run it is known.
@@ -73,7 +73,7 @@ def execute(words: Sequence[str]) -> int:
 
 
 def understood(words: Sequence[str]) -> None:
-    """Checks a command without running it: its program, its flags, its files.
+    """Check a command without running it: its program, its flags, its files.
 
     Raises:
         Exception: what the program's own parser raises of what it does not know.
@@ -137,7 +137,7 @@ def _make(arguments: list[str]) -> int:
 
 
 def _pip(arguments: list[str]) -> int:
-    """Checks what would be installed against what is."""
+    """Check what would be installed against what is."""
     command, *packages = [word for word in arguments if not word.startswith("-")]
     assert command == "install", command
     for package in packages:
@@ -153,7 +153,7 @@ def _pytest(arguments: list[str]) -> int:
 
 
 def _ray(arguments: list[str]) -> int:
-    """Parses by Ray's own parser, and goes no further."""
+    """Parse by Ray's own parser, and go no further."""
     from ray.scripts.scripts import cli as commands
 
     command: click.Command = commands

@@ -102,7 +102,7 @@ ENDINGS = (
 
 
 def changed(page: str, text: str, **values: str) -> str:
-    """Returns code of `page` as it is run; `values` are names of what there is."""
+    """Return code of `page` as it is run; `values` are names of what there is."""
     for change in CHANGES:
         if fnmatch(page, change.pages):
             text = text.replace(change.found, change.instead.format(**values))
@@ -110,12 +110,12 @@ def changed(page: str, text: str, **values: str) -> str:
 
 
 def exempt(page: str, text: str) -> bool:
-    """Tells whether a command or block is not run."""
+    """Tell whether a command or block is not run."""
     return any(fnmatch(page, each.pages) and text.startswith(each.beginning) for each in EXEMPTIONS)
 
 
 def exit_code(page: str, command: str) -> int:
-    """Returns the exit code that a command must have."""
+    """Return the exit code that a command must have."""
     return next(
         (each.code for each in ENDINGS if fnmatch(page, each.pages) and command.startswith(each.beginning)), 0
     )

@@ -32,7 +32,7 @@ NOBODYS = ("name", "module:Name", "my_teacher")
 
 
 def texts() -> Iterator[tuple[str, str]]:
-    """Yields every docstring with its file."""
+    """Yield every docstring with its file."""
     for path in FILES:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):

@@ -23,7 +23,7 @@ PLACES = (
 
 
 def texts(place: str) -> Iterator[str]:
-    """Yields the Python of a notebook's cells, of a page's blocks, or of a script."""
+    """Yield the Python of a notebook's cells, of a page's blocks, or of a script."""
     if place.endswith(".ipynb"):
         for cell in json.loads((ROOT / place).read_text())["cells"]:
             if cell["cell_type"] == "code":
@@ -35,7 +35,7 @@ def texts(place: str) -> Iterator[str]:
 
 
 def imports(text: str) -> Iterator[tuple[str, str]]:
-    """Yields module and name of each thing that is imported; an empty name for a whole module."""
+    """Yield module and name of each thing that is imported; an empty name for a whole module."""
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             yield from ((alias.name, "") for alias in node.names)
@@ -44,7 +44,7 @@ def imports(text: str) -> Iterator[tuple[str, str]]:
 
 
 def lacking(module: str, name: str) -> str:
-    """Returns why an import fails, empty if it does not."""
+    """Return why an import fails, empty if it does not."""
     try:
         found = import_module(module)
         if name and not hasattr(found, name):

@@ -11,7 +11,7 @@ LINK = re.compile(r"\]\(((?!\w+:)[^)\s]+)\)")
 
 
 def slug(heading: str) -> str:
-    """Returns the anchor of a heading."""
+    """Return the anchor of a heading."""
     text = re.sub(r"[`*]|\(http.*?\)", "", heading).lower()
     return re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", text).strip())
 

@@ -69,7 +69,7 @@ class Table:
 
 
 def current() -> dict[str, set[str]]:
-    """Returns the present version of all that has one; names of whole catalogues stand for all in them."""
+    """Return the present version of all that has one; names of whole catalogues stand for all in them."""
     found = {"physics": {str(PHYSICS_VERSION)}, "schema": {str(SCHEMA_VERSION)}}
     found["benchmark"] = {str(BENCHMARK_VERSION)}
     for kind, registry in (("environments", ENVIRONMENTS), ("students", STUDENTS), ("teachers", TEACHERS)):
@@ -87,7 +87,7 @@ def text_of(page: str) -> str:
 
 
 def measured_tables(page: str, text: str) -> Iterator[Table]:
-    """Yields the tables of measurements of a page."""
+    """Yield the tables of measurements of a page."""
     lines, marks, headings, code = text.splitlines(), dict[int, str](), dict[int, str](), False
     position = 0
     while position < len(lines):
@@ -111,7 +111,7 @@ def measured_tables(page: str, text: str) -> Iterator[Table]:
 
 
 def problem(table: Table) -> str | None:
-    """Returns what is the matter with the mark of a table, None if nothing is."""
+    """Return what is the matter with the mark of a table, None if nothing is."""
     where = f"{table.page}, line {table.line} ({table.heading})"
     if table.mark is None:
         return f"{where}: no line says at which versions it was measured"

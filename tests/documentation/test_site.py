@@ -22,7 +22,7 @@ MARK = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
 
 
 def rows_of(text: str) -> dict[str, list[str]]:
-    """Returns the cells of the rows of a table by the name in the first."""
+    """Return the cells of the rows of a table by the name in the first."""
     lines = (line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| `"))
     return {cells[0].split("`")[1]: cells[1:] for cells in lines}
 

@@ -123,7 +123,7 @@ def test_observation_size(name: str, environment: str) -> None:
 
 
 def _rotated(vertices: Any) -> list[tuple[float, float]]:
-    """Returns corners from the lowest leftmost one on: where an outline begins does not matter."""
+    """Return corners from the lowest leftmost one on: where an outline begins does not matter."""
     points = [(round(float(x), 5), round(float(y), 5)) for x, y in vertices]
     first = points.index(min(points))
     return points[first:] + points[:first]

@@ -35,7 +35,7 @@ class Outcome(NamedTuple):
 
 
 def tasks(env: BodyEnvironment, rng: np.random.Generator, inner: int, corners: int | None) -> np.ndarray:
-    """Returns `inner` tasks from within the valid domain and some of its corners (None: all)."""
+    """Return `inner` tasks from within the valid domain and some of its corners (None: all)."""
     space = env.valid_domain
     every = np.array(list(product(*zip(space.low, space.high, strict=True))))
     chosen = (
@@ -45,7 +45,7 @@ def tasks(env: BodyEnvironment, rng: np.random.Generator, inner: int, corners: i
 
 
 def players(size: int, kind: str, rng: np.random.Generator) -> Iterator[np.ndarray]:
-    """Yields actions of a `kind`; bang-bang ones change sides every 10 steps."""
+    """Yield actions of a `kind`; bang-bang ones change sides every 10 steps."""
     constant, step = {"all +1": 1.0, "all -1": -1.0}, 0
     action = np.full(size, constant.get(kind, 0.0))
     while True:
@@ -58,7 +58,7 @@ def players(size: int, kind: str, rng: np.random.Generator) -> Iterator[np.ndarr
 
 
 def endure(env: BodyEnvironment, task: np.ndarray, kind: str, steps: int, seed: int) -> Outcome:
-    """Plays an episode of at most `steps` and looks for what must not be."""
+    """Play an episode of at most `steps` and looks for what must not be."""
     rng, troubles = np.random.default_rng([seed, 9]), set()
     observation, _ = env.reset(seed=seed, options={"task": task})
     start = through(env._engine.state, env._engine.arrays.bounds[:, 0], env._terrain)
@@ -74,7 +74,7 @@ def endure(env: BodyEnvironment, task: np.ndarray, kind: str, steps: int, seed: 
 
 
 def faults(env: BodyEnvironment, observation: np.ndarray, reward: float) -> set[str]:
-    """Returns what is wrong with the numbers of a step."""
+    """Return what is wrong with the numbers of a step."""
     found = set()
     if not (
         np.all(np.isfinite(observation)) and np.all(np.isfinite(env._engine.state)) and np.isfinite(reward)
@@ -88,7 +88,7 @@ def faults(env: BodyEnvironment, observation: np.ndarray, reward: float) -> set[
 
 
 def through(state: np.ndarray, reach: np.ndarray, terrain: Terrain) -> set[str]:
-    """Returns whether a part's frame is deeper in ground or ceiling than its own reach (p,) and DEEPEST.
+    """Return whether a part's frame is deeper in ground or ceiling than its own reach (p,) and DEEPEST.
 
     Depth is counted from the nearer end of the surface within the part's reach to both sides.
     """
@@ -98,7 +98,7 @@ def through(state: np.ndarray, reach: np.ndarray, terrain: Terrain) -> set[str]:
 
 @kernel
 def sunk(state: np.ndarray, reach: np.ndarray, surface: np.ndarray, side: float) -> bool:
-    """Tells whether a part has gone through a surface; see `through`."""
+    """Tell whether a part has gone through a surface; see `through`."""
     for part in range(len(state)):
         x, far, lowest = state[part, 0], reach[part], math.inf
         for left, left_y, right, right_y in surface:

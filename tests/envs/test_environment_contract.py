@@ -34,7 +34,7 @@ HELPERS = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 
 
 def play(env: Environment, seed: int, steps: int = 300) -> str:
-    """Returns a hash of everything that a random player of `seed` gets to see over several episodes."""
+    """Return a hash of everything that a random player of `seed` gets to see over several episodes."""
     rng, content = np.random.default_rng(seed), hashlib.sha256()
     observation, info = env.reset(seed=seed)
     for _ in range(steps):
@@ -50,12 +50,12 @@ def play(env: Environment, seed: int, steps: int = 300) -> str:
 
 @cache
 def played_anew(name: str, body: str) -> str:
-    """Returns the hash of an environment that has played nothing before."""
+    """Return the hash of an environment that has played nothing before."""
     return play(make_environment(name, embodiment=body), 1)
 
 
 def walk(env: Environment, steps: int, draw: bool = False, task: object = None) -> list[np.ndarray]:
-    """Returns the observations of `steps` random actions, over as many episodes as they take."""
+    """Return the observations of `steps` random actions, over as many episodes as they take."""
     rng = np.random.default_rng(0)
     observations = [env.reset(seed=0, options={"task": task})[0]]
     for _ in range(steps):

@@ -15,7 +15,7 @@ CEILING_LOW = 40.0
 
 
 def survey(body: str, inner: int, corners: int | None, steps: int) -> int:
-    """Plays episodes in every variant, none with trouble, and returns their steps."""
+    """Play episodes in every variant, none with trouble, and return their steps."""
     played = 0
     for name, options in VARIANTS:
         env = make_environment(name, embodiment=body, **options)

@@ -16,7 +16,7 @@ def environments(request):
 
 
 def play(worlds, tasks: np.ndarray, steps: int) -> list[tuple[bytes, list[float], list[bool]]]:
-    """Plays random episodes, twice, and returns all that is seen."""
+    """Play random episodes, twice, and return all that is seen."""
     seen = []
     for episode in range(2):
         rng = np.random.default_rng(episode)

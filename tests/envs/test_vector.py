@@ -31,7 +31,7 @@ def one_by_one(name: str) -> SyncVectorEnv:
 
 
 def same(given, expected) -> bool:
-    """Tells whether two results, or dicts of arrays, are the same bits."""
+    """Tell whether two results, or dicts of arrays, are the same bits."""
     if isinstance(expected, dict):
         return given.keys() == expected.keys() and all(same(given[key], expected[key]) for key in expected)
     return given.dtype == expected.dtype and given.tobytes() == expected.tobytes()
@@ -178,7 +178,7 @@ def test_any_number_of_threads_gives_the_same_bits(name: str, body: str) -> None
 
 
 def helpers() -> list[str]:
-    """Names of the threads that help to step worlds."""
+    """Name of the threads that help to step worlds."""
     return [thread.name for thread in threading.enumerate() if thread.name == "tma_ray worlds"]
 
 

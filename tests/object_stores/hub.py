@@ -32,7 +32,7 @@ class Hub(ThreadingHTTPServer):
 
 @contextmanager
 def served() -> Iterator[Hub]:
-    """Runs a hub for the time of the block."""
+    """Run a hub for the time of the block."""
     with Hub() as hub:
         threading.Thread(target=hub.serve_forever, daemon=True).start()
         yield hub
@@ -99,7 +99,7 @@ class _Answers(BaseHTTPRequestHandler):
             )
 
     def _files(self, repository: str) -> dict[str, bytes] | None:
-        """Returns the files of a data set; refuses as the hub does where there is none."""
+        """Return the files of a data set; refuse as the hub does where there is none."""
         found = self.server.repositories.get(repository)
         if found is None:
             self._send(401, b'{"error":"Invalid username or password."}', {"X-Error-Code": "RepoNotFound"})
@@ -143,7 +143,7 @@ class _Answers(BaseHTTPRequestHandler):
 
 
 def _entries(files: dict[str, bytes], path: str) -> list[dict[str, Any]]:
-    """Returns what the hub says of a file or a folder; nothing of what is not there."""
+    """Return what the hub says of a file or a folder; nothing of what is not there."""
     if path in files:
         return [
             {"type": "file", "path": path, "size": len(files[path]), "oid": sha1(files[path]).hexdigest()}

@@ -51,7 +51,7 @@ class Proxy:
         return Counter(method for method, _ in self.seen)
 
     def judge(self, method: str, path: str) -> tuple[bool, bool]:
-        """Notes a request; returns whether to refuse it and whether to drop it."""
+        """Note a request; return whether to refuse it and whether to drop it."""
         with self._lock:
             self.seen.append((method, path))
             return self.refuse(method, path), self.drop(method, path)

@@ -31,7 +31,7 @@ CAMPAIGN = Campaign(
 
 
 def execute(root: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Executes the campaign in a process of its own, whose Ray has its environment."""
+    """Execute the campaign in a process of its own, whose Ray has its environment."""
     path = os.pathsep.join([*HELPERS, os.environ.get("PYTHONPATH", "")])
     command = [
         sys.executable,

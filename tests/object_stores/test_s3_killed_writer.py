@@ -49,7 +49,7 @@ for number in count():
 
 
 def kill_midway(script: str, arguments: list[str], delay: float, look: Callable[[], object]) -> int:
-    """Kills the script `delay` seconds after it first said a number; returns the last one that it said."""
+    """Kill the script `delay` seconds after it first said a number; return the last one that it said."""
     command = [sys.executable, "-c", script, *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

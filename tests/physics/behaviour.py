@@ -33,13 +33,13 @@ Place = tuple[float, float] | Terrain
 
 
 def embodied(name: str, place: Place = TASKS[0]) -> tuple[Embodiment, Engine]:
-    """Returns the body called `name` and an engine for it under the rules of `place`."""
+    """Return the body called `name` and an engine for it under the rules of `place`."""
     body = load_embodiment(name)
     return body, make_engine(body, parkour_rules(body) if isinstance(place, Terrain) else RULES)
 
 
 def start(engine: Engine, place: Place, rng: np.random.Generator) -> Terrain:
-    """Resets `engine` as the environment does and returns the new world."""
+    """Reset `engine` as the environment does and return the new world."""
     if not isinstance(place, Terrain):
         place = stump_tracks(np.array(place, dtype=np.float32), rng)
     engine.reset(place, rng.uniform(-PUSH, PUSH))
@@ -47,7 +47,7 @@ def start(engine: Engine, place: Place, rng: np.random.Generator) -> Terrain:
 
 
 def zero_action(name: str = CLASSIC, count: int = 20, place: Place = TASKS[0]) -> Figures:
-    """Returns what 100 steps without torque lead to, going on after termination."""
+    """Return what 100 steps without torque lead to, going on after termination."""
     body, engine, rows = *embodied(name, place), []
     for seed in range(count):
         start(engine, place, np.random.default_rng(seed))
@@ -60,7 +60,7 @@ def zero_action(name: str = CLASSIC, count: int = 20, place: Place = TASKS[0]) -
 
 
 def episodes(place: Place, count: int, cap: int = 2000, name: str = CLASSIC) -> Figures:
-    """Returns figures of `count` episodes of uniform actions."""
+    """Return figures of `count` episodes of uniform actions."""
     body, engine, rows = *embodied(name, place), []
     for seed in range(count):
         rng = np.random.default_rng([seed, 1])
@@ -81,7 +81,7 @@ def episodes(place: Place, count: int, cap: int = 2000, name: str = CLASSIC) -> 
 
 
 def gaits(name: str = CLASSIC, count: int = 100, place: Place = TASKS[0]) -> Figures:
-    """Returns how far and fast random sinusoidal gaits go in 200 steps or until termination."""
+    """Return how far and fast random sinusoidal gaits go in 200 steps or until termination."""
     body, engine, distances, speeds, lengths = *embodied(name, place), [], [], []
     for seed in range(count):
         rng = np.random.default_rng([seed, 2])
@@ -109,7 +109,7 @@ def gaits(name: str = CLASSIC, count: int = 100, place: Place = TASKS[0]) -> Fig
 
 
 def full_torque(steps: int, seed: int = 0, task: tuple[float, float] = (1.5, 1.0)) -> Iterator[Figures]:
-    """Yields the errors of the simulation after each step of random full torques, in worlds of 500 steps."""
+    """Yield the errors of the simulation after each step of random full torques, in worlds of 500 steps."""
     embodiment, engine = embodied(CLASSIC)
     rng, body = np.random.default_rng([seed, 3]), body_arrays(embodiment)
     for step in range(steps):
@@ -125,13 +125,13 @@ def full_torque(steps: int, seed: int = 0, task: tuple[float, float] = (1.5, 1.0
 
 
 def release_of_task(task: tuple[float, float]) -> dict[str, Statistics]:
-    """Returns the release's statistics of the classic body's random actions on `task`, by figure."""
+    """Return the release's statistics of the classic body's random actions on `task`, by figure."""
     case = f"stump_height={task[0]:g} obstacle_spacing={task[1]:g}"
     return measured("random_actions_2000", "stump_tracks", CLASSIC, case)
 
 
 def table_of_bodies() -> Iterator[str]:
-    """Yields the release's means against ours, one row of a Markdown table per protocol and body."""
+    """Yield the release's means against ours, one row of a Markdown table per protocol and body."""
     protocols = {
         "zero_actions": zero_action,
         "random_actions": lambda name: episodes(TASKS[0], 200, 500, name),
@@ -144,13 +144,13 @@ def table_of_bodies() -> Iterator[str]:
 
 
 def cells(release: dict[str, Statistics], ours: Figures) -> str:
-    """Returns cells of a Markdown table: the means, release / ours, of what both measured."""
+    """Return cells of a Markdown table: the means, release / ours, of what both measured."""
     pairs = [(release[figure], values) for figure, values in ours.items() if figure in release]
     return " | ".join(f"{theirs.mean:.2f} / {values.mean():.2f}" for theirs, values in pairs)
 
 
 def table() -> Iterator[str]:
-    """Yields release against ours, then the errors of our simulation, as rows of a Markdown table."""
+    """Yield release against ours, then the errors of our simulation, as rows of a Markdown table."""
     protocols = {
         "zero_actions": (zero_action(), measured("zero_actions", "stump_tracks", CLASSIC)),
         "random_gaits": (gaits(), measured("random_gaits", "stump_tracks", CLASSIC)),

@@ -12,13 +12,13 @@ Floats = NDArray[np.float64]
 
 
 def world_points(pose: Floats, points: Floats) -> Floats:
-    """Returns `points` (n, 2) of a frame at `pose` (x, y, angle, ...) in world axes."""
+    """Return `points` (n, 2) of a frame at `pose` (x, y, angle, ...) in world axes."""
     sine, cosine = np.sin(pose[2]), np.cos(pose[2])
     return pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]])
 
 
 def joint_drift(state: Floats, body: BodyArrays) -> Floats:
-    """Returns how far each joint's two anchors are apart (j,), in m."""
+    """Return how far each joint's two anchors are apart (j,), in m."""
     return np.array(
         [
             np.linalg.norm(world_points(state[a], pair[:1]) - world_points(state[b], pair[1:]))
@@ -28,14 +28,14 @@ def joint_drift(state: Floats, body: BodyArrays) -> Floats:
 
 
 def limit_overshoot(state: Floats, body: BodyArrays) -> Floats:
-    """Returns how far each joint is outside its limits (j,), in rad; 0 inside."""
+    """Return how far each joint is outside its limits (j,), in rad; 0 inside."""
     a, b = body.joint_parts.T
     angles = state[b, 2] - state[a, 2]
     return np.maximum(0, np.maximum(body.limits[:, 0] - angles, angles - body.limits[:, 1]))
 
 
 def penetration(state: Floats, body: BodyArrays, terrain: Terrain) -> Floats:
-    """Returns how deep each part's corners are inside the terrain's upright boxes (p,), in m; 0 outside.
+    """Return how deep each part's corners are inside the terrain's upright boxes (p,), in m; 0 outside.
 
     Depth is the shortest way out to the top or a side.
     """

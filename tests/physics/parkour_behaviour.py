@@ -33,19 +33,19 @@ BODIES = tuple(embodiment_names())
 
 
 def place_of(name: str) -> Terrain:
-    """Returns the world in which the body called `name` acts: deep water for the fish, else a dry one."""
+    """Return the world in which the body called `name` acts: deep water for the fish, else a dry one."""
     return deep() if name == "fish" else dry()
 
 
 def under_water(steps: tuple[int, ...], name: str = "fish") -> Figures:
-    """Returns how far the head has risen, and how fast it rises, after some `steps` without torque."""
+    """Return how far the head has risen, and how fast it rises, after some `steps` without torque."""
     body, engine = embodied(name, deep())
     start(engine, deep(), np.random.default_rng(0))
     return _course(engine, body, steps)
 
 
 def released(name: str) -> Figures:
-    """Returns the same of a body that is let go in open water: at rest, or a climber at the ceiling."""
+    """Return the same of a body that is let go in open water: at rest, or a climber at the ceiling."""
     body = load_embodiment(name)
     engine = PymunkEngine(body, parkour_rules(body))  # its parts can be moved
     start(engine, deep(), np.random.default_rng(0))
@@ -58,7 +58,7 @@ def released(name: str) -> Figures:
 
 
 def hanging(name: str, grip: float, motors: float = 0.0, count: int = 20) -> Figures:
-    """Returns where a climber is after 100 steps with an action of `grip` and random ones of its `motors`."""
+    """Return where a climber is after 100 steps with an action of `grip` and random ones of its `motors`."""
     body, engine, rows = *embodied(name, dry()), []
     for seed in range(count):
         rng = np.random.default_rng([seed, 4])
@@ -82,7 +82,7 @@ def hanging(name: str, grip: float, motors: float = 0.0, count: int = 20) -> Fig
 
 
 def random_actions(name: str, count: int) -> Figures:
-    """Returns figures of `count` episodes of uniform actions, cut at 500 steps."""
+    """Return figures of `count` episodes of uniform actions, cut at 500 steps."""
     return episodes(place_of(name), count, 500, name)
 
 
@@ -96,7 +96,7 @@ def _course(engine: Engine, body: Embodiment, steps: tuple[int, ...]) -> Figures
 
 
 def table() -> Iterator[str]:
-    """Yields the release's means against ours as rows of Markdown tables."""
+    """Yield the release's means against ours as rows of Markdown tables."""
     protocols = {
         "zero_actions": lambda name: zero_action(name, 20, dry()),
         "random_actions": lambda name: random_actions(name, 100),

@@ -20,7 +20,7 @@ SHIPPED = CPPN.load()
 
 
 def parkour_rules(body: Embodiment) -> Rules:
-    """Returns the rules of Parkour for `body`, as its environment has them."""
+    """Return the rules of Parkour for `body`, as its environment has them."""
     return Rules("parkour", body.lidars, observes_medium=True)
 
 
@@ -32,30 +32,30 @@ def parkour_world(
     swinging: bool = False,
     seed: int = 0,
 ) -> Terrain:
-    """Returns a world with `creepers` of this width, mean height and spacing, in m."""
+    """Return a world with `creepers` of this width, mean height and spacing, in m."""
     task = np.array([*THETA, water, *creepers, delta], dtype=np.float32)
     return parkour(task, np.random.default_rng(seed), cppn=SHIPPED, swinging_creepers=swinging)
 
 
 def without_creepers(terrain: Terrain) -> Terrain:
-    """Returns `terrain` with a bare ceiling."""
+    """Return `terrain` with a bare ceiling."""
     return terrain._replace(creepers=np.empty((0, 4)), holders=np.empty(0, np.int64))
 
 
 @cache
 def dry() -> Terrain:
-    """Returns a world with a bare ceiling and no water."""
+    """Return a world with a bare ceiling and no water."""
     return without_creepers(parkour_world(0.0))
 
 
 @cache
 def deep() -> Terrain:
-    """Returns a world with a bare ceiling, full of water."""
+    """Return a world with a bare ceiling, full of water."""
     return without_creepers(parkour_world(1.0))
 
 
 def swung(terrain: Terrain, rng: np.random.Generator) -> World:
-    """Returns the world of `terrain` with every creeper turned and moved at random."""
+    """Return the world of `terrain` with every creeper turned and moved at random."""
     world = world_of(terrain)
     angles = rng.uniform(-1.2, 1.2, len(world.poses))
     moved = world.poses[:, :2] + rng.uniform(-0.5, 0.5, (len(angles), 2))
@@ -64,7 +64,7 @@ def swung(terrain: Terrain, rng: np.random.Generator) -> World:
 
 
 def in_chipmunk(world: World) -> tuple[pymunk.Space, list[pymunk.Poly]]:
-    """Returns the creepers of `world` as shapes, and the space that keeps them."""
+    """Return the creepers of `world` as shapes, and the space that keeps them."""
     space, shapes = pymunk.Space(), []
     for (left, low, right, high), (x, y, cosine, sine) in zip(world.creepers, world.poses, strict=True):
         body = pymunk.Body(body_type=pymunk.Body.STATIC)

@@ -24,7 +24,7 @@ class Statistics(NamedTuple):
 
 
 def measured(protocol: str, environment: str, embodiment: str, case: str = "") -> dict[str, Statistics]:
-    """Returns the release's statistics of one body under one protocol, by figure.
+    """Return the release's statistics of one body under one protocol, by figure.
 
     Raises:
         KeyError: nothing of the kind was measured.
@@ -33,7 +33,7 @@ def measured(protocol: str, environment: str, embodiment: str, case: str = "") -
 
 
 def bodies(*names: str) -> list[Any]:
-    """Returns values of a test's parameter: bodies, those outside the fast tier marked as slow."""
+    """Return values of a test's parameter: bodies, those outside the fast tier marked as slow."""
     return [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 

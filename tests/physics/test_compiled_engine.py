@@ -99,7 +99,7 @@ def resident_bytes() -> int:
 
 
 def growth(repeat: Callable[[int], None], count: int) -> int:
-    """Returns how much memory `count` repeats add to those of a tenth as many, in bytes."""
+    """Return how much memory `count` repeats add to those of a tenth as many, in bytes."""
     if not STATM.exists():
         pytest.skip(f"{STATM} does not exist: memory cannot be measured here")
     for index in range(count // 10):

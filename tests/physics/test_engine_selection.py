@@ -45,7 +45,7 @@ def test_an_unknown_engine_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def differing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Makes the compiled engine's results differ in their last bits."""
+    """Make the compiled engine's results differ in their last bits."""
     advance = CompiledEngine.step
 
     def step(self, action):

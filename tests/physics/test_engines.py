@@ -39,7 +39,7 @@ def flat_world():
 
 
 def world_below(height: float):
-    """Returns a world that a body spawns `height` m above."""
+    """Return a world that a body spawns `height` m above."""
     terrain = flat_world()
     return terrain._replace(spawn=terrain.spawn + np.array([0.0, height]))
 

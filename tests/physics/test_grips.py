@@ -17,7 +17,7 @@ REACH = 0.06
 
 
 def brute_force(x: float, y: float, shapes: list[pymunk.Shape], ceiling: np.ndarray) -> int:
-    """Returns the first creeper within reach, or whether the ceiling is, by distances to all of them."""
+    """Return the first creeper within reach, or whether the ceiling is, by distances to all of them."""
     for index, shape in enumerate(shapes):
         if shape.point_query((x, y)).distance <= REACH:
             return index
@@ -65,7 +65,7 @@ def act(engine: CompiledEngine, grips: tuple[float, float], steps: int = 1) -> n
 
 
 def grip_values(engine: CompiledEngine, observation: np.ndarray) -> list[float]:
-    """Returns what each sensor touches and whether it holds, as observed."""
+    """Return what each sensor touches and whether it holds, as observed."""
     return observation[-24:-20].tolist()
 
 
@@ -95,7 +95,7 @@ def test_closed_grips_hold_and_open_ones_let_go(name: str, closed: float) -> Non
 
 
 def hands(engine: CompiledEngine) -> np.ndarray:
-    """Returns where the sensors are (2, 2)."""
+    """Return where the sensors are (2, 2)."""
     pose = engine.state[engine.arrays.grip_part]
     x, y = engine.arrays.grips[:, :2].T
     cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])

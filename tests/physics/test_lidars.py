@@ -15,7 +15,7 @@ Shapes = list[tuple[float, pymunk.Poly]]
 
 
 def shapes_of(world: World, terrain: Terrain) -> tuple[pymunk.Space, Shapes]:
-    """Returns what a ray can hit and what it is then told, and the Chipmunk space that keeps the shapes."""
+    """Return what a ray can hit and what it is then told, and the Chipmunk space that keeps the shapes."""
     space, creepers = in_chipmunk(world)
     solids = [pymunk.Poly(space.static_body, corners) for corners in terrain.solids.tolist()]
     top = max(world.water_y, -400.0)

@@ -53,7 +53,7 @@ def test_climbers_hang_as_low_and_fall_as_fast(name: str) -> None:
 
 
 def courses(protocol: str, name: str, steps: tuple[int, ...]) -> dict[str, list[float]]:
-    """Returns the release's mean rise and speed of a body in water after each of `steps`."""
+    """Return the release's mean rise and speed of a body in water after each of `steps`."""
     cases = [measured(protocol, "parkour", name, f"after {count} steps") for count in steps]
     return {figure: [case[figure].mean for case in cases] for figure in ("rise", "speed")}
 

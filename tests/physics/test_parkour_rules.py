@@ -23,7 +23,7 @@ def engine_for(name: str) -> CompiledEngine:
 
 
 def lived(name: str, terrain, steps: int) -> list[float]:
-    """Returns after each step without torque whether the body is seen to be dead."""
+    """Return after each step without torque whether the body is seen to be dead."""
     engine = engine_for(name)
     seen = [engine.reset(terrain(), 0.0)[DEAD]]
     return seen + [engine.step(np.zeros(BODIES[name].action_size))[0][DEAD] for _ in range(steps)]

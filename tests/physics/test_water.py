@@ -32,7 +32,7 @@ def turned(points: np.ndarray, angle: float) -> np.ndarray:
 
 
 def of_an_edge(start: np.ndarray, end: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Returns drag and lift as force and torque (3,); points relative to the centre of mass."""
+    """Return drag and lift as force and torque (3,); points relative to the centre of mass."""
     length, middle = np.linalg.norm(end - start), (start + end) / 2
     edge = (end - start) / length
     normal = np.array([edge[1], -edge[0]])
@@ -115,7 +115,7 @@ def test_drag_and_lift_have_bounds() -> None:
 
 
 def pushed(angle: float, torque: float, spin: float = 0.0) -> np.ndarray:
-    """Returns the push on the limb of two boxes that turns at `spin` rad/s by a motor of `torque` N m."""
+    """Return the push on the limb of two boxes that turns at `spin` rad/s by a motor of `torque` N m."""
     body = two_boxes()
     anchor = np.array([0.1, 0.0])
     state = np.zeros((2, 6))

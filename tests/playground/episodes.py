@@ -20,7 +20,7 @@ from tma_ray.terrain import Terrain
 
 
 def world_record(terrain: Terrain) -> dict[str, Any]:
-    """Returns a world as the page's engine takes it; no water is null."""
+    """Return a world as the page's engine takes it; no water is null."""
     values = {
         name: stored(value) if isinstance(value, np.ndarray) else value
         for name, value in terrain._asdict().items()
@@ -30,7 +30,7 @@ def world_record(terrain: Terrain) -> dict[str, Any]:
 
 
 def episode(body: str, environment: str, seed: int, steps: int) -> dict[str, Any]:
-    """Plays one episode; its task, world and actions depend on the seed alone."""
+    """Play one episode; its task, world and actions depend on the seed alone."""
     world = make_environment(environment, embodiment=body).unwrapped
     rng = np.random.default_rng(seed)
     terrain = world.build(world.task_space.sample(rng), rng)
@@ -56,7 +56,7 @@ def episode(body: str, environment: str, seed: int, steps: int) -> dict[str, Any
 
 
 def main(folder: str, episodes: str, steps: str, *bodies: str) -> None:
-    """Writes a file for every body and environment, with everything that the replay needs."""
+    """Write a file for every body and environment, with everything that the replay needs."""
     for body in bodies:
         for environment in PLAYED:
             content = {

@@ -44,13 +44,13 @@ def old_root(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def newer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Adds a column to most tables."""
+    """Add a column to most tables."""
     for table, field in ADDED.items():
         monkeypatch.setitem(SCHEMAS, table, SCHEMAS[table].append(field))
 
 
 def new_run(store: ResultsStore) -> str:
-    """Writes a run with the columns of today; returns its id."""
+    """Write a run with the columns of today; return its id."""
     committer, record = Committer(store), make_record("new")
     attempt = committer.start(record)
     writer = RunWriter(store, "new", attempt)

@@ -78,7 +78,7 @@ def campaign_of_one_run(store: Store, record: RunRecord) -> None:
 
 
 def visible_steps(store: Store) -> list[int]:
-    """Steps of the visible evaluations, after a check that each is there once and whole."""
+    """Step of the visible evaluations, after a check that each is there once and whole."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         rows = Results(store).table(Table.EVALUATIONS).to_pylist()

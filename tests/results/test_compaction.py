@@ -59,7 +59,7 @@ def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
 
 @pytest.fixture(autouse=True)
 def open_store(monkeypatch: pytest.MonkeyPatch, store: Store) -> None:
-    """Lets `compact` work on stores that have no address, and three runs be many."""
+    """Let `compact` work on stores that have no address, and three runs be many."""
     monkeypatch.setattr(Store, "open", classmethod(lambda cls, root: root))
     monkeypatch.setattr(manifest, "FEW", 2)
 
@@ -193,7 +193,7 @@ class KilledError(Exception):
 
 
 def kills(store: Store) -> Iterator[int]:
-    """Yields how many writes and deletions a call may make before it is killed, until it gets to its end."""
+    """Yield how many writes and deletions a call may make before it is killed, until it gets to its end."""
     yield from range(0, 40, 3)
 
 

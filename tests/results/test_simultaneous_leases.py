@@ -24,7 +24,7 @@ LEFT_BEHIND = {"nothing": None, "an expired lease": json.dumps(EXPIRED), "a dama
 
 
 def ask(place: str, barrier: Barrier, answers: Any) -> None:
-    """Asks for the lease of each root in `place` as soon as all processes are ready; keeps what it gets."""
+    """Ask for the lease of each root in `place` as soon as all processes are ready; keep what it gets."""
     for root in sorted(Path(place).iterdir()):
         lease = Lease(Store.open(root), f"process {multiprocessing.current_process().name}")
         barrier.wait(60)

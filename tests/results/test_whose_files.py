@@ -52,7 +52,7 @@ MAKERS: dict[str, Callable[[Store], object]] = {
 
 
 def aged(path: Path, text: str | None = None) -> Path:
-    """Makes a file or link two hours old, having written `text` to it if there is one."""
+    """Make a file or link two hours old, having written `text` to it if there is one."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if text is not None:
         path.write_text(text)
@@ -61,7 +61,7 @@ def aged(path: Path, text: str | None = None) -> Path:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Returns all that lies below a folder: the text of files, links as such, empty texts of folders."""
+    """Return all that lies below a folder: the text of files, links as such, empty texts of folders."""
     return {
         path.relative_to(folder).as_posix(): f"-> {path.readlink()}"
         if path.is_symlink()
@@ -73,7 +73,7 @@ def contents(folder: Path) -> dict[str, str]:
 
 
 def finished(place: Path) -> Committer:
-    """Returns the committer of a root with one run that is done."""
+    """Return the committer of a root with one run that is done."""
     committer, record = Committer.open(place), make_record("run-1")
     writer = RunWriter(committer.store, record.run_id, committer.start(record))
     for table, rows in make_rows(np.random.default_rng(0), 10):

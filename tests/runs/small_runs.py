@@ -44,7 +44,7 @@ TEACHERS: dict[str, dict[str, Any]] = {
 def small_spec(
     folder: Path, student: str = "ppo", teacher: str = "random", seed: int = 0, **changes: Any
 ) -> RunSpec:
-    """Returns a run of some 150 short episodes with small networks and a test set of three tasks."""
+    """Return a run of some 150 short episodes with small networks and a test set of three tasks."""
     tests = folder / "three.csv"
     tests.write_text("distance,wind\n1,0\n4,0.5\n8,0.2\n")
     schedule = Schedule(**{**vars(SCHEDULE), **changes})
@@ -52,7 +52,7 @@ def small_spec(
 
 
 def stump_tracks_spec(folder: Path, student: str, teacher: str, **changes: Any) -> RunSpec:
-    """Returns a run of a few episodes on Stump Tracks, likewise."""
+    """Return a run of a few episodes on Stump Tracks, likewise."""
     tests = folder / "three.csv"
     tests.write_text("stump_height,obstacle_spacing\n0,6\n1.5,3\n3,1\n")
     cell = _cell("stump_tracks", "classic_bipedal", student, teacher, tests)
@@ -74,14 +74,14 @@ def _cell(environment: str, embodiment: str, student: str, teacher: str, tests: 
 
 
 def data_files(root: str | Path) -> dict[str, bytes]:
-    """Returns the canonical data files of all runs of a root, a folder or a URI, by their path."""
+    """Return the canonical data files of all runs of a root, a folder or a URI, by their path."""
     store = Store.open(root)
     about = ("tables/runs/", "tables/attempts/", "tables/cells/")
     return {path: store.read_bytes(path) for path in store.files("tables") if not path.startswith(about)}
 
 
 def short_run(folder: Path) -> tuple[RunSpec, dict[str, bytes]]:
-    """Returns a short run, and the files that it gives undisturbed on a disk."""
+    """Return a short run, and the files that it gives undisturbed on a disk."""
     spec = small_spec(folder, teacher="alp_gmm", steps=1_000)
     run(spec, folder / "undisturbed")
     return spec, data_files(folder / "undisturbed")
@@ -90,7 +90,7 @@ def short_run(folder: Path) -> tuple[RunSpec, dict[str, bytes]]:
 def run(
     spec: RunSpec, root: str | Path, stop_after: int | None = None, placement: Placement | None = None
 ) -> str:
-    """Runs `spec`, stopping after `stop_after` episodes; returns the outcome."""
+    """Run `spec`, stopping after `stop_after` episodes; return the outcome."""
     episodes = 0
 
     def stop() -> bool:
@@ -102,7 +102,7 @@ def run(
 
 
 def rows(root: Path, table: Table) -> list[dict[str, Any]]:
-    """Returns the visible rows of a table."""
+    """Return the visible rows of a table."""
     return Results.open(root).table(table).to_pylist()
 
 

@@ -18,23 +18,23 @@ WIDTH = 3
 
 
 def forgetting(folder: Path, student: str) -> RunSpec:
-    """Returns a run whose student forgets twice, under a teacher that trains networks of its own."""
+    """Return a run whose student forgets twice, under a teacher that trains networks of its own."""
     spec = small_spec(folder, student, "goal_gan")
     return replace(spec, resets=(SCHEDULE.steps // 3, 2 * SCHEDULE.steps // 3))
 
 
 def asking(folder: Path, student: str) -> RunSpec:
-    """Returns a run whose teacher asks for values of states."""
+    """Return a run whose teacher asks for values of states."""
     return small_spec(folder, student, "spdl")
 
 
 def swimming(folder: Path, student: str) -> RunSpec:
-    """Returns a run of a fish in Parkour."""
+    """Return a run of a fish in Parkour."""
     return _walk(folder, student, "parkour", "easy_swimming", "fish")
 
 
 def diverse(folder: Path, student: str) -> RunSpec:
-    """Returns a run of a body with other observations and actions."""
+    """Return a run of a body with other observations and actions."""
     return _walk(folder, student, "stump_tracks", "diverse_students", "spider")
 
 

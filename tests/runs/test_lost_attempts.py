@@ -15,7 +15,7 @@ EVERY_EPISODE = Placement(checkpoint_seconds=0.0)
 
 
 def die(spec: RunSpec, root: Path, episodes: int) -> Attempt:
-    """Leaves what a process leaves that is killed after so many episodes."""
+    """Leave what a process leaves that is killed after so many episodes."""
     committer = Committer.open(root)
     number, left = committer.start(spec.record()), iter(range(episodes))
     attempt = Attempt(spec, committer.store, number, EVERY_EPISODE)

@@ -36,7 +36,7 @@ WORLDS = {"corridor": (small_spec, 2_000, (37, 11)), "stump_tracks": (stump_trac
 
 
 def stopped_run(folder: Path, case: Case) -> RunSpec:
-    """Begins a run of `case`, and stops it as often as its world says."""
+    """Begin a run of `case`, and stop it as often as its world says."""
     world, student, teacher = case
     make, steps, stops = WORLDS[world]
     spec = make(folder, student, teacher, steps=steps, evaluation_interval=steps // 2)
@@ -54,7 +54,7 @@ def assert_resumed_as_undisturbed(spec: RunSpec, folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> dict[Case, RunAndFolder]:
-    """Runs that were stopped, and then all finished in one new process."""
+    """Run that were stopped, and then all finished in one new process."""
     runs = {}
     for case in CASES:
         folder = tmp_path_factory.mktemp("-".join(case[:2]))

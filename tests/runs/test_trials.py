@@ -23,7 +23,7 @@ from tma_ray.tasks import Answer, Episode, Task
 
 
 def student_files(run: Run, folder: Path) -> dict[str, bytes]:
-    """Returns all that a run saves of its student."""
+    """Return all that a run saves of its student."""
     folder.mkdir()
     run.student.save(folder)
     return {path.name: path.read_bytes() for path in folder.iterdir()}
@@ -143,7 +143,7 @@ def test_an_evaluation_is_one_episode_of_each_task(
 
 
 def one_episode(whole: Run, task: Task, seed: int) -> tuple[int, float]:
-    """Plays `task` greedily in the training environment; returns length and episodic return."""
+    """Play `task` greedily in the training environment; return length and episodic return."""
     observation, _ = whole.environment.reset(seed=seed, options={"task": task})
     total, length, over = 0.0, 0, False
     while not over:

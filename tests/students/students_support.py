@@ -50,7 +50,7 @@ def small_student(name: str, seed: int = 0, **hyperparameters) -> Student:
 
 
 def train(student: Student, env: gymnasium.Env, steps: int) -> list[Transition]:
-    """Plays from a reset for `steps` steps; returns what happened."""
+    """Play from a reset for `steps` steps; return what happened."""
     observation, _ = env.reset()
     transitions = []
     for _ in range(steps):
@@ -63,7 +63,7 @@ def train(student: Student, env: gymnasium.Env, steps: int) -> list[Transition]:
 
 
 def train_episodes(student: Student, episodes: range) -> list[float]:
-    """Plays whole episodes, each in a world seeded by its number; returns their returns."""
+    """Play whole episodes, each in a world seeded by its number; return their returns."""
     returns = []
     for episode in episodes:
         env = Drift(seed=episode)
@@ -90,7 +90,7 @@ def digest(student: Student, folder: Path) -> dict[str, str]:
 
 
 def resume(name: str, saved: str, episodes: range, work: str) -> tuple[list[float], dict[str, str]]:
-    """Continues a saved student and tells how it went on."""
+    """Continue a saved student and tell how it went on."""
     student = small_student(name, seed=999)
     student.load(Path(saved))
     returns = train_episodes(student, episodes)

@@ -163,7 +163,7 @@ def test_stock_goes_on_from_a_lean_optimisers_state():
 
 
 def total(parts, log_std, hyper: PPOHyperparameters) -> torch.Tensor:
-    """Returns the loss (k,) that PPO minimises, for autograd to differentiate."""
+    """Return the loss (k,) that PPO minimises, for autograd to differentiate."""
     entropy = torch.distributions.Normal(0, log_std.exp()).entropy().sum(dim=-1)
     return parts.policy + hyper.value_coefficient * parts.value - hyper.entropy_coefficient * entropy
 

@@ -24,7 +24,7 @@ def _seeded():
 
 
 def drawn(layout: Layout, rows: int = 9) -> tuple[torch.Tensor, torch.Tensor]:
-    """Returns parameters (p,) and inputs (n, i) in float64."""
+    """Return parameters (p,) and inputs (n, i) in float64."""
     parameters = torch.randn(layout.parameters, dtype=torch.float64) / max(layout.sizes) ** 0.5
     return parameters, torch.randn(rows, layout.sizes[0], dtype=torch.float64)
 

@@ -23,7 +23,7 @@ from tma_ray.students.ppo import PPO
 
 @contextmanager
 def serving(folder: Path, width: int = 3) -> Iterator[tuple[Learner, LearnerServer]]:
-    """Serves players in a thread of this process."""
+    """Serve players in a thread of this process."""
     learner, over = Learner(str(folder / "learner"), b"secret"), threading.Event()
     server = LearnerServer(learner, CohortSettings(width=width))
     thread = threading.Thread(target=server.serve, args=(over.is_set, 0.02))
@@ -113,7 +113,7 @@ def test_actions_without_learning_are_those_of_act(learner, name, values):
 
 
 def student_noise(student) -> np.random.Generator:
-    """Returns a copy of the generator that explores."""
+    """Return a copy of the generator that explores."""
     return copy.deepcopy(student._exploration)
 
 

@@ -36,7 +36,7 @@ sys.addaudithook(lambda event, args: _watched.append(str(args)) if event == "pic
 
 @pytest.fixture
 def no_pickles(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """Returns what makes every way to unpickle fail until the end of the test."""
+    """Return what makes every way to unpickle fail until the end of the test."""
 
     def forbidden(*_: object, **__: object) -> None:
         raise AssertionError("something is unpickled")
@@ -141,7 +141,7 @@ def bytes_changed(change: Callable[[bytes], bytes]) -> Callable[[Path], None]:
 
 
 def tensors_changed(**changes: Any) -> Callable[[Path], None]:
-    """Replaces tensors, or takes away those that are None."""
+    """Replace tensors, or take away those that are None."""
 
     def change(path: Path) -> None:
         tensors = {**load_file(path), **{name.replace("__", "."): value for name, value in changes.items()}}
@@ -217,7 +217,7 @@ def test_unsound_tensors_are_refused(case: str, copy: Callable[[str], Path]) -> 
 
 
 def settings(**changes: Any) -> Callable[[Path], None]:
-    """Replaces members of the JSON object, or takes away those that are None."""
+    """Replace members of the JSON object, or take away those that are None."""
 
     def changed(content: bytes) -> bytes:
         members = {**json.loads(content), **changes}

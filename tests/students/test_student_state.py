@@ -238,7 +238,7 @@ def test_evaluations_see_the_exponential_average_of_the_weights(tmp_path):
 
 
 def flat(student) -> np.ndarray:
-    """Returns the parameters of the network (p,)."""
+    """Return the parameters of the network (p,)."""
     return student._network.parameters.detach().numpy().copy()
 
 

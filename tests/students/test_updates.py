@@ -37,7 +37,7 @@ SEPARATE = {"net_arch": {"pi": [16, 8], "vf": [16, 8]}, "activation_fn": nn.Tanh
 
 
 def stock_ppo(student, policy_kwargs: dict[str, object]) -> stable_baselines3.PPO:
-    """Returns stable-baselines3's PPO on `Drift`, normalised, with the initial networks of `student`."""
+    """Return stable-baselines3's PPO on `Drift`, normalised, with the initial networks of `student`."""
     stock = stable_baselines3.PPO(
         "MlpPolicy",
         VecNormalize(DummyVecEnv([lambda: Drift(seed=1, limit=None)])),
@@ -55,7 +55,7 @@ def stock_ppo(student, policy_kwargs: dict[str, object]) -> stable_baselines3.PP
 
 
 def stock_parameters(student, policy_kwargs: dict[str, object]) -> dict[str, torch.Tensor]:
-    """Returns the parameters of `student` as `stock_ppo` has them; weights between trunks are 0."""
+    """Return the parameters of `student` as `stock_ppo` has them; weights between trunks are 0."""
     own = {name: torch.from_numpy(value) for name, value in parameters(student).items()}
     if policy_kwargs is SHARED:
         return own

@@ -13,10 +13,10 @@ FEW = ("classic_bipedal", "fish", "climbing_chimpanzee")
 
 
 def body(*values: str) -> Any:
-    """Returns a parameter set, slow unless one of its values names one of the few."""
+    """Return a parameter set, slow unless one of its values names one of the few."""
     return pytest.param(*values, marks=() if set(values) & set(FEW) else pytest.mark.slow)
 
 
 def bodies() -> list[Any]:
-    """Returns the names of all bodies as parameters."""
+    """Return the names of all bodies as parameters."""
     return [body(name) for name in embodiment_names()]

@@ -26,25 +26,25 @@ TICKS = os.sysconf("SC_CLK_TCK")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Adds --costs."""
+    """Add --costs."""
     parser.addoption("--costs", type=int, default=0, metavar="N", help="list the N slowest cases at the end")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Collects the costs of all processes where reports come together."""
+    """Collect the costs of all processes where reports come together."""
     if config.getoption("--costs") and not hasattr(config, "workerinput"):
         config.pluginmanager.register(CostReport(config.getoption("--costs")))
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
-    """Measures what a case needs first; fixtures of larger scope fall to the case that is first to ask."""
+    """Measure what a case needs first; fixtures of larger scope fall to the case that is first to ask."""
     return (yield from _measured(item, "setup"))
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """Measures the case itself."""
+    """Measure the case itself."""
     return (yield from _measured(item, "call"))
 
 
@@ -52,7 +52,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Sends the seconds along with the report."""
+    """Send the seconds along with the report."""
     report = yield
     spent = item.stash.get(SPENT, {})
     report.processor_seconds = spent.get(call.when, 0.0)
@@ -68,14 +68,14 @@ class CostReport:
         self.unmarked: list[tuple[float, str]] = []
 
     def pytest_runtest_logreport(self, report: Any) -> None:
-        """Notes a phase of a case."""
+        """Note a phase of a case."""
         seconds = getattr(report, "processor_seconds", 0.0)
         self.costs.append((seconds, report.when, report.nodeid))
         if report.when == "call" and seconds > TOLERATED and not set(TIERS) & set(report.keywords):
             self.unmarked.append((seconds, report.nodeid))
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        """Prints the slowest, then those that no marker admits."""
+        """Print the slowest, then those that no marker admits."""
         write = terminalreporter.write_line
         total = sum(seconds for seconds, _, _ in self.costs)
         terminalreporter.write_sep("=", f"the slowest of {total:.0f} processor seconds in cases")
@@ -88,7 +88,7 @@ class CostReport:
 
 
 def processor_seconds() -> float:
-    """Returns what this process and its children, ended or alive, have used, in seconds."""
+    """Return what this process and its children, ended or alive, have used, in seconds."""
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     alive = sum(_used(process) for process in _descendants("self"))
     return time.process_time() + ended.ru_utime + ended.ru_stime + alive
@@ -104,7 +104,7 @@ def _measured(item: pytest.Item, phase: str) -> Generator[None, object, object]:
 
 
 def _descendants(process: str) -> Iterator[str]:
-    """Yields the living children of a process and theirs; none where the system has no /proc."""
+    """Yield the living children of a process and theirs; none where the system has no /proc."""
     children: list[str] = []
     with suppress(OSError):
         for thread in Path("/proc", process, "task").iterdir():

@@ -33,12 +33,12 @@ def _names_of_a_module() -> Iterator[None]:
 
 
 def pytest_configure() -> None:
-    """Collects no garbage while modules are imported: looking for it takes a quarter of that time."""
+    """Collect no garbage while modules are imported: looking for it takes a quarter of that time."""
     gc.disable()
 
 
 def pytest_collection_finish() -> None:
-    """Refuses modules whose import, before any case, makes names known to all cases; collects garbage again.
+    """Refuse modules whose import, before any case, makes names known to all cases; collect garbage again.
 
     Raises:
         UsageError: there is such a name.
@@ -50,7 +50,7 @@ def pytest_collection_finish() -> None:
 
 
 def _restored_registries() -> Iterator[None]:
-    """Forgets plug-ins that were made known, with their modules: the next one may import them anew."""
+    """Forget plug-ins that were made known, with their modules: the next one may import them anew."""
     before = [{name: dict(vars(registry)[name]) for name in KEPT} for registry in REGISTRIES]
     modules = set(sys.modules)
     yield

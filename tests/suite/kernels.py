@@ -17,7 +17,7 @@ WITH_KERNELS = ("jit.py", "physics", "students", "terrain")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Fills the cache before the workers of a whole suite; fewer tests compile what they need."""
+    """Fill the cache before the workers of a whole suite; fewer tests compile what they need."""
     config = session.config
     whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     if not whole or not getattr(config.option, "numprocesses", None) or hasattr(config, "workerinput"):
@@ -31,7 +31,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def compile_all(folder: Path) -> None:
-    """Plays and trains a little: with every kind of world, sensor and student."""
+    """Play and train a little: with every kind of world, sensor and student."""
     import numpy as np
     from small_runs import run, stump_tracks_spec
 

@@ -63,5 +63,5 @@ class ObjectServer:
         self.process.wait()
 
     def in_environment(self) -> AbstractContextManager[Any]:
-        """Lets this process find the server within a block."""
+        """Let this process find the server within a block."""
         return mock.patch.dict(os.environ, self.environment)

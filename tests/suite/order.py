@@ -11,12 +11,12 @@ settings.load_profile("suite")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Leaves global generators alone: nobody may draw from them, and seeding them would hide it."""
+    """Leave global generators alone: nobody may draw from them, and seeding them would hide it."""
     config.option.randomly_reset_seed = False
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Tells how to have the same order again."""
+    """Tell how to have the same order again."""
     seed = getattr(config.option, "randomly_seed", None)
     if seed is not None and getattr(config.option, "numprocesses", None):
         terminalreporter.write_line(f"in the order of seed {seed}: make test SEED={seed}")

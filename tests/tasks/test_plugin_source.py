@@ -33,7 +33,7 @@ numbers = count()
 
 @pytest.fixture
 def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
-    """Writes files into a folder on the import path; N in a name becomes a number of this test's own."""
+    """Write files into a folder on the import path; N in a name becomes a number of this test's own."""
     number = str(next(numbers))
     monkeypatch.syspath_prepend(tmp_path)
 
@@ -139,7 +139,7 @@ print(source.module, *sorted(source.files), source.digest)
 
 
 def python(*arguments: str, cwd: Path) -> str:
-    """Returns what Python prints, or the last line of its error."""
+    """Return what Python prints, or the last line of its error."""
     result = subprocess.run([sys.executable, *arguments], cwd=cwd, capture_output=True, text=True)
     return result.stdout.strip() or result.stderr.strip().splitlines()[-1]
 

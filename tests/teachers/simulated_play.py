@@ -40,7 +40,7 @@ def started(
 
 
 def play(teacher: Teacher, episodes: int, step: int = 0) -> list[Task]:
-    """Plays a student that gets better with time, best at the lower corner of the space.
+    """Play a student that gets better with time, best at the lower corner of the space.
 
     Args:
         step: episodes played before.

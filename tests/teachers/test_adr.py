@@ -26,7 +26,7 @@ def observe(teacher: ADR, task: Task, episodic_return: float) -> None:
 
 
 def play_boundary(teacher: ADR, boundary: Boundary, *returns: float) -> None:
-    """Gives `returns` for tasks set to `boundary`; tasks that were not count for nothing."""
+    """Give `returns` for tasks set to `boundary`; tasks that were not count for nothing."""
     remaining = list(returns)
     while remaining:
         task = teacher.sample()

@@ -50,7 +50,7 @@ def test_no_particle_goes_where_returns_are_too_low() -> None:
 
 
 def buffer_after(*batches: list[float], capacity: int = 6, least: float = 10.0) -> SuccessBuffer:
-    """Adds tasks that lie where their return says, in tenths of 1 / 10."""
+    """Add tasks that lie where their return says, in tenths of 1 / 10."""
     buffer = SuccessBuffer(1, capacity, least)
     targets = np.linspace(0, 1, capacity)[:, None]
     for batch in batches:

@@ -69,7 +69,7 @@ def test_without_a_feasible_distribution_success_is_sought() -> None:
 
 
 def taught(limit: float, updates: int = 40, episodes: int = 40, **settings: float) -> DORAEMON:
-    """Plays `episodes` per update of which those are mastered whose first coordinate is at most `limit`."""
+    """Play `episodes` per update of which those are mastered whose first coordinate is at most `limit`."""
     space: TaskSpace = SPACES["with_constants"]
     teacher = make_teacher("doraemon", {"update_every": 10 * episodes, **settings})
     assert isinstance(teacher, DORAEMON)

@@ -24,7 +24,7 @@ def episode(task: Task, success: bool) -> Episode:
 
 
 def outcome(teacher: GoalGAN, *successes: bool) -> Task:
-    """Plays one new task, once per success."""
+    """Play one new task, once per success."""
     teacher.old_share = 0.0
     assert not teacher.rollouts_left_
     task = teacher.sample()

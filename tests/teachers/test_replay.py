@@ -108,7 +108,7 @@ def started(name: str, level: KnowledgeLevel = KnowledgeLevel.NONE, **settings: 
 
 
 def play(teacher: PrioritisedReplay, proposal: Proposal, gained: float, value: float = 0.0) -> None:
-    """Plays an episode of three steps, each of which returns a third."""
+    """Play an episode of three steps, each of which returns a third."""
     trains = proposal.trains
     observation = np.zeros(1, np.float32)
     query: Query | None = teacher.observe(

@@ -24,7 +24,7 @@ def end(teacher: SPDL, step: int, discounted_return: float = 50.0) -> Query | No
 
 
 def learn(teacher: SPDL, discounted_return: float = 50.0) -> dict[str, float]:
-    """Ends episodes until an update, answers with flat values, and returns what it logged."""
+    """End episodes until an update, answers with flat values, and return what it logged."""
     teacher.drain_updates()
     query, step = None, teacher.next_update_ - 400
     while query is None:

@@ -18,7 +18,7 @@ def world(
     water: float = -100.0,
     creepers: np.ndarray | None = None,
 ) -> Terrain:
-    """Returns a world whose ground and ceiling (220,), one value a terrain step, are given over the start."""
+    """Return a world whose ground and ceiling (220,), one value a terrain step, are given over the start."""
     ends = np.array([-20.0, *(np.arange(20, 220) * STEP), 219 * STEP + 20])
 
     def segments(heights: np.ndarray | float) -> np.ndarray:
@@ -42,7 +42,7 @@ def world(
 
 
 def ramp(height: float, first: int, steps: int) -> np.ndarray:
-    """Returns 0 up to point `first`, then a rise of `height` over `steps` steps."""
+    """Return 0 up to point `first`, then a rise of `height` over `steps` steps."""
     return height * np.clip((np.arange(220) - first) / steps, 0, 1)
 
 

@@ -41,7 +41,7 @@ def random_network(seed: int) -> CPPN:
 
 
 def line_network(ground: float, ceiling: float) -> CPPN:
-    """Returns a network whose curves rise almost linearly over x, by about `ground` and `ceiling` in all.
+    """Return a network whose curves rise almost linearly over x, by about `ground` and `ceiling` in all.
 
     Only x acts: tanh(x / 1000) is a line, and each softplus is one around 0, with slope 1/2.
     """
@@ -65,13 +65,13 @@ def world(
     swinging: bool = False,
     seed: int = 0,
 ) -> Terrain:
-    """Returns the world of a task with `creepers` of this width, height and spacing."""
+    """Return the world of a task with `creepers` of this width, height and spacing."""
     task = np.array([*theta, water, *creepers, delta], dtype=np.float32)
     return parkour(task, np.random.default_rng(seed), cppn=cppn, swinging_creepers=swinging)
 
 
 def doubled_areas(solids: np.ndarray) -> np.ndarray:
-    """Returns cross products (n, 4) of every solid's consecutive sides: all positive if strictly convex."""
+    """Return cross products (n, 4) of every solid's consecutive sides: all positive if strictly convex."""
     sides = np.roll(solids, -1, axis=1) - solids
     following = np.roll(sides, -1, axis=1)
     return sides[..., 0] * following[..., 1] - sides[..., 1] * following[..., 0]

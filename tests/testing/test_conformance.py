@@ -61,7 +61,7 @@ ALSO = {
 
 
 def failures(teacher: type[Teacher], *, new_process: bool) -> dict[str, str]:
-    """Runs the whole kit by hand; returns the messages of what failed by the name of the promise."""
+    """Run the whole kit by hand; return the messages of what failed by the name of the promise."""
     scenarios = SCENARIOS[1:3]
     arguments = {"scenario": scenarios, "pupil": [TrialStudent.HOPELESS, TrialStudent.PERFECT]}
     kit = type("Kit", (TeacherConformance,), {"teacher": teacher, "scenarios": scenarios, "episodes": 215})()

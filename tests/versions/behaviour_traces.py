@@ -80,7 +80,7 @@ ENVIRONMENT_TASKS = {
 
 
 def trace(values: ArrayLike) -> list[float]:
-    """Returns `NUMBERS` weighted means of `values` (n, d), in units of each column's root mean square."""
+    """Return `NUMBERS` weighted means of `values` (n, d), in units of each column's root mean square."""
     rows = np.asarray(values, dtype=np.float64)
     assert np.isfinite(rows).all()
     scale = np.sqrt(np.mean(rows**2, axis=0))
@@ -90,12 +90,12 @@ def trace(values: ArrayLike) -> list[float]:
 
 
 def teacher_traces(name: str) -> dict[str, list[float]]:
-    """Returns the trace of the tasks that a teacher chooses at each level that makes a difference to it."""
+    """Return the trace of the tasks that a teacher chooses at each level that makes a difference to it."""
     return {level.value: trace(_tasks(name, level)) for level in TEACHERS.get(name).knowledge_levels}
 
 
 def student_traces(name: str) -> dict[str, list[float]]:
-    """Returns the trace of a student's exploring actions, and of its greedy ones at the end."""
+    """Return the trace of a student's exploring actions, and of its greedy ones at the end."""
     environment = Drift()
     student = make_student(
         name,
@@ -120,18 +120,18 @@ def student_traces(name: str) -> dict[str, list[float]]:
 
 
 def environment_traces(name: str) -> dict[str, list[float]]:
-    """Returns by body the trace of observations and rewards under random actions."""
+    """Return by body the trace of observations and rewards under random actions."""
     return {body: trace(_steps(name, body)) for body in embodiment_names()}
 
 
 def traces(part: str, name: str) -> dict[str, list[float]]:
-    """Returns the traces of a "teacher", "student" or "environment" by what they are of."""
+    """Return the traces of a "teacher", "student" or "environment" by what they are of."""
     of = {"teacher": teacher_traces, "student": student_traces, "environment": environment_traces}
     return of[part](name)
 
 
 def catalogue() -> list[tuple[str, str]]:
-    """Returns part and name of all that ships, whatever else this process has registered."""
+    """Return part and name of all that ships, whatever else this process has registered."""
     registries = {"environment": ENVIRONMENTS, "student": STUDENTS, "teacher": TEACHERS}
     return [
         (part, name)
@@ -142,7 +142,7 @@ def catalogue() -> list[tuple[str, str]]:
 
 
 def version(part: str, name: str) -> str:
-    """Returns the version whose behaviour is pinned; that of the physics counts for environments."""
+    """Return the version whose behaviour is pinned; that of the physics counts for environments."""
     registry: Any = {"environment": ENVIRONMENTS, "student": STUDENTS, "teacher": TEACHERS}[part]
     own = registry.algorithm_version(name)
     return f"{own}, physics {PHYSICS_VERSION}" if part == "environment" else str(own)

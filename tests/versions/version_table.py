@@ -29,13 +29,13 @@ Table = dict[str, Any]
 
 
 def load() -> Table:
-    """Returns the table: "benchmarks" by version, and "traces" by part, name and version."""
+    """Return the table: "benchmarks" by version, and "traces" by part, name and version."""
     table: Table = json.loads(FILE.read_text())
     return table
 
 
 def current() -> Table:
-    """Returns the versions that this tree has, as an entry of "benchmarks"."""
+    """Return the versions that this tree has, as an entry of "benchmarks"."""
     algorithms: dict[str, dict[str, str]] = {}
     for part, name in catalogue():
         algorithms.setdefault(part, {})[name] = version(part, name)
@@ -48,14 +48,14 @@ def current() -> Table:
 
 
 def released(table: Table, part: str, name: str) -> str | None:
-    """Returns the version of a part that the newest released benchmark has, None before the first."""
+    """Return the version of a part that the newest released benchmark has, None before the first."""
     frozen = [entry for _, entry in sorted(_benchmarks(table)) if entry["released"]]
     found: str | None = frozen[-1]["algorithm_versions"].get(part, {}).get(name) if frozen else None
     return found
 
 
 def behaviour_problem(table: Table, part: str, name: str, found: dict[str, list[float]]) -> str | None:
-    """Returns how the behaviour `found` contradicts the table, None if it does not."""
+    """Return how the behaviour `found` contradicts the table, None if it does not."""
     of, now = f"{part} {name!r}", version(part, name)
     pinned = table["traces"].get(part, {}).get(name)
     if pinned is None or pinned["version"] != now:
@@ -75,7 +75,7 @@ def behaviour_problem(table: Table, part: str, name: str, found: dict[str, list[
 
 
 def benchmark_problem(table: Table) -> str | None:
-    """Returns how the benchmark's version contradicts the table, None if it does not.
+    """Return how the benchmark's version contradicts the table, None if it does not.
 
     A teacher, student or environment that is added changes no released run, and so needs no new version;
     the next ``--release`` freezes its behaviour with the others'.
@@ -100,7 +100,7 @@ def benchmark_problem(table: Table) -> str | None:
 
 
 def renewed(table: Table, found: dict[tuple[str, str], dict[str, list[float]]]) -> Table:
-    """Returns the table with the versions of this tree and the behaviour `found`, by part and name.
+    """Return the table with the versions of this tree and the behaviour `found`, by part and name.
 
     Raises:
         ValueError: a behaviour, or the benchmark, differs at a version that was released.
@@ -122,7 +122,7 @@ def renewed(table: Table, found: dict[tuple[str, str], dict[str, list[float]]]) 
 
 
 def main(arguments: list[str]) -> None:
-    """Renews the table, and freezes it if that is asked for."""
+    """Renew the table, and freeze it if that is asked for."""
     found = {(part, name): traces(part, name) for part, name in catalogue()}
     table = renewed(load(), found)
     if arguments == ["--release"]:
@@ -143,7 +143,7 @@ def _differs(found: dict[str, list[float]], pinned: dict[str, list[float]], key:
 
 
 def _text(table: Table) -> str:
-    """Returns the table as JSON, each trace on a line of its own."""
+    """Return the table as JSON, each trace on a line of its own."""
     text = json.dumps(table, indent=1, sort_keys=True)
     lines: list[str] = []
     for line in text.splitlines():

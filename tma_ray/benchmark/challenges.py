@@ -54,7 +54,7 @@ class Challenge:
     cuts: int = 0
 
     def test_set_of(self, body_type: str) -> str:
-        """Returns the name of the test set for bodies of `body_type`, as in "swimmer"."""
+        """Return the name of the test set for bodies of `body_type`, as in "swimmer"."""
         return self.other_test_sets.get(body_type, self.test_set)
 
 
@@ -65,7 +65,7 @@ def _stump_tracks(
     resets: tuple[float, ...] = (),
     cuts: int = 0,
 ) -> Challenge:
-    """Returns a Stump Tracks of appendix C, whose mean stump heights lie in `heights`."""
+    """Return a Stump Tracks of appendix C, whose mean stump heights lie in `heights`."""
     return Challenge(
         environment="stump_tracks",
         name=name,
@@ -81,7 +81,7 @@ def _stump_tracks(
 def _parkour(
     name: str, title: str, *theta: tuple[float, float], water: tuple[float, float] = (0.0, 1.0)
 ) -> Challenge:
-    """Returns the Parkour whose teacher may choose `theta` from three intervals, and `water`."""
+    """Return the Parkour whose teacher may choose `theta` from three intervals, and `water`."""
     free = dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True))
     others = {
         "water_level": water,
@@ -104,7 +104,7 @@ def _parkour(
 def _easy_parkour(
     locomotion: str, theta: tuple[tuple[float, float], ...], water: float, delta: float
 ) -> Challenge:
-    """Returns an easy piece of Parkour for the bodies of one kind of locomotion, with tests drawn from it."""
+    """Return an easy piece of Parkour for the bodies of one kind of locomotion, with tests drawn from it."""
     bounds = {
         **dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True)),
         "water_level": (water, water),
@@ -168,7 +168,7 @@ learn to climb, and an easy piece for each kind: gentle dry ground, deep water, 
 
 
 def challenges_of(environment: str) -> dict[str, Challenge]:
-    """Returns the challenges of `environment` by name; empty for one that the benchmark does not know.
+    """Return the challenges of `environment` by name; empty for one that the benchmark does not know.
 
     Options after its name, as in ``parkour:swinging_creepers=true``, make no difference.
     """
@@ -177,7 +177,7 @@ def challenges_of(environment: str) -> dict[str, Challenge]:
 
 
 def find_challenge(environment: str, name: str) -> Challenge:
-    """Returns the challenge called `name`.
+    """Return the challenge called `name`.
 
     Raises:
         ValueError: `environment` has no such challenge; the message holds the nearest match.
@@ -192,18 +192,18 @@ def find_challenge(environment: str, name: str) -> Challenge:
 
 
 def shipped_test_sets() -> list[str]:
-    """Returns the names of the test sets shipped with the package."""
+    """Return the names of the test sets shipped with the package."""
     return sorted(path.stem for path in TEST_SETS.glob("*.csv"))
 
 
 @cache
 def _shipped(name: str) -> TestSet:
-    """Returns a shipped test set, read once: all runs of a plan ask for the same few."""
+    """Return a shipped test set, read once: all runs of a plan ask for the same few."""
     return TestSet.from_csv(TEST_SETS / f"{name}.csv")
 
 
 def load_test_set(name_or_path: str | Path) -> TestSet:
-    """Returns a shipped test set by name, or any other from the path of a CSV file.
+    """Return a shipped test set by name, or any other from the path of a CSV file.
 
     Raises:
         ValueError: neither a known name nor a readable file.

@@ -140,7 +140,7 @@ def _against_random(
     levels: Iterable[KnowledgeLevel],
     challenges: Iterable[str] = CHALLENGES,
 ) -> tuple[Compared, ...]:
-    """Returns the comparison of `teacher` with Random on each of `challenges` at each of `levels`."""
+    """Return the comparison of `teacher` with Random on each of `challenges` at each of `levels`."""
     challenges = tuple(challenges)
     return tuple(
         Compared(Reading(teacher, challenge, level), relation, Reading("random", challenge, level))
@@ -154,13 +154,13 @@ def _parkour(teacher: str, embodiment: str = "") -> Reading:
 
 
 def _beats_random(teacher: str, relation: Relation, share: float = 1.0) -> Compared:
-    """Returns the comparison of `teacher` with Random in Parkour, after a share of the training."""
+    """Return the comparison of `teacher` with Random in Parkour, after a share of the training."""
     first, second = (Reading(name, "original", LOW, "parkour", share=share) for name in (teacher, "random"))
     return Compared(first, relation, second)
 
 
 def _top(teacher: str, count: int, share: float = 1.0) -> tuple[Ranked, ...]:
-    """Returns that `teacher` is among the best at high knowledge, challenge by challenge."""
+    """Return that `teacher` is among the best at high knowledge, challenge by challenge."""
     return tuple(Ranked(Reading(teacher, challenge, HIGH, share=share), count) for challenge in CHALLENGES)
 
 

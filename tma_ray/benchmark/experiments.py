@@ -59,7 +59,7 @@ class Size:
     training_window: int | None = None
 
     def of(self, matrix: Matrix) -> Matrix:
-        """Returns `matrix` reduced to this size."""
+        """Return `matrix` reduced to this size."""
         return replace(
             matrix,
             students=self.students or matrix.students,
@@ -121,7 +121,7 @@ LITE_1_SIZE = Size(evaluation_interval=250_000, probe_interval=250_000, training
 
 
 def _lite(matrix: Matrix, seeds: int, *levels: KnowledgeLevel) -> Matrix:
-    """Returns `matrix` for PPO and 2 million steps, with its first seeds and some of its levels."""
+    """Return `matrix` for PPO and 2 million steps, with its first seeds and some of its levels."""
     return replace(
         matrix,
         students=("ppo",),
@@ -136,7 +136,7 @@ def _stump_tracks(seeds: int, *levels: KnowledgeLevel) -> tuple[Matrix, ...]:
 
 
 def _today(seeds: int) -> tuple[Matrix, ...]:
-    """Returns the teachers of today on the original space, an unfeasible one and a rugged one."""
+    """Return the teachers of today on the original space, an unfeasible one and a rugged one."""
     names = ("original", "mostly_unfeasible", "rugged_difficulty")
     return tuple(
         replace(matrix, teachers=TEACHERS_OF_TODAY)
@@ -187,11 +187,11 @@ class Experiment:
     size: Size = field(default_factory=Size)
 
     def size_at(self, tier: Tier) -> Size:
-        """Returns its size at `tier`; the largest is all of it."""
+        """Return its size at `tier`; the largest is all of it."""
         return self.size if tier is Tier.PAPER else SIZES[tier]
 
     def stage(self, name: str | None) -> tuple[Matrix, ...]:
-        """Returns the matrices of a stage, all for None.
+        """Return the matrices of a stage, all for None.
 
         Raises:
             ValueError: it has no such stage.
@@ -235,7 +235,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
 
 
 def find_experiment(name: str) -> Experiment:
-    """Returns the experiment called `name`.
+    """Return the experiment called `name`.
 
     Raises:
         ValueError: there is none; the message holds the nearest match.

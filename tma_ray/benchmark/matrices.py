@@ -34,7 +34,7 @@ class Grid:
             )
 
     def points(self, most: int | None = None) -> tuple[dict[str, Any], ...]:
-        """Returns the paper's choice, then the other combinations, the last hyper-parameter changing fastest.
+        """Return the paper's choice, then the other combinations, the last hyper-parameter changing fastest.
 
         Args:
             most: number of points, evenly spread over the grid after the choice; None for all.
@@ -190,18 +190,18 @@ class Matrix:
         find_challenge(self.environment, self.challenge)
 
     def taught_by(self, teachers: Sequence[str]) -> Matrix:
-        """Returns it with `teachers` if it leaves them open, else as it is."""
+        """Return it with `teachers` if it leaves them open, else as it is."""
         return self if self.teachers else replace(self, teachers=tuple(teachers))
 
     def points(self) -> tuple[tuple[dict[str, Any], dict[str, Any]], ...]:
-        """Returns hyper-parameters of teacher and student for each point; one empty point without grids."""
+        """Return hyper-parameters of teacher and student for each point; one empty point without grids."""
         teachers = self.teacher_grid.points(self.most_points) if self.teacher_grid else ({},)
         students = self.student_grid.points(self.most_points) if self.student_grid else ({},)
         return tuple(itertools.product(teachers, students))
 
 
 def _parkour(locomotion: str, embodiment: str, first_seed: int) -> Matrix:
-    """Returns a third of the Parkour experiment: one body, with 16 seeds of its own."""
+    """Return a third of the Parkour experiment: one body, with 16 seeds of its own."""
     return Matrix(
         name=f"parkour_{locomotion}",
         environment="parkour",
@@ -244,7 +244,7 @@ MATRICES: tuple[Matrix, ...] = (ORIGINAL_SPACE, *STUMP_TRACKS_CHALLENGES, *PARKO
 
 
 def _case(study: str, challenge: str, *teachers: str) -> Matrix:
-    """Returns some teachers on a challenge; its runs are those of the benchmark."""
+    """Return some teachers on a challenge; its runs are those of the benchmark."""
     return Matrix(f"{study}_{challenge}", "stump_tracks", challenge, teachers=teachers)
 
 
@@ -309,7 +309,7 @@ are ours."""
 
 
 def select(matrices: Sequence[Matrix], challenges: Sequence[str]) -> tuple[Matrix, ...]:
-    """Returns those of `matrices` that go by one of these names, or are on a challenge that does.
+    """Return those of `matrices` that go by one of these names, or are on a challenge that does.
 
     Raises:
         ValueError: a name that none of them answers to.

@@ -24,7 +24,7 @@ CPU_FEATURES = {"avx2": "AVX2", "avx512f": "AVX-512", "avx512_bf16": "AVX-512 BF
 
 
 def examine(root: Path) -> dict[str, str]:
-    """Returns the findings by topic.
+    """Return the findings by topic.
 
     Args:
         root: folder on whose disk results would be.
@@ -55,7 +55,7 @@ def examine(root: Path) -> dict[str, str]:
 
 
 def show(root: Path, console: Console | None = None) -> None:
-    """Prints the findings of `examine`."""
+    """Print the findings of `examine`."""
     table = Table(box=None, show_header=False, pad_edge=False)
     for topic, finding in examine(root).items():
         table.add_row(topic, finding)

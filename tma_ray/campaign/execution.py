@@ -29,7 +29,7 @@ def run_campaign(
     address: str | None = None,
     view: View | None = None,
 ) -> Snapshot:
-    """Executes the runs of `campaign` that a results root lacks.
+    """Execute the runs of `campaign` that a results root lacks.
 
     Bad input is refused before the first step.
 
@@ -58,7 +58,7 @@ def run_campaign(
 def execute_plan(
     plan: Plan, results: str | Path, settings: Settings, address: str | None, view: View | None = None
 ) -> Snapshot:
-    """Executes the runs of `plan` that a results root lacks; see `run_campaign`."""
+    """Execute the runs of `plan` that a results root lacks; see `run_campaign`."""
     if importing_plugins():
         raise RuntimeError(
             f"campaign {plan.name!r} was started by a module that was imported for its plug-in: "
@@ -92,7 +92,7 @@ def _schedule(
     connection: Connection,
     view: View,
 ) -> Snapshot:
-    """Executes `plan` while holding the lease on the root."""
+    """Execute `plan` while holding the lease on the root."""
     head = connection.head
     committer = Committer(store)
     with Lease(store, lease_holder(plan.name)) as lease:

@@ -27,7 +27,7 @@ from tma_ray.terminal import terminal
 
 
 def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> int:
-    """Runs the part of `experiment` that `options` choose, after printing its size and cost.
+    """Run the part of `experiment` that `options` choose, after printing its size and cost.
 
     Returns:
         The exit code, as of `script.main`.
@@ -46,7 +46,7 @@ def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> in
 
 
 def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
-    """Returns the runs of the part of `experiment` that the options choose.
+    """Return the runs of the part of `experiment` that the options choose.
 
     Stage, challenges, bodies and levels select; students take the place of the experiment's; teachers do
     where the experiment leaves them open. Seeds are places in the list of seeds that each matrix has.
@@ -72,7 +72,7 @@ def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
 
 
 def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptions) -> tuple[Matrix, ...]:
-    """Returns the experiment's matrices at a size, narrowed by the options.
+    """Return the experiment's matrices at a size, narrowed by the options.
 
     Raises:
         ValueError: a stage, challenge, body, level or seed that none of them has.
@@ -88,7 +88,7 @@ def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptio
 
 
 def _narrowed(whole: Matrix, small: Matrix, options: ExperimentOptions) -> Matrix:
-    """Returns `small`, a size of `whole`, with the values of the options."""
+    """Return `small`, a size of `whole`, with the values of the options."""
     levels = parse_levels(options.expert_knowledge or ())
     bodies = options.embodiments or whole.embodiments
     return replace(
@@ -102,7 +102,7 @@ def _narrowed(whole: Matrix, small: Matrix, options: ExperimentOptions) -> Matri
 
 
 def _seeds(matrix: Matrix, places: Sequence[int]) -> tuple[int, ...]:
-    """Returns the seeds of `matrix` at `places`."""
+    """Return the seeds of `matrix` at `places`."""
     if max(places) >= len(matrix.seeds):
         raise ValueError(
             f"{matrix.name} has {len(matrix.seeds)} seeds, at places 0 to {len(matrix.seeds) - 1}, and none "
@@ -112,7 +112,7 @@ def _seeds(matrix: Matrix, places: Sequence[int]) -> tuple[int, ...]:
 
 
 def _default_teachers(experiment: Experiment, size: Size) -> Sequence[str]:
-    """Returns the default teachers of matrices that name none: those of the tier, else of the experiment.
+    """Return the default teachers of matrices that name none: those of the tier, else of the experiment.
 
     Raises:
         ValueError: neither names any, and a matrix leaves them open.
@@ -151,7 +151,7 @@ class PlannedExperiment:
 
 
 def planned_experiments(plan: Plan) -> list[PlannedExperiment]:
-    """Returns the experiments of `plan` in its order."""
+    """Return the experiments of `plan` in its order."""
     rows: dict[str, list[dict[str, Any]]] = {}
     for row in plan.cell_rows:
         rows.setdefault(row["experiment"], []).append(row)
@@ -174,7 +174,7 @@ def planned_experiments(plan: Plan) -> list[PlannedExperiment]:
 
 
 def show_plan(experiment: Experiment, options: ExperimentOptions, console: Console | None = None) -> Plan:
-    """Prints the size and cost of the part of `experiment` that the options choose; returns its plan.
+    """Print the size and cost of the part of `experiment` that the options choose; return its plan.
 
     Raises:
         ValueError: a cell that cannot run.

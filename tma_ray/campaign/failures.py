@@ -51,7 +51,7 @@ class RetryingCommitter:
         return self._committer.store
 
     def keep_lease(self) -> None:
-        """Renews the lease, with the retries and errors of `call`."""
+        """Renew the lease, with the retries and errors of `call`."""
         self._retry(self._keep_lease)
 
     def call(
@@ -60,7 +60,7 @@ class RetryingCommitter:
         *arguments: Arguments.args,
         **options: Arguments.kwargs,
     ) -> Result:
-        """Returns what an operation of the committer returns, as in ``call(Committer.manifest, run_id)``.
+        """Return what an operation of the committer returns, as in ``call(Committer.manifest, run_id)``.
 
         Raises:
             RootInUseError: another campaign holds the lease on the root.
@@ -118,7 +118,7 @@ class Retries:
         return [spec for _, spec in self._pausing]
 
     def add_loss(self, spec: RunSpec, node: str) -> bool:
-        """Adds a run that was lost on `node`, empty if unknown; returns False if it is given up."""
+        """Add a run that was lost on `node`, empty if unknown; return False if it is given up."""
         history = self._histories.setdefault(spec.run_id, _History())
         history.losses += 1
         if node and node not in history.nodes:
@@ -130,18 +130,18 @@ class Retries:
         return True
 
     def due(self) -> list[RunSpec]:
-        """Returns the runs whose pause is over; they wait here no longer."""
+        """Return the runs whose pause is over; they wait here no longer."""
         now = self._clock()
         due = [spec for at, spec in self._pausing if at <= now]
         self._pausing = [(at, spec) for at, spec in self._pausing if at > now]
         return due
 
     def losses(self, run_id: str) -> int:
-        """Returns the number of losses of a run."""
+        """Return the number of losses of a run."""
         return self._histories[run_id].losses if run_id in self._histories else 0
 
     def nodes_to_avoid(self, run_id: str) -> tuple[str, ...]:
-        """Returns the nodes on which a run was lost."""
+        """Return the nodes on which a run was lost."""
         return tuple(self._histories[run_id].nodes) if run_id in self._histories else ()
 
 
@@ -169,7 +169,7 @@ class Silence:
         self._logged = -math.inf
 
     def lasts(self, run_id: str) -> bool:
-        """Notes that a run did not answer; returns True if it has been silent for too long.
+        """Note that a run did not answer; return True if it has been silent for too long.
 
         All runs that are silent at the moment are logged, once a minute.
         """
@@ -190,7 +190,7 @@ class Silence:
         return now - since > self._most_seconds
 
     def end(self, run_id: str) -> None:
-        """Notes that a run answers, or is lost."""
+        """Note that a run answers, or is lost."""
         self._since.pop(run_id, None)
 
 

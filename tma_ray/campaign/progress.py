@@ -19,7 +19,7 @@ from tma_ray.terminal import terminal
 
 
 def duration(seconds: float) -> str:
-    """Returns a time span in the two units that matter.
+    """Return a time span in the two units that matter.
 
     Examples:
         >>> duration(42), duration(200), duration(7300), duration(200_000)
@@ -33,7 +33,7 @@ def duration(seconds: float) -> str:
 
 
 def learner_line(learner: LearnerProgress) -> str:
-    """Returns the learner of a cohort in one line."""
+    """Return the learner of a cohort in one line."""
     kind = "memory" if learner.device == "cpu" else "GPU memory"
     return (
         f"learner on {learner.host}, {learner.device}: {learner.runs} of {learner.width} slots, "
@@ -97,7 +97,7 @@ class Snapshot:
         return self.steps_left / self.steps_per_second if self.steps_per_second else math.inf
 
     def headline(self) -> str:
-        """Returns the campaign in one line."""
+        """Return the campaign in one line."""
         parts = [f"{self.done}/{self.total} runs done"]
         parts += [f"{self.failed} failed"] if self.failed else []
         parts += [f"{self.stopped} stopped"] if self.stopped else []
@@ -114,11 +114,11 @@ class View(Protocol):
     """Display of a campaign's progress."""
 
     def update(self, snapshot: Snapshot) -> None:
-        """Shows the latest snapshot."""
+        """Show the latest snapshot."""
         ...
 
     def close(self, snapshot: Snapshot) -> None:
-        """Shows the last snapshot."""
+        """Show the last snapshot."""
         ...
 
 
@@ -130,7 +130,7 @@ class PublishedProgress:
         self._heartbeat = heartbeat
 
     def update(self, snapshot: Snapshot) -> None:
-        """Shows the latest snapshot."""
+        """Show the latest snapshot."""
         running = {
             run.run_id: RunProgress(run.status.step, run.status.steps_per_second) for run in snapshot.running
         }
@@ -138,7 +138,7 @@ class PublishedProgress:
         self._view.update(snapshot)
 
     def close(self, snapshot: Snapshot) -> None:
-        """Shows the last snapshot."""
+        """Show the last snapshot."""
         self._heartbeat.end()
         self._view.close(snapshot)
 
@@ -159,7 +159,7 @@ class ProgressView:
         self._started = False
 
     def update(self, snapshot: Snapshot) -> None:
-        """Shows the latest snapshot."""
+        """Show the latest snapshot."""
         if self._live is not None:
             if not self._started:
                 self._live.start()
@@ -170,7 +170,7 @@ class ProgressView:
             self._last_line = time.monotonic()
 
     def close(self, snapshot: Snapshot) -> None:
-        """Shows the last snapshot and leaves the terminal as it was."""
+        """Show the last snapshot and leave the terminal as it was."""
         if self._live is not None and self._started:
             self._live.update(Text(snapshot.headline()), refresh=True)
             self._live.stop()

@@ -60,7 +60,7 @@ def like_plan(
     challenges: Collection[str] = (),
     seeds: Collection[int] = (),
 ) -> Plan:
-    """Returns the runs of `teachers` on the cells of a release, with its seeds and settings.
+    """Return the runs of `teachers` on the cells of a release, with its seeds and settings.
 
     Every cell's first seed comes before any cell's second.
 
@@ -93,7 +93,7 @@ def like_plan(
 def trial_plan(
     name: str, released: Results, teacher: str, places: Sequence[tuple[str, ...]], seeds: Sequence[int]
 ) -> Plan:
-    """Returns the runs of `teacher` on cells of a release with other seeds, one cell after the other.
+    """Return the runs of `teacher` on cells of a release with other seeds, one cell after the other.
 
     Args:
         name: of the campaign.
@@ -117,7 +117,7 @@ def trial_plan(
 
 
 def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[RunSpec, dict[str, Any]]]:
-    """Yields the spec of each seed of a cell, and its row in the table of cells."""
+    """Yield the spec of each seed of a cell, and its row in the table of cells."""
     cell = _cell(setting, teacher)
     spec = effective_spec(cell, 0, setting.template.schedule)
     first = _checked(replace(spec, test_set=setting.template.test_set), setting, released)
@@ -127,7 +127,7 @@ def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[
 
 
 def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
-    """Returns the settings of a release's cells, in the order of its experiments' names."""
+    """Return the settings of a release's cells, in the order of its experiments' names."""
     specs = {manifest.run.run_id: manifest.run.spec for manifest in released.runs()}
     if not specs:
         raise ValueError(f"{released.store} has no runs: there is nothing to repeat")
@@ -200,7 +200,7 @@ def _cell(setting: _Setting, teacher: str) -> Cell:
 
 
 def _checked(spec: RunSpec, setting: _Setting, released: Results) -> RunSpec:
-    """Returns `spec` if it differs from the runs of the release in its teacher only.
+    """Return `spec` if it differs from the runs of the release in its teacher only.
 
     Raises:
         ValueError: it does not; the message names what differs.
@@ -247,7 +247,7 @@ DECIDED = (
 
 
 def run_like(name: str, place: str, core: Collection[str], options: CampaignOptions) -> int:
-    """Runs the cells and seeds of a release that the options choose; returns the exit code.
+    """Run the cells and seeds of a release that the options choose; return the exit code.
 
     Args:
         name: campaign's name in the results.
@@ -297,7 +297,7 @@ def rerun(root: str, names: Sequence[str], options: ExecutionOptions, *, failed:
 
 
 def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
-    """Returns the plan of unfinished runs of a root.
+    """Return the plan of unfinished runs of a root.
 
     Args:
         root: folder or URI of a results root.

@@ -65,7 +65,7 @@ class Scheduler:
         self._done = self._failed = self._stopped = 0
 
     def execute(self, specs: Sequence[RunSpec], stop_requested: Callable[[], bool]) -> Snapshot:
-        """Executes all of `specs` whose results the root does not hold yet.
+        """Execute all of `specs` whose results the root does not hold yet.
 
         Args:
             specs: runs to execute, in this order.
@@ -99,12 +99,12 @@ class Scheduler:
         return self._snapshot()
 
     def abandon(self) -> None:
-        """Records all runs as lost and closes the view, in a thread other than one that waits for Ray."""
+        """Record all runs as lost and close the view, in a thread other than one that waits for Ray."""
         self._record_lost()
         self._view.close(self._snapshot())
 
     def _fill(self) -> None:
-        """Starts attempts for which the executor has room."""
+        """Start attempts for which the executor has room."""
         self._waiting.extend(self._retries.due())
         while (spec := self._executor.take(self._waiting)) is not None:
             number = self._committer.call(Committer.start, spec.record())
@@ -112,7 +112,7 @@ class Scheduler:
             self._running[spec.run_id] = _Running(spec, number, datetime.now(UTC))
 
     def _poll(self, seconds: float) -> None:
-        """Commits what the executor reports within some time, and shows the progress."""
+        """Commit what the executor reports within some time, and show the progress."""
         events = self._executor.poll(seconds, last=not (self._waiting or self._retries))
         self._committer.keep_lease()
         for event in events:
@@ -123,13 +123,13 @@ class Scheduler:
         self._view.update(self._snapshot())
 
     def _publish(self, running: _Running, report: Report) -> None:
-        """Publishes the result files of a checkpoint, unless that was done already."""
+        """Publish the result files of a checkpoint, unless that was done already."""
         before, running.report = running.report, report
         if report.parts is not None and (before is None or report.parts != before.parts):
             self._committer.call(Committer.publish, running.spec.record(), running.number, report.parts)
 
     def _conclude(self, running: _Running, ending: Ending) -> None:
-        """Commits the outcome of an attempt that has ended."""
+        """Commit the outcome of an attempt that has ended."""
         record, number = running.spec.record(), running.number
         if ending.outcome is AttemptOutcome.DONE:
             self._committer.call(Committer.finish, record, number, ending.files)
@@ -151,7 +151,7 @@ class Scheduler:
         self._failed += 1
 
     def _repeat(self, running: _Running, loss: Ending) -> None:
-        """Repeats a lost run, or marks it as failed after too many losses."""
+        """Repeat a lost run, or mark it as failed after too many losses."""
         node = running.report.node if running.report else ""
         if loss.without_fault:
             self._waiting.append(running.spec)
@@ -161,7 +161,7 @@ class Scheduler:
             self._fail(running, f"it was lost {self._retries.losses(loss.run_id)} times, last: {loss.reason}")
 
     def _stop(self) -> None:
-        """Requests checkpoints of all runs and waits for them, for the grace period at most."""
+        """Request checkpoints of all runs and waits for them, for the grace period at most."""
         self._executor.stop()
         deadline = time.monotonic() + self._settings.grace_seconds
         while self._running and time.monotonic() < deadline:
@@ -173,7 +173,7 @@ class Scheduler:
             self._record(running, AttemptOutcome.LOST)
 
     def _record(self, running: _Running, outcome: AttemptOutcome) -> None:
-        """Writes the row of an attempt, whose start alone is known before its first report."""
+        """Write the row of an attempt, whose start alone is known before its first report."""
         if running.report is None:
             run_id, started_at = running.spec.run_id, running.started_at
             record = AttemptRecord(run_id, running.number, started_at, 0.0, 0.0, "", "{}", outcome)

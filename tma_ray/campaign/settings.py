@@ -65,7 +65,7 @@ class Resources:
         return max(1, int(self.cpus))
 
     def fit_into(self, node: Mapping[str, float]) -> int:
-        """Returns the number of runs that a node with these resources holds at once."""
+        """Return the number of runs that a node with these resources holds at once."""
         needed = {"CPU": self.cpus, "GPU": self.gpus, "memory": self.memory_gib * GIB}
         return min(int(node.get(name, 0.0) / amount) for name, amount in needed.items() if amount > 0)
 
@@ -83,12 +83,12 @@ class Nodes:
     place: str
 
     def at_once(self, each: Resources) -> int:
-        """Returns the number of runs that they hold at once, at least one."""
+        """Return the number of runs that they hold at once, at least one."""
         return max(1, sum(each.fit_into(node) for node in self.resources))
 
 
 def this_machine() -> Nodes:
-    """Returns this machine with its cores, one GPU, and as much memory as needed."""
+    """Return this machine with its cores, one GPU, and as much memory as needed."""
     own = {"CPU": float(os.cpu_count() or 1), "GPU": 1.0, "memory": PLENTY}
     return Nodes((own,), "as on this machine")
 

@@ -73,12 +73,12 @@ class SimulatedRoot:
         self._committer.write_cells(CAMPAIGN, rows)
 
     def kept(self) -> list[SimulatedRun]:
-        """Returns the planned runs that the root has."""
+        """Return the planned runs that the root has."""
         done = self._committer.done(_record(run, self._episodes).run_id for run in self._planned)
         return played_runs(Results(self._committer.store), done)
 
     def add(self, run: SimulatedRun) -> None:
-        """Writes a run that the root does not have."""
+        """Write a run that the root does not have."""
         record = _record(run, self._episodes)
         plugin = TEACHERS.plugin(run.teacher)
         if plugin is not None:
@@ -91,7 +91,7 @@ class SimulatedRoot:
 
 
 def played_runs(results: Results, run_ids: Collection[str] | None = None) -> list[SimulatedRun]:
-    """Returns the runs of simulated students that are done in a results root or a release, by id.
+    """Return the runs of simulated students that are done in a results root or a release, by id.
 
     Args:
         results: results root or release of simulated runs.
@@ -131,7 +131,7 @@ def _record(run: SimulatedRun, episodes: int) -> RunRecord:
 
 
 def _spec(run: SimulatedRun, episodes: int) -> dict[str, Any]:
-    """Returns all that determines the run, under the names of a `RunSpec`."""
+    """Return all that determines the run, under the names of a `RunSpec`."""
     challenge = find_simulated_challenge(run.challenge)
     tests = challenge.tests()
     plugin = TEACHERS.plugin(run.teacher)

@@ -18,7 +18,7 @@ CAMPAIGN = "single_runs"
 
 
 def run_single(options: RunOptions) -> int:
-    """Executes the run of ``tma-ray run``; returns the exit code.
+    """Execute the run of ``tma-ray run``; return the exit code.
 
     Raises:
         ValueError: it cannot run, or takes over an hour and was not confirmed.

@@ -115,20 +115,20 @@ SpeedFinder = Callable[[Mapping[Kind, RunSpec], Settings, int], Mapping[Kind, Th
 
 
 def kind_of(spec: RunSpec) -> Kind:
-    """Returns the kind of a run."""
+    """Return the kind of a run."""
     options, inputs = sorted(spec.environment_options.items()), sorted(spec.inputs.items())
     return spec.environment, repr(options), repr(inputs), spec.student
 
 
 def label_of(spec: RunSpec) -> str:
-    """Returns student, environment and body of a run, as costs show them."""
+    """Return student, environment and body of a run, as costs show them."""
     return f"{spec.student} on {spec.environment} {spec.embodiment}".strip()
 
 
 def known_speeds(
     examples: Mapping[Kind, RunSpec], settings: Settings, at_once: int
 ) -> Mapping[Kind, Throughput]:
-    """Returns the speeds of kinds of runs here: those of the table, scaled to this machine, others measured.
+    """Return the speeds of kinds of runs here: those of the table, scaled to this machine, others measured.
 
     Args:
         examples: a run of each kind.
@@ -154,7 +154,7 @@ def measured_speeds(
     settings: Settings,
     at_once: int = 1,  # noqa: ARG001  # as of a `SpeedFinder`
 ) -> Mapping[Kind, Throughput]:
-    """Returns the speeds of kinds of runs, measured here one after the other; of cohorts see `LEARNERS`.
+    """Return the speeds of kinds of runs, measured here one after the other; of cohorts see `LEARNERS`.
 
     Takes some seconds for each, and half a minute where kernels are compiled first; shows the progress. The
     measurement has a process of its own, which leaves nothing of torch or a GPU in this one.
@@ -199,7 +199,7 @@ def measured_speeds(
 
 @cache
 def machine_speed(at_once: int) -> float:
-    """Returns the speed of one of several busy cores, in rounds of `ROUNDS` per second, within a second."""
+    """Return the speed of one of several busy cores, in rounds of `ROUNDS` per second, within a second."""
     started = [
         subprocess.Popen(  # noqa: S603
             [sys.executable, "-c", ROUNDS, str(MACHINE_SECONDS)],
@@ -212,7 +212,7 @@ def machine_speed(at_once: int) -> float:
 
 
 def measure(spec: RunSpec, settings: Settings) -> Throughput:
-    """Returns the speed of runs like `spec` here, on one task, without a teacher; takes about two seconds.
+    """Return the speed of runs like `spec` here, on one task, without a teacher; take about two seconds.
 
     Time is that of the processor, which other processes slow down only as far as they share its caches and
     the halves of its cores; with a GPU it is that of the wall.
@@ -263,13 +263,13 @@ def measure(spec: RunSpec, settings: Settings) -> Throughput:
 
 
 def transition_bytes(observations: Space[Any], actions: Space[Any]) -> int:
-    """Returns the size of a transition in a replay buffer, whose observations are stored once."""
+    """Return the size of a transition in a replay buffer, whose observations are stored once."""
     return 4 * (math.prod(observations.shape or ()) + math.prod(actions.shape or ()) + 2)
 
 
 @cache
 def _table() -> Mapping[tuple[str, str], Throughput]:
-    """Returns the speeds of students with their default hyper-parameters on one core, by student and body."""
+    """Return the speeds of students with their default hyper-parameters on one core, by student and body."""
     text = resources.files("tma_ray.campaign").joinpath("speeds.csv").read_text()
     return {
         (row["student"], row["embodiment"]): Throughput(
@@ -280,7 +280,7 @@ def _table() -> Mapping[tuple[str, str], Throughput]:
 
 
 def _listed(spec: RunSpec, settings: Settings) -> Throughput | None:
-    """Returns the speed of runs like `spec` as the table has it, None if it says nothing of them."""
+    """Return the speed of runs like `spec` as the table has it, None if it says nothing of them."""
     student, body = spec.student, base_name(spec.embodiment)
     if "environment" in spec.plugins or body not in embodiment_names():
         return None
@@ -293,7 +293,7 @@ def _listed(spec: RunSpec, settings: Settings) -> Throughput | None:
 
 
 def _shared(alone: Throughput, spec: RunSpec, settings: Settings) -> Throughput:
-    """Returns the speed of a run in a cohort, where `settings` ask for them; else `alone`."""
+    """Return the speed of a run in a cohort, where `settings` ask for them; else `alone`."""
     if not settings.width:
         return alone
     student, device = base_name(spec.student), settings.device.partition(":")[0]
@@ -317,7 +317,7 @@ def _progress(kinds: int) -> Iterator[Callable[[int, int], None]]:
 
 
 def _main() -> None:
-    """Measures the runs that the standard input names, each after the other."""
+    """Measure the runs that the standard input names, each after the other."""
     specs, settings, files, search_path = pickle.load(sys.stdin.buffer)
     sys.path[:] = dict.fromkeys((*sys.path, *search_path))
     provide(files)

@@ -67,7 +67,7 @@ class Polygon:
         return float(about_origin - self.area * np.sum(np.square(self.centroid)))
 
     def distance(self, point: Point) -> float:
-        """Returns how far `point` lies outside the polygon along its worst edge, in m; <= 0 inside."""
+        """Return how far `point` lies outside the polygon along its worst edge, in m; <= 0 inside."""
         edges = np.roll(self.points, -1, axis=0) - self.points
         outwards = _cross(np.asarray(point) - self.points, edges) / np.hypot(edges[:, 0], edges[:, 1])
         return float(np.max(outwards))
@@ -118,7 +118,7 @@ class Part:
         return self.density * self.shape.second_moment
 
     def local(self, point: Point) -> Point:
-        """Returns in the part's frame a `point` given relative to the spawn point, in m."""
+        """Return in the part's frame a `point` given relative to the spawn point, in m."""
         x, y = point[0] - self.position[0], point[1] - self.position[1]
         sine, cosine = math.sin(self.angle), math.cos(self.angle)
         return cosine * x + sine * y, cosine * y - sine * x
@@ -206,7 +206,7 @@ class EmbodimentError(ValueError):
 def check_structure(
     parts: Sequence[Part], joints: Sequence[Joint], grip_sensors: Sequence[GripSensor]
 ) -> None:
-    """Checks that parts, joints and grip sensors make one connected body.
+    """Check that parts, joints and grip sensors make one connected body.
 
     Raises:
         ValueError: they do not; the message names the part, joint or sensor at fault.
@@ -284,7 +284,7 @@ def _check_known(where: str, name: str, parts: dict[str, Part]) -> None:
 
 
 def _distance(part: Part, point: Point) -> float:
-    """Returns how far `point`, relative to the spawn point, lies outside `part`, in m."""
+    """Return how far `point`, relative to the spawn point, lies outside `part`, in m."""
     return part.shape.distance(part.local(point))
 
 
@@ -420,5 +420,5 @@ class Embodiment:
         return bool(self.grip_sensors)
 
     def part_index(self, name: str) -> int:
-        """Returns the index of the part called `name`."""
+        """Return the index of the part called `name`."""
         return [part.name for part in self.parts].index(name)

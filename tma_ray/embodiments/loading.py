@@ -57,7 +57,7 @@ class Repeat:
     step: tuple[float, float] = (0.0, 0.0)
 
     def check(self, count: object) -> None:
-        """Checks a number of copies; 3.0 is as whole as 3.
+        """Check a number of copies; 3.0 is as whole as 3.
 
         Raises:
             ValueError: it is not a whole number from 1 to `at_most`.
@@ -68,7 +68,7 @@ class Repeat:
 
 
 def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
-    """Returns the sections of a body's file, by parameter.
+    """Return the sections of a body's file, by parameter.
 
     Raises:
         ValueError: a section without a parameter, or with one that makes no sense.
@@ -91,7 +91,7 @@ def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
 
 
 def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Returns a body's file with its sections written out after the entries outside them.
+    """Return a body's file with its sections written out after the entries outside them.
 
     Args:
         data: the file's contents.
@@ -112,7 +112,7 @@ def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[s
 
 
 def _copied(entry: Entry, section: Repeat, number: int, count: int) -> Entry:
-    """Returns copy `number` of `count`."""
+    """Return copy `number` of `count`."""
     copy = {key: _numbered(value, number) for key, value in entry.items()}
     shift = number - 1 - (count - 1) / 2
     for key in PLACES & copy.keys():
@@ -129,7 +129,7 @@ def _numbered(value: Any, number: int) -> Any:
 
 
 def body_parameters(text: str) -> tuple[str, dict[str, float]]:
-    """Returns a body's name or path without its parameters, and the parameters.
+    """Return a body's name or path without its parameters, and the parameters.
 
     Raises:
         ValueError: a parameter that is not a number, or is given twice.
@@ -143,7 +143,7 @@ def body_parameters(text: str) -> tuple[str, dict[str, float]]:
 
 
 def resized(body: Embodiment, size: float) -> Embodiment:
-    """Returns `body` with all lengths multiplied by `size`; densities and torques stay.
+    """Return `body` with all lengths multiplied by `size`; densities and torques stay.
 
     Raises:
         ValueError: a size that is not over 0, or absurd.
@@ -159,7 +159,7 @@ def resized(body: Embodiment, size: float) -> Embodiment:
 
 
 def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
-    """Returns `body` with the largest torque of every motor set to `torque` N m.
+    """Return `body` with the largest torque of every motor set to `torque` N m.
 
     Raises:
         ValueError: a torque that is not over 0, or absurd.
@@ -209,14 +209,14 @@ EVERY_BODY = (SIZE, MOTOR_TORQUE, *SURVIVAL)
 
 
 def embodiment_names() -> list[str]:
-    """Returns the names of the bodies shipped with tma_ray, sorted."""
+    """Return the names of the bodies shipped with tma_ray, sorted."""
     return sorted(
         path.name.removesuffix(".toml") for path in _folder().iterdir() if path.name.endswith(".toml")
     )
 
 
 def load_embodiment(name_or_path: str | Path, **parameters: float) -> Embodiment:
-    """Returns a body by name, or from a TOML file laid out as those in `tma_ray/embodiments/data`.
+    """Return a body by name, or from a TOML file laid out as those in `tma_ray/embodiments/data`.
 
     Args:
         name_or_path: the name or the path, which may end with parameters.
@@ -270,7 +270,7 @@ def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
 
 
 def _built(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
-    """Returns the body of a file's contents with `settings`; its name tells those that make a difference."""
+    """Return the body of a file's contents with `settings`; its name tells those that make a difference."""
     body = _variant(data, settings)
     different = [
         name
@@ -281,7 +281,7 @@ def _built(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
 
 
 def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
-    """Returns the body of a file's contents with `settings`, under the file's name."""
+    """Return the body of a file's contents with `settings`, under the file's name."""
     for name in ENTRIES:
         if not _are_tables(data.get(name, [])):
             raise ValueError(f"{name} {data[name]!r:.80}: expected sections, as in [[{name}]]")
@@ -341,7 +341,7 @@ def _decoded(
     kind: type[Embodiment | Part | Joint | GripSensor],
     renamed: dict[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Returns the fields of an entry as `kind` declares them; lists of further entries stay as they are."""
+    """Return the fields of an entry as `kind` declares them; lists of further entries stay as they are."""
     _check_fields(what, entry, kind, renamed)
     types, names = _TYPES[kind], renamed or {}
     decoded = {}
@@ -367,7 +367,7 @@ def _is_choice(kind: object) -> bool:
 
 
 def _is_bounded(value: object) -> bool:
-    """Returns True if numbers in `value` are finite and of a plausible size."""
+    """Return True if numbers in `value` are finite and of a plausible size."""
     if isinstance(value, list):
         return all(map(_is_bounded, value))
     return not isinstance(value, (int, float)) or abs(value) <= LARGEST

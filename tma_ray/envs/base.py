@@ -102,12 +102,12 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     @abstractmethod
     def build(self, task: Task, rng: np.random.Generator) -> Terrain:
-        """Returns the world of `task`; `rng` draws what the task leaves open."""
+        """Return the world of `task`; `rng` draws what the task leaves open."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Builds the world of a task and returns its first observation.
+        """Build the world of a task and return its first observation.
 
         Args:
             seed: makes this episode, and those after it, repeatable.
@@ -129,7 +129,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         return observation, {"success": False, "task": task}
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Advances the world by 1/50 s.
+        """Advance the world by 1/50 s.
 
         Raises:
             ValueError: an action of another shape, or not finite.
@@ -149,7 +149,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         return observation, reward, terminated, truncated, info
 
     def release_engine(self) -> Engine:
-        """Returns the engine, to play the episode that has begun without this environment.
+        """Return the engine, to play the episode that has begun without this environment.
 
         The environment itself must be reset before its next step.
 
@@ -162,7 +162,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self._engine
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draws the world around the head: (400, 600, 3) for "rgb_array", a window for "human"."""
+        """Draw the world around the head: (400, 600, 3) for "rgb_array", a window for "human"."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() needs a render_mode: make the environment with 'rgb_array'")
             return None
@@ -175,7 +175,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self._renderer.draw(scene_of(self._engine, self._terrain, self._observation), self.look)
 
     def close(self) -> None:
-        """Closes the window, if there is one."""
+        """Close the window, if there is one."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -190,12 +190,12 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
 
 def embodiment_of(embodiment: str | Path | Embodiment) -> Embodiment:
-    """Returns a body by name or path, or the body itself."""
+    """Return a body by name or path, or the body itself."""
     return embodiment if isinstance(embodiment, Embodiment) else load_embodiment(embodiment)
 
 
 def _observation_space(size: int, rules: Rules) -> spaces.Space[Observation]:
-    """Returns bounds that always hold; joints have none, since one that is hit hard overshoots its limits."""
+    """Return bounds that always hold; joints have none, since one that is hit hard overshoots its limits."""
     low, high = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
     if rules.observes_medium:
         low[4:6], high[4:6] = 0.0, 1.0

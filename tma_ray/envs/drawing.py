@@ -81,7 +81,7 @@ class View(NamedTuple):
 
 
 def view_of(head: NDArray[np.float64], terrain: Terrain) -> View:
-    """Returns what to show when the head is at `head` (2,).
+    """Return what to show when the head is at `head` (2,).
 
     Under an open sky the scale is fixed, and the camera rises only with a head that would leave the frame.
     Under a ceiling it follows the head, and shows the whole passage where that is low.
@@ -102,13 +102,13 @@ def view_of(head: NDArray[np.float64], terrain: Terrain) -> View:
 
 
 def height_at(segments: NDArray[np.float64], x: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Returns the height of ground or ceiling, `segments` as in Terrain (m, 4), at each of `x`, in m."""
+    """Return the height of ground or ceiling, `segments` as in Terrain (m, 4), at each of `x`, in m."""
     ends = np.append(segments[:, 0], segments[-1, 2]), np.append(segments[:, 1], segments[-1, 3])
     return np.asarray(np.interp(x, *ends))
 
 
 def _around(segments: NDArray[np.float64], x: float) -> float:
-    """Returns the mean height around `x`, what is near counting most."""
+    """Return the mean height around `x`, what is near counting most."""
     offsets = np.linspace(-1, 1, 41)
     weights = 1 + np.cos(np.pi * offsets)
     return float(np.average(height_at(segments, x + REACH * offsets), weights=weights))
@@ -136,38 +136,38 @@ class Canvas:
         self._font = pygame.font.Font(None, 18 * SUPERSAMPLING)
 
     def start(self, view: View) -> None:
-        """Begins a frame with an empty sky."""
+        """Begin a frame with an empty sky."""
         self.view = view
         self.surface.blit(self._sky, (0, 0))
 
     def frame(self) -> pygame.Surface:
-        """Returns the frame, smoothed."""
+        """Return the frame, smoothed."""
         return pygame.transform.smoothscale(self.surface, (WIDTH, HEIGHT))
 
     def pixels(self, smooth: bool = True) -> NDArray[np.uint8]:
-        """Returns the frame (height, width, 3), or larger and rough, as it was drawn."""
+        """Return the frame (height, width, 3), or larger and rough, as it was drawn."""
         frame = self.frame() if smooth else self.surface
         return pixels_of(frame)
 
     def line(self, ends: Floats, colour: Colour, width: int) -> None:
-        """Draws a line between two points (2, 2)."""
+        """Draw a line between two points (2, 2)."""
         start, end = self._pixels(self._cropped(ends)).tolist()
         pygame.draw.line(self.surface, colour, start, end, width * SUPERSAMPLING)
 
     def fill(self, points: Floats, colour: Colour, outline: Colour | None = None) -> None:
-        """Draws an area with the corners `points` (n, 2), and its outline."""
+        """Draw an area with the corners `points` (n, 2), and its outline."""
         corners = self._pixels(self._cropped(points)).tolist()
         pygame.draw.polygon(self.surface, colour, corners)
         if outline is not None:
             pygame.draw.polygon(self.surface, outline, corners, 2 * SUPERSAMPLING)
 
     def dot(self, point: Floats, colour: Colour, radius: float) -> None:
-        """Draws a circle with a radius in pixels."""
+        """Draw a circle with a radius in pixels."""
         centre = self._pixels(self._cropped(point)).tolist()
         pygame.draw.circle(self.surface, colour, centre, radius * SUPERSAMPLING)
 
     def tint(self, top: float, colour: Colour, opacity: int) -> None:
-        """Lays a pane of `colour` over everything under the height `top` in m; 255 would hide it."""
+        """Lay a pane of `colour` over everything under the height `top` in m; 255 would hide it."""
         height = HEIGHT * SUPERSAMPLING
         row = int(np.clip((self.view.top - top) * self.view.scale * SUPERSAMPLING, 0, height))
         self._glass.fill(colour)
@@ -175,12 +175,12 @@ class Canvas:
         self.surface.blit(self._glass, (0, row), (0, 0, WIDTH * SUPERSAMPLING, height - row))
 
     def text(self, point: Floats, text: str, colour: Colour) -> None:
-        """Writes under a point (2,)."""
+        """Write under a point (2,)."""
         drawn = self._font.render(text, True, colour)
         self.surface.blit(drawn, drawn.get_rect(midtop=self._pixels(point).tolist()))
 
     def bar(self, share: float, colours: tuple[Colour, Colour, Colour]) -> None:
-        """Draws along the top how much of a way is done, in colours of the way, what is done, and the end."""
+        """Draw along the top how much of a way is done, in colours of the way, what is done, and the end."""
         left, right, y = (SUPERSAMPLING * value for value in (20, WIDTH - 20, 16))
         at, (way, done, end) = left + share * (right - left), colours
         pygame.draw.line(self.surface, way, (left, y), (right, y), 2 * SUPERSAMPLING)
@@ -189,11 +189,11 @@ class Canvas:
         pygame.draw.circle(self.surface, end, (right, y), 4 * SUPERSAMPLING)
 
     def sees(self, left: Floats, right: Floats) -> NDArray[np.bool_]:
-        """Tells of things that reach from x = `left` to `right` (n,) whether the frame shows them (n,)."""
+        """Tell of things that reach from x = `left` to `right` (n,) whether the frame shows them (n,)."""
         return np.asarray((right >= self.view.left) & (left <= self.view.right))
 
     def _pixels(self, points: Floats) -> Floats:
-        """Returns world `points` (..., 2) in pixels of the surface."""
+        """Return world `points` (..., 2) in pixels of the surface."""
         scale = self.view.scale * SUPERSAMPLING
         x = (points[..., 0] - self.view.left) * scale
         y = HEIGHT * SUPERSAMPLING - (points[..., 1] - self.view.bottom) * scale
@@ -205,7 +205,7 @@ class Canvas:
 
 
 def pixels_of(surface: pygame.Surface) -> NDArray[np.uint8]:
-    """Returns what is on `surface` (height, width, 3), writable."""
+    """Return what is on `surface` (height, width, 3), writable."""
     width, height = surface.get_size()
     content = bytearray(pygame.image.tobytes(surface, "RGB"))  # several times faster than pygame.surfarray
     return np.frombuffer(content, np.uint8).reshape(height, width, 3)
@@ -230,7 +230,7 @@ class BodyPainter:
         self._far = [_hidden(part, body.parts[:index]) for index, part in enumerate(body.parts)]
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draws the parts from the last, which is farthest away, to the head; grey if it is dead."""
+        """Draw the parts from the last, which is farthest away, to the head; grey if it is dead."""
         body, poses = self._body, scene.poses
         head, limb, far_limb, outline = _colours(scene.dead)
         for joint in body.joints:
@@ -254,7 +254,7 @@ class BodyPainter:
 
 
 def draw_lidars(canvas: Canvas, head: Floats, scene: Scene) -> None:
-    """Draws the rays, coloured by what they hit."""
+    """Draw the rays, coloured by what they hit."""
     for end, hit in zip(scene.lidars, scene.hits, strict=True):
         colour = LIDAR_CREEPER if hit > 0 else LIDAR_WATER if hit < 0 else LIDAR
         canvas.line(np.stack([head, end]), colour, 1)
@@ -262,20 +262,20 @@ def draw_lidars(canvas: Canvas, head: Floats, scene: Scene) -> None:
 
 
 def placed(pose: Floats, points: Floats) -> Floats:
-    """Returns `points` (..., 2) of a frame at `pose` (x, y, angle) in world axes."""
+    """Return `points` (..., 2) of a frame at `pose` (x, y, angle) in world axes."""
     sine, cosine = np.sin(pose[2]), np.cos(pose[2])
     return np.asarray(pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]]))
 
 
 def _colours(dead: bool) -> tuple[Colour, Colour, Colour, Colour]:
-    """Returns the colours of the head, of limbs, of those behind others, and of outlines."""
+    """Return the colours of the head, of limbs, of those behind others, and of outlines."""
     if dead:
         return DEAD_HEAD, DEAD_LIMB, DEAD_FAR_LIMB, DEAD_OUTLINE
     return HEAD, LIMB, FAR_LIMB, OUTLINE
 
 
 def _hidden(part: Part, nearer: tuple[Part, ...]) -> bool:
-    """Returns True if one of the `nearer` parts has the shape and position of `part`."""
+    """Return True if one of the `nearer` parts has the shape and position of `part`."""
     return any(other.position == part.position and other.shape == part.shape for other in nearer)
 
 
@@ -287,7 +287,7 @@ MARK_SPACING = 5
 
 
 def draw_goal(canvas: Canvas, terrain: Terrain) -> None:
-    """Draws a flag on the ground at the goal."""
+    """Draw a flag on the ground at the goal."""
     foot = np.array([terrain.goal_x, _base(terrain, terrain.goal_x)])
     top = foot + np.array([0.0, FLAGPOLE])
     canvas.line(np.stack([foot, top]), OUTLINE, 3)
@@ -295,7 +295,7 @@ def draw_goal(canvas: Canvas, terrain: Terrain) -> None:
 
 
 def draw_world(canvas: Canvas, scene: Scene) -> None:
-    """Draws water, creepers, and ground and ceiling with the distances from the start."""
+    """Draw water, creepers, and ground and ceiling with the distances from the start."""
     terrain = scene.terrain
     canvas.tint(terrain.water_y, WATER, 120)
     edge = np.array([[canvas.view.left, terrain.water_y], [canvas.view.right, terrain.water_y]])
@@ -313,12 +313,12 @@ def draw_world(canvas: Canvas, scene: Scene) -> None:
 
 
 def draw_water(canvas: Canvas, water_y: float) -> None:
-    """Tints everything under water."""
+    """Tint everything under water."""
     canvas.tint(water_y, WATER, 60)
 
 
 def draw_progress(canvas: Canvas, head_x: float, terrain: Terrain) -> None:
-    """Draws how far the head is between spawn point and goal, along the top."""
+    """Draw how far the head is between spawn point and goal, along the top."""
     start, goal = terrain.spawn[0], terrain.goal_x
     share = float(np.clip((head_x - start) / (goal - start), 0, 1))
     canvas.bar(share, (TRACK, HEAD, GOAL))
@@ -342,7 +342,7 @@ def _draw_creepers(canvas: Canvas, scene: Scene) -> None:
 
 
 def _base(terrain: Terrain, x: float) -> float:
-    """Returns the height of the ground at `x` in m, under any stumps."""
+    """Return the height of the ground at `x` in m, under any stumps."""
     return float(height_at(terrain.surface, x)) if len(terrain.ceiling) else GROUND_HEIGHT
 
 
@@ -361,14 +361,14 @@ class Window:
         self._clock = pygame.time.Clock()
 
     def show(self, frame: pygame.Surface) -> None:
-        """Shows `frame`, and waits until it is time for the next."""
+        """Show `frame`, and wait until it is time for the next."""
         self._surface.blit(frame, (0, 0))
         pygame.event.pump()
         pygame.display.flip()
         self._clock.tick(self._frames_per_second)
 
     def close(self) -> None:
-        """Closes it."""
+        """Close it."""
         pygame.display.quit()
 
 
@@ -393,7 +393,7 @@ class Renderer:
         self._window = Window(frames_per_second) if window else None
 
     def draw(self, scene: Scene, look: Look = DEFAULT_LOOK) -> NDArray[np.uint8] | None:
-        """Returns the frame (400, 600, 3), or shows it and returns None if there is a window."""
+        """Return the frame (400, 600, 3), or show it and return None if there is a window."""
         head, canvas = scene.poses[self._head, :2], self._canvas
         canvas.start(view_of(head, scene.terrain))
         draw_goal(canvas, scene.terrain)
@@ -409,7 +409,7 @@ class Renderer:
         return None
 
     def close(self) -> None:
-        """Closes the window."""
+        """Close the window."""
         if self._window is not None:
             self._window.close()
             self._window = None

@@ -108,5 +108,5 @@ class Parkour(BodyEnvironment):
         super().__init__(body, Rules("parkour", layout, observes_medium=True), render_mode)
 
     def build(self, task: Task, rng: np.random.Generator) -> Terrain:
-        """Returns the world of `task`; `rng` draws one height per creeper."""
+        """Return the world of `task`; `rng` draws one height per creeper."""
         return parkour(task, rng, cppn=self._cppn, swinging_creepers=self._swinging_creepers)

@@ -28,14 +28,14 @@ GYMNASIUM_IDS = {
 
 
 def register_environments() -> None:
-    """Registers the environments with gymnasium; importing this module does it."""
+    """Register the environments with gymnasium; importing this module does it."""
     for name, (one, many) in GYMNASIUM_IDS.items():
         if name not in gymnasium.registry:
             gymnasium.register(id=name, entry_point=one, vector_entry_point=many)
 
 
 def make_environment(name: str, **kwargs: Any) -> Environment:
-    """Returns a new environment.
+    """Return a new environment.
 
     Args:
         name: a name in ENVIRONMENTS, or ``module:Name``, with options if wanted
@@ -60,7 +60,7 @@ def make_environment(name: str, **kwargs: Any) -> Environment:
 
 
 def mastery_return(environment: Environment) -> float:
-    """Returns the episodic return over which a task of `environment` is mastered.
+    """Return the episodic return over which a task of `environment` is mastered.
 
     That is its attribute `mastery_return`; without one, the benchmark's.
 

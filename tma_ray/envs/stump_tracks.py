@@ -57,5 +57,5 @@ class StumpTracks(BodyEnvironment):
         super().__init__(embodiment_of(embodiment), RULES, render_mode)
 
     def build(self, task: Task, rng: np.random.Generator) -> Terrain:
-        """Returns the world of `task`; `rng` draws one height per stump."""
+        """Return the world of `task`; `rng` draws one height per stump."""
         return stump_tracks(task, rng)

@@ -45,12 +45,12 @@ class EngineEnvironment(Protocol):
     max_episode_steps: int
 
     def release_engine(self) -> Engine:
-        """Returns the engine, for an episode that has begun and is played without the environment."""
+        """Return the engine, for an episode that has begun and is played without the environment."""
         ...
 
 
 def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> LockStep:
-    """Returns the fastest way to step `environments`, which are all of one kind, together.
+    """Return the fastest way to step `environments`, which are all of one kind, together.
 
     Args:
         environments: new environments.
@@ -210,7 +210,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observations, dict[str, Any]]:
-        """Begins episodes, in all worlds or in those of a mask.
+        """Begin episodes, in all worlds or in those of a mask.
 
         Args:
             seed: seeds of the worlds, or that of the first one, whose successors have the next numbers.
@@ -245,7 +245,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observations, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Advances every world by one step; see `LockStep.step`.
+        """Advance every world by one step; see `LockStep.step`.
 
         Args:
             actions: (n, a).
@@ -276,7 +276,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return outcome.observations, outcome.rewards, outcome.terminated, outcome.truncated, success
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002  (the signature of the base)
-        """Closes all worlds, and ends the threads."""
+        """Close all worlds, and end the threads."""
         for environment in self._environments:
             environment.close()
         self._worlds, self._observations = lock_step(self._environments, self._threads), None
@@ -316,7 +316,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 def make_vector_environment(
     name: str, num_envs: int = 1, threads: int = 1, **kwargs: Any
 ) -> VectorEnvironment:
-    """Returns `num_envs` worlds of the environment `name`, stepped by `threads`; see `make_environment`.
+    """Return `num_envs` worlds of the environment `name`, stepped by `threads`; see `make_environment`.
 
     Raises:
         UnknownNameError: nothing answers to `name`.
@@ -333,10 +333,10 @@ def make_vector_environment(
 
 
 def stump_tracks(num_envs: int = 1, **kwargs: Any) -> VectorEnvironment:
-    """Returns worlds of Stump Tracks, for `gymnasium.make_vec`."""
+    """Return worlds of Stump Tracks, for `gymnasium.make_vec`."""
     return make_vector_environment("stump_tracks", num_envs, **kwargs)
 
 
 def parkour(num_envs: int = 1, **kwargs: Any) -> VectorEnvironment:
-    """Returns worlds of Parkour, for `gymnasium.make_vec`."""
+    """Return worlds of Parkour, for `gymnasium.make_vec`."""
     return make_vector_environment("parkour", num_envs, **kwargs)

@@ -56,7 +56,7 @@ def export(
     onnx: bool = True,
     playground: bool = False,
 ) -> Export:
-    """Writes a policy, its ONNX file and its model card into the folder `output`.
+    """Write a policy, its ONNX file and its model card into the folder `output`.
 
     The folder appears when all is written and the ONNX file has been checked; what is saved there is loaded
     like the policy of a run.
@@ -116,7 +116,7 @@ def _check_output(output: Path) -> None:
 
 @contextmanager
 def _unfinished(output: Path) -> Iterator[Path]:
-    """Yields a folder that takes the place of `output` if all goes well, and vanishes otherwise."""
+    """Yield a folder that takes the place of `output` if all goes well, and vanishes otherwise."""
     output = output.resolve()
     folder = output.with_name(f".{output.name}-{uuid4().hex}")
     folder.mkdir(parents=True)
@@ -161,7 +161,7 @@ def _properties(spec: RunSpec) -> dict[str, str]:
 
 
 def _examples(observations: spaces.Box) -> np.ndarray:
-    """Returns random observations (n, o): normal without bounds, uniform between bounds."""
+    """Return random observations (n, o): normal without bounds, uniform between bounds."""
     rng = np.random.default_rng(0)
     bounded = np.isfinite(observations.low) & np.isfinite(observations.high)
     low, high = (np.where(bounded, bound, 0.0) for bound in (observations.low, observations.high))

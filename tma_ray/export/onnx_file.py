@@ -34,7 +34,7 @@ class NotExpressibleError(ValueError):
 
 
 def require_onnx() -> None:
-    """Refuses to go on without the packages that write ONNX files.
+    """Refuse to go on without the packages that write ONNX files.
 
     Raises:
         ValueError: onnx or onnxscript is not installed.
@@ -52,7 +52,7 @@ def require_onnx() -> None:
 def onnx_model(
     layers: nn.Sequential, sizes: tuple[int, int], properties: Mapping[str, str]
 ) -> onnx.ModelProto:
-    """Returns `layers` as a model; the same layers give the same bytes.
+    """Return `layers` as a model; the same layers give the same bytes.
 
     Args:
         layers: module that `tma_ray.students.policy_layers` returns.
@@ -110,7 +110,7 @@ def _quiet() -> Iterator[None]:
 def largest_difference(
     model: onnx.ModelProto, policy: Policy, observations: NDArray[np.float32], widths: NDArray[np.float32]
 ) -> float:
-    """Returns the largest absolute difference between actions of `model` and of `policy`.
+    """Return the largest absolute difference between actions of `model` and of `policy`.
 
     It is computed by ONNX's reference implementation, and by onnxruntime where that is installed.
 

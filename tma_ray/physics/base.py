@@ -55,12 +55,12 @@ class SolverSettings(NamedTuple):
 
 
 def settings_for(body: Embodiment) -> SolverSettings:
-    """Returns the settings with what `body` says of its own."""
+    """Return the settings with what `body` says of its own."""
     return SolverSettings(body.iterations, body.substeps, body.motor_share, (1 - body.joint_correction) ** 60)
 
 
 def motor_substeps(settings: SolverSettings) -> int:
-    """Returns the number of substeps in which the motors act, at least 1."""
+    """Return the number of substeps in which the motors act, at least 1."""
     return max(1, round(settings.motor_share * settings.substeps))
 
 
@@ -87,7 +87,7 @@ class Engine(Protocol):
         ...
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Builds a new world and lets a step without torque pass, as the original release does.
+        """Build a new world and let a step without torque pass, as the original release does.
 
         A body with grip sensors starts hanging where there is a ceiling, and has HANGING_STEPS.
 
@@ -101,7 +101,7 @@ class Engine(Protocol):
         ...
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
-        """Advances the world by TIME_STEP.
+        """Advance the world by TIME_STEP.
 
         Args:
             action: one value in [-1, 1] per motor, then one per grip sensor (j + g,).
@@ -116,7 +116,7 @@ class Engine(Protocol):
 
 
 def first_steps(engine: Engine, hanging: bool) -> NDArray[np.float32]:
-    """Lets the steps pass that come before an episode, with closed grips if `hanging`; returns what is seen.
+    """Let the steps pass that come before an episode, with closed grips if `hanging`; return what is seen.
 
     They count neither under water nor outside it.
     """

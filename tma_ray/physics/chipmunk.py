@@ -26,7 +26,7 @@ CONTACT_CORRECTION = 0.2
 
 
 def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
-    """Adds the solids of `terrain` to `space`; those of the ceiling have a collision type of their own."""
+    """Add the solids of `terrain` to `space`; those of the ceiling have a collision type of their own."""
     shapes = [pymunk.Poly(space.static_body, corners) for corners in terrain.solids.tolist()]
     for index, shape in enumerate(shapes):
         shape.friction = math.sqrt(terrain.friction)
@@ -38,7 +38,7 @@ def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
 def add_parts(
     space: pymunk.Space, body: BodyArrays, spawn: NDArray[np.float64], skin_radius: float
 ) -> list[pymunk.Body]:
-    """Adds the parts of `body` to `space` and returns them; part i has the collision type i + 1."""
+    """Add the parts of `body` to `space` and return them; part i has the collision type i + 1."""
     parts = []
     for index in range(len(body.mass)):
         part = pymunk.Body(body.mass[index], body.inertia[index])
@@ -60,7 +60,7 @@ def add_parts(
 def add_joints(
     space: pymunk.Space, body: BodyArrays, parts: list[pymunk.Body], settings: SolverSettings
 ) -> tuple[list[pymunk.SimpleMotor], list[pymunk.RotaryLimitJoint]]:
-    """Adds the joints of `body` to `space` and returns their motors and limits."""
+    """Add the joints of `body` to `space` and return their motors and limits."""
     motors, limits = [], []
     for index, ((a, b), anchors, (low, high)) in enumerate(
         zip(body.joint_parts.tolist(), body.anchors.tolist(), body.limits.tolist(), strict=True)
@@ -79,7 +79,7 @@ def add_joints(
 
 
 def hung(terrain: Terrain, body: BodyArrays, step: StepArrays) -> Terrain:
-    """Returns `terrain` with a spawn point from which `body`'s highest grip sensor reaches the ceiling."""
+    """Return `terrain` with a spawn point from which `body`'s highest grip sensor reaches the ceiling."""
     heights = []
     for part, (x, y, _) in zip(step.grip_part, step.grips, strict=True):
         turned = math.sin(body.angle[part]) * x + math.cos(body.angle[part]) * y
@@ -90,7 +90,7 @@ def hung(terrain: Terrain, body: BodyArrays, step: StepArrays) -> Terrain:
 
 @cache
 def settled(embodiment: Embodiment, settings: SolverSettings) -> BodyArrays:
-    """Returns `embodiment` bent into its joints' limits, and with the joints closed that are drawn stretched.
+    """Return `embodiment` bent into its joints' limits, and with the joints closed that are drawn stretched.
 
     Bodies are drawn straight, which may be outside their limits. Box2D puts that right within the first step
     and without a velocity, Chipmunk could only at the price of one: hence here, in a space with nothing else.
@@ -105,7 +105,7 @@ def settled(embodiment: Embodiment, settings: SolverSettings) -> BodyArrays:
 
 
 def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
-    """Returns `body` with its stretched joints closed, standing on the ground.
+    """Return `body` with its stretched joints closed, standing on the ground.
 
     As Box2D does, corrects one joint and contact after the other, each from where the others left the parts:
     straight legs buckle so, while a solution for all of them at once lifts the body onto stiff legs.
@@ -127,7 +127,7 @@ def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
 
 
 def _still_space(body: BodyArrays, settings: SolverSettings) -> tuple[pymunk.Space, list[pymunk.Body]]:
-    """Returns a space without gravity in which no velocity outlives its step, and `body`'s parts in it."""
+    """Return a space without gravity in which no velocity outlives its step, and `body`'s parts in it."""
     space = pymunk.Space()
     space.damping = 0.0
     parts = add_parts(space, body, np.zeros(2), settings.skin_radius)
@@ -138,7 +138,7 @@ def _still_space(body: BodyArrays, settings: SolverSettings) -> tuple[pymunk.Spa
 
 
 def _posed(body: BodyArrays, parts: list[pymunk.Body]) -> BodyArrays:
-    """Returns `body` where its `parts` are."""
+    """Return `body` where its `parts` are."""
     return body._replace(
         position=np.array([part.position for part in parts]), angle=np.array([part.angle for part in parts])
     )
@@ -170,7 +170,7 @@ class Chains(NamedTuple):
 
 
 def chains(terrain: Terrain) -> Chains:
-    """Returns the creepers of `terrain` as an engine builds them."""
+    """Return the creepers of `terrain` as an engine builds them."""
     if not (terrain.holders != FIXED).any():
         return _NO_CHAINS
     low, high = terrain.creepers[:, :2], terrain.creepers[:, 2:]
@@ -190,7 +190,7 @@ _NO_CHAINS = Chains(np.empty(0, np.int64), *(np.empty((0, *rest)) for rest in ((
 
 
 def add_creepers(space: pymunk.Space, creepers: Chains, settings: SolverSettings) -> dict[int, pymunk.Body]:
-    """Adds the creepers that swing to `space` and returns their bodies by index."""
+    """Add the creepers that swing to `space` and return their bodies by index."""
     bodies: dict[int, pymunk.Body] = {}
     for index in np.flatnonzero(creepers.holders != FIXED).tolist():
         body = pymunk.Body(creepers.mass[index], creepers.inertia[index])

@@ -43,7 +43,7 @@ class World(NamedTuple):
 
 
 def world_of(terrain: Terrain) -> World:
-    """Returns `terrain` with its creepers at rest, its arrays contiguous: compiled code knows addresses."""
+    """Return `terrain` with its creepers at rest, its arrays contiguous: compiled code knows addresses."""
     poses = np.zeros((len(terrain.creepers), 4))
     poses[:, :2] = (terrain.creepers[:, :2] + terrain.creepers[:, 2:]) / 2
     poses[:, 2] = 1.0
@@ -61,7 +61,7 @@ def world_of(terrain: Terrain) -> World:
 
 
 def _longest_chain(terrain: Terrain) -> float:
-    """Returns the length of the longest chain of creepers in m, which is how far it can swing."""
+    """Return the length of the longest chain of creepers in m, which is how far it can swing."""
     lengths = terrain.creepers[:, 3] - terrain.creepers[:, 1]
     for index, holder in enumerate(terrain.holders):
         if holder >= 0:
@@ -80,7 +80,7 @@ SOLID, CREEPER, WATER = 0.0, 1.0, -1.0
 
 @kernel
 def look(x: float, y: float, ray: Floats, world: World) -> tuple[float, float]:
-    """Returns the share of a ray's length at which it first meets something (1: nothing), and what.
+    """Return the share of a ray's length at which it first meets something (1: nothing), and what.
 
     What the ray starts in, it does not see.
 
@@ -107,7 +107,7 @@ def look(x: float, y: float, ray: Floats, world: World) -> tuple[float, float]:
 
 @kernel
 def first_segment(surface: Floats, x: float) -> int:
-    """Returns the index of the first segment (of m, sorted by x) that does not end before `x`."""
+    """Return the index of the first segment (of m, sorted by x) that does not end before `x`."""
     low, high = 0, len(surface)
     while low < high:
         middle = (low + high) // 2
@@ -120,7 +120,7 @@ def first_segment(surface: Floats, x: float) -> int:
 
 @kernel
 def hit_fraction(x: float, y: float, ray: Floats, surface: Floats, side: float) -> float:
-    """Returns the share of a ray's length at which it first enters a solid, 1 if it meets none.
+    """Return the share of a ray's length at which it first enters a solid, 1 if it meets none.
 
     Args:
         x: start of the ray, in m.
@@ -147,7 +147,7 @@ def hit_fraction(x: float, y: float, ray: Floats, surface: Floats, side: float) 
 
 @kernel
 def creepers_between(left: float, right: float, world: World) -> tuple[int, int]:
-    """Returns the range of indices of the creepers that may lie between two x (m), and some more."""
+    """Return the range of indices of the creepers that may lie between two x (m), and some more."""
     first = first_segment(world.creepers, left - world.sway)
     last = first
     while last < len(world.creepers) and world.creepers[last, 0] <= right + world.sway:
@@ -157,7 +157,7 @@ def creepers_between(left: float, right: float, world: World) -> tuple[int, int]
 
 @kernel
 def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
-    """Returns the share of a ray's length at which it first enters a creeper, 1 if it meets none."""
+    """Return the share of a ray's length at which it first enters a creeper, 1 if it meets none."""
     nearest = 1.0
     first, last = creepers_between(min(x, x + ray[0]), max(x, x + ray[0]), world)
     for index in range(first, last):
@@ -167,7 +167,7 @@ def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
 
 @kernel
 def _box_fraction(x: float, y: float, ray: Floats, rectangle: Floats, pose: Floats) -> float:
-    """Returns the share of a ray's length at which it enters a turned rectangle, 1 if it does not.
+    """Return the share of a ray's length at which it enters a turned rectangle, 1 if it does not.
 
     Clips the ray by the rectangle's two pairs of sides, in axes of the rectangle.
     """
@@ -207,7 +207,7 @@ def feel(
     points: Floats,
     grips: NDArray[np.int64],
 ) -> None:
-    """Finds what each sensor touches, a creeper before the ceiling.
+    """Find what each sensor touches, a creeper before the ceiling.
 
     Args:
         state: (p, 6).
@@ -228,7 +228,7 @@ def feel(
 
 @kernel
 def graspable(x: float, y: float, reach: float, world: World) -> int:
-    """Returns what is within `reach` m of a point: the index of a creeper, CEILING or NOTHING."""
+    """Return what is within `reach` m of a point: the index of a creeper, CEILING or NOTHING."""
     first, last = creepers_between(x - reach, x + reach, world)
     for index in range(first, last):
         if _near_box(x, y, reach, world.creepers[index], world.poses[index]):
@@ -264,7 +264,7 @@ def _near_segment(x: float, y: float, reach: float, segment: Floats) -> bool:
 
 @kernel
 def holder_anchor(point: Floats, held: int, world: World) -> tuple[float, float]:
-    """Returns `point` in the frame of what holds it: that of a creeper that swings, else the world's."""
+    """Return `point` in the frame of what holds it: that of a creeper that swings, else the world's."""
     if held < 0 or world.movable[held] == 0:
         return point[0], point[1]
     pose = world.poses[held]
@@ -287,7 +287,7 @@ VELOCITY_Y_SCALE = 0.3 * (400 / 30) / 50
 
 @kernel
 def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floats) -> float:
-    """Writes each motor's target speed (rad/s) and largest torque (N m) to `commands` (j, 2).
+    """Write each motor's target speed (rad/s) and largest torque (N m) to `commands` (j, 2).
 
     An action's sign is the direction, its size (at most 1) the share of the torque; 0 leaves the joint limp.
 
@@ -318,7 +318,7 @@ def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floa
 
 @kernel
 def survives(medium: Integers, body: StepArrays) -> bool:
-    """Returns True if the body is alive after consecutive steps under water and outside it (2,)."""
+    """Return True if the body is alive after consecutive steps under water and outside it (2,)."""
     drowned = 0 <= body.survivable[0] < medium[0]
     dried = 0 <= body.survivable[1] < medium[1]
     return not (drowned or dried)
@@ -326,7 +326,7 @@ def survives(medium: Integers, body: StepArrays) -> bool:
 
 @kernel
 def breathe(state: Floats, water_y: float, body: StepArrays, medium: Integers) -> None:
-    """Counts a step in `medium` (2,): under water or outside it, where the head is. The dead do not count."""
+    """Count a step in `medium` (2,): under water or outside it, where the head is. The dead do not count."""
     if survives(medium, body):
         submerged = state[body.head, 1] <= water_y
         medium[0] = medium[0] + 1 if submerged else 0
@@ -343,7 +343,7 @@ def observe(
     world: World,
     observation: NDArray[np.float32],
 ) -> None:
-    """Writes what the body senses, in the release's units and order.
+    """Write what the body senses, in the release's units and order.
 
     That is its head; whether the head is under water and the body was dead when it acted; joints and
     contacts; what each grip sensor touches and holds; lidars, and what they hit. Rules say whether the medium
@@ -386,7 +386,7 @@ def observe(
 
 @kernel
 def _observe_lidars(head: Floats, body: StepArrays, world: World, observation: NDArray[np.float32]) -> None:
-    """Writes what the rays meet, and how far away, to the end of an observation."""
+    """Write what the rays meet, and how far away, to the end of an observation."""
     rays = len(body.rays)
     for ray in range(rays):
         fraction, kind = look(head[0], head[1], body.rays[ray], world)
@@ -397,7 +397,7 @@ def _observe_lidars(head: Floats, body: StepArrays, world: World, observation: N
 
 @kernel
 def shaping(state: Floats, body: StepArrays) -> float:
-    """Returns the potential whose growth is the reward: progress of the head, less its tilt."""
+    """Return the potential whose growth is the reward: progress of the head, less its tilt."""
     head = state[body.head]
     potential: float = FORWARD_WEIGHT * head[0] - body.upright_weight * abs(head[2])
     return potential
@@ -405,7 +405,7 @@ def shaping(state: Floats, body: StepArrays) -> float:
 
 @kernel
 def has_fallen(state: Floats, contacts: Integers, body: StepArrays) -> bool:
-    """Returns True if a critical part touches a forbidden surface or the head is behind the track's start."""
+    """Return True if a critical part touches a forbidden surface or the head is behind the track's start."""
     for part in range(len(contacts)):
         if body.critical[part]:
             if contacts[part, 0] > 0:
@@ -420,7 +420,7 @@ def has_fallen(state: Floats, contacts: Integers, body: StepArrays) -> bool:
 def judge(
     state: Floats, contacts: Integers, body: StepArrays, goal_x: float, cost: float, before: float
 ) -> tuple[float, bool, float]:
-    """Judges a step.
+    """Judge a step.
 
     Args:
         state: (p, 6) after the step.
@@ -462,7 +462,7 @@ TORQUE_SCALE = 60 / 50
 def water_forces(
     state: Floats, rotations: Floats, torques: Floats, body: StepArrays, water_y: float, forces: Floats
 ) -> bool:
-    """Writes the forces of still water on each part; returns True if there are any.
+    """Write the forces of still water on each part; return True if there are any.
 
     Args:
         state: (p, 6).
@@ -485,7 +485,7 @@ def water_forces(
 
 @kernel
 def _submerged(part: int, pose: Floats, rotation: Floats, body: StepArrays, water_y: float) -> Floats:
-    """Returns the corners of what is under water of a part, in world axes (k, 2), counter-clockwise."""
+    """Return the corners of what is under water of a part, in world axes (k, 2), counter-clockwise."""
     first, count = body.first_vertex[part], body.first_vertex[part + 1] - body.first_vertex[part]
     corners = np.empty((count, 2))
     for index in range(count):
@@ -516,7 +516,7 @@ def _press(
     body: StepArrays,
     force: Floats,
 ) -> None:
-    """Adds all forces on the submerged `polygon` of a part to `force` (3,)."""
+    """Add all forces on the submerged `polygon` of a part to `force` (3,)."""
     rotation = rotations[part]
     across, up = body.bounds[part, 2], body.bounds[part, 3]
     centre_x = state[part, 0] + rotation[0] * across - rotation[1] * up
@@ -539,7 +539,7 @@ def _press(
 
 @kernel
 def _centroid(polygon: Floats) -> tuple[float, float]:
-    """Returns the x of a polygon's centroid in m, and its area in m²."""
+    """Return the x of a polygon's centroid in m, and its area in m²."""
     base, area, moment = polygon[0], 0.0, 0.0
     for index in range(1, len(polygon) - 1):
         ax, ay = polygon[index, 0] - base[0], polygon[index, 1] - base[1]
@@ -554,7 +554,7 @@ def _centroid(polygon: Floats) -> tuple[float, float]:
 def _resist(
     edge: tuple[float, float, float], lever: tuple[float, float], motion: Floats, force: Floats
 ) -> None:
-    """Adds drag and lift on an edge that moves outwards (paper: drag against the motion, lift across it).
+    """Add drag and lift on an edge that moves outwards (paper: drag against the motion, lift across it).
 
     Args:
         edge: its direction and length.
@@ -586,7 +586,7 @@ def _push(
     body: StepArrays,
     force: Floats,
 ) -> None:
-    """Adds what pushes a part forwards whose joint turns it, if the joint is not at a limit."""
+    """Add what pushes a part forwards whose joint turns it, if the joint is not at a limit."""
     first, second = body.joint_parts[joint]
     hinge, motion = body.hinges[joint], state[second]
     if not hinge[2] < motion[2] - state[first, 2] < hinge[3]:
@@ -607,7 +607,7 @@ def _push(
 
 @kernel
 def _add(x: float, y: float, lever_x: float, lever_y: float, force: Floats) -> None:
-    """Adds the force (x, y) that acts at a lever from the centre of mass."""
+    """Add the force (x, y) that acts at a lever from the centre of mass."""
     force[0] += x
     force[1] += y
     force[2] += lever_x * y - lever_y * x

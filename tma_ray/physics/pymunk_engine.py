@@ -69,7 +69,7 @@ class PymunkEngine:
         self._space: pymunk.Space | None = None
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Builds a new world and lets the first step pass; see `Engine`."""
+        """Build a new world and let the first step pass; see `Engine`."""
         hangs = len(self.grips) > 0 and len(terrain.ceiling) > 0
         if hangs:
             terrain = hung(terrain, self._body, self.arrays)
@@ -79,7 +79,7 @@ class PymunkEngine:
         return first_steps(self, hangs)
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
-        """Advances the world by TIME_STEP; see `Engine`."""
+        """Advance the world by TIME_STEP; see `Engine`."""
         values = np.asarray(action)
         if self._space is None:
             raise RuntimeError("this engine has no world yet: call reset first")
@@ -156,7 +156,7 @@ class PymunkEngine:
                 self._read_torques(duration * share)
 
     def _read_torques(self, duration: float) -> None:
-        """Reads the motors' torques from their impulses, which are spread over `duration` s."""
+        """Read the motors' torques from their impulses, which are spread over `duration` s."""
         for index, motor in enumerate(self._motors):
             self._torques[index] = math.copysign(motor.impulse / duration, self._commands[index, 0])
 

@@ -45,7 +45,7 @@ class BodyArrays(NamedTuple):
 
 
 def body_arrays(body: Embodiment) -> BodyArrays:
-    """Returns `body` as an engine builds it."""
+    """Return `body` as an engine builds it."""
     counts = [len(part.shape.vertices) for part in body.parts]
     joints = (*body.motors, *body.passive_joints)
     masses = [_mass(part, _welded(body, part)) for part in body.parts]
@@ -67,13 +67,13 @@ def body_arrays(body: Embodiment) -> BodyArrays:
 
 
 def joint_parts(body: Embodiment, joints: tuple[Joint, ...]) -> NDArray[np.int64]:
-    """Returns the indices of the two parts of each of `joints` (h, 2)."""
+    """Return the indices of the two parts of each of `joints` (h, 2)."""
     pairs = [[body.part_index(j.part_a), body.part_index(j.part_b)] for j in joints]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def drawn_angle(body: Embodiment, joint: Joint) -> float:
-    """Returns the angle of the joint's second part relative to the first where the joint's angle is 0."""
+    """Return the angle of the joint's second part relative to the first where the joint's angle is 0."""
     first, second = (body.parts[body.part_index(name)] for name in (joint.part_a, joint.part_b))
     return second.angle - first.angle
 
@@ -83,7 +83,7 @@ def _welded(body: Embodiment, part: Part) -> list[GripSensor]:
 
 
 def _mass(part: Part, sensors: list[GripSensor]) -> tuple[float, Point, float]:
-    """Returns mass, centre of mass and the inertia about it of `part` with its `sensors`."""
+    """Return mass, centre of mass and the inertia about it of `part` with its `sensors`."""
     if not sensors:
         return part.mass, part.shape.centroid, part.inertia
     masses = np.array([part.mass, *[sensor.mass for sensor in sensors]])
@@ -179,7 +179,7 @@ class StepArrays(NamedTuple):
 
 
 def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
-    """Returns what the kernels know of `body` under `rules`."""
+    """Return what the kernels know of `body` under `rules`."""
     built, joints, sensors = body_arrays(body), body.motors, body.grip_sensors
     contacts = [-1 if j.contact_part is None else body.part_index(j.contact_part) for j in joints]
     motors = [(j.motor_torque, j.motor_speed, j.angle_offset - drawn_angle(body, j)) for j in joints]
@@ -208,7 +208,7 @@ def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
 
 
 def lidar_angles(layout: LidarLayout) -> Floats:
-    """Returns the directions of the rays (r,), in rad; 0 is straight down, pi/2 forward, pi straight up.
+    """Return the directions of the rays (r,), in rad; 0 is straight down, pi/2 forward, pi straight up.
 
     Source: the original release. The paper rounds: its layouts cover 90, 90 and 180 degrees.
     """
@@ -222,7 +222,7 @@ def lidar_angles(layout: LidarLayout) -> Floats:
 
 
 def observation_size(body: StepArrays) -> int:
-    """Returns the number of values that `observe` writes."""
+    """Return the number of values that `observe` writes."""
     contacts, rays = int(np.sum(body.contact_part >= 0)), len(body.rays)
     medium = 2 + rays if body.observes_medium else 0
     return 4 + 2 * len(body.motors) + contacts + 2 * len(body.grips) + rays + medium

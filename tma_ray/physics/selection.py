@@ -44,7 +44,7 @@ class EngineChoice:
 
 
 def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> Engine:
-    """Returns a new engine of the kind that `engine_in_use` names.
+    """Return a new engine of the kind that `engine_in_use` names.
 
     Args:
         body: the body.
@@ -60,7 +60,7 @@ def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None 
 
 @cache
 def engine_in_use() -> EngineChoice:
-    """Returns which engine this process uses, and why; the choice is made, and logged, once.
+    """Return which engine this process uses, and why; the choice is made, and logged, once.
 
     Raises:
         ValueError: TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
@@ -92,7 +92,7 @@ def _engine_class(name: str) -> type[CompiledEngine | PymunkEngine]:
 
 
 def _try_compiled() -> None:
-    """Plays with both engines.
+    """Play with both engines.
 
     Raises:
         RuntimeError: they differ, or this machine has no known way to call Chipmunk.
@@ -121,7 +121,7 @@ class EngineBatch(Protocol):
     """Engines of one body that have been reset; each may be reset again, and goes on in its new world."""
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
-        """Advances some worlds by TIME_STEP, with the same bits as their engines one by one.
+        """Advance some worlds by TIME_STEP, with the same bits as their engines one by one.
 
         Args:
             rows: indices of the engines to step (k,).
@@ -134,7 +134,7 @@ class EngineBatch(Protocol):
 
 
 def batch_engines(engines: Sequence[Engine], threads: int = 1) -> EngineBatch:
-    """Returns a batch of `engines`, all made by `make_engine` for one body and reset.
+    """Return a batch of `engines`, all made by `make_engine` for one body and reset.
 
     Args:
         engines: engines of the worlds.
@@ -158,7 +158,7 @@ class SequentialBatch:
         self._engines = engines
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
-        """Advances some worlds; see `EngineBatch`."""
+        """Advance some worlds; see `EngineBatch`."""
         outcomes = [self._engines[row].step(action) for row, action in zip(rows, actions, strict=True)]
         observations, rewards, ended = zip(*outcomes, strict=True)
         return np.stack(observations), np.array(rewards), np.array(ended)
@@ -177,7 +177,7 @@ class CompiledBatch:
         self._observation_size, self._action_size = observation_size(body), len(body.motors) + len(body.grips)
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
-        """Advances some worlds; see `EngineBatch`."""
+        """Advance some worlds; see `EngineBatch`."""
         expected = len(rows), self._action_size
         if actions.shape != expected:
             raise ValueError(f"actions of {len(rows)} worlds have shape {expected}, got {actions.shape}")

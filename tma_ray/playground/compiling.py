@@ -51,7 +51,7 @@ class CompilerMissingError(RuntimeError):
 
 
 def build(folder: Path | None = None) -> bytes:
-    """Returns the engine as WebAssembly; the same sources give the same bytes.
+    """Return the engine as WebAssembly; the same sources give the same bytes.
 
     Args:
         folder: folder of Chipmunk's sources, ``Munk2D`` of pymunk's source distribution; None for downloading
@@ -76,7 +76,7 @@ def build(folder: Path | None = None) -> bytes:
 
 
 def require_zig() -> None:
-    """Refuses to go on without the compiler.
+    """Refuse to go on without the compiler.
 
     Raises:
         CompilerMissingError: it is not installed in the pinned version.
@@ -87,12 +87,12 @@ def require_zig() -> None:
 
 
 def digest(content: bytes) -> str:
-    """Returns the SHA-256 of some bytes."""
+    """Return the SHA-256 of some bytes."""
     return hashlib.sha256(content).hexdigest()
 
 
 def kernels_in_c() -> str:
-    """Returns everything that the page calls, as one file in C."""
+    """Return everything that the page calls, as one file in C."""
     body, rules = (
         load_embodiment("climbing_chimpanzee"),
         Rules("parkour", load_embodiment("fish").lidars, True),
@@ -118,7 +118,7 @@ def kernels_in_c() -> str:
 
 
 def _externals() -> dict[str, Type]:
-    """Returns the types of the results of Chipmunk's functions, by the names that kernels call them by."""
+    """Return the types of the results of Chipmunk's functions, by the names that kernels call them by."""
     kinds = {types.void: NOTHING, types.intp: WHOLE, types.intc: WHOLE, types.float64: REAL}
     found: dict[str, Type] = {
         name: kinds[value.sig.return_type]
@@ -130,7 +130,7 @@ def _externals() -> dict[str, Type]:
 
 
 def _downloaded(place: Path) -> Path:
-    """Returns Chipmunk's sources, of the version that this machine runs."""
+    """Return Chipmunk's sources, of the version that this machine runs."""
     wanted = f"pymunk=={metadata.version('pymunk')}"
     pip = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--no-binary", ":all:"]
     subprocess.run([*pip, "--dest", str(place), wanted], check=True)  # noqa: S603

@@ -36,12 +36,12 @@ SIZES: Final = (0.6, 0.8, 1.25, 1.6)
 
 
 def stored(values: NDArray[Any]) -> list[Any]:
-    """Returns an array as the page takes it: its kind, its sizes and its values one after the other."""
+    """Return an array as the page takes it: its kind, its sizes and its values one after the other."""
     return [KINDS[values.dtype.name], list(values.shape), values.ravel().tolist()]
 
 
 def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
-    """Returns everything that the page's engine needs of `body` in an environment."""
+    """Return everything that the page's engine needs of `body` in an environment."""
     made: Any = make_environment(environment, embodiment=body)
     settings = settings_for(body)
     arrays, built = step_arrays(body, made.rules), settled(body, settings)
@@ -79,19 +79,19 @@ def _place(part: NDArray[Any], vector: NDArray[Any]) -> int:
 
 
 def _reach(body: BodyArrays, arrays: StepArrays) -> float:
-    """Returns how high over its spawn point a hanging body's highest grip sensor is, in m."""
+    """Return how high over its spawn point a hanging body's highest grip sensor is, in m."""
     nothing, flat = np.zeros((0, 4)), np.array([[-1.0, 0.0, 1.0, 0.0]])
     world = Terrain(nothing, 1.0, nothing, np.zeros(2), 0.0, 0, flat, nothing, np.zeros(0, np.int64), 0.0)
     return -float(hung(world, body, arrays).spawn[1])
 
 
 def variants(name: str) -> list[str]:
-    """Returns the names of a body in all sizes that the page offers, its own first."""
+    """Return the names of a body in all sizes that the page offers, its own first."""
     return [name, *(f"{name}:size={size}" for size in SIZES)]
 
 
 def bodies(names: Iterable[str]) -> dict[str, Any]:
-    """Returns records of bodies by name and environment."""
+    """Return records of bodies by name and environment."""
     return {
         name: {environment: body_record(load_embodiment(name), environment) for environment in PLAYED}
         for name in names
@@ -99,7 +99,7 @@ def bodies(names: Iterable[str]) -> dict[str, Any]:
 
 
 def constants() -> dict[str, dict[str, Any]]:
-    """Returns numbers of the engine and of episodes, and those that modules of worlds name in capitals."""
+    """Return numbers of the engine and of episodes, and those that modules of worlds name in capitals."""
     engine: dict[str, float] = {
         "BEFORE": BEFORE,
         "GOAL_X": GOAL_X,
@@ -123,7 +123,7 @@ def constants() -> dict[str, dict[str, Any]]:
 
 
 def space_record(space: TaskSpace) -> list[dict[str, Any]]:
-    """Returns the dimensions of a space of tasks."""
+    """Return the dimensions of a space of tasks."""
     return [
         {"name": each.name, "low": each.low, "high": each.high, "unit": each.unit}
         for each in space.dimensions
@@ -131,7 +131,7 @@ def space_record(space: TaskSpace) -> list[dict[str, Any]]:
 
 
 def worlds() -> dict[str, Any]:
-    """Returns spaces of tasks by environment, and the network that draws Parkour."""
+    """Return spaces of tasks by environment, and the network that draws Parkour."""
     weights = [CPPN.load().weights[name] for name in SHAPES]
     return {
         "spaces": {

@@ -47,7 +47,7 @@ class Start:
 
 
 def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[str] | None = None) -> str:
-    """Returns the page as HTML, which needs no other file and no network.
+    """Return the page as HTML, which needs no other file and no network.
 
     Args:
         policies: records of policies, as `policy_record` makes them.
@@ -72,7 +72,7 @@ def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[
 
 
 def _packed(data: dict[str, Any]) -> bytes:
-    """Returns `data` compressed: the length of a JSON text, the text, and the arrays that it names.
+    """Return `data` compressed: the length of a JSON text, the text, and the arrays that it names.
 
     The first bytes of all numbers of an array come first, then the second ones: they are more alike.
     """
@@ -88,7 +88,7 @@ def _packed(data: dict[str, Any]) -> bytes:
 
 
 def policy_page(saved: SavedPolicy, results: str | Path) -> str:
-    """Returns the page with one policy, in its environment and body.
+    """Return the page with one policy, in its environment and body.
 
     Raises:
         ValueError: the page cannot show the policy; see `policy_record`.

@@ -24,7 +24,7 @@ ACTIVATIONS: dict[type[nn.Module], Activation] = {nn.ReLU: Activation.RELU, nn.T
 
 
 def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
-    """Returns everything that the page shows of a policy.
+    """Return everything that the page shows of a policy.
 
     Args:
         saved: the policy.
@@ -64,7 +64,7 @@ def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
 
 
 def network_record(layers: nn.Sequential) -> dict[str, Any]:
-    """Returns what `layers` compute: a normaliser, linear layers with one activation, bounds of actions.
+    """Return what `layers` compute: a normaliser, linear layers with one activation, bounds of actions.
 
     Raises:
         ValueError: they compute something else.
@@ -107,7 +107,7 @@ def _buffers(layer: Any) -> dict[str, list[float]]:
 
 
 def _history(results: Results | None, spec: RunSpec) -> dict[str, Any]:
-    """Returns the curriculum of a run over time, and its test tasks with those that it masters at last."""
+    """Return the curriculum of a run over time, and its test tasks with those that it masters at last."""
     found: dict[str, Any] = {"curriculum": [], "tests": [], "tests_mastered": [], "mastered": None}
     if results is None:
         return found

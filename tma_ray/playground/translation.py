@@ -79,7 +79,7 @@ class Record:
         return not self.names and len(set(self.items)) == 1
 
     def member(self, index: int) -> str:
-        """Returns the member of the struct that holds an item."""
+        """Return the member of the struct that holds an item."""
         if self.uniform:
             return f"v[{index}]"
         return self.names[index] if self.names else f"v{index}"
@@ -91,7 +91,7 @@ Value: TypeAlias = tuple[str, Type]
 
 
 def type_of(example: Any) -> Type:
-    """Returns the type of a value: a number, an array, or a tuple of these."""
+    """Return the type of a value: a number, an array, or a tuple of these."""
     if isinstance(example, np.ndarray):
         return Array(_KINDS[example.dtype.name], example.ndim)
     if isinstance(example, tuple):
@@ -120,7 +120,7 @@ class Translation:
     _exports: list[str] = field(default_factory=list)
 
     def export(self, name: str, kernel: Callable[..., Any], *examples: Any) -> None:
-        """Adds `kernel`, for arguments of the types of `examples`, under a name that the page calls.
+        """Add `kernel`, for arguments of the types of `examples`, under a name that the page calls.
 
         It is called with the addresses of two vectors of doubles. The first has the arguments one after
         the other: a number as it is, an array as its address and its sizes, a tuple as its items. The result
@@ -143,13 +143,13 @@ class Translation:
         )
 
     def text(self, externals: str = "") -> str:
-        """Returns everything as a file in C, with the code `externals` between types and functions."""
+        """Return everything as a file in C, with the code `externals` between types and functions."""
         vector = f"typedef {self.name(Record((REAL, REAL)))} vector;"
         parts = [PRELUDE, *self._structs, vector, externals, *self.functions, *self._exports]
         return "\n".join(parts) + "\n"
 
     def name(self, kind: Type) -> str:
-        """Returns the name of a type in C."""
+        """Return the name of a type in C."""
         if isinstance(kind, str):
             return kind
         if kind not in self._types:
@@ -159,7 +159,7 @@ class Translation:
         return self._types[kind]
 
     def function(self, kernel: Callable[..., Any], arguments: tuple[Type, ...]) -> Value:
-        """Returns name and type of the result of `kernel`'s version for some types."""
+        """Return name and type of the result of `kernel`'s version for some types."""
         plain: Any = getattr(kernel, "py_func", None) or getattr(kernel, "_pyfunc", kernel)
         key = plain, arguments
         if key not in self._made:
@@ -179,7 +179,7 @@ class Translation:
         )
 
     def _unpacked(self, kind: Type, places: Iterator[int]) -> str:
-        """Returns an argument of an export, read from the next places."""
+        """Return an argument of an export, read from the next places."""
         if isinstance(kind, str):
             return f"({kind})in[{next(places)}]"
         if isinstance(kind, Array):
@@ -218,7 +218,7 @@ class _Function:
         self._temporaries = 0
 
     def define(self, name: str) -> Type:
-        """Writes the definition; returns the type of the result."""
+        """Write the definition; return the type of the result."""
         known = None
         while known != (self._variables, self._result):  # a type may follow from a later assignment
             known = dict(self._variables), self._result
@@ -322,7 +322,7 @@ class _Function:
             self._lines.append(f"{place} = {code};")
 
     def _fill(self, place: Value, value: Value) -> None:
-        """Copies a number, an array or the items of a tuple into the array at `place`."""
+        """Copy a number, an array or the items of a tuple into the array at `place`."""
         (into, kind), (source, given) = self._kept(place), self._kept(value)
         assert isinstance(kind, Array)
         if isinstance(given, Record):
@@ -339,7 +339,7 @@ class _Function:
         self._variables[name] = _unified(self._variables[name], kind) if name in self._variables else kind
 
     def _items(self, node: ast.expr, count: int) -> list[Value]:
-        """Returns the items of an expression, all computed before any is stored."""
+        """Return the items of an expression, all computed before any is stored."""
         if isinstance(node, ast.Tuple):
             values = [self._value(each) for each in node.elts]
         else:
@@ -351,7 +351,7 @@ class _Function:
         return [self._kept(value) for value in values]
 
     def _kept(self, value: Value) -> Value:
-        """Returns a value in a variable of its own."""
+        """Return a value in a variable of its own."""
         name = self._temporary()
         self._lines.append(f"{self._translation.name(value[1])} {name} = {value[0]};")
         return name, value[1]
@@ -484,7 +484,7 @@ class _Function:
         return f"{name}({', '.join(code for code, _ in values)})", result
 
     def _library(self, module: str, name: str, node: ast.Call) -> Value:
-        """Returns a call of `math`, of numpy, or of one of C's own functions."""
+        """Return a call of `math`, of numpy, or of one of C's own functions."""
         if module == "numpy" and name in ("empty", "zeros"):
             return self._new_array(self._sizes(self._value(node.args[0])), _dtype(node, REAL))
         values = [self._value(each) for each in node.args]
@@ -522,12 +522,12 @@ class _Function:
         raise self._error(node, "is a method without a counterpart")
 
     def _new_array(self, sizes: Sequence[str], kind: str) -> Value:
-        """Returns a new array of zeros."""
+        """Return a new array of zeros."""
         memory = f"new_array(sizeof({kind}) * {' * '.join(f'({size})' for size in sizes)})"
         return self._kept(self._view(Array(kind, len(sizes)), memory, sizes))
 
     def _shaped(self, address: str, shape: Value, kind: str) -> Value:
-        """Returns the array at an address."""
+        """Return the array at an address."""
         sizes = self._sizes(shape)
         return self._view(Array(kind, len(sizes)), f"({kind} *)(intptr_t)({address})", sizes)
 
@@ -582,13 +582,13 @@ _BUILT_IN: dict[str, Callable[[_Function, list[Value]], Value]] = {
 
 
 def _dtype(node: ast.Call, usual: str) -> str:
-    """Returns the type that a call names, as np.int64 among its arguments."""
+    """Return the type that a call names, as np.int64 among its arguments."""
     named = [each.attr for each in node.args if isinstance(each, ast.Attribute)]
     return next((_KINDS[name] for name in named if name in _KINDS), usual)
 
 
 def _unified(first: Type, second: Type) -> Type:
-    """Returns the type that holds values of both."""
+    """Return the type that holds values of both."""
     if first == second:
         return first
     if not (isinstance(first, str) and isinstance(second, str)):
@@ -597,10 +597,10 @@ def _unified(first: Type, second: Type) -> Type:
 
 
 def _loaded(target: ast.expr) -> ast.expr:
-    """Returns a target of an assignment as an expression that reads it."""
+    """Return a target of an assignment as an expression that reads it."""
     return ast.parse(ast.unparse(target), mode="eval").body
 
 
 def _safe(name: str) -> str:
-    """Returns a variable's name as C may have it."""
+    """Return a variable's name as C may have it."""
     return f"{name}_"

@@ -423,7 +423,7 @@ class _Refusal(MetaPathFinder):
 
 
 def leave_pandas_out() -> None:
-    """Lets pyarrow convert lists without pandas in this process, unless pandas is imported already.
+    """Let pyarrow convert lists without pandas in this process, unless pandas is imported already.
 
     What asks for a data frame still gets one: pyarrow then imports pandas after all. Call it before other
     threads import anything.

@@ -42,7 +42,7 @@ _ELSEWHERE = {"embodiment": "--embodiment or Cell.embodiment", "render_mode": "n
 
 
 def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Returns the canonical name of an environment, and the options that differ from its defaults.
+    """Return the canonical name of an environment, and the options that differ from its defaults.
 
     Args:
         name: registered name or ``module:Name``, with options if wanted (``parkour:swinging_creepers=true``).
@@ -65,7 +65,7 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
 
 
 def check_body(environment: str, embodiment: str) -> None:
-    """Checks that an environment with bodies is given one: its results would not show its own choice.
+    """Check that an environment with bodies is given one: its results would not show its own choice.
 
     Raises:
         UnknownNameError: no such environment.
@@ -79,7 +79,7 @@ def check_body(environment: str, embodiment: str) -> None:
 
 
 def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[float, float]]]:
-    """Returns the name of a challenge without bounds, and the bounds that it is given.
+    """Return the name of a challenge without bounds, and the bounds that it is given.
 
     Args:
         name: name of a challenge, with bounds if wanted (``original:stump_height=0..0.3``).
@@ -97,7 +97,7 @@ def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[flo
 
 
 def bounded(space: TaskSpace, bounds: Bounds) -> TaskSpace:
-    """Returns `space` with other bounds for some of its dimensions.
+    """Return `space` with other bounds for some of its dimensions.
 
     Raises:
         ValueError: a dimension that the space does not have, or a low bound over the high one.
@@ -113,7 +113,7 @@ def bounded(space: TaskSpace, bounds: Bounds) -> TaskSpace:
 
 
 def canonical_challenge(name: str, space: TaskSpace, chosen: TaskSpace) -> str:
-    """Returns the name of a challenge whose task space is `chosen` instead of its own, `space`."""
+    """Return the name of a challenge whose task space is `chosen` instead of its own, `space`."""
     pairs = zip(space.dimensions, chosen.dimensions, strict=True)
     others = {
         new.name: f"{text_of(float(new.low))}{BOUNDS_SEPARATOR}{text_of(float(new.high))}"
@@ -180,7 +180,7 @@ class Cell:
 
 
 def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_levels: bool = False) -> RunSpec:
-    """Returns the spec of one run, after checking that it can run.
+    """Return the spec of one run, after checking that it can run.
 
     Args:
         cell: combination to run.
@@ -232,7 +232,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
 
 
 def _checked_student(cell: Cell, teacher: Teacher) -> Any:
-    """Returns the student's hyper-parameters; refuses one that cannot play without learning if it has to."""
+    """Return the student's hyper-parameters; refuses one that cannot play without learning if it has to."""
     hyperparameters = check_hyperparameters(cell.student, cell.student_hyperparameters)
     if not teacher.wants_evaluations or STUDENTS.origin(base_name(cell.student)) is None:
         return hyperparameters  # all that ship can
@@ -246,7 +246,7 @@ def _checked_student(cell: Cell, teacher: Teacher) -> Any:
 
 
 def _world(cell: Cell, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Returns the canonical body, and the fields of a spec that challenge and environment determine.
+    """Return the canonical body, and the fields of a spec that challenge and environment determine.
 
     Resets are shares of the budget there. The canonical body has the parameters that make a difference, so
     that one body has one name.
@@ -305,7 +305,7 @@ def _check_spaces(cell: Cell, environment: gymnasium.Env[Any, Any]) -> None:
 
 
 def _own_test_set(name: str, space: TaskSpace) -> TestSet:
-    """Returns the test set of an environment that ships none: a small grid, else uniform draws."""
+    """Return the test set of an environment that ships none: a small grid, else uniform draws."""
     if space.size <= 2:
         return TestSet.grid(name, space, OWN_TEST_SET_SIZE if space.size == 1 else 10)
     return TestSet(name, space.names, space.sample(np.random.default_rng(0), OWN_TEST_SET_SIZE))

@@ -78,7 +78,7 @@ class Checkpoint:
     files: Mapping[str, StateFile]
 
     def to_bytes(self) -> bytes:
-        """Returns the content of the index file."""
+        """Return the content of the index file."""
         content = {
             "step": self.step,
             "fingerprint": self.fingerprint,
@@ -89,7 +89,7 @@ class Checkpoint:
 
     @classmethod
     def from_bytes(cls, name: str, data: bytes) -> Checkpoint:
-        """Returns the checkpoint of an index file.
+        """Return the checkpoint of an index file.
 
         Raises:
             DamagedFileError: no index, or one that names files elsewhere.
@@ -116,7 +116,7 @@ class Checkpoints:
         self._intact = False  # whether it holds what the run last saved or loaded
 
     def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> int:
-        """Writes a checkpoint of `run`, then drops all but the one before it; returns the bytes written."""
+        """Write a checkpoint of `run`, then drop all but the one before it; return the bytes written."""
         step = run.progress.step
         name = f"{step:012d}-attempt-{self._attempt:03d}"
         incremental, self._intact = self._intact, False  # until the index is there
@@ -133,7 +133,7 @@ class Checkpoints:
         return len(index) + sum(file.size for file in new.values())
 
     def restore(self, run: Run) -> Checkpoint | None:
-        """Loads the newest complete and undamaged checkpoint into a new `run`; returns it, or None."""
+        """Load the newest complete and undamaged checkpoint into a new `run`; return it, or None."""
         indices = [path for path in self._store.files(self._folder) if path.endswith(f"/{INDEX}")]
         for path in reversed(indices):
             with tempfile.TemporaryDirectory() as place:
@@ -147,7 +147,7 @@ class Checkpoints:
         return None
 
     def drop(self) -> None:
-        """Deletes all checkpoints of the run; called once its results are published."""
+        """Delete all checkpoints of the run; called once its results are published."""
         self._store.delete(self._folder)
 
     def _write(self, name: str, place: Path) -> dict[str, StateFile]:
@@ -159,7 +159,7 @@ class Checkpoints:
         return files
 
     def _tidy(self, kept: Sequence[Checkpoint]) -> None:
-        """Deletes files that no kept checkpoint needs; the index of each first, so that no half is valid."""
+        """Delete files that no kept checkpoint needs; the index of each first, so that no half is valid."""
         needed = {f"{each.name}/{INDEX}" for each in kept}
         needed |= {file.path for each in kept for file in each.files.values()}
         folders: dict[str, list[str]] = {}
@@ -194,6 +194,6 @@ class Checkpoints:
 
 
 def _attempt_of(folder: str) -> int:
-    """Returns the attempt that wrote a checkpoint's folder, -1 if it has no such name."""
+    """Return the attempt that wrote a checkpoint's folder, -1 if it has no such name."""
     number = folder.rpartition("-attempt-")[2]
     return int(number) if number.isdigit() else -1

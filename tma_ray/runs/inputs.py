@@ -37,7 +37,7 @@ _importing = ContextVar("importing plug-ins", default=False)
 
 
 def plugins_of(names: Mapping[str, str]) -> dict[str, Plugin]:
-    """Returns the plug-ins among the `names` of a run's parts.
+    """Return the plug-ins among the `names` of a run's parts.
 
     Raises:
         UnknownNameError: nothing answers to a name.
@@ -48,7 +48,7 @@ def plugins_of(names: Mapping[str, str]) -> dict[str, Plugin]:
 
 
 def algorithm_versions_of(names: Mapping[str, str]) -> dict[str, int]:
-    """Returns the algorithm versions that a run's parts, by their `names`, declare.
+    """Return the algorithm versions that a run's parts, by their `names`, declare.
 
     Raises:
         UnknownNameError: nothing answers to a name.
@@ -59,14 +59,14 @@ def algorithm_versions_of(names: Mapping[str, str]) -> dict[str, int]:
 
 
 def plugin_sources(specs: Iterable[RunSpec]) -> list[PluginSource]:
-    """Returns the source of every plug-in of `specs`, each once."""
+    """Return the source of every plug-in of `specs`, each once."""
     names = {(part, getattr(spec, part)) for spec in specs for part in spec.plugins}
     found = (REGISTRIES[part].plugin(name) for part, name in sorted(names))
     return [source for source in found if source is not None]
 
 
 def import_plugins(spec: RunSpec, *parts: str) -> None:
-    """Makes the plug-ins among `parts` of a run known in this process.
+    """Make the plug-ins among `parts` of a run known in this process.
 
     Raises:
         ValueError: what is found here under that name is not what the run was planned with.
@@ -85,7 +85,7 @@ def import_plugins(spec: RunSpec, *parts: str) -> None:
 
 
 def importing_plugins() -> bool:
-    """Returns True while a module is imported for its plug-in."""
+    """Return True while a module is imported for its plug-in."""
     return _importing.get()
 
 
@@ -113,7 +113,7 @@ _contents: dict[str, bytes] = {}
 
 
 def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, InputFile]]:
-    """Reads the files that options name.
+    """Read the files that options name.
 
     Args:
         part: "environment", "student" or "teacher".
@@ -137,13 +137,13 @@ def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dic
 
 
 def named(part: str, name: str) -> str:
-    """Returns the canonical name of a part with names of files in place of their paths."""
+    """Return the canonical name of a part with names of files in place of their paths."""
     base, settings = split_name(name)
     return join_name(base, captured(part, settings)[0])
 
 
 def arguments(spec: RunSpec, part: str) -> dict[str, Any]:
-    """Returns the options of a part of a run, with paths of its files in this process.
+    """Return the options of a part of a run, with paths of its files in this process.
 
     Raises:
         ValueError: the content of a file is not known here.
@@ -157,18 +157,18 @@ def arguments(spec: RunSpec, part: str) -> dict[str, Any]:
 
 
 def contents(specs: Iterable[RunSpec]) -> dict[str, bytes]:
-    """Returns the content of all inputs of `specs` that this process knows, by SHA-256."""
+    """Return the content of all inputs of `specs` that this process knows, by SHA-256."""
     wanted = {file.sha256 for spec in specs for file in spec.inputs.values()}
     return {sha256: _contents[sha256] for sha256 in sorted(wanted) if sha256 in _contents}
 
 
 def provide(known: Mapping[str, bytes]) -> None:
-    """Makes the contents of another process, by SHA-256, known in this one."""
+    """Make the contents of another process, by SHA-256, known in this one."""
     _contents.update(known)
 
 
 def keep(store: Store, specs: Iterable[RunSpec]) -> None:
-    """Writes the inputs of `specs` and the sources of their plug-ins into a results root."""
+    """Write the inputs of `specs` and the sources of their plug-ins into a results root."""
     planned = list(specs)
     for data in contents(planned).values():
         keep_input(store, data)
@@ -177,7 +177,7 @@ def keep(store: Store, specs: Iterable[RunSpec]) -> None:
 
 
 def fetch(store: Store, spec: RunSpec) -> None:
-    """Makes the inputs of a run known in this process, as far as the root keeps them.
+    """Make the inputs of a run known in this process, as far as the root keeps them.
 
     Raises:
         DamagedFileError: one is not what was written.
@@ -191,7 +191,7 @@ def fetch(store: Store, spec: RunSpec) -> None:
 
 
 def fetch_beside(folder: Path, spec: RunSpec) -> None:
-    """Makes the inputs of a run known that lie in a folder under their own names, as exports have them.
+    """Make the inputs of a run known that lie in a folder under their own names, as exports have them.
 
     Raises:
         DamagedFileError: one of them has another content.
@@ -206,7 +206,7 @@ def fetch_beside(folder: Path, spec: RunSpec) -> None:
 
 
 def write_inputs(spec: RunSpec, folder: Path) -> None:
-    """Writes the inputs of a run into an existing folder, under their own names.
+    """Write the inputs of a run into an existing folder, under their own names.
 
     Raises:
         ValueError: the content of one is not known here.
@@ -216,7 +216,7 @@ def write_inputs(spec: RunSpec, folder: Path) -> None:
 
 
 def _path_in(value: object) -> Path | None:
-    """Returns the file that the value of an option names, None if it names none."""
+    """Return the file that the value of an option names, None if it names none."""
     if not isinstance(value, (str, Path)):
         return None
     path = expanded(base_name(str(value)))
@@ -238,7 +238,7 @@ def _captured_file(path: Path) -> InputFile:
 
 
 def _provided(file: InputFile) -> Path:
-    """Returns the path of a file with this content and name, in a folder of this process."""
+    """Return the path of a file with this content and name, in a folder of this process."""
     path = Path(_folder().name) / file.sha256 / file.name
     if not path.exists():
         if file.sha256 not in _contents:

@@ -51,7 +51,7 @@ class Placement:
         SECONDS.check("outage_seconds", self.outage_seconds)
 
     def give_way(self) -> None:
-        """Lowers the priority of the calling thread for good, if its student learns in a cohort.
+        """Lower the priority of the calling thread for good, if its student learns in a cohort.
 
         Call it once, in a process of its own. With more players than cores a learner would otherwise wait
         for a core as long as each of them, and all of them for the learner.
@@ -76,7 +76,7 @@ class Status:
 
 
 def check_device(device: str) -> None:
-    """Checks that a text is torch's name of a kind of device.
+    """Check that a text is torch's name of a kind of device.
 
     Raises:
         ValueError: the message says what was expected.
@@ -91,7 +91,7 @@ def check_device(device: str) -> None:
 
 
 def check_available(device: str) -> None:
-    """Checks that this machine has a device.
+    """Check that this machine has a device.
 
     Raises:
         ValueError: the message says so.
@@ -101,7 +101,7 @@ def check_available(device: str) -> None:
 
 
 def is_available(device: str) -> bool:
-    """Returns True if this machine has a device."""
+    """Return True if this machine has a device."""
     kind = device.partition(":")[0]
     if kind == "cpu":
         return True
@@ -116,7 +116,7 @@ def is_available(device: str) -> bool:
 
 
 def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = None) -> str:
-    """Returns CPU model, threads, device and versions of what computes, as JSON.
+    """Return CPU model, threads, device and versions of what computes, as JSON.
 
     Args:
         threads: torch's threads of the run.
@@ -137,7 +137,7 @@ def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = 
 
 
 def gpu(device: str) -> dict[str, str]:
-    """Returns the model of the GPU if `device` is one, as an entry of the fingerprint."""
+    """Return the model of the GPU if `device` is one, as an entry of the fingerprint."""
     if device.partition(":")[0] != "cuda" or not is_available(device):
         return {}
     import torch
@@ -146,7 +146,7 @@ def gpu(device: str) -> dict[str, str]:
 
 
 def cpu_model() -> str:
-    """Returns the name of the processor."""
+    """Return the name of the processor."""
     description = Path("/proc/cpuinfo")
     if description.exists():
         for line in description.read_text().splitlines():

@@ -42,13 +42,13 @@ class SavedPolicy:
     spec: RunSpec
 
     def copy(self, place: Path) -> None:
-        """Copies its files, not those of folders among them, into the existing folder `place`."""
+        """Copy its files, not those of folders among them, into the existing folder `place`."""
         for path in map(PurePosixPath, self.store.files(self.folder)):
             if path.parent == PurePosixPath(self.folder):
                 (place / path.name).write_bytes(self.store.read_bytes(str(path)))
 
     def read(self, place: Path, reader: Callable[[str, Path], T]) -> T:
-        """Returns what `reader` makes of the student's name and the copy in `place`.
+        """Return what `reader` makes of the student's name and the copy in `place`.
 
         Raises:
             PolicyFileError: as the reader does, naming the original.
@@ -60,7 +60,7 @@ class SavedPolicy:
             raise PolicyFileError(where, error.problem) from error
 
     def load(self, observations: spaces.Box, actions: spaces.Box) -> StepPolicy:
-        """Returns a function from observation to action that acts without exploration.
+        """Return a function from observation to action that acts without exploration.
 
         Raises:
             PolicyFileError: one of its files is missing, damaged or of another format.
@@ -83,7 +83,7 @@ class SavedPolicy:
 
 
 def find_policy(name: str, results: str | Path) -> SavedPolicy:
-    """Returns the policy called `name`.
+    """Return the policy called `name`.
 
     Args:
         name: folder of a saved policy or a file in it; else a run of `results`: its id, or the beginning
@@ -114,7 +114,7 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
 
 
 def results_of(saved: SavedPolicy, results: str | Path) -> Results | None:
-    """Returns the results of the run of `saved`: in the root that it lies in, else in `results`.
+    """Return the results of the run of `saved`: in the root that it lies in, else in `results`.
 
     Returns:
         None if neither is a root that has the run.

@@ -169,7 +169,7 @@ class RunSpec:
         return int(_digest(content)[:32], 16)
 
     def record(self) -> RunRecord:
-        """Returns the run's row of the table of runs."""
+        """Return the run's row of the table of runs."""
         return RunRecord(
             run_id=self.run_id,
             spec=_canonical(self.to_dict()),
@@ -187,7 +187,7 @@ class RunSpec:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Returns the spec as JSON values, without `ABSENT_IF_EMPTY` where these are empty."""
+        """Return the spec as JSON values, without `ABSENT_IF_EMPTY` where these are empty."""
         content = {name: value for name, value in vars(self).items() if name in self.__dataclass_fields__}
         content["task_space"] = [asdict(dimension) for dimension in self.task_space.dimensions]
         content["test_set"] = {
@@ -209,7 +209,7 @@ class RunSpec:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        """Returns the spec of a dictionary of `to_dict`.
+        """Return the spec of a dictionary of `to_dict`.
 
         Raises:
             ValueError: it is that of an imported run, which another engine simulated.
@@ -236,7 +236,7 @@ class RunSpec:
 
     @classmethod
     def from_json(cls, text: str | bytes, where: str) -> Self:
-        """Returns the spec whose `to_dict` is the JSON in `text`.
+        """Return the spec whose `to_dict` is the JSON in `text`.
 
         Args:
             text: JSON.
@@ -261,7 +261,7 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def _canonical(content: Mapping[str, Any]) -> str:
-    """Returns the JSON that is hashed and stored.
+    """Return the JSON that is hashed and stored.
 
     Raises:
         ValueError: a number is infinite or NaN, which JSON does not have.
@@ -285,18 +285,18 @@ class Streams:
 
     @classmethod
     def of(cls, spec: RunSpec) -> Streams:
-        """Returns the streams of a run, from the hash of its effective spec and its seed."""
+        """Return the streams of a run, from the hash of its effective spec and its seed."""
         return cls(*np.random.SeedSequence([spec.entropy, spec.seed]).spawn(4))
 
 
 def placement_generator(spec: RunSpec) -> np.random.Generator:
-    """Returns the generator of the challenge's random parts: the same for all teachers of one seed."""
+    """Return the generator of the challenge's random parts: the same for all teachers of one seed."""
     words = [_hash(f"{spec.environment}/{spec.challenge}/{spec.repeat}"), spec.seed]
     return np.random.default_rng(np.random.SeedSequence(words))
 
 
 def landscape_of(spec: RunSpec, placement: np.random.Generator) -> ShuffledSpace | None:
-    """Returns the map from the teacher's tasks to the world's, None if the space is not shuffled.
+    """Return the map from the teacher's tasks to the world's, None if the space is not shuffled.
 
     Args:
         spec: spec of the run.
@@ -306,7 +306,7 @@ def landscape_of(spec: RunSpec, placement: np.random.Generator) -> ShuffledSpace
 
 
 def evaluation_seeds(test_set: TestSet) -> list[int]:
-    """Returns the seed of each test task's world: every evaluation of every run meets the same worlds."""
+    """Return the seed of each test task's world: every evaluation of every run meets the same worlds."""
     sequences = (np.random.SeedSequence([_hash(test_set.digest), index]) for index in range(len(test_set)))
     return [int(sequence.generate_state(1)[0] >> 1) for sequence in sequences]
 

@@ -38,19 +38,19 @@ class TeacherLink(Protocol):
     """Interface of a run to its teacher, in this process or another."""
 
     def exchange(self, episode: Episode | None) -> Reply:
-        """Reports a finished episode (none before the first) and asks for the next task."""
+        """Report a finished episode (none before the first) and asks for the next task."""
 
     def answer(self, answer: Answer) -> Reply:
-        """Answers the query of the last reply."""
+        """Answer the query of the last reply."""
 
     def probe(self, count: int) -> Task:
-        """Returns tasks (count, d) without exploration; leaves no trace."""
+        """Return tasks (count, d) without exploration; leave no trace."""
 
     def save(self) -> bytes:
-        """Returns the teacher's complete state."""
+        """Return the teacher's complete state."""
 
     def load(self, state: bytes) -> None:
-        """Restores a state that `save` returned."""
+        """Restore a state that `save` returned."""
 
 
 class InlineTeacher:
@@ -78,7 +78,7 @@ class InlineTeacher:
         self._teacher.start(spec.task_space, knowledge, np.random.default_rng(Streams.of(spec).teacher))
 
     def exchange(self, episode: Episode | None) -> Reply:
-        """Reports a finished episode (none before the first) and asks for the next task.
+        """Report a finished episode (none before the first) and asks for the next task.
 
         Raises:
             ValueError: the teacher proposes something else than a task of its space.
@@ -87,21 +87,21 @@ class InlineTeacher:
         return self._reply(query)
 
     def answer(self, answer: Answer) -> Reply:
-        """Answers the query of the last reply."""
+        """Answer the query of the last reply."""
         return self._reply(self._teacher.answer(answer))
 
     def probe(self, count: int) -> Task:
-        """Returns tasks (count, d) without exploration; leaves no trace."""
+        """Return tasks (count, d) without exploration; leave no trace."""
         tasks = self._teacher.probe(count)
         self._check(tasks, (count, self._space.size))
         return tasks
 
     def save(self) -> bytes:
-        """Returns the teacher's complete state."""
+        """Return the teacher's complete state."""
         return pickle.dumps(self._teacher.state())
 
     def load(self, state: bytes) -> None:
-        """Restores a state that `save` returned."""
+        """Restore a state that `save` returned."""
         self._teacher.load_state(pickle.loads(state))
 
     def _reply(self, query: Query | None) -> Reply:

@@ -66,22 +66,22 @@ class Student(ABC):
 
     @abstractmethod
     def act(self, observation: Observations) -> Actions:
-        """Returns an exploring action (a,) for `observation` (o,)."""
+        """Return an exploring action (a,) for `observation` (o,)."""
 
     @abstractmethod
     def observe(self, transition: Transition) -> None:
-        """Stores the step that followed the last `act`, and updates the networks when that is due."""
+        """Store the step that followed the last `act`, and update the networks when that is due."""
 
     @abstractmethod
     def act_greedily(self, observations: Observations) -> Actions:
-        """Returns the policy's deterministic actions (n, a) for `observations` (n, o); changes no state."""
+        """Return the policy's deterministic actions (n, a) for `observations` (n, o); change no state."""
 
     def sample_actions(
         self,
         observations: Observations,
         rng: np.random.Generator,
     ) -> Actions:
-        """Returns actions (n, a) of the exploring policy for `observations` (n, o); changes no state.
+        """Return actions (n, a) of the exploring policy for `observations` (n, o); change no state.
 
         They have the distribution of what `act` returns, but their noise is drawn from `rng`, and nothing is
         counted. A student that defines this can play episodes from which it does not learn, for teachers that
@@ -91,14 +91,14 @@ class Student(ABC):
 
     @abstractmethod
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Returns V(s) (n,) of `observations` (n, o) under the exploring policy.
+        """Return V(s) (n,) of `observations` (n, o) under the exploring policy.
 
         The unit is the discounted return of the environment's own rewards, whatever the student
         normalises, plus the bonuses of `entropy_bonuses`. Training goes on as if it had not been asked.
         """
 
     def entropy_bonuses(self, observations: Observations) -> NDArray[np.float64]:
-        """Returns what the values of `observations` (n, o) count in addition to the reward of a step.
+        """Return what the values of `observations` (n, o) count in addition to the reward of a step.
 
         Scores that compare values with rewards add them to the rewards.
 
@@ -109,7 +109,7 @@ class Student(ABC):
 
     @abstractmethod
     def reset(self) -> None:
-        """Forgets everything learned: new networks, new optimisers, no stored experience.
+        """Forget everything learned: new networks, new optimisers, no stored experience.
 
         Called between `observe` and `act`, also within an episode, which goes on. What is fitted to
         the environment rather than learned stays: statistics that normalise observations and rewards;
@@ -118,7 +118,7 @@ class Student(ABC):
 
     @abstractmethod
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
-        """Writes the complete state into `folder`, so that training resumes bit for bit.
+        """Write the complete state into `folder`, so that training resumes bit for bit.
 
         Called at the end of an episode.
 
@@ -133,7 +133,7 @@ class Student(ABC):
 
     @abstractmethod
     def load(self, folder: Path) -> None:
-        """Loads the state that `save` wrote, from a student with the same construction.
+        """Load the state that `save` wrote, from a student with the same construction.
 
         Raises:
             ValueError: the state belongs to a student of another kind or with other hyper-parameters.
@@ -141,7 +141,7 @@ class Student(ABC):
 
     @abstractmethod
     def save_policy(self, folder: Path) -> None:
-        """Writes what is needed to play the greedy policy into the existing `folder`.
+        """Write what is needed to play the greedy policy into the existing `folder`.
 
         Others download it: no pickles. `tma_ray.students.write_policy` writes arrays and settings.
         """
@@ -149,7 +149,7 @@ class Student(ABC):
     @classmethod
     @abstractmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:
-        """Returns the greedy policy that `save_policy` wrote.
+        """Return the greedy policy that `save_policy` wrote.
 
         The folder may come from anywhere: nothing in it is unpickled or run.
         `tma_ray.students.read_policy` reads it so.
@@ -160,7 +160,7 @@ class Student(ABC):
 
     @classmethod
     def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: ARG003
-        """Returns what the greedy policy in `folder` computes: observations (n, o) to actions (n, a).
+        """Return what the greedy policy in `folder` computes: observations (n, o) to actions (n, a).
 
         Files in other formats are made of it. What is not a layer of torch, nor one of
         `tma_ray.students.layers`, cannot be expected to be known there. A student that says nothing
@@ -175,12 +175,12 @@ class Student(ABC):
         )
 
     def scalars(self) -> dict[str, float]:
-        """Returns figures about the last update for logging (losses, ...), by name."""
+        """Return figures about the last update for logging (losses, ...), by name."""
         return {}
 
 
 def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> tuple[spaces.Box, spaces.Box]:
-    """Returns both spaces.
+    """Return both spaces.
 
     Raises:
         ValueError: a space that is not a one-dimensional float32 box, or unbounded actions.
@@ -216,12 +216,12 @@ class StudentStreams(NamedTuple):
 
     @classmethod
     def of(cls, seed: np.random.SeedSequence) -> StudentStreams:
-        """Returns the streams of the student with `seed`, which does not change."""
+        """Return the streams of the student with `seed`, which does not change."""
         return cls(*_children(seed, len(cls._fields)))
 
 
 def update_key(seed: np.random.SeedSequence) -> int:
-    """Returns the 64-bit key of the draws of a student's updates in a cohort."""
+    """Return the 64-bit key of the draws of a student's updates in a cohort."""
     place = len(StudentStreams._fields)
     return int(_children(seed, place + 1)[place].generate_state(1, np.uint64)[0])
 

@@ -38,7 +38,7 @@ class StudentRegistry(Registry[type[Student]]):
         return sorted({*super().names(), *ALGORITHMS}, key=lambda name: (name in ALGORITHMS, name))
 
     def get(self, name: str) -> type[Student]:
-        """Returns the student called `name`; ``stock:SAC`` and ``stock:sac`` are one.
+        """Return the student called `name`; ``stock:SAC`` and ``stock:sac`` are one.
 
         Raises:
             UnknownNameError: nothing answers to `name`, or its package is not installed.
@@ -95,7 +95,7 @@ def make_student(
     device: str = "cpu",
     threads: int = 1,
 ) -> Student:
-    """Returns a new student.
+    """Return a new student.
 
     Args:
         name: "ppo", "sac", "stock:ppo", "stock:sac", an algorithm like "TQC", or any registered student.
@@ -119,13 +119,13 @@ def make_student(
 
 
 def default_hyperparameters(name: str) -> dict[str, Any]:
-    """Returns all hyper-parameters of the student called `name` at their defaults, fit for JSON."""
+    """Return all hyper-parameters of the student called `name` at their defaults, fit for JSON."""
     values = check_hyperparameters(name)
     return {field.name: plain(getattr(values, field.name)) for field in dataclasses.fields(values)}
 
 
 def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> Any:
-    """Returns the frozen hyper-parameters of the student called `name` with the values `given`.
+    """Return the frozen hyper-parameters of the student called `name` with the values `given`.
 
     Args:
         name: a student's name, with hyper-parameters if wanted (``sac:learning_rate=3e-4``).
@@ -144,7 +144,7 @@ def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> 
 
 
 def canonical_student(name: str, given: Mapping[str, Any] | None = None) -> str:
-    """Returns the name of a student with the hyper-parameters that differ from its defaults.
+    """Return the name of a student with the hyper-parameters that differ from its defaults.
 
     Equal students have equal names: see `tma_ray.part_names`. Arguments and errors as of
     `check_hyperparameters`.
@@ -159,7 +159,7 @@ def _hyperparameters_type(name: str) -> type:
 
 
 def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
-    """Returns the greedy policy that a student called `name` saved in `folder`.
+    """Return the greedy policy that a student called `name` saved in `folder`.
 
     It acts as the student did, bit for bit on the same machine with as many threads. The folder may come
     from anywhere: what is read is JSON and safetensors, never a pickle.
@@ -172,7 +172,7 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
 
 
 def policy_layers(name: str, folder: Path) -> nn.Sequential:
-    """Returns what the greedy policy computes that a student called `name` saved in `folder`.
+    """Return what the greedy policy computes that a student called `name` saved in `folder`.
 
     That is a row of torch's layers and those of `tma_ray.students.layers`, which takes raw
     observations (n, o) and returns actions (n, a): normalisation and bounds are among them.

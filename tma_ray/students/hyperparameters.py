@@ -104,7 +104,7 @@ class PPOHyperparameters:
             raise ValueError(f"averaged_steps = {self.averaged_steps}: expected 0 or more")
 
     def layout(self, inputs: int, actions: int) -> Layout:
-        """Returns the network from observations of a size to means of `actions` and the value.
+        """Return the network from observations of a size to means of `actions` and the value.
 
         Separate trunks lie side by side in layers of twice the units; see `Layout.trunks`.
         """
@@ -196,7 +196,7 @@ class SACHyperparameters:
 def parse_hyperparameters(
     kind: type[H], given: Mapping[str, Any] | None = None, text: Mapping[str, str] | None = None
 ) -> H:
-    """Returns the frozen dataclass `kind` with the values `given`, all others at their defaults.
+    """Return the frozen dataclass `kind` with the values `given`, all others at their defaults.
 
     Lists count as tuples and whole numbers as floats, so that values may come from JSON.
 

@@ -41,7 +41,7 @@ class Standardise(nn.Module):
         self.clip = clip
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Returns float32 (n, o) of `inputs` (n, o)."""
+        """Return float32 (n, o) of `inputs` (n, o)."""
         return ((inputs.double() - self.mean) / self.deviation).clamp(-self.clip, self.clip).float()
 
 
@@ -62,7 +62,7 @@ class Affine(nn.Module):
             self.register_buffer(name, torch.tensor(np.asarray(values), dtype=torch.float32))
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Returns (n, k) of `inputs` (n, k)."""
+        """Return (n, k) of `inputs` (n, k)."""
         return inputs * self.weight + self.bias
 
 
@@ -83,23 +83,23 @@ class Clamp(nn.Module):
             self.register_buffer(name, torch.tensor(np.asarray(values), dtype=torch.float32))
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Returns (n, k) of `inputs` (n, k)."""
+        """Return (n, k) of `inputs` (n, k)."""
         return torch.minimum(torch.maximum(inputs, self.low), self.high)
 
 
 def in_a_row(layers: Sequence[nn.Module]) -> nn.Sequential:
-    """Returns `layers` as one module that computes and does not learn."""
+    """Return `layers` as one module that computes and does not learn."""
     return nn.Sequential(*layers).eval().requires_grad_(False)
 
 
 def unscale(actions: spaces.Box) -> Affine:
-    """Returns what maps actions (n, a) from [-1, 1] to their bounds."""
+    """Return what maps actions (n, a) from [-1, 1] to their bounds."""
     low, high = (np.asarray(bound, np.float64) for bound in (actions.low, actions.high))
     return Affine((high - low) / 2, (high + low) / 2)
 
 
 def acting_layers(model: BaseAlgorithm) -> nn.Sequential:
-    """Returns what `model` computes in ``predict(observations, deterministic=True)``.
+    """Return what `model` computes in ``predict(observations, deterministic=True)``.
 
     Raises:
         ValueError: its policy is not built as those of stable-baselines3 and sb3-contrib are.
@@ -131,7 +131,7 @@ def _leaves(module: nn.Module) -> Iterator[nn.Module]:
 
 
 def _plain(layer: Any) -> nn.Module:
-    """Returns a batch renormalisation that no longer learns as the multiplication that it is."""
+    """Return a batch renormalisation that no longer learns as the multiplication that it is."""
     if type(layer).__name__ != "BatchRenorm1d":
         return layer  # type: ignore[no-any-return]
     mean, variance, scale, bias = (
@@ -170,11 +170,11 @@ class GreedyNetwork:
         self.refresh()
 
     def refresh(self) -> None:
-        """Loads the present parameters for single observations."""
+        """Load the present parameters for single observations."""
         self.row.load(self._parameters.numpy(force=True))
 
     def __call__(self, observations: Observations, squash: bool) -> Actions:
-        """Returns the mean actions (n, a) of `observations` (n, o), or their tangent hyperbolic."""
+        """Return the mean actions (n, a) of `observations` (n, o), or their tangent hyperbolic."""
         if len(observations) == 1:
             mean = self.row(observations[0])[None, : self._action_size]
             return np.tanh(mean) if squash else mean
@@ -185,7 +185,7 @@ class GreedyNetwork:
         return means
 
     def outputs(self, observations: Observations) -> NDArray[np.float32]:
-        """Returns all outputs (n, h) for `observations` (n, o), not only the means."""
+        """Return all outputs (n, h) for `observations` (n, o), not only the means."""
         if len(observations) == 1:
             return self.row(observations[0])[None]
         layers = split(self._parameters, self._layout)
@@ -194,7 +194,7 @@ class GreedyNetwork:
         return values
 
     def tensors(self) -> dict[str, NDArray[Any]]:
-        """Returns weight (outputs, inputs) and bias (outputs,) of every layer, fit for `write_policy`."""
+        """Return weight (outputs, inputs) and bias (outputs,) of every layer, fit for `write_policy`."""
         return {
             f"{name}.{key}": tensor.numpy(force=True)
             for name, layer in zip(_names(len(self._layers)), self._layers, strict=True)
@@ -203,7 +203,7 @@ class GreedyNetwork:
 
 
 def tensor_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Returns what `StoredPolicy.check` expects of the layers, whose sizes are ``hidden_units``.
+    """Return what `StoredPolicy.check` expects of the layers, whose sizes are ``hidden_units``.
 
     Raises:
         PolicyFileError: these are not sizes, or the activation is unknown.
@@ -223,7 +223,7 @@ def tensor_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]
 
 
 def stored_parameters(stored: StoredPolicy) -> tuple[torch.Tensor, Layout]:
-    """Returns the parameters (p,) that `stored` holds, checked before, and their layout."""
+    """Return the parameters (p,) that `stored` holds, checked before, and their layout."""
     layout = _layout(stored)
     names = _names(len(layout.shapes))
     parts = [stored.tensors[f"{name}.{key}"].reshape(-1) for name in names for key in ("weight", "bias")]
@@ -231,13 +231,13 @@ def stored_parameters(stored: StoredPolicy) -> tuple[torch.Tensor, Layout]:
 
 
 def stored_network(stored: StoredPolicy, device: str) -> GreedyNetwork:
-    """Returns the network whose layers `stored` holds, checked before, on `device`."""
+    """Return the network whose layers `stored` holds, checked before, on `device`."""
     parameters, layout = stored_parameters(stored)
     return GreedyNetwork(parameters.to(device), layout, layout.sizes[-1])
 
 
 def check_rows(observations: Observations, size: int) -> None:
-    """Refuses observations of another shape than (n, `size`)."""
+    """Refuse observations of another shape than (n, `size`)."""
     if observations.ndim != 2 or observations.shape[1] != size:
         raise ValueError(f"observations of shape {observations.shape}: the policy expects (n, {size})")
 

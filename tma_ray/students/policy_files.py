@@ -93,7 +93,7 @@ class StoredPolicy:
     tensors: Mapping[str, NDArray[Any]]
 
     def check(self, expected: Mapping[str, tuple[tuple[int, ...], str]]) -> None:
-        """Refuses other tensors than the policy has.
+        """Refuse other tensors than the policy has.
 
         Args:
             expected: shape and numpy's name of the type of every tensor.
@@ -112,11 +112,11 @@ class StoredPolicy:
             self.refuse_tensors(f"tensor {name!r} does not belong to the policy")
 
     def refuse_tensors(self, problem: str) -> NoReturn:
-        """Raises a `PolicyFileError` about the tensors."""
+        """Raise a `PolicyFileError` about the tensors."""
         raise PolicyFileError(self.folder / TENSORS_FILE, f"{problem}; {_ADVICE}")
 
     def refuse(self, problem: str) -> NoReturn:
-        """Raises a `PolicyFileError` about what is not a tensor."""
+        """Raise a `PolicyFileError` about what is not a tensor."""
         raise PolicyFileError(self.folder / POLICY_FILE, f"{problem}; {_ADVICE}")
 
 
@@ -128,7 +128,7 @@ def write_policy(
     tensors: Mapping[str, NDArray[Any]],
     hyperparameters: Mapping[str, Any] | None = None,
 ) -> None:
-    """Writes a policy into the existing `folder`; the same one gives the same bytes.
+    """Write a policy into the existing `folder`; the same one gives the same bytes.
 
     Args:
         folder: folder of the policy alone.
@@ -152,7 +152,7 @@ def write_policy(
 
 
 def read_policy(folder: Path, student: str) -> StoredPolicy:
-    """Returns what `write_policy` wrote. Whoever asked then calls `StoredPolicy.check`.
+    """Return what `write_policy` wrote. Whoever asked then calls `StoredPolicy.check`.
 
     Raises:
         PolicyFileError: a file is missing, damaged, of another format version or of another student.
@@ -201,7 +201,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _bounds(space: spaces.Box) -> dict[str, list[float | None]]:
-    """Returns both bounds of every dimension; None, which JSON has, where there is none."""
+    """Return both bounds of every dimension; None, which JSON has, where there is none."""
     return {
         name: [float(value) if math.isfinite(value) else None for value in bounds]
         for name, bounds in (("low", space.low), ("high", space.high))

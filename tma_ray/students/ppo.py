@@ -63,14 +63,14 @@ class Trunk(BaseFeaturesExtractor):
         self.layers = nn.Sequential(*layers)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Returns the last hidden layer (n, h) of `observations` (n, o)."""
+        """Return the last hidden layer (n, h) of `observations` (n, o)."""
         features: torch.Tensor = self.layers(observations)
         return features
 
 
 @torch.no_grad()
 def separate(trunk: Trunk, means: nn.Linear, value: nn.Linear) -> None:
-    """Initialises two networks side by side, as stable-baselines3 does with separate ones.
+    """Initialise two networks side by side, as stable-baselines3 does with separate ones.
 
     The first half of each hidden layer leads to the means, the second to the value; weights between halves
     are 0.
@@ -141,7 +141,7 @@ class Losses(NamedTuple):
 
 
 def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PPOHyperparameters) -> Losses:
-    """Returns the parts of a mini-batch's loss, and its gradient (arXiv:1707.06347, equations 7 and 9).
+    """Return the parts of a mini-batch's loss, and its gradient (arXiv:1707.06347, equations 7 and 9).
 
     Args:
         outputs: outputs of the network: means of the actions, and the value (n, a + 1).
@@ -170,14 +170,14 @@ def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PP
 
 
 def log_density(error: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
-    """Returns the log density (n,) of actions that are `error` (n, a) deviations off their means."""
+    """Return the log density (n,) of actions that are `error` (n, a) deviations off their means."""
     return -(0.5 * error.square() + (log_std + _HALF_LOG_2PI)).sum(dim=-1)
 
 
 def _policy_gradients(
     surrogates: tuple[torch.Tensor, torch.Tensor], error: torch.Tensor, deviation: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Returns the policy loss's gradients by the means (n, a) and by the log deviation (a,).
+    """Return the policy loss's gradients by the means (n, a) and by the log deviation (a,).
 
     Args:
         surrogates: advantages times ratios (n,), and times clipped ratios (n,); the smaller one counts, and
@@ -193,7 +193,7 @@ def _policy_gradients(
 def _value_error(
     values: torch.Tensor, steps: Steps, clip: float | None
 ) -> tuple[torch.Tensor, torch.Tensor | float]:
-    """Returns how far off the clipped `values` (n,) are, and 1 where the clipping lets a gradient through."""
+    """Return how far off the clipped `values` (n,) are, and 1 where the clipping lets a gradient through."""
     if clip is None:
         return values - steps.returns, 1.0
     change = values - steps.old_values
@@ -230,11 +230,11 @@ class PPOUpdate:
             self._trunks = torch.from_numpy(network.layout.trunks(means)).to(network.gradient)
 
     def restore(self) -> None:
-        """Reads the optimiser's state after the model was loaded."""
+        """Read the optimiser's state after the model was loaded."""
         self.adam.restore()
 
     def __call__(self, rollout: Rollout) -> None:
-        """Passes several times over the finished `rollout`."""
+        """Pass several times over the finished `rollout`."""
         hyper, model = self._hyper, self._model
         parts = [self.train_on(batch) for _ in range(hyper.epochs) for batch in rollout.get(hyper.batch_size)]
         model._n_updates += hyper.epochs
@@ -247,7 +247,7 @@ class PPOUpdate:
 
     @torch.no_grad()  # the gradient is in closed form; recording for autograd costs a twentieth of a step
     def train_on(self, batch: RolloutBufferSamples) -> Losses:
-        """Takes one optimiser step on the mini-batch `batch`; returns the losses before it."""
+        """Take one optimiser step on the mini-batch `batch`; return the losses before it."""
         (network,), (log_std,) = self.flat.networks, self.flat.others
         kept = network.activations(batch.observations)
         parts = losses(kept[-1], log_std, Steps(*batch), self._hyper)
@@ -347,14 +347,14 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._policy = log_std, np.stack([self._low, self._high])
 
     def _prepare_update(self) -> None:
-        """Makes what `_train` needs for `self.model`."""
+        """Make what `_train` needs for `self.model`."""
         self._update = PPOUpdate(self.model, self._flat, self.hyperparameters)
 
     def _restore_update(self) -> None:
         self._update.restore()
 
     def _train(self) -> None:
-        """Updates the networks with the finished rollout."""
+        """Update the networks with the finished rollout."""
         self._update(self._rollout)
 
     def act(self, observation: Observations) -> Actions:  # noqa: D102
@@ -389,12 +389,12 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         return self._average.numpy(force=True).copy() if self.hyperparameters.averaged_steps else None
 
     def put_average(self, average: NDArray[np.float32]) -> None:
-        """Evaluates with an `average` (p,) of elsewhere."""
+        """Evaluate with an `average` (p,) of elsewhere."""
         self._average.copy_(torch.from_numpy(average))
         self._greedy.refresh()
 
     def changed(self, updates: int) -> None:
-        """Loads parameters that were changed from outside, by so many `updates` in all."""
+        """Load parameters that were changed from outside, by so many `updates` in all."""
         self.model._n_updates = updates
         self._refresh()
 
@@ -406,14 +406,14 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         return sampled_actions(means, self._policy, rng)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Returns V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards.
+        """Return V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards.
 
         The original release asks the value head about raw observations, which it was not trained on.
         """
         return self._normalised_values(observations) * self.normaliser.reward_scale
 
     def save_policy(self, folder: Path) -> None:
-        """Writes the layers to the mean action, and the statistics that normalise what goes in.
+        """Write the layers to the mean action, and the statistics that normalise what goes in.
 
         These are float64, the layers float32. To play elsewhere: ``clip((observation - mean) /
         sqrt(variance + 1e-8), -observation_clip, observation_clip)``, the layers with the activation between,
@@ -434,7 +434,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         )
 
     def save_start(self, path: Path) -> None:
-        """Writes what other students begin with by ``start_from``: JSON, for networks of the same layers."""
+        """Write what other students begin with by ``start_from``: JSON, for networks of the same layers."""
         self.normaliser.save(path)
         content = json.loads(path.read_text()) | {START: self._flat.values.tolist()}
         path.write_text(json.dumps(content))
@@ -516,7 +516,7 @@ class StockPPO(PPO):
     """PPO whose update is stable-baselines3's own `train`; all else is alike."""
 
     def _prepare_update(self) -> None:
-        """Keeps separate trunks apart, whose gradients are autograd's here."""
+        """Keep separate trunks apart, whose gradients are autograd's here."""
         if self.hyperparameters.separate_trunks:
             kept = torch.ones_like(self._flat.values)
             trunks = torch.from_numpy(self._layout.trunks(self._low.size))
@@ -525,14 +525,14 @@ class StockPPO(PPO):
                 parameter.register_hook(own.mul)  # type: ignore[no-untyped-call]
 
     def _restore_update(self) -> None:
-        """Restores nothing: the model's optimiser is the only one."""
+        """Restore nothing: the model's optimiser is the only one."""
 
     def _train(self) -> None:
         self.model.train()
 
 
 def _stored(folder: Path) -> StoredPolicy:
-    """Returns the saved policy in `folder`, whose tensors and clip are sound."""
+    """Return the saved policy in `folder`, whose tensors and clip are sound."""
     stored = read_policy(folder, POLICY)
     stored.check({**tensor_kinds(stored), **Normaliser.tensor_kinds(*stored.observation_space.shape)})
     clip = stored.hyperparameters.get("observation_clip")

@@ -64,7 +64,7 @@ class ReplayBuffer:
         return self._size
 
     def clear(self) -> None:
-        """Forgets all transitions."""
+        """Forget all transitions."""
         self._row = 0  # where the next transition goes
         self._size = 0
         self._filled = 0  # rows ever written, all of them after a wrap
@@ -73,7 +73,7 @@ class ReplayBuffer:
         self._first_ending, self._next_ending = 1, 1  # numbers of the endings kept: [first, next)
 
     def add(self, transition: Transition, action: NDArray[np.float32]) -> None:
-        """Stores `transition`, and forgets the oldest if the buffer is full.
+        """Store `transition`, and forget the oldest if the buffer is full.
 
         Args:
             transition: the step; its own action is not read.
@@ -104,7 +104,7 @@ class ReplayBuffer:
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Stores n consecutive transitions of an episode, as n calls of `add` would.
+        """Store n consecutive transitions of an episode, as n calls of `add` would.
 
         Args:
             observations: observations acted on, and the last next observation (n + 1, o).
@@ -136,7 +136,7 @@ class ReplayBuffer:
         self._filled = max(self._filled, self._row)
 
     def pieces(self) -> Iterator[tuple[Observations, NDArray[np.float32], NDArray[np.float32], bool]]:
-        """Yields all transitions, oldest first, in pieces of episodes that `extend` takes."""
+        """Yield all transitions, oldest first, in pieces of episodes that `extend` takes."""
         rows = (self._row - np.arange(self._size, 0, -1)) % self._rows
         ends = self._terminated[rows] | (self._ending[rows] > 0)
         for piece in np.split(rows, ends.nonzero()[0] + 1):
@@ -147,7 +147,7 @@ class ReplayBuffer:
                 yield observations, self._actions[piece], self._rewards[piece], terminated
 
     def sample(self, batch_size: int, env: None = None) -> ReplayBufferSamples:
-        """Returns `batch_size` transitions drawn uniformly with replacement, as float32 tensors.
+        """Return `batch_size` transitions drawn uniformly with replacement, as float32 tensors.
 
         Args:
             batch_size: number of transitions n.
@@ -166,7 +166,7 @@ class ReplayBuffer:
         return ReplayBufferSamples(*(torch.from_numpy(part).to(self._device) for part in batch))
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
-        """Writes the filled part in segments, every observation once.
+        """Write the filled part in segments, every observation once.
 
         Args:
             folder: folder to write to.
@@ -192,7 +192,7 @@ class ReplayBuffer:
         return tuple(unchanged)
 
     def load(self, folder: Path) -> None:
-        """Loads what a buffer of the same sizes saved."""
+        """Load what a buffer of the same sizes saved."""
         for number, path in enumerate(sorted(folder.glob("replay-*.npz"))):
             start = number * SEGMENT_ROWS
             with np.load(path) as segment:
@@ -207,7 +207,7 @@ class ReplayBuffer:
         self._saved = self._added
 
     def _changed_segments(self) -> set[int]:
-        """Returns the numbers of all segments touched since the last save or load."""
+        """Return the numbers of all segments touched since the last save or load."""
         new = min(self._added - self._saved, self._rows)
         # with the row before, whose ending may have been kept since, and the one ahead
         touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
@@ -221,7 +221,7 @@ class ReplayBuffer:
         return following
 
     def _keep_ending(self, row: int) -> None:
-        """Moves the next observation of the newest transition from `row` to the ring of endings."""
+        """Move the next observation of the newest transition from `row` to the ring of endings."""
         if self._next_ending - self._first_ending == len(self._endings):
             kept = np.arange(self._first_ending, self._next_ending)
             grown = np.empty((2 * len(self._endings), self._endings.shape[1]), dtype=np.float32)

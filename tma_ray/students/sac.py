@@ -79,7 +79,7 @@ class Draw(NamedTuple):
 
 
 def in_range(outputs: torch.Tensor, log_std: LogStd) -> torch.Tensor:
-    """Returns the log deviations, within `LOG_STD_RANGE`, of an actor's `outputs` for them."""
+    """Return the log deviations, within `LOG_STD_RANGE`, of an actor's `outputs` for them."""
     low, high = LOG_STD_RANGE
     if log_std is LogStd.CLAMP:
         return outputs.clamp(low, high)
@@ -87,7 +87,7 @@ def in_range(outputs: torch.Tensor, log_std: LogStd) -> torch.Tensor:
 
 
 def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor, log_std: LogStd) -> Draw:
-    """Returns the tangent hyperbolic of normal variables, and its log density.
+    """Return the tangent hyperbolic of normal variables, and its log density.
 
     Args:
         outputs: outputs of the actor (n, 2a).
@@ -103,18 +103,18 @@ def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor, log_std: LogStd) -
 
 
 def joined(critics: Sequence[Pass]) -> Pass:
-    """Returns the function that gives the values of all `critics` (n, c)."""
+    """Return the function that gives the values of all `critics` (n, c)."""
     return lambda inputs: torch.cat([critic(inputs) for critic in critics], dim=-1)
 
 
 def soft_values(critics: Pass, observations: torch.Tensor, draw: Draw, alpha: float) -> torch.Tensor:
-    """Returns min Q - alpha log pi (n, 1) of the actions in `draw`."""
+    """Return min Q - alpha log pi (n, 1) of the actions in `draw`."""
     values = critics(torch.cat((observations, draw.actions), dim=-1))
     return values.min(dim=-1, keepdim=True).values - alpha * draw.log_probabilities
 
 
 def critic_loss(critics: Pass, batch: Transitions, targets: torch.Tensor) -> torch.Tensor:
-    """Returns half the mean squared error of each critic, summed over the critics.
+    """Return half the mean squared error of each critic, summed over the critics.
 
     Args:
         critics: critics to train.
@@ -126,7 +126,7 @@ def critic_loss(critics: Pass, batch: Transitions, targets: torch.Tensor) -> tor
 
 
 def actor_loss(critics: Pass, observations: torch.Tensor, draw: Draw, alpha: float) -> torch.Tensor:
-    """Returns the mean of alpha log pi - min Q over the actions in `draw`, drawn from the actor."""
+    """Return the mean of alpha log pi - min Q over the actions in `draw`, drawn from the actor."""
     return -soft_values(critics, observations, draw, alpha).mean(dim=(-2, -1))
 
 
@@ -136,7 +136,7 @@ class TanhActor(Actor):
     def get_action_dist_params(
         self, obs: PyTorchObs
     ) -> tuple[torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
-        """Returns means (n, a) and log deviations (n, a) of the actions before squashing."""
+        """Return means (n, a) and log deviations (n, a) of the actions before squashing."""
         latent = self.latent_pi(self.extract_features(obs, self.features_extractor))
         log_std: Any = self.log_std
         return self.mu(latent), in_range(log_std(latent), LogStd.TANH), {}
@@ -146,7 +146,7 @@ class TanhPolicy(SACPolicy):
     """A policy with a `TanhActor`."""
 
     def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Actor:
-        """Returns a new actor."""
+        """Return a new actor."""
         keywords = self._update_features_extractor(self.actor_kwargs, features_extractor)
         return TanhActor(**keywords).to(self.device)
 
@@ -186,12 +186,12 @@ class SACUpdate:
         self._model, self._hyper = model, hyperparameters
 
     def restore(self) -> None:
-        """Reads the optimisers' states after the model was loaded."""
+        """Read the optimisers' states after the model was loaded."""
         self.actor_adam.restore()
         self.critic_adam.restore()
 
     def __call__(self, samples: ReplayBufferSamples) -> None:
-        """Takes one step of the critics, of the actor and of the targets; draws from torch's generator."""
+        """Take one step of the critics, of the actor and of the targets; draw from torch's generator."""
         batch = Transitions(*samples[:5])
         noise, next_noise = (torch.randn_like(batch.actions) for _ in range(2))
         critics = self._train_critics(batch, next_noise)
@@ -281,14 +281,14 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         self._greedy.refresh()
 
     def _prepare_update(self) -> None:
-        """Makes what `_train` needs for `self.model`."""
+        """Make what `_train` needs for `self.model`."""
         self._update = SACUpdate(self.model, self._actor, self._critics, self.hyperparameters)
 
     def _restore_update(self) -> None:
         self._update.restore()
 
     def _train(self, updates: int) -> None:
-        """Updates the networks, each time with a new batch."""
+        """Update the networks, each time with a new batch."""
         for _ in range(updates):
             self._update(self._replay.sample(self.hyperparameters.batch_size))
 
@@ -331,7 +331,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         self._steps, self._episode_steps = steps, 0
 
     def changed(self, updates: int) -> None:
-        """Loads parameters that were changed from outside, by so many `updates` in all."""
+        """Load parameters that were changed from outside, by so many `updates` in all."""
         self.model._n_updates = updates
         self._refresh()
 
@@ -346,7 +346,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         return sampled_actions(self._greedy.outputs(observations), bounds, rng, clamp)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Returns V(s) (n,) of `observations` (n, o), entropy bonus included."""
+        """Return V(s) (n,) of `observations` (n, o), entropy bonus included."""
         hyper, inputs = self.hyperparameters, as_batch(observations, self.device)
         total = torch.zeros((len(inputs), 1), dtype=torch.float64, device=self.device)
         with torch.no_grad():
@@ -363,13 +363,13 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         return self.hyperparameters.entropy_coefficient * entropies(self._greedy.outputs(observations), clamp)
 
     def value_noise(self, states: int) -> NDArray[np.float32]:
-        """Returns standard normal noise (m, n, a) of the m actions that the value of each state averages."""
+        """Return standard normal noise (m, n, a) of the m actions that the value of each state averages."""
         shape = self.hyperparameters.value_samples, states, self._low.size
         noise: NDArray[np.float32] = self._values.standard_normal(shape, dtype=np.float32)
         return noise
 
     def save_policy(self, folder: Path) -> None:
-        """Writes the actor's layers to the mean.
+        """Write the actor's layers to the mean.
 
         To play elsewhere: the layers with ReLUs between, and the tangent hyperbolic of the result mapped from
         [-1, 1] to the action space.
@@ -408,11 +408,11 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         self._episode_steps = 0  # states are saved at the end of an episode, after its updates
 
     def _scale(self, actions: Actions) -> Actions:
-        """Returns `actions` mapped from the action space to [-1, 1]."""
+        """Return `actions` mapped from the action space to [-1, 1]."""
         return 2 * ((actions - self._low) / (self._high - self._low)) - 1
 
     def _unscale(self, actions: Actions) -> Actions:
-        """Returns `actions` mapped from [-1, 1] to the action space."""
+        """Return `actions` mapped from [-1, 1] to the action space."""
         return between(self._low, self._high, actions)
 
 
@@ -420,10 +420,10 @@ class StockSAC(SAC):
     """SAC whose update is stable-baselines3's own `train`; all else is alike."""
 
     def _prepare_update(self) -> None:
-        """Prepares nothing."""
+        """Prepare nothing."""
 
     def _restore_update(self) -> None:
-        """Restores nothing: the model's optimisers are the only ones."""
+        """Restore nothing: the model's optimisers are the only ones."""
 
     def _train(self, updates: int) -> None:
         self.model.train(gradient_steps=updates, batch_size=self.hyperparameters.batch_size)

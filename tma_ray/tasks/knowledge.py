@@ -49,7 +49,7 @@ class TestSet:
         return len(self.tasks)
 
     def __repr__(self) -> str:
-        """Names it; a run spec holds one, and is printed in messages."""
+        """Name it; a run spec holds one, and is printed in messages."""
         return f"TestSet({self.name!r}, {', '.join(self.dimensions)}: {len(self)} tasks, {self.digest})"
 
     @property
@@ -60,14 +60,14 @@ class TestSet:
 
     @classmethod
     def grid(cls, name: str, space: TaskSpace, points: int) -> TestSet:
-        """Returns the grid of `points` values per dimension, bounds included, first dimension slowest."""
+        """Return the grid of `points` values per dimension, bounds included, first dimension slowest."""
         check_whole("points", points, 1)
         axes = [np.linspace(d.low, d.high, points) for d in space.dimensions]
         return cls(name, space.names, np.array(list(itertools.product(*axes)), dtype=np.float32))
 
     @classmethod
     def from_csv(cls, path: str | Path, name: str | None = None) -> TestSet:
-        """Reads a test set: a header of dimension names, then one task a line.
+        """Read a test set: a header of dimension names, then one task a line.
 
         Raises:
             ValueError: a line that does not hold a task, or no text; the message names the file.
@@ -81,7 +81,7 @@ class TestSet:
         return cls(name or path.stem, tuple(rows[0]), np.array(tasks, dtype=np.float32))
 
     def to_csv(self) -> str:
-        """Returns the text that `from_csv` reads back to the same float32 tasks."""
+        """Return the text that `from_csv` reads back to the same float32 tasks."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.dimensions)
@@ -89,7 +89,7 @@ class TestSet:
         return text.getvalue()
 
     def check(self, domain: TaskSpace) -> None:
-        """Refuses tasks that an environment with this valid domain cannot build.
+        """Refuse tasks that an environment with this valid domain cannot build.
 
         Raises:
             ValueError: other dimensions, or a task outside; the message names the first one.
@@ -151,7 +151,7 @@ class Gaussian:
     variance: NDArray[np.float64]
 
     def sample(self, space: TaskSpace, rng: np.random.Generator, count: int | None = None) -> Task:
-        """Returns one task (d,), or `count` of them (count, d), clipped to `space`."""
+        """Return one task (d,), or `count` of them (count, d), clipped to `space`."""
         size = None if count is None else (count, self.mean.size)
         return space.clip(rng.normal(self.mean, np.sqrt(self.variance), size=size))
 
@@ -181,7 +181,7 @@ def expert_knowledge(
     mastery_threshold: float = MASTERY_RETURN,
     landscape: ShuffledSpace | None = None,
 ) -> ExpertKnowledge:
-    """Returns the knowledge of `level` about `space`.
+    """Return the knowledge of `level` about `space`.
 
     Args:
         level: amount of knowledge.

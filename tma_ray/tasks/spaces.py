@@ -72,7 +72,7 @@ class TaskSpace:
     def from_bounds(
         cls, bounds: dict[str, tuple[float, float]], units: dict[str, str] | None = None
     ) -> TaskSpace:
-        """Returns the box with `bounds` (name to low and high) and optional `units` by name."""
+        """Return the box with `bounds` (name to low and high) and optional `units` by name."""
         units = units or {}
         for name, each in bounds.items():
             check_pair(f"bounds of {name!r}", each, "low and high")
@@ -109,33 +109,33 @@ class TaskSpace:
         return self.low + self.width / 2
 
     def sample(self, rng: np.random.Generator, count: int | None = None) -> Task:
-        """Returns one uniform task (d,), or `count` of them (count, d)."""
+        """Return one uniform task (d,), or `count` of them (count, d)."""
         check_kind("rng", rng, np.random.Generator, "a Generator of numpy's, as np.random.default_rng(0)")
         check_whole("count", 0 if count is None else count, 0)
         shape = self.size if count is None else (count, self.size)
         return self.clip(self.low + rng.random(shape) * self.width)
 
     def clip(self, tasks: ArrayLike) -> Task:
-        """Returns `tasks` (..., d) moved to the nearest point of the box, as float32."""
+        """Return `tasks` (..., d) moved to the nearest point of the box, as float32."""
         return np.clip(self._checked(tasks).astype(np.float32), self.low, self.high)
 
     def contains(self, tasks: ArrayLike) -> bool:
-        """Returns True if every one of `tasks` (..., d) lies in the closed box; NaN never does."""
+        """Return True if every one of `tasks` (..., d) lies in the closed box; NaN never does."""
         values = self._checked(tasks).astype(np.float32)
         return bool(np.all((values >= self.low) & (values <= self.high)))
 
     def normalise(self, tasks: ArrayLike) -> NDArray[np.float64]:
-        """Returns `tasks` (..., d) mapped from the box to [0, 1]; 0.5 in constant dimensions."""
+        """Return `tasks` (..., d) mapped from the box to [0, 1]; 0.5 in constant dimensions."""
         offset = self._checked(tasks) - self.low.astype(np.float64)
         free = self.width > 0
         return np.where(free, offset / np.where(free, self.width, 1.0), 0.5)
 
     def denormalise(self, points: ArrayLike) -> Task:
-        """Returns `points` (..., d) of the unit box mapped to tasks, clipped to the box."""
+        """Return `points` (..., d) of the unit box mapped to tasks, clipped to the box."""
         return self.clip(self.low + self._checked(points) * self.width)
 
     def with_bounds(self, name: str, low: float, high: float) -> TaskSpace:
-        """Returns the same space with other bounds for the dimension called `name`."""
+        """Return the same space with other bounds for the dimension called `name`."""
         if name not in self.names:
             raise ValueError(f"no dimension {name!r}; the space has {', '.join(self.names)}")
         return TaskSpace(
@@ -153,7 +153,7 @@ class TaskSpace:
 
 
 def check_task(task: ArrayLike, domain: TaskSpace) -> Task:
-    """Returns `task` as float32 (d,) if an environment with this valid domain can build it.
+    """Return `task` as float32 (d,) if an environment with this valid domain can build it.
 
     Raises:
         ValueError: wrong shape, not finite, or outside `domain`; the message names the dimension.
@@ -222,7 +222,7 @@ class ShuffledSpace:
 
     @classmethod
     def shuffle(cls, space: TaskSpace, rng: np.random.Generator, cuts: int = CUTS) -> ShuffledSpace:
-        """Returns `space` with `cuts` intervals per dimension in an order drawn from `rng`.
+        """Return `space` with `cuts` intervals per dimension in an order drawn from `rng`.
 
         Raises:
             ValueError: no cuts, or more than float32 can tell apart in some dimension.
@@ -232,7 +232,7 @@ class ShuffledSpace:
         return cls(space, rng.permuted(np.tile(np.arange(cuts), (space.size, 1)), axis=1))
 
     def to_world(self, tasks: ArrayLike) -> Task:
-        """Returns the tasks (..., d) that the world builds for `tasks` (..., d) of the teacher.
+        """Return the tasks (..., d) that the world builds for `tasks` (..., d) of the teacher.
 
         Raises:
             ValueError: a task outside the space.
@@ -240,7 +240,7 @@ class ShuffledSpace:
         return self._move(tasks, self.order)
 
     def from_world(self, tasks: ArrayLike) -> Task:
-        """Returns the teacher's tasks (..., d) that lead to `tasks` (..., d) of the world.
+        """Return the teacher's tasks (..., d) that lead to `tasks` (..., d) of the world.
 
         Raises:
             ValueError: a task outside the space.

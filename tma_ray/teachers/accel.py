@@ -49,19 +49,19 @@ class ACCEL(PrioritisedReplay):
             raise ValueError(f"edit_step = {self.edit_step}: expected a share over 0, at most 1")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts with an empty buffer."""
+        """Start with an empty buffer."""
         super().start(space, knowledge, rng)
         self.edited_: Task | None = None
 
     def sample(self) -> Task | Proposal:
-        """Returns the edit of the task just replayed if there is one, else what robust PLR would."""
+        """Return the edit of the task just replayed if there is one, else what robust PLR would."""
         if self.edited_ is None:
             return super().sample()
         task, self.edited_, self.replayed_ = self.edited_, None, None
         return Proposal(task, trains=False)
 
     def new_tasks(self, rng: np.random.Generator, count: int | None = None) -> Task:
-        """Returns a task (d,), or `count` of them (count, d).
+        """Return a task (d,), or `count` of them (count, d).
 
         They are of the initial Gaussian at high knowledge, else uniform.
         """
@@ -70,7 +70,7 @@ class ACCEL(PrioritisedReplay):
         return super().new_tasks(rng, count)
 
     def after_replay(self, task: Task) -> None:
-        """Edits `task` (d,), to be played next."""
+        """Edit `task` (d,), to be played next."""
         if self.rng.random() < self.edit_share:
             self.edited_ = self._edit(task)
 

@@ -61,7 +61,7 @@ class ADR(Teacher):
             raise ValueError(f"step = {self.step}: expected a distance over 0")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts with the mean of the initial Gaussian as the only task."""
+        """Start with the mean of the initial Gaussian as the only task."""
         super().start(space, knowledge, rng)
         example = space.clip(knowledge.initial.mean).astype(np.float64)
         self.bounds_ = np.stack([example, example])
@@ -70,7 +70,7 @@ class ADR(Teacher):
         self._log_box(0.0)
 
     def sample(self) -> Task:
-        """Returns a task (d,) of the box, or on one of its boundaries."""
+        """Return a task (d,) of the box, or on one of its boundaries."""
         task = draw_in_box(self.space, self.bounds_, self.rng)
         self.boundary_ = self._draw_boundary() if self.rng.random() < self.boundary_share else None
         if self.boundary_ is not None:
@@ -78,7 +78,7 @@ class ADR(Teacher):
         return task
 
     def observe(self, episode: Episode) -> None:
-        """Queues the return if the task was set to a boundary, and moves that when its queue is full."""
+        """Queue the return if the task was set to a boundary, and moves that when its queue is full."""
         if self.boundary_ is None:
             return
         queue = self.queues_.setdefault(self.boundary_, [])
@@ -89,12 +89,12 @@ class ADR(Teacher):
         self.boundary_ = None
 
     def probe(self, count: int) -> Task:
-        """Returns `count` uniform tasks (count, d) of the box."""
+        """Return `count` uniform tasks (count, d) of the box."""
         rng = self.probe_rng()
         return np.stack([draw_in_box(self.space, self.bounds_, rng) for _ in range(count)])
 
     def _draw_boundary(self) -> Boundary | None:
-        """Returns a boundary of a uniform dimension; None if that spans the task space already."""
+        """Return a boundary of a uniform dimension; None if that spans the task space already."""
         dimensions = np.flatnonzero(self.space.width > 0)
         if not len(dimensions):
             return None
@@ -118,7 +118,7 @@ class ADR(Teacher):
             self._log_box(mean_return)
 
     def _log_box(self, mean_return: float) -> None:
-        """Logs the box, scored by the mean return that moved a boundary; 0 at the start."""
+        """Log the box, scored by the mean return that moved a boundary; 0 at the start."""
         low, high = self.bounds_.copy()
         width = self.space.width
         shares = (high - low)[width > 0] / width[width > 0]

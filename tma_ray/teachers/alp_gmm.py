@@ -33,7 +33,7 @@ class NearestReturn:
         return self._count
 
     def add(self, task: Task, episodic_return: float) -> None:
-        """Appends one row."""
+        """Append one row."""
         if self._count == len(self._returns):
             self._tasks = np.concatenate([self._tasks, np.empty_like(self._tasks)])
             self._returns = np.concatenate([self._returns, np.empty_like(self._returns)])
@@ -43,7 +43,7 @@ class NearestReturn:
             self._build()
 
     def nearest(self, task: Task) -> float:
-        """Returns the return of the Euclidean nearest earlier task."""
+        """Return the return of the Euclidean nearest earlier task."""
         assert self._count, "an empty history has no nearest task"
         recent = self._tasks[self._in_tree : self._count]
         distances = np.sum((recent - task) ** 2, axis=1)
@@ -88,7 +88,7 @@ class AbsoluteLearningProgress:
         self._history = NearestReturn(size)
 
     def __call__(self, task: Task, episodic_return: float) -> float:
-        """Returns the ALP of an episode, and stores it."""
+        """Return the ALP of an episode, and store it."""
         progress = 0.0
         if len(self._history) > self.MINIMUM_HISTORY:
             progress = abs(episodic_return - self._history.nearest(task))
@@ -114,14 +114,14 @@ class ALPGMM(MixtureTeacher):
     algorithm_version: ClassVar[int | None] = 1
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts with an empty history."""
+        """Start with an empty history."""
         super().start(space, knowledge, rng)
         self.learning_progress_ = AbsoluteLearningProgress(space.size)
 
     def measure(self, episode: Episode) -> tuple[float]:
-        """Returns the ALP of `episode`, and stores it."""
+        """Return the ALP of `episode`, and store it."""
         return (self.learning_progress_(episode.task, episode.episodic_return),)
 
     def progress_of(self, mixture: Mixture) -> Array:
-        """Returns the mean ALP (k,) of each component."""
+        """Return the mean ALP (k,) of each component."""
         return mixture.means[:, -1].clip(min=0)

@@ -27,7 +27,7 @@ PAPER_STEPS = 20_000_000
 
 
 def for_budget(size: int, budget: int) -> int:
-    """Returns the size of a buffer, a wait or an interval in a run of `budget` environment steps.
+    """Return the size of a buffer, a wait or an interval in a run of `budget` environment steps.
 
     `size` is that of the paper's budget. It is scaled by the square root: a hundredth of the budget has a
     tenth of the refreshes, each from a tenth of the episodes.
@@ -83,13 +83,13 @@ class Teacher(ABC):
     rng: np.random.Generator = field(init=False, repr=False)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Prepares for a new run; overriding methods call this one first."""
+        """Prepare for a new run; overriding methods call this one first."""
         self.space, self.knowledge, self.rng = space, knowledge, rng
         self._updates: list[TeacherUpdate] = []
 
     @classmethod
     def refusal(cls, space: TaskSpace) -> str:
-        """Returns why a task space is beyond the limits that the teacher declares; empty if it is not."""
+        """Return why a task space is beyond the limits that the teacher declares; empty if it is not."""
         if cls.most_dimensions is not None and space.size > cls.most_dimensions:
             return f"{cls.__name__} teaches in {cls.most_dimensions} dimensions at most, not {space.size}"
         if not cls.constant_dimensions and (space.width == 0).any():
@@ -98,10 +98,10 @@ class Teacher(ABC):
 
     @abstractmethod
     def sample(self) -> Task | Proposal:
-        """Returns the next task, float32 (d,) inside the space; as a `Proposal`, if it is not to train."""
+        """Return the next task, float32 (d,) inside the space; as a `Proposal`, if it is not to train."""
 
     def propose(self) -> Proposal:
-        """Returns what `sample` gives, as a proposal; whoever drives a teacher calls this method.
+        """Return what `sample` gives, as a proposal; whoever drives a teacher calls this method.
 
         Raises:
             ValueError: an episode without learning from a teacher that does not declare `wants_evaluations`.
@@ -116,17 +116,17 @@ class Teacher(ABC):
         return proposal
 
     def observe(self, episode: Episode) -> Query | None:  # noqa: B027 - hearing nothing is a fair default
-        """Learns from a finished episode; returns a query if it needs more to do so."""
+        """Learn from a finished episode; return a query if it needs more to do so."""
 
     def answer(self, answer: Any) -> Query | None:
-        """Receives the `Answer` to the last query, of the type of its kind; may return a further query."""
+        """Receive the `Answer` to the last query, of the type of its kind; may return a further query."""
         raise TypeError(
             f"{type(self).__name__} asked a query and was given {type(answer).__name__}, "
             f"but does not define answer(answer)"
         )
 
     def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d) without exploration, and leaves no trace.
+        """Return `count` tasks (count, d) without exploration, and leave no trace.
 
         By default these are samples of a copy of the teacher.
         """
@@ -135,27 +135,27 @@ class Teacher(ABC):
         return np.stack([twin.propose().task for _ in range(count)])
 
     def probe_rng(self) -> np.random.Generator:
-        """Returns a generator for probes, derived from the state of `rng` without changing it."""
+        """Return a generator for probes, derived from the state of `rng` without changing it."""
         bit_generator = copy.deepcopy(self.rng.bit_generator)
         assert isinstance(bit_generator, np.random.PCG64)
         return np.random.Generator(bit_generator.jumped())
 
     def log(self, update: TeacherUpdate) -> None:
-        """Records an update of the task distribution for the table `teacher_log`."""
+        """Record an update of the task distribution for the table `teacher_log`."""
         self._updates.append(update)
 
     def drain_updates(self) -> list[TeacherUpdate]:
-        """Returns what was logged since the last call."""
+        """Return what was logged since the last call."""
         updates, self._updates = self._updates, []
         return updates
 
     def state(self) -> dict[str, Any]:
-        """Returns everything learned, to be continued exactly by `load_state` in another process."""
+        """Return everything learned, to be continued exactly by `load_state` in another process."""
         learned = {name: value for name, value in vars(self).items() if name.endswith("_")}
         return copy.deepcopy({"learned": learned, "rng": self.rng.bit_generator.state})
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Restores a state that `state` returned, after `start` with the same space and knowledge."""
+        """Restore a state that `state` returned, after `start` with the same space and knowledge."""
         state = copy.deepcopy(state)
         vars(self).update(state["learned"])
         self._updates = []  # what `start` logged was drained before this state was saved

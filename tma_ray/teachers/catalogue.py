@@ -39,12 +39,12 @@ T = TypeVar("T", bound=type[Teacher])
 
 
 def register_teacher(name: str) -> Callable[[T], T]:
-    """Returns a decorator that makes a `Teacher` known under `name`."""
+    """Return a decorator that makes a `Teacher` known under `name`."""
     return TEACHERS.register(name)
 
 
 def make_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) -> Teacher:
-    """Returns the teacher called `name`, not yet started.
+    """Return the teacher called `name`, not yet started.
 
     Args:
         name: a registered name or ``module:Name``, with hyper-parameters if wanted
@@ -65,7 +65,7 @@ def make_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) ->
 
 
 def canonical_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) -> str:
-    """Returns the name of a teacher with the hyper-parameters that differ from its defaults.
+    """Return the name of a teacher with the hyper-parameters that differ from its defaults.
 
     Equal teachers have equal names: see `tma_ray.part_names`. Arguments and errors as of `make_teacher`.
     """
@@ -74,17 +74,17 @@ def canonical_teacher(name: str, hyperparameters: Mapping[str, Any] | None = Non
 
 
 def hyperparameters_of(teacher: Teacher) -> dict[str, Any]:
-    """Returns the hyper-parameters of `teacher` by name, defaults included, as values that JSON has."""
+    """Return the hyper-parameters of `teacher` by name, defaults included, as values that JSON has."""
     return identifying(teacher)
 
 
 def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:
-    """Returns True if `teacher` can run at `level`."""
+    """Return True if `teacher` can run at `level`."""
     return teacher.knowledge_levels[0].rank <= level.rank
 
 
 def check_limits(teacher: type[Teacher], name: str, space: TaskSpace) -> None:
-    """Refuses a task space beyond the limits that `teacher` declares.
+    """Refuse a task space beyond the limits that `teacher` declares.
 
     Raises:
         ValueError: it has too many dimensions, or a constant one.
@@ -94,7 +94,7 @@ def check_limits(teacher: type[Teacher], name: str, space: TaskSpace) -> None:
 
 
 def effective_level(teacher: type[Teacher], name: str, level: KnowledgeLevel) -> KnowledgeLevel:
-    """Returns the level at which `teacher` really runs when it is given `level`.
+    """Return the level at which `teacher` really runs when it is given `level`.
 
     Raises:
         ValueError: `teacher` cannot run with so little knowledge.

@@ -54,11 +54,11 @@ class CovarGMM(MixtureTeacher):
             raise ValueError(f"progress = {self.progress!r}: expected {' or '.join(CovarianceProgress)}")
 
     def measure(self, episode: Episode) -> tuple[float, float]:
-        """Returns the time and the return of `episode`."""
+        """Return the time and the return of `episode`."""
         return self.episodes_ % self.fit_every / self.fit_every, episode.episodic_return
 
     def progress_of(self, mixture: Mixture) -> Array:
-        """Returns the progress (k,) of each component, in units of the return."""
+        """Return the progress (k,) of each component, in units of the return."""
         covariance = mixture.covariances[:, -2, -1]
         if self.progress == CovarianceProgress.ABSOLUTE:
             return np.abs(covariance)

@@ -19,7 +19,7 @@ ROWS_AT_ONCE = 2_000
 
 
 def assigned(sources: Array, targets: Array) -> NDArray[np.int64]:
-    """Returns for each of n `sources` (n, f) its target in the optimal assignment of squared distances.
+    """Return for each of n `sources` (n, f) its target in the optimal assignment of squared distances.
 
     Args:
         sources: n points.
@@ -48,7 +48,7 @@ class Performance(NamedTuple):
     width: float
 
     def __call__(self, points: Array) -> Array:
-        """Returns the expectations (k,) at `points` (k, f)."""
+        """Return the expectations (k,) at `points` (k, f)."""
         from scipy.spatial.distance import cdist
 
         results = []
@@ -82,7 +82,7 @@ def moved(
     region: Region,
     rng: np.random.Generator,
 ) -> Array:
-    """Returns `particles` (n, f) of the unit box, each as near to its target as performance allows.
+    """Return `particles` (n, f) of the unit box, each as near to its target as performance allows.
 
     Args:
         particles: present particles.
@@ -106,7 +106,7 @@ def moved(
 def _candidates(
     particles: Array, targets: Array, ready: NDArray[np.bool_], region: Region, rng: np.random.Generator
 ) -> Array:
-    """Returns the points that are tried (n, c, f); the particle itself is the first of each."""
+    """Return the points that are tried (n, c, f); the particle itself is the first of each."""
     count, size = particles.shape
     ways = targets - particles
     lengths = np.linalg.norm(ways, axis=1)
@@ -157,7 +157,7 @@ class SuccessBuffer:
         self.points, self.returns = np.empty((0, self.size)), np.empty(0)
 
     def add(self, points: Array, returns: Array, targets: Array) -> NDArray[np.bool_]:
-        """Adds new tasks (k, f) that belong here, with returns (k,); returns which were left out (k,).
+        """Add new tasks (k, f) that belong here, with returns (k,); return which were left out (k,).
 
         Args:
             points: coordinates of the tasks.
@@ -178,7 +178,7 @@ class SuccessBuffer:
         return left_out
 
     def draw(self, rng: np.random.Generator, count: int, narrowest: float) -> Array:
-        """Returns `count` points (count, f) around the tasks, farther off the less they return.
+        """Return `count` points (count, f) around the tasks, farther off the less they return.
 
         Args:
             rng: draws them.
@@ -201,13 +201,13 @@ class SuccessBuffer:
         return float(np.median(self.returns)) if len(self.returns) else -np.inf
 
     def _kept_of_old(self, new: int) -> NDArray[np.int64]:
-        """Returns the places of the tasks that stay while `new` ones come, of those that may go the best."""
+        """Return the places of the tasks that stay while `new` ones come, of those that may go the best."""
         may_go = int((self.returns < self.least).sum()) if self.reached else len(self.returns) // 2 + 1
         order = np.argsort(self.returns, kind="stable")
         return np.sort(order[min(new, may_go) :])
 
     def _chosen(self, points: Array, returns: Array, targets: Array) -> NDArray[np.int64]:
-        """Returns the places of at most `capacity` tasks."""
+        """Return the places of at most `capacity` tasks."""
         if len(returns) <= self.capacity:
             return np.arange(len(returns))
         if self.reached and returns.min() >= self.least:
@@ -264,7 +264,7 @@ class CURROT(Teacher):
                 raise ValueError(f"{name} = {getattr(self, name)}: expected a share over 0")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Draws the particles from the initial Gaussian at high knowledge, else uniformly."""
+        """Draw the particles from the initial Gaussian at high knowledge, else uniformly."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self._radius = self.radius * np.sqrt(self._box.size)
@@ -278,19 +278,19 @@ class CURROT(Teacher):
         self.latest_ = np.empty((0, self._box.size + 1))
 
     def sample(self) -> Task:
-        """Returns a particle (d,) with a little noise."""
+        """Return a particle (d,) with a little noise."""
         task: Task = self._draw(self.rng, 1)[0]
         return task
 
     def observe(self, episode: Episode) -> None:
-        """Stores the episode; updates the particles when that is due."""
+        """Store the episode; update the particles when that is due."""
         row = np.append(self._box.normalise(episode.task), episode.episodic_return)
         self.latest_ = np.vstack([self.latest_, row])
         if len(self.latest_) == self.update_every:
             self._update()
 
     def probe(self, count: int) -> Task:
-        """Returns `count` particles (count, d)."""
+        """Return `count` particles (count, d)."""
         return self._draw(self.probe_rng(), count)
 
     def _draw(self, rng: np.random.Generator, count: int) -> Task:
@@ -314,7 +314,7 @@ class CURROT(Teacher):
         self._log(targets[order], float(returns.mean()))
 
     def _at_successes(self, performance: Performance) -> Array:
-        """Returns the particles, of which those that return too little are put where successes are."""
+        """Return the particles, of which those that return too little are put where successes are."""
         low = performance(self.particles_) < self.least_return
         if not low.any():
             return self.particles_

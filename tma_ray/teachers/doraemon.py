@@ -40,13 +40,13 @@ class BetaProduct(NamedTuple):
 
     @classmethod
     def around(cls, mode: Array, concentration: float) -> BetaProduct:
-        """Returns the distribution with a `mode` (f,), in the middle with both parameters `concentration`."""
+        """Return the distribution with a `mode` (f,), in the middle with both parameters `concentration`."""
         weight = 2 * (concentration - 1)
         return cls(1 + weight * mode, 1 + weight * (1 - mode))
 
     @classmethod
     def of_logs(cls, logs: Array) -> BetaProduct:
-        """Returns the distribution whose parameters have the logarithms (2f,)."""
+        """Return the distribution whose parameters have the logarithms (2f,)."""
         return cls(*np.exp(logs).reshape(2, -1))
 
     @property
@@ -66,14 +66,14 @@ class BetaProduct(NamedTuple):
         return self.alpha * self.beta / (total**2 * (total + 1))
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Returns `count` points (count, f), which depend smoothly on the parameters: nothing is rejected."""
+        """Return `count` points (count, f), which depend smoothly on the parameters: nothing is rejected."""
         from scipy.special import betaincinv  # imported here: drivers start sooner without it
 
         shares = rng.random((count, len(self.alpha)))
         return np.asarray(betaincinv(self.alpha, self.beta, shares), dtype=np.float64)
 
     def entropy(self) -> tuple[float, Array]:
-        """Returns the differential entropy in nats, at most 0, and its gradient by `logs` (2f,)."""
+        """Return the differential entropy in nats, at most 0, and its gradient by `logs` (2f,)."""
         from scipy.special import betaln, polygamma, psi
 
         alpha, beta, total = self.alpha, self.beta, self.alpha + self.beta
@@ -84,7 +84,7 @@ class BetaProduct(NamedTuple):
         return float((betaln(alpha, beta) + parts).sum()), gradient
 
     def divergence(self, other: BetaProduct) -> tuple[float, Array]:
-        """Returns KL(self || other) in nats, and its gradient by the logs of `other` (2f,)."""
+        """Return KL(self || other) in nats, and its gradient by the logs of `other` (2f,)."""
         from scipy.special import betaln, psi
 
         alpha, beta, total = self.alpha, self.beta, self.alpha + self.beta
@@ -95,7 +95,7 @@ class BetaProduct(NamedTuple):
         return float(parts.sum()), -(np.stack(other) * (expected - other._mean_logs())).ravel()
 
     def log_densities(self, points: Array) -> tuple[Array, Array]:
-        """Returns the log densities (n,) of `points` (n, f), and their gradients by `logs` (n, 2f)."""
+        """Return the log densities (n,) of `points` (n, f), and their gradients by `logs` (n, 2f)."""
         from scipy.special import betaln
 
         inside = np.clip(points, MARGIN, 1 - MARGIN)
@@ -106,7 +106,7 @@ class BetaProduct(NamedTuple):
         return values.sum(axis=1), gradients.reshape(len(points), -1)
 
     def _mean_logs(self) -> Array:
-        """Returns the expectations (2, f) of log x and log (1 - x)."""
+        """Return the expectations (2, f) of log x and log (1 - x)."""
         from scipy.special import psi
 
         means: Array = psi(np.stack(self)) - psi(self.alpha + self.beta)
@@ -141,7 +141,7 @@ class EntropyUpdate:
     largest: float
 
     def solved(self) -> BetaProduct:
-        """Returns the feasible distribution of highest entropy; if there is none, that of most success."""
+        """Return the feasible distribution of highest entropy; if there is none, that of most success."""
         start = self.present.logs
         if self.success(start)[0] < self.least_success:
             start = self._best(start, self.success, (), self.success(start)[0])
@@ -151,23 +151,23 @@ class EntropyUpdate:
         return BetaProduct.of_logs(self._best(start, self.entropy, (constraint,), self.entropy(start)[0]))
 
     def entropy(self, logs: Array) -> tuple[float, Array]:
-        """Returns the entropy of the distribution with the parameters `logs`, and its gradient."""
+        """Return the entropy of the distribution with the parameters `logs`, and its gradient."""
         return BetaProduct.of_logs(logs).entropy()
 
     def success(self, logs: Array) -> tuple[float, Array]:
-        """Returns the expected share of successes, by importance sampling, and its gradient."""
+        """Return the expected share of successes, by importance sampling, and its gradient."""
         old, _ = self.present.log_densities(self.points)
         new, gradients = BetaProduct.of_logs(logs).log_densities(self.points)
         weights = np.exp(new - old) * self.successes / len(self.points)
         return float(weights.sum()), weights @ gradients
 
     def room(self, logs: Array) -> tuple[float, Array]:
-        """Returns how far the divergence is under its bound, and the gradient."""
+        """Return how far the divergence is under its bound, and the gradient."""
         divergence, gradient = self.present.divergence(BetaProduct.of_logs(logs))
         return self.most_divergence - divergence, -gradient
 
     def _best(self, start: Array, goal: Valued, constraints: tuple[Valued, ...], least: float) -> Array:
-        """Returns feasible parameters where `goal` is highest; `start` if it is nowhere over `least`."""
+        """Return feasible parameters where `goal` is highest; `start` if it is nowhere over `least`."""
         from scipy.optimize import minimize  # imported here: drivers start sooner without it
 
         solve: Any = minimize  # whose stubs know fewer constraints than it takes
@@ -195,7 +195,7 @@ class EntropyUpdate:
 
 
 def _inequality(function: Valued) -> dict[str, object]:
-    """Returns the constraint that `function` is not negative, as scipy takes it."""
+    """Return the constraint that `function` is not negative, as scipy takes it."""
     return {"type": "ineq", "fun": lambda logs: function(logs)[0], "jac": lambda logs: function(logs)[1]}
 
 
@@ -245,7 +245,7 @@ class DORAEMON(Teacher):
         for_budget(self.update_every, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts around the mean of the initial Gaussian, or uniform."""
+        """Start around the mean of the initial Gaussian, or uniform."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         mode = np.clip(self._box.normalise(knowledge.initial.mean), 0.0, 1.0)
@@ -258,12 +258,12 @@ class DORAEMON(Teacher):
         self._log({})
 
     def sample(self) -> Task:
-        """Returns a task (d,) of the present distribution."""
+        """Return a task (d,) of the present distribution."""
         task: Task = self._draw(self.rng, 1)[0]
         return task
 
     def observe(self, episode: Episode) -> None:
-        """Stores the episode; updates the distribution when that is due."""
+        """Store the episode; update the distribution when that is due."""
         self.tasks_.append(episode.task)
         self.successes_.append(episode.success)
         if episode.step < self.next_update_:
@@ -273,7 +273,7 @@ class DORAEMON(Teacher):
         self._update()
 
     def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d) of the present distribution."""
+        """Return `count` tasks (count, d) of the present distribution."""
         return self._draw(self.probe_rng(), count)
 
     def _draw(self, rng: np.random.Generator, count: int) -> Task:
@@ -291,7 +291,7 @@ class DORAEMON(Teacher):
         self._log({"mastered_share": float(mastered.mean()), "step_divergence": step})
 
     def _log(self, scalars: dict[str, float]) -> None:
-        """Logs the Gaussian of equal mean and variance in task units; constants keep their value."""
+        """Log the Gaussian of equal mean and variance in task units; constants keep their value."""
         free, scale = self._box.free, self.space.width[self._box.free]
         mean, variance = self.space.centre.copy(), np.full(self.space.size, CONSTANT_STD**2)
         mean[free] = self.space.low[free] + scale * self.distribution_.mean

@@ -86,7 +86,7 @@ class GoalGAN(Teacher):
                 raise ValueError(f"{name} = {getattr(self, name)}: expected a number over 0")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Pretrains the network on the initial Gaussian."""
+        """Pretrain the network on the initial Gaussian."""
         from tma_ray.teachers.networks import LeastSquaresGAN  # imports torch
 
         super().start(space, knowledge, rng)
@@ -104,7 +104,7 @@ class GoalGAN(Teacher):
             self.log(TeacherUpdate(scalars={**losses, "buffer_size": 0.0}))
 
     def sample(self) -> Task:
-        """Returns a task (d,): the current one until it is played out, then from buffer or network."""
+        """Return a task (d,): the current one until it is played out, then from buffer or network."""
         if not self.rollouts_left_:
             self.new_ = not (len(self.buffer_) and self.rng.random() < self.old_share)
             point = self._generate(1, self.rng)[0] if self.new_ else self.rng.choice(self.buffer_)
@@ -113,7 +113,7 @@ class GoalGAN(Teacher):
         return self.task_.copy()
 
     def observe(self, episode: Episode) -> None:
-        """Counts the success, labels a task that is played out, and trains the network when due."""
+        """Count the success, label a task that is played out, and train the network when due."""
         self.rollouts_left_ -= 1
         self.successes_ += episode.success
         if self.new_ and not self.rollouts_left_:
@@ -123,7 +123,7 @@ class GoalGAN(Teacher):
             self._train()
 
     def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d) of the network, without noise."""
+        """Return `count` tasks (count, d) of the network, without noise."""
         return self._box.denormalise(self._generate(count, self.probe_rng()))
 
     def _generate(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -137,7 +137,7 @@ class GoalGAN(Teacher):
             self.buffer_ = np.vstack([self.buffer_, point])
 
     def _train(self) -> None:
-        """Trains on the tasks labelled since the last time, if any was wanted, and forgets them."""
+        """Train on the tasks labelled since the last time, if any was wanted, and forget them."""
         points = np.stack([point for point, _ in self.labelled_])
         wanted = np.array([label for _, label in self.labelled_])
         scalars = {"wanted_share": float(wanted.mean()), "buffer_size": float(len(self.buffer_))}

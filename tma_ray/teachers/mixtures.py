@@ -45,14 +45,14 @@ class Mixture:
         return len(self.weights)
 
     def draw(self, component: int, rng: np.random.Generator) -> Array:
-        """Returns one point (c,) of `component`."""
+        """Return one point (c,) of `component`."""
         factor = np.linalg.cholesky(self.covariances[component])
         drawn: Array = self.means[component] + factor @ rng.standard_normal(self.means.shape[1])
         return drawn
 
 
 def fit_mixture(rows: Array, most_components: int, seed: int) -> Mixture:
-    """Returns the full-covariance mixture of 2 to `most_components` components with the lowest AIC.
+    """Return the full-covariance mixture of 2 to `most_components` components with the lowest AIC.
 
     One EM initialisation each, without warm start. One thread, so that where a teacher runs does
     not change what it fits.
@@ -109,14 +109,14 @@ class MixtureTeacher(Teacher):
 
     @abstractmethod
     def measure(self, episode: Episode) -> tuple[float, ...]:
-        """Returns the coordinates that are appended to the task of `episode`."""
+        """Return the coordinates that are appended to the task of `episode`."""
 
     @abstractmethod
     def progress_of(self, mixture: Mixture) -> Array:
-        """Returns the learning progress (k,) of each component, none negative."""
+        """Return the learning progress (k,) of each component, none negative."""
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts with an empty history."""
+        """Start with an empty history."""
         super().start(space, knowledge, rng)
         self.fit_seed_ = int(rng.integers(2**31))
         self.recent_: deque[Array] = deque(maxlen=self.fit_every)
@@ -124,7 +124,7 @@ class MixtureTeacher(Teacher):
         self.mixture_: Mixture | None = None
 
     def sample(self) -> Task:
-        """Returns a task (d,): bootstrap, uniform exploration, or a draw from the mixture."""
+        """Return a task (d,): bootstrap, uniform exploration, or a draw from the mixture."""
         if self.mixture_ is None:
             return self._bootstrap(self.rng)
         if self.rng.random() < self.explore:
@@ -132,7 +132,7 @@ class MixtureTeacher(Teacher):
         return self._exploit(self.mixture_, self.rng)
 
     def observe(self, episode: Episode) -> None:
-        """Stores the task with what was measured, and fits a new mixture when due."""
+        """Store the task with what was measured, and fit a new mixture when due."""
         self.recent_.append(np.array([*episode.task, *self.measure(episode)], dtype=np.float64))
         self.episodes_ += 1
         if self.episodes_ % self.fit_every == 0:
@@ -140,7 +140,7 @@ class MixtureTeacher(Teacher):
             self._log_fit(self.mixture_)
 
     def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d) from the mixture, or from the bootstrap before it."""
+        """Return `count` tasks (count, d) from the mixture, or from the bootstrap before it."""
         rng = self.probe_rng()
         if self.mixture_ is None:
             return np.stack([self._bootstrap(rng) for _ in range(count)])
@@ -156,7 +156,7 @@ class MixtureTeacher(Teacher):
         return self.space.clip(mixture.draw(component, rng)[: self.space.size])
 
     def _log_fit(self, mixture: Mixture) -> None:
-        """Logs the components, weighted by the share of tasks that is drawn from each."""
+        """Log the components, weighted by the share of tasks that is drawn from each."""
         size, progress = self.space.size, self.progress_of(mixture)
         shares = shares_of(progress)
         parts = zip(shares, mixture.means, mixture.covariances, strict=True)

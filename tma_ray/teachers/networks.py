@@ -19,12 +19,12 @@ leave_compiler_out()
 
 
 def torch_generator(rng: np.random.Generator) -> torch.Generator:
-    """Returns a generator for initial weights, seeded by a draw from `rng`."""
+    """Return a generator for initial weights, seeded by a draw from `rng`."""
     return torch.Generator().manual_seed(int(rng.integers(2**63)))
 
 
 def linear(inputs: int, outputs: int, dtype: torch.dtype, generator: torch.Generator) -> nn.Linear:
-    """Returns a layer with Xavier's uniform weights (Glorot and Bengio 2010) and no bias yet."""
+    """Return a layer with Xavier's uniform weights (Glorot and Bengio 2010) and no bias yet."""
     layer = nn.Linear(inputs, outputs, device="meta", dtype=dtype)  # draws no weights of its own
     layer.weight, layer.bias = (
         nn.Parameter(torch.empty(parameter.shape, dtype=dtype)) for parameter in (layer.weight, layer.bias)
@@ -35,7 +35,7 @@ def linear(inputs: int, outputs: int, dtype: torch.dtype, generator: torch.Gener
 
 
 def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
-    """Takes one step of `optimiser` down the gradient of `loss`."""
+    """Take one step of `optimiser` down the gradient of `loss`."""
     for group in optimiser.param_groups:
         for parameter in group["params"]:
             parameter.grad = None
@@ -45,21 +45,21 @@ def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
 
 @contextmanager
 def training() -> Iterator[None]:
-    """Computes gradients on one thread inside the block, so that where a teacher runs changes nothing."""
+    """Compute gradients on one thread inside the block, so that where a teacher runs changes nothing."""
     with single_thread(), torch.enable_grad():
         yield
 
 
 @contextmanager
 def inference() -> Iterator[None]:
-    """Computes no gradients inside the block, on one thread."""
+    """Compute no gradients inside the block, on one thread."""
     with single_thread(), torch.no_grad():
         yield
 
 
 @contextmanager
 def single_thread() -> Iterator[None]:
-    """Uses one thread inside the block, and as many as before after it."""
+    """Use one thread inside the block, and as many as before after it."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -116,7 +116,7 @@ class LeastSquaresGAN:
         )
 
     def generate(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Returns `count` points (count, d) in [-1, 1]."""
+        """Return `count` points (count, d) in [-1, 1]."""
         with inference():
             points: NDArray[np.float32] = self.generator(self._noise(count, rng)).numpy()
         return points.astype(np.float64)
@@ -128,7 +128,7 @@ class LeastSquaresGAN:
         iterations: int,
         rng: np.random.Generator,
     ) -> dict[str, float]:
-        """Takes one step of each network per iteration.
+        """Take one step of each network per iteration.
 
         Args:
             points: (n, d).
@@ -200,7 +200,7 @@ class HighwayNetwork(nn.Module):
         nn.init.constant_(self._last.bias, start)
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Returns (n, outputs)."""
+        """Return (n, outputs)."""
         hidden = torch.tanh(self._first(inputs))
         for gate, layer in zip(self._gates, self._layers, strict=True):
             hidden = torch.lerp(hidden, torch.tanh(layer(hidden)), torch.sigmoid(gate(hidden)))
@@ -229,12 +229,12 @@ class AffineCoupling(nn.Module):
         self._shift_network = HighwayNetwork(inputs, hidden, outputs, 0.0, generator)
 
     def forward(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Returns new points (n, d) and the log-determinant (n,) of the Jacobian."""
+        """Return new points (n, d) and the log-determinant (n,) of the Jacobian."""
         scale, shift = self._scale_and_shift(points, condition)
         return self._replaced(points, points[:, self._moved] * scale + shift), scale.log().sum(dim=1)
 
     def inverse(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Returns what leads to `points` (n, d), and the log-determinant (n,) of `forward` there."""
+        """Return what leads to `points` (n, d), and the log-determinant (n,) of `forward` there."""
         scale, shift = self._scale_and_shift(points, condition)
         return self._replaced(points, (points[:, self._moved] - shift) / scale), scale.log().sum(dim=1)
 
@@ -275,7 +275,7 @@ class RealNVP(nn.Module):
         )
 
     def forward(self, latents: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Returns the points (n, d) of `latents` (n, d) and their log-density (n,) under `condition` (n,)."""
+        """Return the points (n, d) of `latents` (n, d) and their log-density (n,) under `condition` (n,)."""
         points, log_density = latents, _standard_log_density(latents)
         for coupling in self._couplings:
             points, log_determinant = coupling(points, condition)
@@ -284,7 +284,7 @@ class RealNVP(nn.Module):
         return torch.sigmoid(clipped), log_density - _log_slope(clipped)
 
     def inverse(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Returns the latents (n, d) of `points` (n, d), `MARGIN` inside, and their log-density (n,)."""
+        """Return the latents (n, d) of `points` (n, d), `MARGIN` inside, and their log-density (n,)."""
         latents = torch.logit(points.clamp(MARGIN, 1 - MARGIN))
         log_density = -_log_slope(latents)
         for coupling in reversed(self._couplings):
@@ -298,7 +298,7 @@ _LIMIT = math.log((1 - MARGIN) / MARGIN)
 
 
 def slow_softplus(inputs: torch.Tensor) -> torch.Tensor:
-    """Returns a positive function that is near max(0, x) but leaves 0 slowly: x (atan(x)/pi + 1/2) + 1/pi."""
+    """Return a positive function that is near max(0, x) but leaves 0 slowly: x (atan(x)/pi + 1/2) + 1/pi."""
     return inputs * (torch.atan(inputs) / math.pi + 0.5) + 1 / math.pi
 
 
@@ -307,7 +307,7 @@ def _standard_log_density(points: torch.Tensor) -> torch.Tensor:
 
 
 def _log_slope(points: torch.Tensor) -> torch.Tensor:
-    """Returns the log-determinant (n,) of the sigmoid's Jacobian at `points` (n, d)."""
+    """Return the log-determinant (n,) of the sigmoid's Jacobian at `points` (n, d)."""
     return (logsigmoid(points) + logsigmoid(-points)).sum(dim=1)
 
 
@@ -315,7 +315,7 @@ JUDGE_UNITS = 64
 
 
 def new_networks(size: int, hidden_units: int, rng: np.random.Generator) -> tuple[nn.Sequential, RealNVP]:
-    """Returns a judge and a setter that have learned nothing.
+    """Return a judge and a setter that have learned nothing.
 
     Args:
         size: dimensions of a task.
@@ -327,14 +327,14 @@ def new_networks(size: int, hidden_units: int, rng: np.random.Generator) -> tupl
 
 
 def adam(network: nn.Module, learning_rate: float) -> torch.optim.Optimizer:
-    """Returns the optimiser of a network."""
+    """Return the optimiser of a network."""
     return torch.optim.Adam(network.parameters(), learning_rate)
 
 
 def propose(
     setter: RealNVP, latents: NDArray[np.float64], feasibility: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Returns points (n, d) of a feasibility (n,) each, from noise (n, d)."""
+    """Return points (n, d) of a feasibility (n,) each, from noise (n, d)."""
     with inference():
         points, _ = setter(torch.from_numpy(latents), torch.from_numpy(feasibility))
     proposed: NDArray[np.float64] = points.numpy()
@@ -347,7 +347,7 @@ def update_judge(
     points: NDArray[np.float64],
     solved: NDArray[np.bool_],
 ) -> float:
-    """Takes one step towards the successes (n,) on points (n, d); returns the loss."""
+    """Take one step towards the successes (n,) on points (n, d); return the loss."""
     with training():
         logits = judge(torch.from_numpy(points))[:, 0]
         successes = torch.from_numpy(solved).to(DTYPE)
@@ -363,7 +363,7 @@ def update_setter(
     proposed: tuple[NDArray[np.float64], NDArray[np.float64]],
     valid: tuple[NDArray[np.float64], NDArray[np.bool_]],
 ) -> dict[str, float]:
-    """Takes one step; returns the losses.
+    """Take one step; return the losses.
 
     Args:
         setter: network to train.
@@ -390,7 +390,7 @@ def update_setter(
 
 
 def _judge(size: int, generator: torch.Generator) -> nn.Sequential:
-    """Returns three hidden layers (paper, appendix A) and the logit of success."""
+    """Return three hidden layers (paper, appendix A) and the logit of success."""
     widths = [size, JUDGE_UNITS, JUDGE_UNITS, JUDGE_UNITS]
     layers: list[nn.Module] = []
     for inputs, outputs in pairwise(widths):

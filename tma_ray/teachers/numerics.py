@@ -9,7 +9,7 @@ from tma_ray.tasks import Task, TaskSpace, WeightedGaussian
 
 
 def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
-    """Returns an index drawn in proportion to `scores` (k,), none negative; uniform if all are 0."""
+    """Return an index drawn in proportion to `scores` (k,), none negative; uniform if all are 0."""
     cumulative = np.cumsum(scores)
     total = cumulative[-1]
     if total <= 0:
@@ -18,13 +18,13 @@ def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
 
 
 def shares_of(scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the chances (k,) that `draw_in_proportion` gives `scores` (k,)."""
+    """Return the chances (k,) that `draw_in_proportion` gives `scores` (k,)."""
     total = scores.sum()
     return scores / total if total > 0 else np.full(len(scores), 1 / len(scores))
 
 
 def draw_in_box(space: TaskSpace, box: NDArray[np.float64], rng: np.random.Generator) -> Task:
-    """Returns a uniform task (d,) of a `box` in `space`, given by its lower and upper corner (2, d)."""
+    """Return a uniform task (d,) of a `box` in `space`, given by its lower and upper corner (2, d)."""
     low, high = box
     return space.clip(low + rng.random(space.size) * (high - low))
 
@@ -54,11 +54,11 @@ class UnitBox:
             )
 
     def normalise(self, tasks: ArrayLike) -> NDArray[np.float64]:
-        """Returns the free coordinates (..., f) of `tasks` (..., d)."""
+        """Return the free coordinates (..., f) of `tasks` (..., d)."""
         return self._space.normalise(tasks)[..., self.free]
 
     def denormalise(self, points: NDArray[np.float64]) -> Task:
-        """Returns `points` (..., f) as tasks (..., d), clipped to the space."""
+        """Return `points` (..., f) as tasks (..., d), clipped to the space."""
         tasks = np.zeros((*points.shape[:-1], self.free.size))
         tasks[..., self.free] = points
         return self._space.denormalise(tasks)
@@ -74,7 +74,7 @@ CONSTANT_STD = 1e-3
 def cloud_gaussian(
     space: TaskSpace, tasks: Task, weights: NDArray[np.float64] | None = None
 ) -> WeightedGaussian:
-    """Returns the Gaussian with mean and covariance of `tasks` (n, d), which `weights` (n,) may weigh."""
+    """Return the Gaussian with mean and covariance of `tasks` (n, d), which `weights` (n,) may weigh."""
     points = tasks.astype(np.float64)
     shares = np.full(len(points), 1 / len(points)) if weights is None else weights / weights.sum()
     mean = shares @ points

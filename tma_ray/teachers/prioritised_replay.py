@@ -38,7 +38,7 @@ class Score(StrEnum):
 
 
 def positive_value_loss(trajectory: Trajectory, values: NDArray[np.float64], gae_lambda: float) -> float:
-    """Returns the positive value loss of an episode of t steps.
+    """Return the positive value loss of an episode of t steps.
 
     Args:
         trajectory: the episode.
@@ -101,7 +101,7 @@ class TaskBuffer:
         return len(self) / self.capacity
 
     def chances(self) -> Array:
-        """Returns the chance of each task (k,) to be replayed next."""
+        """Return the chance of each task (k,) to be replayed next."""
         ranks = np.empty(len(self))
         ranks[np.argsort(-self.scores, kind="stable")] = np.arange(1, len(self) + 1)
         by_score = ranks ** (-1 / self.temperature)
@@ -111,7 +111,7 @@ class TaskBuffer:
         return chances
 
     def draw(self, rng: np.random.Generator, count: int) -> NDArray[np.int64]:
-        """Returns the places (count,) of tasks to replay; none of them grows staler by it."""
+        """Return the places (count,) of tasks to replay; none of them grows staler by it."""
         cumulative = np.cumsum(self.chances())
         places: NDArray[np.int64] = np.searchsorted(
             cumulative, rng.random(count) * cumulative[-1], side="right"
@@ -119,18 +119,18 @@ class TaskBuffer:
         return places
 
     def replay(self, place: int) -> Task:
-        """Returns the task (d,) at `place`, and makes all others staler."""
+        """Return the task (d,) at `place`, and make all others staler."""
         self.staleness += 1
         self.staleness[place] = 0
         task: Task = self.tasks[place].copy()
         return task
 
     def rescore(self, place: int, score: float, best: float) -> None:
-        """Records the episode of the task at `place`."""
+        """Record the episode of the task at `place`."""
         self.scores[place], self.best[place] = score, best
 
     def offer(self, task: Task, score: float, best: float) -> None:
-        """Takes `task` (d,) in, unless the buffer is full and the task that would give way scores higher."""
+        """Take `task` (d,) in, unless the buffer is full and the task that would give way scores higher."""
         if len(self) < self.capacity:
             self.tasks = np.vstack([self.tasks, task])
             added = (self.scores, score), (self.staleness, 0.0), (self.best, best)
@@ -192,7 +192,7 @@ class PrioritisedReplay(Teacher):
         for_budget(self.buffer_size, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts with an empty buffer."""
+        """Start with an empty buffer."""
         super().start(space, knowledge, rng)
         size = for_budget(self.buffer_size, self.budget)
         self.buffer_ = TaskBuffer(space.size, size, self.temperature, self.staleness_share)
@@ -204,7 +204,7 @@ class PrioritisedReplay(Teacher):
         self.episodes_ = 0
 
     def sample(self) -> Task | Proposal:
-        """Returns a task (d,) of the buffer to train on, or a new one."""
+        """Return a task (d,) of the buffer to train on, or a new one."""
         self.replayed_ = None
         if self._replays():
             self.replayed_ = int(self.buffer_.draw(self.rng, 1)[0])
@@ -213,16 +213,16 @@ class PrioritisedReplay(Teacher):
         return task if self.new_tasks_train else Proposal(task, trains=False)
 
     def new_tasks(self, rng: np.random.Generator, count: int | None = None) -> Task:
-        """Returns a task (d,) that is not of the buffer, or `count` of them (count, d): uniform ones."""
+        """Return a task (d,) that is not of the buffer, or `count` of them (count, d): uniform ones."""
         return self.space.sample(rng, count)
 
     def observe(self, episode: Episode) -> Query:
-        """Asks for what the score is made of."""
+        """Ask for what the score is made of."""
         self.episode_, self.episodes_ = episode, self.episodes_ + 1
         return Query(QueryKind.TRAJECTORY)
 
     def answer(self, answer: Trajectory | NDArray[np.float64]) -> Query | None:
-        """Takes the trajectory, then the values of its states; scores the task with them."""
+        """Take the trajectory, then the values of its states; score the task with them."""
         if isinstance(answer, Trajectory):
             self.trajectory_ = answer
             valued = answer.observations[:1] if self.score is Score.MAX_MC else answer.observations
@@ -233,7 +233,7 @@ class PrioritisedReplay(Teacher):
         return None
 
     def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d) as they are replayed; new ones while the buffer is empty."""
+        """Return `count` tasks (count, d) as they are replayed; new ones while the buffer is empty."""
         rng = self.probe_rng()
         if not len(self.buffer_):
             return self.new_tasks(rng, count)
@@ -267,7 +267,7 @@ class PrioritisedReplay(Teacher):
             self._log()
 
     def _log(self) -> None:
-        """Logs the Gaussian that replays resemble."""
+        """Log the Gaussian that replays resemble."""
         chances = self.buffer_.chances()
         scalars = {
             "buffer_size": float(len(self.buffer_)),

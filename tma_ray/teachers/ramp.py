@@ -45,23 +45,23 @@ class Ramp(Teacher):
             raise ValueError(f"steps = {self.steps}: expected at least 1 environment step")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts at the initial Gaussian."""
+        """Start at the initial Gaussian."""
         super().start(space, knowledge, rng)
         self.step_, self.episodes_ = 0, 0
         self._log()
 
     def sample(self) -> Task:
-        """Returns a task (d,) of the present Gaussian, clipped to the space."""
+        """Return a task (d,) of the present Gaussian, clipped to the space."""
         return self._gaussian().sample(self.space, self.rng)
 
     def observe(self, episode: Episode) -> None:
-        """Counts the steps of an episode."""
+        """Count the steps of an episode."""
         self.step_, self.episodes_ = episode.step, self.episodes_ + 1
         if self.episodes_ % LOG_EVERY == 0:
             self._log()
 
     def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d) of the present Gaussian."""
+        """Return `count` tasks (count, d) of the present Gaussian."""
         return self._gaussian().sample(self.space, self.probe_rng(), count)
 
     def _gaussian(self) -> Gaussian:

@@ -16,9 +16,9 @@ class Random(Teacher):
     algorithm_version: ClassVar[int | None] = 1
 
     def sample(self) -> Task:
-        """Returns a uniform task (d,)."""
+        """Return a uniform task (d,)."""
         return self.space.sample(self.rng)
 
     def probe(self, count: int) -> Task:
-        """Returns `count` uniform tasks (count, d)."""
+        """Return `count` uniform tasks (count, d)."""
         return self.space.sample(self.probe_rng(), count)

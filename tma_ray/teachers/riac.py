@@ -75,7 +75,7 @@ class Region:
         return abs((self._sums[-1] - middle) / later - (middle - self._sums[0]) / (count - later))
 
     def add(self, task: Task, episodic_return: float) -> None:
-        """Appends an episode; the oldest one makes room for it."""
+        """Append an episode; the oldest one makes room for it."""
         if not self.returns:
             self._origin = episodic_return  # sums count from it: equal returns make exactly no progress
         self.tasks.append(task)
@@ -83,18 +83,18 @@ class Region:
         self._sums.append(self._sums[-1] + (episodic_return - self._origin))
 
     def forget(self, count: int) -> None:
-        """Drops the oldest `count` episodes."""
+        """Drop the oldest `count` episodes."""
         for _ in range(count):
             self.tasks.popleft()
             self.returns.popleft()
             self._sums.popleft()
 
     def worst_task(self) -> Task:
-        """Returns the task with the lowest return, the oldest of several."""
+        """Return the task with the lowest return, the oldest of several."""
         return self.tasks[int(np.argmin(self.returns))]
 
     def parts(self, cut: Cut) -> tuple[Region, Region]:
-        """Returns the regions left and right of `cut`, each with the episodes that lie in it."""
+        """Return the regions left and right of `cut`, each with the episodes that lie in it."""
         capacity = self.returns.maxlen
         assert capacity is not None
         left, right = Region(self.bounds.copy(), capacity), Region(self.bounds.copy(), capacity)
@@ -108,7 +108,7 @@ class Region:
 def best_cut(
     region: Region, attempts: int, fewest: int, smallest: Array, rng: np.random.Generator
 ) -> Cut | None:
-    """Returns the best valid one of `attempts` random cuts of `region`; None if none is valid.
+    """Return the best valid one of `attempts` random cuts of `region`; None if none is valid.
 
     The score of a cut is |ALP left - ALP right| times the episodes left times those right (Portelas et
     al. 2019, appendix; Baranes and Oudeyer 2009).
@@ -135,7 +135,7 @@ def best_cut(
 def random_cuts(
     bounds: Array, tasks: Task, count: int, fewest: int, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
-    """Returns dimensions and thresholds of `count` random cuts; none if the tasks coincide too much.
+    """Return dimensions and thresholds of `count` random cuts; none if the tasks coincide too much.
 
     Their distribution is that of a uniform dimension and a uniform threshold in the box `bounds`
     (2, d), drawn again until each part keeps `fewest` of the tasks (n, d). Such thresholds lie between
@@ -154,7 +154,7 @@ def random_cuts(
 
 
 def cut_scores(left: NDArray[np.bool_], returns: Array) -> Array:
-    """Returns the scores (c,) of cuts that put the episodes `left` (c, n), oldest first, to the left."""
+    """Return the scores (c,) of cuts that put the episodes `left` (c, n), oldest first, to the left."""
     populations = left.sum(axis=1) * (~left).sum(axis=1)
     difference = _progress(left, returns) - _progress(~left, returns)
     scores: Array = populations * np.abs(difference)
@@ -162,7 +162,7 @@ def cut_scores(left: NDArray[np.bool_], returns: Array) -> Array:
 
 
 def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
-    """Returns what `Region.progress` is (c,) for the parts with the given `members` (c, n)."""
+    """Return what `Region.progress` is (c,) for the parts with the given `members` (c, n)."""
     count = members.sum(axis=1)
     later = count // 2
     earlier = count - later
@@ -226,7 +226,7 @@ class RIAC(Teacher):
             raise ValueError(f"mutation_std = {self.mutation_std}: expected at least 0")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts with one empty region: the task space."""
+        """Start with one empty region: the task space."""
         super().start(space, knowledge, rng)
         root = Region(np.array([space.low, space.high], dtype=np.float64), self.region_capacity)
         self.regions_ = [root]
@@ -234,7 +234,7 @@ class RIAC(Teacher):
         self.episodes_since_log_ = 0
 
     def sample(self) -> Task:
-        """Returns a task (d,): mutated, uniform over the space, or uniform in a chosen region."""
+        """Return a task (d,): mutated, uniform over the space, or uniform in a chosen region."""
         strategy = self.rng.random()
         if strategy < self.mutate:
             return self._mutate()
@@ -243,7 +243,7 @@ class RIAC(Teacher):
         return self._exploit(self.rng)
 
     def observe(self, episode: Episode) -> None:
-        """Stores the episode in every region that holds its task; cuts the smallest if it is full."""
+        """Store the episode in every region that holds its task; cut the smallest if it is full."""
         task = episode.task.copy()
         path = self._path(task)
         for index in path:
@@ -258,12 +258,12 @@ class RIAC(Teacher):
             self._log_regions()
 
     def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d), each uniform in a region chosen by ALP."""
+        """Return `count` tasks (count, d), each uniform in a region chosen by ALP."""
         rng = self.probe_rng()
         return np.stack([self._exploit(rng) for _ in range(count)])
 
     def _path(self, task: Task) -> list[int]:
-        """Returns the indices of the regions that hold `task`, from the task space to the smallest."""
+        """Return the indices of the regions that hold `task`, from the task space to the smallest."""
         path = [0]
         while (split := self.regions_[path[-1]].split) is not None:
             dimension, threshold = split.cut

@@ -75,7 +75,7 @@ class SetterSolver(Teacher):
             raise ValueError(f"learning_rate = {self.learning_rate}: expected a number over 0")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts with networks that have learned nothing."""
+        """Start with networks that have learned nothing."""
         from tma_ray.teachers import networks  # imports torch
 
         super().start(space, knowledge, rng)
@@ -86,23 +86,23 @@ class SetterSolver(Teacher):
         self._begin_batch()
 
     def sample(self) -> Task:
-        """Returns the next task (d,) of the batch."""
+        """Return the next task (d,) of the batch."""
         task: Task = self._box.denormalise(self.batch_.points[len(self.successes_)])
         return task
 
     def observe(self, episode: Episode) -> None:
-        """Stores the success, and updates both networks at the end of the batch."""
+        """Store the success, and update both networks at the end of the batch."""
         self.successes_.append(episode.success)
         if len(self.successes_) == self.update_every:
             self._update(np.array(self.successes_))
             self._begin_batch()
 
     def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d) of the setter, of uniform feasibility."""
+        """Return `count` tasks (count, d) of the setter, of uniform feasibility."""
         return self._box.denormalise(self._propose(count, self.probe_rng()).points)
 
     def _begin_batch(self) -> None:
-        """Draws all tasks until the next update, since the setter does not change before."""
+        """Draw all tasks until the next update, since the setter does not change before."""
         self.batch_ = self._propose(self.update_every, self.rng)
         self.successes_: list[bool] = []
 

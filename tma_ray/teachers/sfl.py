@@ -67,18 +67,18 @@ class SFL(Teacher):
         for_budget(self.kept, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts with an empty buffer."""
+        """Start with an empty buffer."""
         super().start(space, knowledge, rng)
         self.buffer_ = np.empty((0, space.size), dtype=np.float32)
         self.asked_: Task | None = None
         self.episodes_ = 0
 
     def sample(self) -> Task:
-        """Returns a task (d,) of the buffer, or a uniform one."""
+        """Return a task (d,) of the buffer, or a uniform one."""
         return self._draw(self.rng)
 
     def observe(self, episode: Episode) -> Query | None:  # noqa: ARG002 - evaluations tell all
-        """Asks for an evaluation when a refresh is due."""
+        """Ask for an evaluation when a refresh is due."""
         self.episodes_ += 1
         if (self.episodes_ - 1) % for_budget(self.refresh_every, self.budget):
             return None
@@ -86,7 +86,7 @@ class SFL(Teacher):
         return Query(QueryKind.EVALUATION, tasks=np.repeat(self.asked_, self.rollouts, axis=0))
 
     def answer(self, answer: Outcomes) -> None:
-        """Fills the buffer with the tasks of highest learnability; ties are broken at random."""
+        """Fill the buffer with the tasks of highest learnability; ties are broken at random."""
         assert self.asked_ is not None, "an answer follows a query"
         candidates, kept = len(self.asked_), for_budget(self.kept, self.budget)
         mastered = answer.successes.reshape(candidates, self.rollouts).mean(axis=1)
@@ -104,7 +104,7 @@ class SFL(Teacher):
         self.log(TeacherUpdate(gaussians=gaussians, scalars=scalars))
 
     def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d) of the buffer, uniform ones while it is empty."""
+        """Return `count` tasks (count, d) of the buffer, uniform ones while it is empty."""
         rng = self.probe_rng()
         if not len(self.buffer_):
             return self.space.sample(rng, count)

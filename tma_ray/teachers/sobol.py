@@ -28,7 +28,7 @@ class Sobol(Teacher):
     algorithm_version: ClassVar[int | None] = 1
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Draws the scrambling."""
+        """Draw the scrambling."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self.scrambling_ = int(rng.integers(2**31))
@@ -36,25 +36,25 @@ class Sobol(Teacher):
         self.block_: NDArray[np.float64] = self._points(0)
 
     def sample(self) -> Task:
-        """Returns the next task (d,) of the sequence."""
+        """Return the next task (d,) of the sequence."""
         task: Task = self._box.denormalise(self.block_[self.drawn_ % BLOCK])
         return task
 
     def observe(self, episode: Episode) -> None:  # noqa: ARG002 - it is enough that there was one
-        """Goes on to the next point."""
+        """Go on to the next point."""
         self.drawn_ += 1
         if self.drawn_ % BLOCK == 0:
             self.block_ = self._points(self.drawn_)
 
     def probe(self, count: int) -> Task:
-        """Returns the next `count` tasks (count, d)."""
+        """Return the next `count` tasks (count, d)."""
         blocks = range(self.drawn_ // BLOCK, (self.drawn_ + count - 1) // BLOCK + 1)
         points = np.concatenate([self._points(block * BLOCK) for block in blocks])
         first = self.drawn_ % BLOCK
         return self._box.denormalise(points[first : first + count])
 
     def _points(self, first: int) -> NDArray[np.float64]:
-        """Returns the points (BLOCK, f) of the sequence from number `first` on."""
+        """Return the points (BLOCK, f) of the sequence from number `first` on."""
         from scipy.stats import qmc  # imported here: who only names a teacher starts sooner without it
 
         sequence = qmc.Sobol(self._box.size, scramble=True, seed=self.scrambling_)

@@ -44,33 +44,33 @@ class FullGaussian:
     factor: Array
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Returns `count` points (count, d)."""
+        """Return `count` points (count, d)."""
         return self.mean + rng.standard_normal((count, self.mean.size)) @ self.factor.T
 
     def divergence(self, other: FullGaussian) -> float:
-        """Returns the Kullback-Leibler divergence KL(self || other), in nats."""
+        """Return the Kullback-Leibler divergence KL(self || other), in nats."""
         seen = self.seen_from(other)
         squares = (seen.factor**2).sum() + (seen.mean**2).sum() - seen.mean.size
         return float(squares / 2 - np.log(np.diag(seen.factor)).sum())
 
     def log_ratio(self, points: Array) -> Array:
-        """Returns log density (n,) at `points` (n, d), minus that of the standard Gaussian."""
+        """Return log density (n,) at `points` (n, d), minus that of the standard Gaussian."""
         gained = (points**2).sum(axis=1) - (self.whiten(points) ** 2).sum(axis=1)
         ratio: Array = gained / 2 - np.log(np.diag(self.factor)).sum()
         return ratio
 
     def whiten(self, points: Array) -> Array:
-        """Returns `points` (n, d) in coordinates in which this is the standard Gaussian."""
+        """Return `points` (n, d) in coordinates in which this is the standard Gaussian."""
         whitened: Array = solve_triangular(self.factor, (points - self.mean).T, lower=True).T
         return whitened
 
     def seen_from(self, frame: FullGaussian) -> FullGaussian:
-        """Returns this Gaussian in coordinates in which `frame` is the standard one."""
+        """Return this Gaussian in coordinates in which `frame` is the standard one."""
         factor: Array = solve_triangular(frame.factor, self.factor, lower=True)
         return FullGaussian(frame.whiten(self.mean[None])[0], factor)
 
     def placed_in(self, frame: FullGaussian) -> FullGaussian:
-        """Returns the Gaussian that looks like this one from `frame`: the inverse of `seen_from`."""
+        """Return the Gaussian that looks like this one from `frame`: the inverse of `seen_from`."""
         return FullGaussian(frame.mean + frame.factor @ self.mean, frame.factor @ self.factor)
 
 
@@ -89,7 +89,7 @@ def self_paced_update(
     penalty: float,
     most_divergence: float,
 ) -> FullGaussian:
-    """Returns a distribution that improves E[V] - penalty * KL(new || target).
+    """Return a distribution that improves E[V] - penalty * KL(new || target).
 
     It lies in the direction of the natural gradient, where the objective is largest without
     KL(current || new) over `most_divergence`. The expectation is estimated by importance weights.
@@ -144,7 +144,7 @@ class _Ray:
         return FullGaussian(distance * self.shift, factor)
 
     def reach(self, most_divergence: float) -> float:
-        """Returns the distance just before KL(standard || new) attains `most_divergence`."""
+        """Return the distance just before KL(standard || new) attains `most_divergence`."""
         standard = self.at(0.0)
 
         def excess(distance: float) -> float:
@@ -177,7 +177,7 @@ class _Problem:
         return float(np.mean(weights * self.gains)) - self.penalty * new.divergence(self.target)
 
     def natural_gradient(self) -> _Ray | None:
-        """Returns the steepest direction per divergence at the standard Gaussian; None without a slope.
+        """Return the steepest direction per divergence at the standard Gaussian; None without a slope.
 
         There the Fisher information is 1 for mean and off-diagonal entries of the factor, and 2 for
         the logarithms of its diagonal.
@@ -258,7 +258,7 @@ class SPDL(Teacher):
             raise ValueError(f"most_divergence = {self.most_divergence}: expected a bound over 0")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts at the initial Gaussian."""
+        """Start at the initial Gaussian."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self._target = self._scaled(knowledge.target)
@@ -270,12 +270,12 @@ class SPDL(Teacher):
         self._log({})
 
     def sample(self) -> Task:
-        """Returns a task (d,) of the current Gaussian, clipped to the space."""
+        """Return a task (d,) of the current Gaussian, clipped to the space."""
         task: Task = self._draw(self.rng, 1)[0]
         return task
 
     def observe(self, episode: Episode) -> Query | None:
-        """Stores the episode; asks for the values of all initial states when an update is due."""
+        """Store the episode; asks for the values of all initial states when an update is due."""
         self.contexts_.append((episode.task, episode.initial_observation))
         self.discounted_returns_.append(episode.discounted_return)
         if episode.step < self.next_update_:
@@ -285,7 +285,7 @@ class SPDL(Teacher):
         return Query(QueryKind.STATE_VALUES, np.stack([observation for _, observation in self.contexts_]))
 
     def answer(self, answer: NDArray[np.float64]) -> None:
-        """Updates the Gaussian with the values (n,) of the stored episodes, and forgets them."""
+        """Update the Gaussian with the values (n,) of the stored episodes, and forget them."""
         old, performance = self.distribution_, float(np.mean(self.discounted_returns_))
         penalty = self._penalty(performance)
         contexts = self._box.normalise(np.stack([task for task, _ in self.contexts_]))
@@ -304,7 +304,7 @@ class SPDL(Teacher):
         )
 
     def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d) of the current Gaussian."""
+        """Return `count` tasks (count, d) of the current Gaussian."""
         return self._draw(self.probe_rng(), count)
 
     def _draw(self, rng: np.random.Generator, count: int) -> Task:
@@ -324,7 +324,7 @@ class SPDL(Teacher):
         return FullGaussian(self._box.normalise(gaussian.mean), np.diag(deviations))
 
     def _log(self, scalars: dict[str, float]) -> None:
-        """Logs the Gaussian in task units; constant dimensions keep their value and variance."""
+        """Log the Gaussian in task units; constant dimensions keep their value and variance."""
         free, initial = self._box.free, self.knowledge.initial
         scale = self.space.width[free]
         mean, covariance = initial.mean.copy(), np.diag(initial.variance)

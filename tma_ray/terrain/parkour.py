@@ -73,7 +73,7 @@ class CPPN:
 
     @classmethod
     def load(cls, path: str | Path = DEFAULT_WEIGHTS) -> CPPN:
-        """Returns the network whose weights are the arrays w1 to w5 of a ``.npz`` file; others are ignored.
+        """Return the network whose weights are the arrays w1 to w5 of a ``.npz`` file; others are ignored.
 
         Raises:
             ValueError: no such file, no such arrays in it, or of other shapes.
@@ -89,7 +89,7 @@ class CPPN:
             raise ValueError(f"{path}: {error}") from error
 
     def curves(self, theta: ArrayLike) -> Singles:
-        """Returns ground and ceiling for `theta` (..., 3): heights (..., 200, 2), not scaled or aligned."""
+        """Return ground and ceiling for `theta` (..., 3): heights (..., 200, 2), not scaled or aligned."""
         values = np.asarray(theta, dtype=np.float32)
         w1, w2, w3, w4, w5 = (self.weights[name] for name in SHAPES)
         signal: Singles = self._from_x + (values @ w1[1:])[..., None, None, :]
@@ -108,7 +108,7 @@ class CPPN:
 
 
 def softplus(values: Singles) -> Singles:
-    """Returns log(1 + exp(values)), exact to float32's resolution at 1, without overflow."""
+    """Return log(1 + exp(values)), exact to float32's resolution at 1, without overflow."""
     result = np.exp(-np.abs(values))
     result += np.float32(1)
     np.log(result, out=result)
@@ -159,7 +159,7 @@ Floats = NDArray[np.float64]
 
 
 def _scattered(count: int) -> NDArray[np.int64]:
-    """Returns the numbers below `count`, neighbours far apart: sorted by their reversed bits."""
+    """Return the numbers below `count`, neighbours far apart: sorted by their reversed bits."""
     bits = count.bit_length()
     return np.array(sorted(range(count), key=lambda number: f"{number:0{bits}b}"[::-1]))
 
@@ -172,7 +172,7 @@ INSERTION_ORDER = np.concatenate([_scattered(COLUMNS), COLUMNS + _scattered(COLU
 
 
 def parkour(task: Task, rng: np.random.Generator, *, cppn: CPPN, swinging_creepers: bool = False) -> Terrain:
-    """Returns the world of `task`.
+    """Return the world of `task`.
 
     Args:
         task: theta (3), water level in [0, 1], creepers' width, mean height and spacing in m, and delta, by
@@ -202,7 +202,7 @@ def parkour(task: Task, rng: np.random.Generator, *, cppn: CPPN, swinging_creepe
 
 
 def outlines(theta: Task, delta: float, cppn: CPPN) -> tuple[Floats, Floats]:
-    """Returns the heights of ground and ceiling (220,) in m, one a terrain step from x = 0 on.
+    """Return the heights of ground and ceiling (220,) in m, one a terrain step from x = 0 on.
 
     Behind a flat start, both follow the network, divided by `delta` and shifted to meet the start. Where the
     ceiling would then be under the ground, it lies on it: the passage is closed.
@@ -216,7 +216,7 @@ def outlines(theta: Task, delta: float, cppn: CPPN) -> tuple[Floats, Floats]:
 
 
 def water_height(level: float, delta: float, ceiling: Floats) -> float:
-    """Returns the height of the water's surface in m.
+    """Return the height of the water's surface in m.
 
     It rises with `level` from `GROUND_LIMIT`, far under any ground, to the highest point of the `ceiling`.
     """
@@ -225,7 +225,7 @@ def water_height(level: float, delta: float, ceiling: Floats) -> float:
 
 
 def creeper_points(width: float, spacing: float) -> NDArray[np.int64]:
-    """Returns the points of the track at which creepers have their left sides, the start included.
+    """Return the points of the track at which creepers have their left sides, the start included.
 
     Between two left sides lie the spacing, rounded up to terrain steps, and one terrain step more, whatever
     the width.
@@ -235,7 +235,7 @@ def creeper_points(width: float, spacing: float) -> NDArray[np.int64]:
 
 
 def _creeper_heights(height: float, width: float, spacing: float, rng: np.random.Generator) -> Floats:
-    """Returns the height in m of the creeper at each point of the track (220,), 0 where none hangs."""
+    """Return the height in m of the creeper at each point of the track (220,), 0 where none hangs."""
     points = creeper_points(width, spacing)
     heights = np.zeros(TRACK_POINTS)
     heights[points] = np.maximum(MINIMUM_CREEPER_HEIGHT, rng.normal(height, CREEPER_HEIGHT_STD, len(points)))
@@ -243,12 +243,12 @@ def _creeper_heights(height: float, width: float, spacing: float, rng: np.random
 
 
 def _points_over(width: float) -> int:
-    """Returns how many points to the right of its left side a creeper of `width` ends, at least 1."""
+    """Return how many points to the right of its left side a creeper of `width` ends, at least 1."""
     return max(1, int(max(MINIMUM_CREEPER_WIDTH, width) / STEP))
 
 
 def _hang(ceiling: Floats, heights: Floats, width: float, swinging: bool) -> tuple[Floats, NDArray[np.int64]]:
-    """Returns creepers and holders; a creeper hangs from the higher of the ceiling's points at its sides."""
+    """Return creepers and holders; a creeper hangs from the higher of the ceiling's points at its sides."""
     tops = np.maximum(ceiling, np.roll(ceiling, -_points_over(width)))
     part_height, holder = (CREEPER_PART_HEIGHT, CEILING) if swinging else (heights.max(), FIXED)
     return _cut(tops, heights, max(MINIMUM_CREEPER_WIDTH, width), part_height, holder)
@@ -258,7 +258,7 @@ def _hang(ceiling: Floats, heights: Floats, width: float, swinging: bool) -> tup
 def _cut(
     tops: Floats, heights: Floats, width: float, part_height: float, first_holder: int
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Returns creepers of `heights` (n,) under `tops` (n,) in parts of `part_height`, and their holders.
+    """Return creepers of `heights` (n,) under `tops` (n,) in parts of `part_height`, and their holders.
 
     A last part that would be too low is as high as the lowest creeper.
     """
@@ -281,7 +281,7 @@ def _cut(
 
 @kernel
 def _lay_out(ground: Floats, ceiling: Floats) -> tuple[Floats, Floats, Floats]:
-    """Returns solids, surface and underside: one each for the start, for every column, and for the end."""
+    """Return solids, surface and underside: one each for the start, for every column, and for the end."""
     count = len(ground) - STARTPAD_STEPS + 1
     solids, surface, underside = np.empty((2 * count, 4, 2)), np.empty((count, 4)), np.empty((count, 4))
     bottom, top = ground.min() - DEPTH, ceiling.max() + DEPTH
@@ -303,7 +303,7 @@ def _lay_out(ground: Floats, ceiling: Floats) -> tuple[Floats, Floats, Floats]:
 def _fill_column(
     corners: Floats, left: float, right: float, low: tuple[float, float], high: tuple[float, float]
 ) -> None:
-    """Writes the corners (4, 2) of a solid between the heights `low` and `high` of its left and right."""
+    """Write the corners (4, 2) of a solid between the heights `low` and `high` of its left and right."""
     corners[0, 0], corners[0, 1] = left, low[0]
     corners[1, 0], corners[1, 1] = right, low[1]
     corners[2, 0], corners[2, 1] = right, high[1]
@@ -348,7 +348,7 @@ CLIMBER_GAP = 4.0
 
 
 def demands(terrain: Terrain, body_type: str) -> dict[str, float]:
-    """Returns what `terrain` demands between start and goal of bodies of a type, 1 being the most they can.
+    """Return what `terrain` demands between start and goal of bodies of a type, 1 being the most they can.
 
     Args:
         terrain: a world of Parkour.
@@ -363,13 +363,13 @@ def demands(terrain: Terrain, body_type: str) -> dict[str, float]:
 
 
 def difficulty(demanded: dict[str, float]) -> float:
-    """Returns the mean of what is demanded, or infinity if anything is beyond the body."""
+    """Return the mean of what is demanded, or infinity if anything is beyond the body."""
     values = list(demanded.values())
     return float(np.mean(values)) if max(values) <= 1 else np.inf
 
 
 def smoothest_path(low: Floats, high: Floats) -> Floats:
-    """Returns heights (n,) between `low` and `high` (n,) that only change where they must.
+    """Return heights (n,) between `low` and `high` (n,) that only change where they must.
 
     No other way that begins at the same height, the middle of the first gap, rises and falls less in all.
     """
@@ -382,13 +382,13 @@ def smoothest_path(low: Floats, high: Floats) -> Floats:
 
 
 def greatest_rise(heights: Floats) -> float:
-    """Returns how much `heights` (n,), one a terrain step, rise at most within `WINDOW_STEPS`; 0 if never."""
+    """Return how much `heights` (n,), one a terrain step, rise at most within `WINDOW_STEPS`; 0 if never."""
     rises = [(heights[steps:] - heights[:-steps]).max() for steps in range(1, WINDOW_STEPS + 1)]
     return max(0.0, float(max(rises)))
 
 
 def _heights(terrain: Terrain) -> tuple[Floats, Floats]:
-    """Returns ground and ceiling (n,) from the end of the flat start to the goal, one a terrain step."""
+    """Return ground and ceiling (n,) from the end of the flat start to the goal, one a terrain step."""
     left = terrain.surface[:, 0]
     track = (left > (STARTPAD_STEPS - 0.5) * STEP) & (left < terrain.goal_x + 0.5 * STEP)
     return terrain.surface[track, 1], terrain.ceiling[track, 1]
@@ -428,6 +428,6 @@ _DEMANDS = {"walker": _of_walkers, "swimmer": _of_swimmers, "climber": _of_climb
 
 
 def _narrowness(needed: float, heights: Floats) -> float:
-    """Returns `needed` as a share of the smallest of `heights` (n,), infinite where that is nothing."""
+    """Return `needed` as a share of the smallest of `heights` (n,), infinite where that is nothing."""
     smallest = float(heights.min())
     return needed / smallest if smallest > 0 else np.inf

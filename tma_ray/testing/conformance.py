@@ -86,13 +86,13 @@ class TeacherConformance:
 
     @classmethod
     def claimed_scenarios(cls) -> list[Scenario]:
-        """Returns those of `scenarios` whose spaces are within the limits that the teacher declares."""
+        """Return those of `scenarios` whose spaces are within the limits that the teacher declares."""
         claimed = [one for one in cls.scenarios if not cls.teacher.refusal(one.space)]
         assert claimed, f"{cls.teacher.__name__} declares limits within which no scenario is; raise them"
         return claimed
 
     def pytest_generate_tests(self, metafunc: Any) -> None:
-        """Tells pytest to run the methods that take a scenario, or a pupil, for each of them."""
+        """Tell pytest to run the methods that take a scenario, or a pupil, for each of them."""
         if "scenario" in metafunc.fixturenames:
             claimed = self.claimed_scenarios() if hasattr(self, "teacher") else self.scenarios
             metafunc.parametrize("scenario", claimed, ids=[one.name for one in claimed])
@@ -124,7 +124,7 @@ class TeacherConformance:
         )
 
     def test_hyperparameters_never_change(self) -> None:
-        """Checks that what is learned goes into attributes that end in an underscore, not into fields."""
+        """Check that what is learned goes into attributes that end in an underscore, not into fields."""
         teacher = self._started(self.claimed_scenarios()[0])
         before = copy.deepcopy(hyperparameters_of(teacher))
         play(teacher, self.claimed_scenarios()[0], 0, self.episodes // 2)
@@ -245,7 +245,7 @@ class TeacherConformance:
         return self.teacher.knowledge_levels[-1]
 
     def _started(self, scenario: Scenario, seed: int = 0, level: KnowledgeLevel | None = None) -> Teacher:
-        """Returns a started teacher; of one that never started its base class, only the first test fails."""
+        """Return a started teacher; of one that never started its base class, only the first test fails."""
         if self.teacher in _UNSTARTED:
             raise SkipTest(f"{self._name}.start() does not call super().start()")
         try:
@@ -268,7 +268,7 @@ class TeacherConformance:
         )
 
     def _record(self, scenario: Scenario) -> Record:
-        """Returns the undisturbed play of seed 0 that others are compared with; played once."""
+        """Return the undisturbed play of seed 0 that others are compared with; played once."""
         key = (type(self), scenario.name)
         if key not in _RECORDS:
             teacher = self._started(scenario)
@@ -290,7 +290,7 @@ class TeacherConformance:
 
 
 def check_quickly(name: str) -> None:
-    """Checks within seconds, and without pytest, what a teacher promises, before anything is spent on it.
+    """Check within seconds, and without pytest, what a teacher promises, before anything is spent on it.
 
     Args:
         name: registered name or ``module:Name``, with hyper-parameters if wanted.
@@ -317,7 +317,7 @@ def check_quickly(name: str) -> None:
 
 @contextmanager
 def _explained(name: str, scenario: Scenario) -> Iterator[None]:
-    """Names the space in which a teacher's own code fails."""
+    """Name the space in which a teacher's own code fails."""
     try:
         yield
     except AssertionError:
@@ -332,7 +332,7 @@ def _explained(name: str, scenario: Scenario) -> Iterator[None]:
 
 
 def _global_state() -> dict[str, Any]:
-    """Returns the state that every part of a process shares; torch's only if something has imported it."""
+    """Return the state that every part of a process shares; torch's only if something has imported it."""
     state: dict[str, Any] = {
         "random": random.getstate(),
         "numpy.random": pickle.dumps(np.random.get_state()),  # noqa: NPY002 - compared, not used

@@ -58,7 +58,7 @@ class SimulatedCell:
 def cells_of(
     teachers: Sequence[str], challenges: Sequence[SimulatedChallenge], levels: Sequence[KnowledgeLevel]
 ) -> list[SimulatedCell]:
-    """Returns the cells of a matrix, each once, by teacher, level and challenge.
+    """Return the cells of a matrix, each once, by teacher, level and challenge.
 
     Raises:
         ValueError: an unknown teacher, or a challenge beyond the limits that one declares.
@@ -85,7 +85,7 @@ def run_cells(
     jobs: int,
     kept: Iterable[SimulatedRun] = (),
 ) -> Generator[SimulatedRun, None, None]:
-    """Yields the runs of `cells` as they end, each once, played by `jobs` processes of one thread each.
+    """Yield the runs of `cells` as they end, each once, played by `jobs` processes of one thread each.
 
     Every cell's first seed is played before any cell's second; what is among `kept` is not played again.
     The processes end with the iterator, also in the middle of a run: close it.
@@ -121,12 +121,12 @@ def run_cells(
 
 
 def run_count(cells: Sequence[SimulatedCell], seeds: Sequence[int]) -> int:
-    """Returns how many runs `cells` have with `seeds`."""
+    """Return how many runs `cells` have with `seeds`."""
     return len(runs_of(cells)) * len(seeds)
 
 
 def runs_of(cells: Sequence[SimulatedCell]) -> list[tuple[SimulatedChallenge, str, KnowledgeLevel]]:
-    """Returns challenge, teacher and effective level of the runs of `cells`, each once."""
+    """Return challenge, teacher and effective level of the runs of `cells`, each once."""
     runs = (
         (cell.challenge, cell.teacher, cell.effective_level)
         for cell in cells
@@ -136,7 +136,7 @@ def runs_of(cells: Sequence[SimulatedCell]) -> list[tuple[SimulatedChallenge, st
 
 
 def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd.DataFrame:
-    """Returns one row per cell and seed, in the order of `cells` and of seeds.
+    """Return one row per cell and seed, in the order of `cells` and of seeds.
 
     A cell that is refused is one row without a seed. The columns are
 
@@ -185,7 +185,7 @@ def _recovery(challenge: SimulatedChallenge, run: SimulatedRun) -> dict[str, flo
 
 
 def _settle(wanted: Connection) -> None:
-    """Prepares a worker: one thread, also in torch if a teacher imports it; no life after its parent's.
+    """Prepare a worker: one thread, also in torch if a teacher imports it; no life after its parent's.
 
     Args:
         wanted: pipe whose other end the parent closes when it wants no more runs, or ends.

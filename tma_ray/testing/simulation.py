@@ -107,7 +107,7 @@ class Simulation:
         self.episodes = 0
 
     def advance(self) -> Episode:
-        """Plays one episode, tells the teacher, and returns it."""
+        """Play one episode, tell the teacher, and return it."""
         proposal = self.teacher.propose()
         task = check_task(proposal.task, self.teacher.space)
         world = self._world(task)
@@ -132,7 +132,7 @@ class Simulation:
         return task if self.landscape is None else self.landscape.to_world(task)
 
     def _outcomes(self, tasks: Task, _greedy: bool) -> Outcomes:
-        """Returns the outcomes of an evaluation, whose episodes count; both policies are one."""
+        """Return the outcomes of an evaluation, whose episodes count; both policies are one."""
         checked = [check_task(task, self.teacher.space) for task in tasks]
         played = np.array([self.student.play(self._world(task), trains=False) for task in checked])
         self.episodes += len(played)
@@ -140,11 +140,11 @@ class Simulation:
         return Outcomes(played, played > MASTERY_RETURN, lengths)
 
     def evaluate(self, tests: Task) -> tuple[float, ...]:
-        """Returns the student's expected return on each of `tests` (n, d)."""
+        """Return the student's expected return on each of `tests` (n, d)."""
         return tuple(map(float, self.student.expected_returns(tests)))
 
     def mastered(self, tests: Task) -> float:
-        """Returns the share of `tests` (n, d) that the student masters, in per cent."""
+        """Return the share of `tests` (n, d) that the student masters, in per cent."""
         return 100 * float(np.mean(np.array(self.evaluate(tests)) > MASTERY_RETURN))
 
 
@@ -156,7 +156,7 @@ def simulate(
     episodes: int = EPISODES,
     hyperparameters: Mapping[str, Any] | None = None,
 ) -> SimulatedRun:
-    """Returns the run of `episodes` episodes that `Simulation` describes.
+    """Return the run of `episodes` episodes that `Simulation` describes.
 
     Raises:
         ValueError: fewer episodes than evaluations, or what `Simulation` refuses.

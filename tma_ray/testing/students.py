@@ -49,7 +49,7 @@ Evaluate = Callable[[Task, bool], Outcomes]
 
 
 def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues, evaluate: Evaluate) -> None:
-    """Tells `teacher` of `episode` and answers what it asks.
+    """Tell `teacher` of `episode` and answer what it asks.
 
     Raises:
         ValueError: it asks for a trajectory or an evaluation without having declared that it wants any.
@@ -77,7 +77,7 @@ def _answer(teacher: Teacher, query: Query, episode: Episode, pupil: tuple[State
 
 
 def even_trajectory(episode: Episode) -> Trajectory:
-    """Returns the steps of a simulated episode: nothing changes, and rewards come evenly."""
+    """Return the steps of a simulated episode: nothing changes, and rewards come evenly."""
     observations = np.tile(episode.initial_observation, (episode.length + 1, 1))
     rewards = np.full(episode.length, episode.episodic_return / episode.length)
     actions = np.zeros((episode.length, 1), np.float32)
@@ -183,11 +183,11 @@ class SimulatedStudent:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets everything: an untrained student again."""
+        """Forget everything: an untrained student again."""
         self._competence = np.zeros_like(self._pace)
 
     def play(self, task: ArrayLike, trains: bool = True) -> float:
-        """Plays one episode of `task` (d,), learns from it if it `trains`, and returns its episodic return.
+        """Play one episode of `task` (d,), learn from it if it `trains`, and return its episodic return.
 
         Without learning nothing is forgotten either.
         """
@@ -207,7 +207,7 @@ class SimulatedStudent:
         return WORST_RETURN + RETURN_RANGE * (competence + spread * float(self._rng.standard_normal()))
 
     def initial_observations(self, tasks: ArrayLike) -> NDArray[np.float32]:
-        """Returns the initial observations (..., d) of `tasks` (..., d): their demands.
+        """Return the initial observations (..., d) of `tasks` (..., d): their demands.
 
         They tell more than the lidars of a walker would, so that teachers which ask for values get all that
         there is to know.
@@ -216,11 +216,11 @@ class SimulatedStudent:
         return np.maximum(demands, 0.0).astype(np.float32)
 
     def expected_returns(self, tasks: ArrayLike) -> Array:
-        """Returns the expected episodic returns (n,) of `tasks` (n, d), from which nothing is learned."""
+        """Return the expected episodic returns (n,) of `tasks` (n, d), from which nothing is learned."""
         return self._expected(self.initial_observations(tasks))
 
     def state_values(self, observations: NDArray[np.float32]) -> Array:
-        """Returns the expected discounted returns (n,) of initial observations (n, d), which never change."""
+        """Return the expected discounted returns (n,) of initial observations (n, d), which never change."""
         if (observations == observations[0]).all():  # a trajectory
             return np.repeat(DISCOUNTED_SHARE * self._expected(observations[:1]), len(observations))
         return DISCOUNTED_SHARE * self._expected(observations)
@@ -261,7 +261,7 @@ class SimulatedStudent:
         return average[:, 0]
 
     def _learn(self, readiness: float, kernels: Array) -> None:
-        """Teaches the regions around a task whose kernel has the factors (d, regions)."""
+        """Teach the regions around a task whose kernel has the factors (d, regions)."""
         kernel = kernels[0]
         for axis in kernels[1:]:
             kernel = np.multiply.outer(kernel, axis)
@@ -295,14 +295,14 @@ class SimulatedChallenge:
     test_set: str = "stump_tracks"
 
     def tests(self) -> TestSet:
-        """Returns the test tasks."""
+        """Return the test tasks."""
         return load_test_set(self.test_set)
 
 
 def _simulated(
     name: str, title: str, aptitudes: tuple[StudentParameters, ...] = (StudentParameters(),)
 ) -> SimulatedChallenge:
-    """Returns the challenge of Stump Tracks called `name`, for students of these `aptitudes`."""
+    """Return the challenge of Stump Tracks called `name`, for students of these `aptitudes`."""
     real = find_challenge("stump_tracks", name)
     assert real.easy_task is not None, "Stump Tracks has an easy task"
     return SimulatedChallenge(
@@ -335,7 +335,7 @@ limits (its two bodies) with two paces (its two students) stand for the diverse 
 
 
 def find_simulated_challenge(name: str) -> SimulatedChallenge:
-    """Returns the simulated challenge called `name`.
+    """Return the simulated challenge called `name`.
 
     Raises:
         ValueError: there is none; the message holds the nearest match.

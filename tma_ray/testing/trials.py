@@ -32,7 +32,7 @@ from tma_ray.testing.students import report_episode
 
 
 def check_tasks(tasks: Iterable[Any], space: TaskSpace, name: str) -> None:
-    """Refuses all but float32 tasks inside `space`."""
+    """Refuse all but float32 tasks inside `space`."""
     for task in tasks:
         assert isinstance(task, np.ndarray), f"{name} gave {task!r}; expected a numpy array"
         assert task.dtype == np.float32, f"{name} gave {task.dtype} tasks; expected float32 (space.clip)"
@@ -44,7 +44,7 @@ def check_tasks(tasks: Iterable[Any], space: TaskSpace, name: str) -> None:
 
 
 def check_update(update: TeacherUpdate, space: TaskSpace, name: str) -> None:
-    """Refuses a log row that does not fit `space`, or cannot be drawn."""
+    """Refuse a log row that does not fit `space`, or cannot be drawn."""
     square = (space.size, space.size)
     for part in update.gaussians:
         assert np.shape(part.mean) == (space.size,), f"{name} logs a mean of shape {np.shape(part.mean)}"
@@ -70,7 +70,7 @@ def check_update(update: TeacherUpdate, space: TaskSpace, name: str) -> None:
 
 
 def first_difference(first: Iterable[Any], second: Iterable[Any]) -> int | None:
-    """Returns the index of the first task in which two plays differ, None if they do not."""
+    """Return the index of the first task in which two plays differ, None if they do not."""
     for index, (one, other) in enumerate(zip(first, second, strict=True)):
         if not np.array_equal(one, other):
             return index
@@ -128,7 +128,7 @@ class Scenario:
         level: KnowledgeLevel,
         seed: int = 0,
     ) -> Teacher:
-        """Returns a new teacher of this space; the knowledge depends on `level` alone."""
+        """Return a new teacher of this space; the knowledge depends on `level` alone."""
         easy_task = self.landscape.from_world(self.space.low)
         knowledge = expert_knowledge(level, self.space, np.random.default_rng(7), easy_task)
         new = teacher(**hyperparameters)
@@ -136,7 +136,7 @@ class Scenario:
         return new
 
     def episode(self, task: Task, index: int, pupil: TrialStudent) -> Episode:
-        """Returns what a pupil makes of `task` as its episode number `index`, counted from 0."""
+        """Return what a pupil makes of `task` as its episode number `index`, counted from 0."""
         observation = np.array([self._difficulty(task), 0.2 + index / 1000], dtype=np.float32)
         luck = UNSTEADINESS if index % 2 else -UNSTEADINESS
         fixed = {TrialStudent.HOPELESS: -100.0, TrialStudent.PERFECT: 300.0}
@@ -152,7 +152,7 @@ class Scenario:
         )
 
     def outcomes(self, tasks: Task, index: int, pupil: TrialStudent) -> Outcomes:
-        """Returns what a pupil makes of `tasks` (n, d) after its episode number `index`."""
+        """Return what a pupil makes of `tasks` (n, d) after its episode number `index`."""
         episodes = [self.episode(task, index, pupil) for task in tasks]
         episodic_returns = np.array([each.episodic_return for each in episodes])
         return Outcomes(
@@ -180,7 +180,7 @@ SCENARIOS = (
 def play(
     teacher: Teacher, scenario: Scenario, first: int, last: int, pupil: TrialStudent = TrialStudent.IMPROVING
 ) -> list[Task]:
-    """Returns the tasks of the episodes numbered from `first` up to but not including `last`."""
+    """Return the tasks of the episodes numbered from `first` up to but not including `last`."""
     tasks = []
     for index in range(first, last):
         proposal = teacher.propose()
@@ -191,7 +191,7 @@ def play(
 
 
 def _evaluate(scenario: Scenario, index: int, pupil: TrialStudent, tasks: Task, _greedy: bool) -> Outcomes:
-    """Returns the outcomes of `tasks` (n, d), having refused any outside the space."""
+    """Return the outcomes of `tasks` (n, d), having refused any outside the space."""
     check_tasks(tasks, scenario.space, "the query for an evaluation")
     return scenario.outcomes(tasks, index, pupil)
 
@@ -201,7 +201,7 @@ def _state_values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Returns the improving pupil's expectations (n,) of observations (n, 2): difficulty and skill."""
+    """Return the improving pupil's expectations (n,) of observations (n, 2): difficulty and skill."""
     difficulty, skill = observations.astype(np.float64).T
     returns: NDArray[np.float64] = 300 - 400 * np.clip(difficulty - skill, 0, 1)
     return returns
@@ -249,7 +249,7 @@ def continued(
     level: KnowledgeLevel,
     saved: tuple[Saved, ...],
 ) -> list[Task]:
-    """Returns the tasks (n, d) that a new process plays on from each of `saved`.
+    """Return the tasks (n, d) that a new process plays on from each of `saved`.
 
     Raises:
         RuntimeError: the new process failed; the message holds its errors.
@@ -267,7 +267,7 @@ def continued(
 
 
 def main() -> None:
-    """Plays the job on the standard input; writes a list of tasks (n, d) to the standard output."""
+    """Play the job on the standard input; write a list of tasks (n, d) to the standard output."""
     job: Job = pickle.load(sys.stdin.buffer)
     teacher = attrgetter(job.name)(importlib.import_module(job.module))
     results = []

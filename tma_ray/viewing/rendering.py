@@ -37,7 +37,7 @@ QUALITY = 20
 
 
 def check_picture(path: Path) -> None:
-    """Refuses a file that `write_frames` could not draw_text.
+    """Refuse a file that `write_frames` could not draw_text.
 
     Raises:
         ValueError: another ending than .mp4, .gif and .png, no such folder or one that cannot be written
@@ -60,7 +60,7 @@ def check_picture(path: Path) -> None:
 
 
 def write_frames(path: Path, frames: Iterable[Frame], frames_per_second: Fraction) -> None:
-    """Writes `frames`, at least one and all of one size, in the format that `path` ends in.
+    """Write `frames`, at least one and all of one size, in the format that `path` ends in.
 
     A .png holds the last frame alone; of a .gif all frames are held in memory. The file appears when it is
     complete.
@@ -110,7 +110,7 @@ def _write_gif(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
 
 
 def _colours(picture: Image.Image, count: int, method: Image.Quantize) -> list[int]:
-    """Returns `count` colours of `picture`, one value after the other."""
+    """Return `count` colours of `picture`, one value after the other."""
     values = picture.quantize(count, method=method).getpalette() or []
     return (values + [0] * 3 * count)[: 3 * count]
 
@@ -132,12 +132,12 @@ RANDOM, ZERO = "random", "zero"
 
 
 def random_policy(actions: spaces.Box, rng: np.random.Generator) -> StepPolicy:
-    """Returns a policy whose actions are uniform, whatever it observes."""
+    """Return a policy whose actions are uniform, whatever it observes."""
     return lambda _: rng.uniform(actions.low, actions.high).astype(np.float32)
 
 
 def zero_policy(actions: spaces.Box) -> StepPolicy:
-    """Returns a policy whose actions are all zero."""
+    """Return a policy whose actions are all zero."""
     return lambda _: np.zeros(actions.shape, np.float32)
 
 
@@ -201,7 +201,7 @@ class RenderedEnvironment:
         return Fraction(self.environment.metadata.get("render_fps", FRAME_RATE))
 
     def acting_policy(self, rng: np.random.Generator) -> StepPolicy:
-        """Returns the policy that acts; `rng` draws random actions."""
+        """Return the policy that acts; `rng` draws random actions."""
         actions = self.environment.action_space
         assert isinstance(actions, spaces.Box)
         if self.trained is not None:
@@ -209,16 +209,16 @@ class RenderedEnvironment:
         return zero_policy(actions) if self.policy == ZERO else random_policy(actions, rng)
 
     def frame(self) -> Frame:
-        """Returns the current frame (height, width, 3)."""
+        """Return the current frame (height, width, 3)."""
         return np.asarray(self.environment.render(), dtype=np.uint8)
 
     def close(self) -> None:
-        """Closes the environment."""
+        """Close the environment."""
         self.environment.close()
 
 
 def open_rendered(settings: RenderSettings) -> RenderedEnvironment:
-    """Returns the environment that settings describe, all of which has been checked.
+    """Return the environment that settings describe, all of which has been checked.
 
     Raises:
         ValueError: no such policy or one that does not fit, or an environment that cannot be drawn.
@@ -244,7 +244,7 @@ def open_rendered(settings: RenderSettings) -> RenderedEnvironment:
 
 
 def _make(name: str | None, embodiment: str | None, saved: SavedPolicy | None) -> Environment:
-    """Returns the environment, which draws frames."""
+    """Return the environment, which draws frames."""
     spec = saved.spec if saved else None
     name = name or (spec.environment if spec else DEFAULT_ENVIRONMENT)
     known = arguments(spec, "environment") if spec else {}
@@ -292,7 +292,7 @@ class RenderedEpisode:
 
 
 def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
-    """Plays an episode into the file `output`: .mp4 or .gif, or .png for its last frame.
+    """Play an episode into the file `output`: .mp4 or .gif, or .png for its last frame.
 
     Raises:
         ValueError: a file that cannot be written, no such policy or one that does not fit, an environment
@@ -312,7 +312,7 @@ def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
 
 
 def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.random.Generator) -> Task:
-    """Returns the task that `text` names (d,).
+    """Return the task that `text` names (d,).
 
     Args:
         text: "3,0.5", or "stump_height=3" with the other dimensions in the middle of `space`; None for the
@@ -352,7 +352,7 @@ def _play(
     episode: RenderedEpisode,
     every: int,
 ) -> Iterator[Frame]:
-    """Yields a frame every `every` steps, the first and the last included; for 0 the last alone."""
+    """Yield a frame every `every` steps, the first and the last included; for 0 the last alone."""
     environment = rendered.environment
     observation, _ = environment.reset(seed=settings.seed, options={"task": episode.task})
     while episode.steps < settings.steps and not episode.ended:

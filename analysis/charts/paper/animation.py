@@ -24,7 +24,7 @@ COLOURS = 128
 
 @styled
 def animate(chart: Chart, seconds: float = 6.0) -> bytes:
-    """Returns a chart as a GIF that repeats, a frame for each moment of its first panel.
+    """Return a chart as a GIF that repeats, a frame for each moment of its first panel.
 
     Args:
         chart: chart whose panels all have the same moments.
@@ -66,7 +66,7 @@ def _images(chart: Chart) -> Iterator[Image.Image]:
 
 
 def _palette(images: Sequence[Image.Image]) -> Image.Image:
-    """Returns the colours that all frames share, so that still parts do not flicker."""
+    """Return the colours that all frames share, so that still parts do not flicker."""
     few = [images[index] for index in spread(len(images), 5)]
     width, height = few[0].size
     sheet = Image.new("RGB", (width, height * len(few)))
@@ -79,7 +79,7 @@ def _palette(images: Sequence[Image.Image]) -> Image.Image:
 
 
 def _quantized(image: Image.Image, palette: Image.Image) -> Image.Image:
-    """Returns `image` in the colours of `palette`, with paper exactly white: Pillow only comes near."""
+    """Return `image` in the colours of `palette`, with paper exactly white: Pillow only comes near."""
     found = image.quantize(palette=palette, dither=Image.Dither.NONE)
     places = np.array(found)
     places[(np.asarray(image) == 255).all(axis=2)] = 0

@@ -30,7 +30,7 @@ STAR_COLUMNS, STAR_ROWS = 4, 2
 
 
 def draw_radars(chart: Chart) -> Figure:
-    """Returns rows of radars, each row with the legend of its teachers."""
+    """Return rows of radars, each row with the legend of its teachers."""
     width, size = chart.size[0], chart.letters
     marks = [mark_handle(key) for key in chart.keys]
     named = [[look_handle(each.look, each.name) for each in _spokes(row)] for row in chart.panels]
@@ -48,7 +48,7 @@ def draw_radars(chart: Chart) -> Figure:
 
 
 def _spokes(row: Sequence[Radar]) -> list[Any]:
-    """Returns the lines of a row of radars, one of each teacher."""
+    """Return the lines of a row of radars, one of each teacher."""
     found = {spoke.teacher: spoke for radar in row for spoke in radar.spokes}
     return [found[teacher] for teacher in sorted(found, key=teacher_order)]
 
@@ -57,7 +57,7 @@ class RadarAxes:
     """A radar chart in a figure that is laid out in inches."""
 
     def __init__(self, figure: Figure, centre: tuple[float, float], radar: Radar, size: float) -> None:
-        """Adds polar axes to a figure.
+        """Add polar axes to a figure.
 
         Args:
             figure: figure that is drawn in.
@@ -75,7 +75,7 @@ class RadarAxes:
         self._axes = axes
 
     def draw(self) -> None:
-        """Draws everything."""
+        """Draw everything."""
         radar = self._radar
         self._draw_rings()
         for axis, name in enumerate(radar.axes):
@@ -119,7 +119,7 @@ class RadarAxes:
         self._ring(1.0, color=random.colour, linestyle=random.dashes, linewidth=1.1, zorder=1, gid="random")
 
     def _draw_spokes(self) -> None:
-        """Draws lines where two neighbours have values, and a mark on each axis that has one."""
+        """Draw lines where two neighbours have values, and a mark on each axis that has one."""
         radar, around = self._radar, [*range(len(self._radar.axes)), 0]
         for spoke in radar.spokes:
             self._axes.plot(
@@ -163,7 +163,7 @@ class RadarAxes:
             self._axes.annotate("\N{DAGGER}", place, xytext=(3, 2), gid="doubt", **style)
 
     def _draw_stars(self) -> None:
-        """Draws stars in short rows next to the name of their axis, in their order."""
+        """Draw stars in short rows next to the name of their axis, in their order."""
         for axis, name in enumerate(self._radar.axes):
             mine: list[Star] = [star for star in self._radar.stars if star.axis == axis]
             anchor, align, up = self._place(axis)
@@ -199,7 +199,7 @@ class RadarAxes:
         self._axes.annotate(text, (0, ring), xytext=(-2, 0), textcoords="offset points", **style)
 
     def _place(self, axis: int) -> tuple[tuple[float, float], str, int]:
-        """Returns the anchor of an axis's name, its alignment, and 1 or -1 if it grows up or down."""
+        """Return the anchor of an axis's name, its alignment, and 1 or -1 if it grows up or down."""
         angle = float(self._angles[axis])
         x, y = RADIUS * math.sin(angle), RADIUS * math.cos(angle)
         if abs(x) < 0.05 * RADIUS:
@@ -210,7 +210,7 @@ class RadarAxes:
         return (x, y - 0.06), "center", -1
 
     def _write(self, x: float, y: float, text: str, **style: Any) -> None:
-        """Writes at a distance from the centre, in inches."""
+        """Write at a distance from the centre, in inches."""
         place = self._centre[0] + x, self._centre[1] + y
         self._figure.text(*place, text, transform=self._figure.dpi_scale_trans, **style)
 

@@ -63,7 +63,7 @@ R = TypeVar("R")
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Returns `draw` made to work in `STYLE`, whatever the caller's settings, which stay as they are."""
+    """Return `draw` made to work in `STYLE`, whatever the caller's settings, which stay as they are."""
 
     @functools.wraps(draw)
     def draw_in_style(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -81,7 +81,7 @@ class Vector(StrEnum):
 
 
 def png(figure: Figure) -> bytes:
-    """Returns `figure` as a PNG file; the same figure gives the same bytes."""
+    """Return `figure` as a PNG file; the same figure gives the same bytes."""
     return _file(figure, "png", DPI)
 
 
@@ -93,7 +93,7 @@ def svg(figure: Figure) -> str:
 
 
 def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple[Path, Path]:
-    """Writes `figure` as a vector file and as a PNG file; the same figure gives the same bytes.
+    """Write `figure` as a vector file and as a PNG file; the same figure gives the same bytes.
 
     Args:
         figure: figure to write.
@@ -149,7 +149,7 @@ class Picture:
 
     @classmethod
     def of(cls, name: str, figure: Figure, title: str, caption: str) -> Picture:
-        """Returns `figure` as a picture."""
+        """Return `figure` as a picture."""
         return cls(name, png(figure), title, caption, width=round(figure.get_figwidth() * 100))
 
     @property

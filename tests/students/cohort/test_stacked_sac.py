@@ -32,7 +32,7 @@ def networks(seed: int) -> SACNetworks:
 
 
 def play(stacked: StackedSAC, slot: int, seed: int, updates: int, length: int = 30) -> None:
-    """Stores an episode, which depends on the seed only, and owes updates."""
+    """Store an episode, which depends on the seed only, and owes updates."""
     rng = np.random.default_rng(seed)
     observations = rng.normal(size=(length + 1, OBSERVATION)).astype(np.float32)
     actions = rng.uniform(-1, 1, (length, ACTION)).astype(np.float32)

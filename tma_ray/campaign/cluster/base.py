@@ -19,11 +19,11 @@ class Watched(Protocol):
     """A Ray without which a campaign cannot go on."""
 
     def lost(self, patience: float) -> str | None:
-        """Returns why the head counts as lost after a silence of `patience`, s; None while it does not."""
+        """Return why the head counts as lost after a silence of `patience`, s; None while it does not."""
         ...
 
     def abandon(self) -> None:
-        """Kills what is left of a Ray that this process has started, without any call of Ray."""
+        """Kill what is left of a Ray that this process has started, without any call of Ray."""
         ...
 
 
@@ -31,11 +31,11 @@ class Head(Watched, Protocol):
     """The head node of a Ray, with the Global Control Store (GCS) that every process of a cluster needs."""
 
     def nodes(self) -> list[dict[str, Any]]:
-        """Returns Ray's record of each living node, with "NodeID" and "Resources"; never waits for Ray."""
+        """Return Ray's record of each living node, with "NodeID" and "Resources"; never waits for Ray."""
         ...
 
     def check(self) -> None:
-        """Checks that the head is alive; cheap enough for every turn of a loop.
+        """Check that the head is alive; cheap enough for every turn of a loop.
 
         Raises:
             HeadLostError: it is lost. This process has left Ray then.
@@ -43,12 +43,12 @@ class Head(Watched, Protocol):
         ...
 
     def close(self) -> None:
-        """Ends the watch; this process stays connected to Ray."""
+        """End the watch; this process stays connected to Ray."""
         ...
 
 
 def living_nodes() -> list[dict[str, Any]]:
-    """Asks Ray for its living nodes; without a head it waits until Ray ends this process."""
+    """Ask Ray for its living nodes; without a head it waits until Ray ends this process."""
     from ray._private.state import state  # unlike `ray.nodes`, it starts no Ray where there is none
 
     nodes: list[dict[str, Any]] = state.node_table()  # type: ignore[no-untyped-call]
@@ -56,12 +56,12 @@ def living_nodes() -> list[dict[str, Any]]:
 
 
 def capacity(resources: Resources, nodes: Sequence[dict[str, Any]]) -> int:
-    """Returns the number of runs that `nodes` hold at once."""
+    """Return the number of runs that `nodes` hold at once."""
     return sum(resources.fit_into(node["Resources"]) for node in nodes)
 
 
 def offers(nodes: Sequence[Mapping[str, float]]) -> str:
-    """Returns the resources of nodes as messages show them."""
+    """Return the resources of nodes as messages show them."""
     return "; ".join(
         f"{has.get('CPU', 0):g} CPUs, {has.get('GPU', 0):g} GPUs, {has.get('memory', 0) / GIB:.1f} GiB"
         for has in nodes
@@ -69,7 +69,7 @@ def offers(nodes: Sequence[Mapping[str, float]]) -> str:
 
 
 def working_nodes() -> list[dict[str, Any]]:
-    """Returns the living nodes that may get a run, or all where those are still to come.
+    """Return the living nodes that may get a run, or all where those are still to come.
 
     Every run needs some share of a core, which the head node of many clusters does not offer.
     """
@@ -84,7 +84,7 @@ _HOST = re.compile(r"[\w.-]+|[0-9a-fA-F:.]*:[0-9a-fA-F:.]+(%\w+)?")
 
 
 def check_address(address: str) -> None:
-    """Refuses an address at which a campaign cannot join a cluster.
+    """Refuse an address at which a campaign cannot join a cluster.
 
     Args:
         address: "host:port" of a cluster's head, or "auto": RAY_ADDRESS if set, else the Ray that runs
@@ -106,7 +106,7 @@ def check_address(address: str) -> None:
 
 
 def host_and_port(address: str) -> tuple[str, int] | None:
-    """Returns host and port of a cluster's head, None for "auto".
+    """Return host and port of a cluster's head, None for "auto".
 
     Raises:
         ValueError: not such an address.
@@ -129,7 +129,7 @@ def host_and_port(address: str) -> tuple[str, int] | None:
 
 
 def connection_advice(address: str, reason: str) -> str:
-    """Returns the message of a failed connection to `address`, with its reason and remedies."""
+    """Return the message of a failed connection to `address`, with its reason and remedies."""
     return (
         f"no Ray cluster was joined at {address!r}: {reason}. From one of its nodes use '--address auto'; "
         f"from elsewhere submit the campaign instead ('ray job submit', 'ray submit'). A cluster that asks "
@@ -161,7 +161,7 @@ def leaving_without_head(
     grace: float = 0.0,
     conclude: Callable[[], None] = lambda: None,
 ) -> Iterator[None]:
-    """Ends this process with a message and `RAY_LOST` if Ray's head is lost while the block runs.
+    """End this process with a message and `RAY_LOST` if Ray's head is lost while the block runs.
 
     A call of Ray waits for a head that is gone until Ray itself ends the process, after 60 s and without a
     word, and cannot be interrupted.

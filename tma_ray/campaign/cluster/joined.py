@@ -74,11 +74,11 @@ class JoinedHead:
         threading.Thread(target=self._watch, name="ray-head", daemon=True).start()
 
     def nodes(self) -> list[dict[str, Any]]:
-        """Returns the nodes of the last answer; see `Head`."""
+        """Return the nodes of the last answer; see `Head`."""
         return self._nodes
 
     def check(self) -> None:
-        """Says that the head does not answer, once a minute, and leaves Ray in time; see `Head`."""
+        """Say that the head does not answer, once a minute, and leave Ray in time; see `Head`."""
         silent = time.monotonic() - self._answered
         if silent < NOTEWORTHY_SECONDS:
             return
@@ -96,7 +96,7 @@ class JoinedHead:
             )
 
     def lost(self, patience: float) -> str | None:
-        """Returns how long the head has not answered, if that is longer than `patience`; see `Head`."""
+        """Return how long the head has not answered, if that is longer than `patience`; see `Head`."""
         silent = time.monotonic() - self._answered
         if silent <= patience:
             return None
@@ -106,10 +106,10 @@ class JoinedHead:
         )
 
     def abandon(self) -> None:
-        """Does nothing: the cluster is not this process's."""
+        """Do nothing: the cluster is not this process's."""
 
     def close(self) -> None:
-        """Ends the thread."""
+        """End the thread."""
         self._left.set()
 
     def _watch(self) -> None:
@@ -123,7 +123,7 @@ class JoinedHead:
 
 
 def patience_of_ray() -> float:
-    """Returns how long this cluster's processes wait for a head that is gone, s."""
+    """Return how long this cluster's processes wait for a head that is gone, s."""
     settings: dict[str, Any] = state.get_system_config()  # type: ignore[no-untyped-call]
     return float(
         settings.get(PATIENCE_SETTING) or os.environ.get(f"RAY_{PATIENCE_SETTING}") or DEFAULT_PATIENCE
@@ -131,7 +131,7 @@ def patience_of_ray() -> float:
 
 
 def cluster_nodes(address: str, *, gpus: bool, autoscaling: bool) -> Nodes:
-    """Returns the nodes of a cluster, without joining it.
+    """Return the nodes of a cluster, without joining it.
 
     Args:
         address: "host:port" of its head, or "auto".
@@ -156,7 +156,7 @@ def cluster_nodes(address: str, *, gpus: bool, autoscaling: bool) -> Nodes:
 
 
 def nodes_to_come(heads: Collection[str], *, gpus: bool) -> list[dict[str, float]]:
-    """Returns the nodes to which a cluster may grow whose autoscaler runs on this machine, the largest first.
+    """Return the nodes to which a cluster may grow whose autoscaler runs on this machine, the largest first.
 
     Args:
         heads: addresses of its head.
@@ -202,7 +202,7 @@ _own: list[LocalHead] = []
 
 
 def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connection:
-    """Joins the cluster at `address`, or starts a Ray on this machine if that is None.
+    """Join the cluster at `address`, or start a Ray on this machine if that is None.
 
     An existing connection of this process is used as it is; the address is checked all the same.
 
@@ -236,7 +236,7 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connec
 
 
 def _existing() -> Connection:
-    """Returns the connection that this process has already."""
+    """Return the connection that this process has already."""
     if _own and _own[0].is_connected():
         return Connection(_own[0], shipped=False, is_own=True)
     return Connection(JoinedHead(), shipped=False, is_own=False)

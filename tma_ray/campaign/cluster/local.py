@@ -54,7 +54,7 @@ class OwnProcesses:
         self._serving: set[psutil.Process] = set()
 
     def look(self) -> None:
-        """Takes note of what has been started.
+        """Take note of what has been started.
 
         Core processes are children of this one. The node manager's own children bear its name, too, until
         they become workers, which may end at any time.
@@ -67,7 +67,7 @@ class OwnProcesses:
                     self._core[process] = CORE[name]
 
     def lost(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # processes are seen at once
-        """Returns which core processes are gone, however short the silence; see `Watched`."""
+        """Return which core processes are gone, however short the silence; see `Watched`."""
         self.look()
         gone = [name for process, name in self._core.items() if not self._serves(process)]
         if not gone:
@@ -78,7 +78,7 @@ class OwnProcesses:
         )
 
     def abandon(self) -> None:
-        """Kills what is left of this Ray, some of which would stay for minutes; see `Watched`."""
+        """Kill what is left of this Ray, some of which would stay for minutes; see `Watched`."""
         self.look()
         for process in self._core:
             with suppress(psutil.NoSuchProcess):
@@ -88,11 +88,11 @@ class OwnProcesses:
                 process.kill()
 
     def wait(self) -> None:
-        """Waits a moment for processes that end."""
+        """Wait a moment for processes that end."""
         psutil.wait_procs(self._started, timeout=END_SECONDS)
 
     def _serves(self, process: psutil.Process) -> bool:
-        """Returns False if a process has ended or closed its ports: after SIGTERM a head does, and hangs."""
+        """Return False if a process has ended or closed its ports: after SIGTERM a head does, and hangs."""
         try:
             if not process.is_running() or process.status() == psutil.STATUS_ZOMBIE:
                 return False
@@ -143,15 +143,15 @@ class LocalHead:
         self._nodes, self._address = living_nodes(), ray.get_runtime_context().gcs_address
 
     def nodes(self) -> list[dict[str, Any]]:
-        """Returns the one node; see `Head`."""
+        """Return the one node; see `Head`."""
         return self._nodes
 
     def is_connected(self) -> bool:
-        """Returns True if this process is connected to this very Ray."""
+        """Return True if this process is connected to this very Ray."""
         return ray.is_initialized() and ray.get_runtime_context().gcs_address == self._address
 
     def check(self) -> None:
-        """Ends this Ray if one of its core processes is gone; see `Head`."""
+        """End this Ray if one of its core processes is gone; see `Head`."""
         reason = self._processes.lost()
         if reason is not None:
             self._left = True
@@ -161,18 +161,18 @@ class LocalHead:
             raise HeadLostError(reason)
 
     def lost(self, patience: float = 0.0) -> str | None:
-        """Returns which core processes are gone, None once `check` has found it out; see `Watched`."""
+        """Return which core processes are gone, None once `check` has found it out; see `Watched`."""
         return None if self._left else self._processes.lost(patience)
 
     def abandon(self) -> None:
-        """Kills what is left of this Ray; see `Watched`."""
+        """Kill what is left of this Ray; see `Watched`."""
         self._processes.abandon()
 
     def close(self) -> None:
-        """Does nothing: it is watched without a thread."""
+        """Do nothing: it is watched without a thread."""
 
     def _clean(self, folder: Path) -> None:
-        """Ends this Ray and removes its folder, when the interpreter ends: before Ray would end it itself."""
+        """End this Ray and remove its folder, when the interpreter ends: before Ray would end it itself."""
         if self.is_connected():
             ray.shutdown()
         self._processes.wait()
@@ -182,12 +182,12 @@ class LocalHead:
 
 @cache
 def _own_token() -> str:
-    """Returns the token of this process's Rays: one for all, since Ray keeps the first that it reads."""
+    """Return the token of this process's Rays: one for all, since Ray keeps the first that it reads."""
     return secrets.token_hex(32)
 
 
 def private_folder() -> Path | None:
-    """Returns a new folder of this user alone in which Ray's can be; None leaves the choice to Ray.
+    """Return a new folder of this user alone in which Ray's can be; None leaves the choice to Ray.
 
     Ray lets all users of the machine write into its own folder, whose path must be short because of sockets.
     This process holds a lock on the folder as long as it lives; folders of ours without one are removed.
@@ -207,7 +207,7 @@ def private_folder() -> Path | None:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Removes a folder of `private_folder` whose process has ended.
+    """Remove a folder of `private_folder` whose process has ended.
 
     Raises:
         OSError: it is somebody else's, is in use, or holds what neither we nor Ray have put there.
@@ -222,7 +222,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def _remove(folder: Path) -> None:
-    """Removes a folder of ours, its mark last, so that another try finds what was left."""
+    """Remove a folder of ours, its mark last, so that another try finds what was left."""
     if (folder / "ray").exists():
         shutil.rmtree(folder / "ray")
     (folder / MARK).unlink()

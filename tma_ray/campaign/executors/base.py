@@ -44,11 +44,11 @@ class Executor(Protocol):
         ...
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
-        """Removes from `waiting` a run that can start now and returns it; None without room."""
+        """Remove from `waiting` a run that can start now and return it; None without room."""
         ...
 
     def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:
-        """Starts an attempt at a run that `take` returned.
+        """Start an attempt at a run that `take` returned.
 
         Args:
             spec: run to execute.
@@ -58,7 +58,7 @@ class Executor(Protocol):
         ...
 
     def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:
-        """Returns new reports and endings, after at most `seconds` if there are none.
+        """Return new reports and endings, after at most `seconds` if there are none.
 
         The last report of an attempt that trained comes before its ending.
 
@@ -72,12 +72,12 @@ class Executor(Protocol):
         ...
 
     def stop(self) -> None:
-        """Requests a checkpoint of every attempt, after which it ends.
+        """Request a checkpoint of every attempt, after which it ends.
 
         An attempt that has not begun to train is killed: it is lost without fault.
         """
         ...
 
     def close(self) -> None:
-        """Kills all attempts and learners."""
+        """Kill all attempts and learners."""
         ...

@@ -53,11 +53,11 @@ class LearnerProcess:
             time.sleep(0.05)
 
     def lives(self) -> bool:
-        """Returns True while its process runs."""
+        """Return True while its process runs."""
         return self._process.is_alive()
 
     def close(self) -> None:
-        """Ends the process."""
+        """End the process."""
         self._process.terminate()
         self._process.join()
         self._folder.cleanup()
@@ -107,11 +107,11 @@ class LocalExecutor:
         self._learner: LearnerProcess | None = None
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
-        """Returns the first run, if a process is free; see `Executor`."""
+        """Return the first run, if a process is free; see `Executor`."""
         return waiting.popleft() if waiting and len(self._running) < self._processes else None
 
     def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:  # noqa: ARG002
-        """Starts the process of an attempt; see `Executor`."""
+        """Start the process of an attempt; see `Executor`."""
         placement = replace(self._placement, learner=self.learner())
         ours, theirs = _SPAWN.Pipe()
         stop = _SPAWN.Event()
@@ -123,7 +123,7 @@ class LocalExecutor:
         self._running[spec.run_id] = _Running(process, ours, stop)
 
     def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:  # noqa: ARG002
-        """Returns what processes have sent; see `Executor`."""
+        """Return what processes have sent; see `Executor`."""
         runs = {running.connection: run_id for run_id, running in self._running.items()}
         if not runs:
             time.sleep(seconds)
@@ -138,12 +138,12 @@ class LocalExecutor:
         return events
 
     def stop(self) -> None:
-        """Requests a checkpoint of every attempt; see `Executor`."""
+        """Request a checkpoint of every attempt; see `Executor`."""
         for running in self._running.values():
             running.stop.set()
 
     def close(self) -> None:
-        """Kills all processes."""
+        """Kill all processes."""
         for running in self._running.values():
             running.process.kill()
             running.process.join()
@@ -151,7 +151,7 @@ class LocalExecutor:
             self._learner.close()
 
     def learner(self) -> Learner | None:
-        """Returns the learner of the cohort, started if none is alive; None if runs learn alone."""
+        """Return the learner of the cohort, started if none is alive; None if runs learn alone."""
         if self._cohort is None:
             return self._placement.learner
         if self._learner is not None and not self._learner.lives():
@@ -188,7 +188,7 @@ def _one_thread() -> Iterator[None]:
 def _execute(
     connection: Connection, stop: Any, spec: dict[str, Any], store: Store, number: int, placement: Placement
 ) -> None:
-    """Executes an attempt in a process of its own, and sends reports and the ending."""
+    """Execute an attempt in a process of its own, and send reports and the ending."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal, to all its processes
     leave_pandas_out()
     placement.give_way()

@@ -67,7 +67,7 @@ class RayExecutor:
         self.learners: Sequence[LearnerProgress] = ()
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
-        """Returns a run that has a place now; see `Executor`."""
+        """Return a run that has a place now; see `Executor`."""
         found = self._places.take(waiting)
         if found is None:
             return None
@@ -75,7 +75,7 @@ class RayExecutor:
         return spec
 
     def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:
-        """Creates the actor of an attempt; see `Executor`."""
+        """Create the actor of an attempt; see `Executor`."""
         place = self._taken.pop(spec.run_id)
         actor = SeedActor.launch(
             self._settings.each,
@@ -90,7 +90,7 @@ class RayExecutor:
         self._running[result] = _Running(spec.run_id, actor, result)
 
     def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:
-        """Returns what actors have reported or returned; see `Executor`."""
+        """Return what actors have reported or returned; see `Executor`."""
         ended: list[Any] = []
         if self._running:
             seconds = 0.0 if self._pending else seconds
@@ -112,7 +112,7 @@ class RayExecutor:
         return events
 
     def stop(self) -> None:
-        """Requests a checkpoint of every run that trains, and kills the others; see `Executor`."""
+        """Request a checkpoint of every run that trains, and kill the others; see `Executor`."""
         silent = [running for running in self._running.values() if not running.has_reported]
         self._collect_reports(silent, UNREACHABLE_PAUSE)  # a run may train since the last poll
         for result, running in list(self._running.items()):
@@ -123,14 +123,14 @@ class RayExecutor:
                 self._leave(running, Ending(running.run_id, AttemptOutcome.LOST, without_fault=True))
 
     def close(self) -> None:
-        """Kills all actors, unless Ray is gone."""
+        """Kill all actors, unless Ray is gone."""
         if self._connected:
             for running in self._running.values():
                 ray.kill(running.actor)
             self._places.close()
 
     def _collect_reports(self, attempts: Collection[_Running], seconds: float = 0.0) -> None:
-        """Receives reports that were requested, and requests the next.
+        """Receive reports that were requested, and request the next.
 
         Args:
             attempts: attempts whose reports they are.
@@ -152,7 +152,7 @@ class RayExecutor:
             self._pending.append(report)
 
     def _end(self, running: _Running) -> None:
-        """Notes the ending of a run whose actor has returned, raised or died."""
+        """Note the ending of a run whose actor has returned, raised or died."""
         ending = Ending(running.run_id, AttemptOutcome.STOPPED)
         try:
             files = ray.get(running.result)

@@ -66,7 +66,7 @@ class CompiledEngine:
         self._release: Any = None
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Builds a new world and lets the first step pass; see `Engine`."""
+        """Build a new world and let the first step pass; see `Engine`."""
         if self._release is not None:
             self._release()
             self._release = None  # no step in a world that is gone, should the next not come about
@@ -77,7 +77,7 @@ class CompiledEngine:
         return first_steps(self, hangs)
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
-        """Advances the world by TIME_STEP; see `Engine`."""
+        """Advance the world by TIME_STEP; see `Engine`."""
         values = np.asarray(action)
         if self._release is None:
             raise RuntimeError("this engine has no world yet: call reset first")
@@ -142,7 +142,7 @@ _give_way: Any = types.ExternalFunction("sched_yield", types.intc())
 
 
 def _atomic(operation: str) -> Any:
-    """Returns a function (address, number) that changes the integer there, and returns the old one."""
+    """Return a function (address, number) that changes the integer there, and returns the old one."""
 
     @intrinsic
     def change(_context: Any, _address: Any, _number: Any) -> Any:
@@ -160,7 +160,7 @@ _add, _exchange = _atomic("add"), _atomic("xchg")
 
 @kernel
 def _work(board: Integers, thread: int) -> None:
-    """Steps worlds until no ticket is left; those of `thread` first, which its processor has in its cache."""
+    """Step worlds until no ticket is left; those of `thread` first, which its processor has in its cache."""
     threads = (len(board) - LEFT) // LINE
     for turn in range(threads):
         owner = (thread + turn) % threads
@@ -174,7 +174,7 @@ def _work(board: Integers, thread: int) -> None:
 
 @kernel
 def _step_row(board: Integers, row: int) -> None:
-    """Steps the world at `row` of the call on the board."""
+    """Step the world at `row` of the call on the board."""
     worlds, acting, seen = board[CALL : CALL + 3]
     addresses_at, actions_at, observations_at, rewards_at, ended_at = board[CALL + 3 : CALL + 8]
     addresses = carray(cp.as_pointer(addresses_at), (worlds, 4), np.int64)
@@ -194,7 +194,7 @@ def _step_row(board: Integers, row: int) -> None:
 
 @partial(kernel, nogil=True)
 def _serve(board: Integers, lock: int, thread: int) -> None:
-    """Steps worlds of every call, woken by `lock`, until the board says that it is the end."""
+    """Step worlds of every call, woken by `lock`, until the board says that it is the end."""
     while board[END] == 0:
         _work(board, thread)
         looks = 0
@@ -207,7 +207,7 @@ def _serve(board: Integers, lock: int, thread: int) -> None:
 
 @kernel
 def _wake(locks: Integers) -> None:
-    """Opens every lock; one that is open may not be opened twice, and is taken first."""
+    """Open every lock; one that is open may not be opened twice, and is taken first."""
     for lock in locks:
         _lock_take(lock, 0)
         _lock_open(lock)
@@ -223,7 +223,7 @@ def _step_worlds(
     rewards: Floats,
     ended: NDArray[np.bool_],
 ) -> None:
-    """Runs a step of the worlds at `addresses`; see `WorldThreads.step`."""
+    """Run a step of the worlds at `addresses`; see `WorldThreads.step`."""
     worlds = len(addresses)
     board[CALL : CALL + 3] = worlds, actions.shape[1], observations.shape[1]
     board[CALL + 3], board[CALL + 4] = addresses.ctypes.data, actions.ctypes.data
@@ -285,7 +285,7 @@ class WorldThreads:
         rewards: Floats,
         ended: NDArray[np.bool_],
     ) -> None:
-        """Runs a step of k worlds; from one thread at a time.
+        """Run a step of k worlds; from one thread at a time.
 
         Args:
             addresses: addresses of each memory's floats and integers, with their lengths (k, 4).
@@ -301,7 +301,7 @@ class WorldThreads:
 
 
 def _end(board: Integers, locks: Integers, crew: Sequence[Thread]) -> None:
-    """Ends the threads of `crew`, then frees what they wait for."""
+    """End the threads of `crew`, then free what they wait for."""
     board[END] = 1
     _wake(locks)
     for thread in crew:

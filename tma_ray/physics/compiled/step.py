@@ -88,7 +88,7 @@ class Simulation(NamedTuple):
 
 
 def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, count_contact: int) -> Memory:
-    """Returns the memory for a body, which is copied into it, with `all_joints` joints, passive ones too."""
+    """Return the memory for a body, which is copied into it, with `all_joints` joints, passive ones too."""
     p, j, r = len(body.critical), len(body.motors), len(body.rays)
     v, g, h = len(body.vertices), len(body.grips), all_joints
     memory = Memory(
@@ -111,7 +111,7 @@ def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, coun
 
 
 def put_world(memory: Memory, world: World, swinging: Integers) -> None:
-    """Writes the sizes and addresses of `world` and of its creepers' pointers to `memory`.
+    """Write the sizes and addresses of `world` and of its creepers' pointers to `memory`.
 
     The arrays must live as long as the memory is used.
     """
@@ -123,7 +123,7 @@ def put_world(memory: Memory, world: World, swinging: Integers) -> None:
 
 @kernel
 def body_in(floats: Floats, integers: Integers) -> StepArrays:
-    """Returns the body in a memory."""
+    """Return the body in a memory."""
     p, j, r, v, g = integers[0], integers[1], integers[2], integers[3], integers[4]
     rays = FLOATS + 3 * j
     vertices = rays + 2 * r
@@ -156,7 +156,7 @@ def body_in(floats: Floats, integers: Integers) -> StepArrays:
 
 @kernel
 def simulation_in(floats: Floats, integers: Integers) -> Simulation:
-    """Returns what changes in a memory."""
+    """Return what changes in a memory."""
     p, j, r, v, g, h = integers[0], integers[1], integers[2], integers[3], integers[4], integers[5]
     action = FLOATS + 3 * j + 2 * r + 2 * v + 4 * p + 4 * j + 3 * g
     commands = action + j + g
@@ -186,7 +186,7 @@ def simulation_in(floats: Floats, integers: Integers) -> Simulation:
 
 @kernel
 def world_in(floats: Floats, integers: Integers) -> tuple[World, Integers]:
-    """Returns the world of a memory, and the pointers of its creepers (c, 3)."""
+    """Return the world of a memory, and the pointers of its creepers (c, 3)."""
     grounds, ceilings, creepers = integers[TERRAIN], integers[TERRAIN + 1], integers[TERRAIN + 2]
     at = integers[TERRAIN + 3 :]
     world = World(
@@ -214,7 +214,7 @@ def drive(simulation: Simulation, share: float) -> None:
 
 @kernel
 def read_torques(simulation: Simulation, duration: float) -> None:
-    """Reads the motors' torques from their impulses, which are spread over `duration` s."""
+    """Read the motors' torques from their impulses, which are spread over `duration` s."""
     for joint in range(len(simulation.commands)):
         motor = simulation.handles[1 + len(simulation.state) + joint]
         torque = cp.constraint_impulse(motor) / duration
@@ -225,7 +225,7 @@ def read_torques(simulation: Simulation, duration: float) -> None:
 def advance(
     simulation: Simulation, substeps: int, motor_substeps: int, duration: float, count_contact: int
 ) -> None:
-    """Lets `substeps` of `duration` s pass under motors and water, then reads state and contacts."""
+    """Let `substeps` of `duration` s pass under motors and water, then read state and contacts."""
     parts, share = len(simulation.state), substeps / motor_substeps
     for index in range(substeps):
         if index == 0:
@@ -252,7 +252,7 @@ def advance(
 
 @kernel
 def move_creepers(world: World, swinging: Integers) -> None:
-    """Reads where the creepers are that swing."""
+    """Read where the creepers are that swing."""
     for index in range(len(swinging)):
         if swinging[index, 0] != 0:
             pose = world.poses[index]
@@ -262,7 +262,7 @@ def move_creepers(world: World, swinging: Integers) -> None:
 
 @kernel
 def turn(simulation: Simulation) -> None:
-    """Reads the rotations of the parts."""
+    """Read the rotations of the parts."""
     for part in range(len(simulation.state)):
         rotation = simulation.rotations[part]
         rotation[0], rotation[1] = cp.body_rotation(simulation.handles[1 + part])
@@ -270,7 +270,7 @@ def turn(simulation: Simulation) -> None:
 
 @kernel
 def soak(simulation: Simulation, body: StepArrays, water_y: float) -> None:
-    """Finds the forces of the water for the next step, if the body is near it."""
+    """Find the forces of the water for the next step, if the body is near it."""
     lowest = math.inf
     for part in range(len(simulation.state)):
         lowest = min(lowest, simulation.state[part, 1] - body.bounds[part, 0])
@@ -287,7 +287,7 @@ def soak(simulation: Simulation, body: StepArrays, water_y: float) -> None:
 
 @kernel
 def let_go(simulation: Simulation) -> None:
-    """Opens the grips whose action is not positive."""
+    """Open the grips whose action is not positive."""
     joints = len(simulation.commands)
     for sensor in range(len(simulation.holds)):
         hold = simulation.holds[sensor]
@@ -301,7 +301,7 @@ def let_go(simulation: Simulation) -> None:
 def take_hold(
     simulation: Simulation, body: StepArrays, world: World, swinging: Integers, error_bias: float
 ) -> None:
-    """Closes the grips whose action is positive on what they touch."""
+    """Close the grips whose action is positive on what they touch."""
     joints, grips = len(simulation.commands), simulation.grips
     feel(simulation.state, simulation.rotations, body, world, simulation.points, grips)
     for sensor in range(len(simulation.holds)):
@@ -321,7 +321,7 @@ def take_hold(
 
 @kernel
 def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -> tuple[float, bool]:
-    """Runs a step under the action in the memory: motors, simulation, grips, water, observation and reward.
+    """Run a step under the action in the memory: motors, simulation, grips, water, observation and reward.
 
     Args:
         floats: float64 part of the memory.
@@ -354,7 +354,7 @@ def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -
 def step_at(
     floats_at: int, floats_size: int, integers_at: int, integers_size: int, observation: NDArray[np.float32]
 ) -> tuple[float, bool]:
-    """Runs a step of the memory at two addresses; numba counts no references to arrays that it made."""
+    """Run a step of the memory at two addresses; numba counts no references to arrays that it made."""
     floats = carray(cp.as_pointer(floats_at), floats_size, np.float64)
     integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
     return step(floats, integers, observation)

@@ -30,7 +30,7 @@ SIZES = {"cpVect": 16, "cpFloat": 8, "cpShapeFilter": 16, "cpBitmask": 4, "cpGro
 
 
 def load() -> None:
-    """Makes the symbols known to compiled code.
+    """Make the symbols known to compiled code.
 
     Raises:
         RuntimeError: numba is switched off, or this machine or pymunk passes arguments in another way.
@@ -59,7 +59,7 @@ def _function(name: str, result: types.Type, *arguments: types.Type) -> Any:
 
 
 def _vector_of(name: str) -> Any:
-    """Returns the getter called `name`, which returns a cpVect, as a function from pointer to (x, y)."""
+    """Return the getter called `name`, which returns a cpVect, as a function from pointer to (x, y)."""
     _NAMES.append(name)
 
     @intrinsic
@@ -80,7 +80,7 @@ def _vector_of(name: str) -> Any:
 
 @intrinsic
 def _as_pointer(_context: Any, _address: Any) -> Any:
-    """Returns an address (intp) as the pointer that numba's carray takes."""
+    """Return an address (intp) as the pointer that numba's carray takes."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
@@ -93,7 +93,7 @@ as_pointer: Any = _as_pointer  # called with the address alone
 
 @intrinsic
 def _part(_context: Any, vector: Any, _at: Any, shape: Any) -> Any:
-    """Returns what begins at an index of a vector in `shape`, (n,) or (n, m), unchecked.
+    """Return what begins at an index of a vector in `shape`, (n,) or (n, m), unchecked.
 
     It is one instruction, where numba's slices and `reshape` check each size and call a function.
     """
@@ -119,7 +119,7 @@ part: Any = _part  # called with vector, index and shape
 
 @intrinsic
 def _other_shape(_context: Any, _arbiter: Any) -> Any:
-    """Returns the second of the two shapes of an arbiter (pointers)."""
+    """Return the second of the two shapes of an arbiter (pointers)."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         pointer = context.get_value_type(types.intp)

@@ -31,7 +31,7 @@ EVERY_CATEGORY = -1
 
 @cfunc("void(intp, intp, CPointer(int64))", cache=True)
 def count_contact(_body, arbiter, counts):  # type: ignore[no-untyped-def]
-    """Adds one to the first of two `counts`, or to the second for the ceiling; for cpBodyEachArbiter."""
+    """Add one to the first of two `counts`, or to the second for the ceiling; for cpBodyEachArbiter."""
     kind = cp.shape_collision_type(cp.other_shape(arbiter))
     carray(counts, 2)[1 if kind == CEILING_TYPE else 0] += 1
 
@@ -45,7 +45,7 @@ def build(
     forces: tuple[float, float],
     handles: Handles,
 ) -> tuple[Handles, Handles]:
-    """Builds a world.
+    """Build a world.
 
     Args:
         body: the body of p parts and h joints, of which j have motors, settled.
@@ -80,7 +80,7 @@ def build(
 
 @kernel
 def release(handles: Handles, holds: Handles, shapes: Handles, swinging: Handles, parts: int) -> None:
-    """Frees a world of `parts` parts, with what it `holds` on to."""
+    """Free a world of `parts` parts, with what it `holds` on to."""
     cp.space_free(handles[0])
     for shape in shapes:
         cp.shape_free(shape)
@@ -100,7 +100,7 @@ def release(handles: Handles, holds: Handles, shapes: Handles, swinging: Handles
 
 @kernel
 def polygon(body: int, corners: Floats, radius: float) -> int:
-    """Returns a new shape with the convex hull of `corners` (v, 2), from the corner where Chipmunk begins."""
+    """Return a new shape with the convex hull of `corners` (v, 2), from the corner where Chipmunk begins."""
     hull = corners.copy()
     count = cp.convex_hull(len(hull), hull.ctypes.data, hull.ctypes.data, 0, 0.0)
     shape: int = cp.polygon_new(body, count, hull.ctypes.data, radius)
@@ -109,7 +109,7 @@ def polygon(body: int, corners: Floats, radius: float) -> int:
 
 @kernel
 def add_terrain(space: int, terrain: Terrain, shapes: Handles) -> None:
-    """Adds the solids of `terrain` and writes their shapes to `shapes`."""
+    """Add the solids of `terrain` and write their shapes to `shapes`."""
     ground = cp.space_static_body(space)
     for index in range(len(terrain.solids)):
         shapes[index] = polygon(ground, terrain.solids[index], 0.0)
@@ -123,7 +123,7 @@ def add_terrain(space: int, terrain: Terrain, shapes: Handles) -> None:
 def add_parts(
     space: int, body: BodyArrays, spawn: Floats, radius: float, parts: Handles, shapes: Handles
 ) -> None:
-    """Adds the parts of `body` and writes their bodies to `parts`, their shapes to `shapes`."""
+    """Add the parts of `body` and write their bodies to `parts`, their shapes to `shapes`."""
     for index in range(len(body.mass)):
         part = cp.body_new(body.mass[index], body.inertia[index])
         cp.body_set_centre(part, body.centre[index, 0], body.centre[index, 1])
@@ -141,7 +141,7 @@ def add_parts(
 
 @kernel
 def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: Handles) -> None:
-    """Adds the joints of `body`, whose parts are in `handles`, and writes their constraints there."""
+    """Add the joints of `body`, whose parts are in `handles`, and write their constraints there."""
     joints = len(body.limits)
     parts = handles[1 : 1 + len(body.mass)]
     constraints = handles[1 + len(body.mass) :]
@@ -161,7 +161,7 @@ def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: 
 def hinge(
     space: int, parts: tuple[int, int], anchor: Floats, limits: tuple[float, float], settings: SolverSettings
 ) -> tuple[int, int]:
-    """Joins two bodies at `anchor` (2, 2), in the frame of each, within `limits`; returns limit and pivot."""
+    """Join two bodies at `anchor` (2, 2), in the frame of each, within `limits`; return limit and pivot."""
     a, b = parts
     limit = cp.limit_new(a, b, limits[0], limits[1])
     cp.constraint_set_max_bias(limit, settings.limit_correction_speed)
@@ -175,7 +175,7 @@ def hinge(
 
 @kernel
 def add_creepers(space: int, creepers: Chains, settings: SolverSettings, swinging: Handles) -> None:
-    """Adds the creepers that swing and writes bodies, limits and pivots to `swinging` (c, 3)."""
+    """Add the creepers that swing and write bodies, limits and pivots to `swinging` (c, 3)."""
     for index in range(len(creepers.mass)):
         if creepers.holders[index] == FIXED:
             continue

@@ -32,7 +32,7 @@ class PaddedLayout(NamedTuple):
 
     @classmethod
     def of(cls, plain: Layout, others: int = 0) -> PaddedLayout:
-        """Returns the padding of `plain`, after whose parameters there are `others`."""
+        """Return the padding of `plain`, after whose parameters there are `others`."""
         inputs, *hidden, outputs = plain.sizes
         sizes = [_up(inputs, INPUTS_MULTIPLE), *(_up(size, HIDDEN_MULTIPLE) for size in hidden), outputs]
         return cls(plain, Layout(tuple(sizes), plain.activation), others)
@@ -43,7 +43,7 @@ class PaddedLayout(NamedTuple):
         return _up(self.padded.parameters + self.others, HIDDEN_MULTIPLE)
 
     def places(self) -> NDArray[np.int64]:
-        """Returns where each parameter of the plain vector (p,) lies in the padded one."""
+        """Return where each parameter of the plain vector (p,) lies in the padded one."""
         parts, start = [], 0
         for plain, padded in zip(self.plain.shapes, self.padded.shapes, strict=True):
             weights = np.arange(start, start + padded.outputs * padded.inputs).reshape(padded)
@@ -56,7 +56,7 @@ class PaddedLayout(NamedTuple):
         return np.concatenate([*parts, np.arange(start, start + self.others)])
 
     def inputs(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Returns `inputs` (..., i) with zeros behind, as many as are missing."""
+        """Return `inputs` (..., i) with zeros behind, as many as are missing."""
         missing = self.padded.sizes[0] - inputs.shape[-1]
         return torch.nn.functional.pad(inputs, (0, missing)) if missing else inputs
 
@@ -68,7 +68,7 @@ def _up(size: int, multiple: int) -> int:
 def stacked_pass(
     parameters: torch.Tensor, layout: PaddedLayout, inputs: torch.Tensor, hidden: torch.dtype
 ) -> torch.Tensor:
-    """Returns the outputs (k, n, h) of k networks.
+    """Return the outputs (k, n, h) of k networks.
 
     Args:
         parameters: padded (k, p).
@@ -90,7 +90,7 @@ def stacked_pass(
 def twin_pass(
     parameters: torch.Tensor, layout: PaddedLayout, inputs: torch.Tensor, hidden: torch.dtype
 ) -> torch.Tensor:
-    """Returns the values (k, n, 2) of k pairs of critics with `parameters` (k, 2, p); see `stacked_pass`."""
+    """Return the values (k, n, 2) of k pairs of critics with `parameters` (k, 2, p); see `stacked_pass`."""
     runs, batch, size = inputs.shape
     both = inputs[:, None].expand(runs, 2, batch, size).flatten(0, 1)
     outputs = stacked_pass(parameters.flatten(0, 1), layout, both, hidden)
@@ -124,7 +124,7 @@ _pass_by_rows: Any = _PassByRows.apply
 
 
 def _pays_by_rows(parameters: torch.Tensor, inputs: torch.Tensor) -> bool:
-    """Returns whether to leave rows out: not on a GPU, which would be waited for, nor in compiled code."""
+    """Return whether to leave rows out: not on a GPU, which would be waited for, nor in compiled code."""
     eager = parameters.device.type == "cpu" and not torch.compiler.is_compiling()
     return eager and inputs.requires_grad and not parameters.requires_grad
 
@@ -156,7 +156,7 @@ class StackedAdam:
         self._corrections = torch.tensor(_corrections(rate), dtype=parameters.dtype, device=parameters.device)
 
     def step(self, gradient: torch.Tensor, counts: torch.Tensor, active: torch.Tensor) -> None:
-        """Moves the parameters of the `active` runs (k,) against `gradient`; others' do not change by a bit.
+        """Move the parameters of the `active` runs (k,) against `gradient`; others' do not change by a bit.
 
         Args:
             gradient: like the parameters; of runs that are not active it may be anything.
@@ -174,7 +174,7 @@ class StackedAdam:
         keep(self._parameters, self._parameters - change, mask)
 
     def row(self, slot: int, parameters: torch.Tensor) -> RowAdam:
-        """Returns the optimiser of the run in `slot` alone, over the same moments.
+        """Return the optimiser of the run in `slot` alone, over the same moments.
 
         Args:
             slot: slot of the run.
@@ -207,19 +207,19 @@ class RowAdam(StackedAdam):
         optimiser.state[parameters] = {"step": self._count, "exp_avg": mean, "exp_avg_sq": square}
 
     def step(self, gradient: torch.Tensor, counts: torch.Tensor, active: torch.Tensor) -> None:  # noqa: ARG002
-        """Moves the parameters of the run, which is active; see `StackedAdam.step`."""
+        """Move the parameters of the run, which is active; see `StackedAdam.step`."""
         self._count.copy_(counts[0])
         self._parameters.grad = gradient
         take_step(self._optimiser)
 
 
 def keep(memory: torch.Tensor, values: torch.Tensor, mask: torch.Tensor) -> None:
-    """Writes `values` to `memory` where the `mask`, which broadcasts to them, is True."""
+    """Write `values` to `memory` where the `mask`, which broadcasts to them, is True."""
     memory.copy_(torch.where(mask, values, memory))
 
 
 def _corrections(rate: float) -> list[tuple[float, float]]:
-    """Returns rate / (1 - beta_1^t) and sqrt(1 - beta_2^t) for t = 0, 1, ... until they stay the same."""
+    """Return rate / (1 - beta_1^t) and sqrt(1 - beta_2^t) for t = 0, 1, ... until they stay the same."""
     last = math.ceil(math.log(2.0**-54) / math.log(max(BETAS)))
     first, second = BETAS
     powers = ((first**step, second**step) for step in range(1, last + 1))

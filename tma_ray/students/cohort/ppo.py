@@ -59,11 +59,11 @@ class StackedPPOUpdate:
         self._parts = [compile_if(compiled, part) for part in (self._outputs, self._losses, self._step)]
 
     def row(self, slot: int) -> RowPPOUpdate:
-        """Returns the step of the run in `slot` alone, over the same memory."""
+        """Return the step of the run in `slot` alone, over the same memory."""
         return RowPPOUpdate(self, slot)
 
     def __call__(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Takes one step of the `active` runs (k,) on their mini-batches (k, n, ...).
+        """Take one step of the `active` runs (k,) on their mini-batches (k, n, ...).
 
         Returns:
             Policy's and value's loss, divergence and clipped share before it (k, 4).
@@ -113,7 +113,7 @@ class RowPPOUpdate:
 
     @torch.no_grad()
     def __call__(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Takes one step; arguments and result as of `StackedPPOUpdate`, of the one run, which is active."""
+        """Take one step; arguments and result as of `StackedPPOUpdate`, of the one run, which is active."""
         kept = self._network.activations(self._layout.inputs(batch.observations[0]))
         parts = losses(kept[-1][None], self._values[:, self._log_std], batch, self._hyper)
         self._network.backpropagate(kept, parts.outputs_gradient[0])
@@ -209,7 +209,7 @@ class StackedPPO(StackedLearner):
         self._sums = like.new_zeros(width, len(FIGURES))
 
     def join(self, slot: int, networks: PPONetworks) -> None:
-        """Gives the idle `slot` to a run with these `networks`."""
+        """Give the idle `slot` to a run with these `networks`."""
         self.leave(slot)
         self._write(slot, networks)
 
@@ -219,7 +219,7 @@ class StackedPPO(StackedLearner):
             memory[slot].zero_()
 
     def store(self, slot: int, rollout: RolloutColumns, orders: NDArray[np.integer]) -> None:
-        """Gives the run in `slot` a rollout to learn from, which makes all its updates due.
+        """Give the run in `slot` a rollout to learn from, which makes all its updates due.
 
         Args:
             slot: slot of the run, which has no updates due from before.
@@ -235,11 +235,11 @@ class StackedPPO(StackedLearner):
         self.owe(slot, orders.size // self._hyper.batch_size)
 
     def networks(self, slot: int) -> PPONetworks:
-        """Returns what the run in `slot` has learned."""
+        """Return what the run in `slot` has learned."""
         return PPONetworks._make(self._read(slot))
 
     def values(self, slot: int, observations: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Returns the values (n,) of normalised `observations` (n, o), in normalised reward."""
+        """Return the values (n,) of normalised `observations` (n, o), in normalised reward."""
         with torch.no_grad(), precision(MatmulPrecision.HIGHEST):
             parameters = self._update.parameters[slot : slot + 1]
             outputs = stacked_pass(parameters, self._layout, self._on_device(observations)[None], self._dtype)
@@ -247,7 +247,7 @@ class StackedPPO(StackedLearner):
         return values
 
     def figures(self, slot: int) -> dict[str, float]:
-        """Returns means over the updates by the last rollout of the run in `slot`."""
+        """Return means over the updates by the last rollout of the run in `slot`."""
         means = (self._sums[slot] / self._positions[slot].clamp(min=1)).tolist()
         return dict(zip(FIGURES, means, strict=True))
 
@@ -272,7 +272,7 @@ class StackedPPO(StackedLearner):
         self._owed.sub_(active.long())
 
     def _batch(self) -> Steps:
-        """Returns the mini-batch of each run that comes next (k, n, ...)."""
+        """Return the mini-batch of each run that comes next (k, n, ...)."""
         (width, count), size = self._orders.shape, self._hyper.batch_size
         taken = torch.arange(size, device=self._device) + self._positions[:, None] * size
         rows = self._orders.gather(1, taken % count).long()

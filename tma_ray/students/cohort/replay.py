@@ -53,12 +53,12 @@ class _Track:
         self.tail += length + 1
 
     def forget(self, kept: int) -> None:
-        """Drops the pieces that have no transition among the newest `kept`."""
+        """Drop the pieces that have no transition among the newest `kept`."""
         while self.pieces and self.pieces[0].first + self.pieces[0].length <= self.count - kept:
             self.pieces.popleft()
 
     def head(self, kept: int) -> int:
-        """Returns the row of the oldest of the newest `kept` transitions."""
+        """Return the row of the oldest of the newest `kept` transitions."""
         oldest = self.count - kept
         for first, row, length in self.pieces:
             if oldest < first + length:
@@ -95,7 +95,7 @@ class StackedReplay:
         self.moves = 0
 
     def clear(self, slot: int) -> None:
-        """Forgets all transitions of the run in `slot`."""
+        """Forget all transitions of the run in `slot`."""
         self._tracks[slot] = _Track()
         self._memory[slot, :2].zero_()
         self._table[slot, :1].zero_()
@@ -109,7 +109,7 @@ class StackedReplay:
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Appends consecutive transitions of the run in `slot`, and forgets its oldest beyond the capacity.
+        """Append consecutive transitions of the run in `slot`, and forget its oldest beyond the capacity.
 
         Args:
             slot: slot of the run.
@@ -148,7 +148,7 @@ class StackedReplay:
         self._announce(slot)
 
     def contents(self, slot: int) -> ReplayContents:
-        """Returns the transitions that the run in `slot` keeps."""
+        """Return the transitions that the run in `slot` keeps."""
         track = self._tracks[slot]
         kept = min(track.count, self._capacity)
         head = track.head(kept)
@@ -161,7 +161,7 @@ class StackedReplay:
         return ReplayContents(packed[:, : self._o].copy(), starts, actions.copy(), rewards.copy(), terminated)
 
     def fill(self, slot: int, contents: ReplayContents) -> None:
-        """Gives the run in `slot` the transitions of another memory's `contents`, and no others."""
+        """Give the run in `slot` the transitions of another memory's `contents`, and no others."""
         self.clear(slot)
         breaks = (np.diff(contents.rows) != 1).nonzero()[0] + 1
         for numbers in np.split(np.arange(len(contents.rows)), breaks):
@@ -172,15 +172,15 @@ class StackedReplay:
                 self._append(slot, piece, actions, rewards, contents.terminated[numbers])
 
     def row(self, slot: int) -> StackedReplay:
-        """Returns the memory of the run in `slot` alone, to draw from, until it moves."""
+        """Return the memory of the run in `slot` alone, to draw from, until it moves."""
         return narrowed(self, slot, "kept", "counts", "_table", "_memory")
 
     def newest(self, ages: torch.Tensor) -> torch.Tensor:
-        """Returns where the transitions of `ages` (k, n) are in the ring; 0 is the newest one's age."""
+        """Return where the transitions of `ages` (k, n) are in the ring; 0 is the newest one's age."""
         return (self.counts[:, None] - 1 - ages) % self._capacity
 
     def gather(self, ring: torch.Tensor, dtype: torch.dtype) -> Transitions:
-        """Returns the transitions at places `ring` (k, n), which `newest` gives."""
+        """Return the transitions at places `ring` (k, n), which `newest` gives."""
         (width, count), rows = ring.shape, self._table.gather(1, ring).long()
         following = (rows + 1) % self._rows
         base = torch.arange(width, device=self._device)[:, None] * self._rows
@@ -191,7 +191,7 @@ class StackedReplay:
         return Transitions(own[..., : self._o], actions, after[..., : self._o], terminated, rewards)
 
     def _write(self, memory: torch.Tensor, start: int, values: torch.Tensor) -> None:
-        """Writes `values` to the ring `memory` from place `start`, counted through all rounds."""
+        """Write `values` to the ring `memory` from place `start`, counted through all rounds."""
         start %= len(memory)
         fits = min(len(values), len(memory) - start)
         memory[start : start + fits].copy_(values[:fits])
@@ -204,7 +204,7 @@ class StackedReplay:
         self.kept[slot].fill_(max(min(count, self._capacity), 1))
 
     def _make_room(self, slot: int, length: int) -> None:
-        """Grows the memory if the newest transitions have too few rows with `length` more."""
+        """Grow the memory if the newest transitions have too few rows with `length` more."""
         track = self._tracks[slot]
         needed = track.tail + length + 1 - track.head(max(0, self._capacity - length))
         if needed > self._rows:

@@ -49,7 +49,7 @@ class SACLayouts(NamedTuple):
 
     @classmethod
     def of(cls, sizes: tuple[int, int], hidden_units: tuple[int, ...]) -> SACLayouts:
-        """Returns the layouts for `sizes` of observations and actions."""
+        """Return the layouts for `sizes` of observations and actions."""
         observation, action = sizes
         actor = Layout((observation, *hidden_units, 2 * action))
         critic = Layout((observation + action, *hidden_units, 1))
@@ -100,7 +100,7 @@ class StackedSACUpdate:
         return [self._critic_losses, self._actor_losses, self._step_critics, self._step_actor]
 
     def row(self, slot: int) -> StackedSACUpdate:
-        """Returns the update of the run in `slot` alone, over the same memory."""
+        """Return the update of the run in `slot` alone, over the same memory."""
         own = narrowed(self, slot, "targets", "steps", "losses")
         own.actor, own.critics = leaf(self.actor, slot), leaf(self.critics, slot)
         own.actor_adam = self.actor_adam.row(slot, own.actor)
@@ -111,7 +111,7 @@ class StackedSACUpdate:
     def __call__(
         self, batch: Transitions, noise: torch.Tensor, next_noise: torch.Tensor, active: torch.Tensor
     ) -> None:
-        """Takes one step of critics, actor and targets of the `active` runs (k,).
+        """Take one step of critics, actor and targets of the `active` runs (k,).
 
         Args:
             batch: batch of each run (k, n, ...).
@@ -147,7 +147,7 @@ class StackedSACUpdate:
             keep(self.losses[:, 0], losses, active)
 
     def _step_actor(self, gradient: torch.Tensor, losses: torch.Tensor, active: torch.Tensor) -> None:
-        """Steps the actor, and what follows the steps: targets and counts."""
+        """Step the actor, and what follows the steps: targets and counts."""
         with torch.no_grad():
             self.actor_adam.step(gradient, self.steps, active)
             keep(self.losses[:, 1], losses, active)
@@ -156,7 +156,7 @@ class StackedSACUpdate:
             self.steps.add_(active.long())
 
     def _pair(self, parameters: torch.Tensor) -> Pass:
-        """Returns the function that gives both critics' values (k, n, 2) by `parameters` (k, 2, q)."""
+        """Return the function that gives both critics' values (k, n, 2) by `parameters` (k, 2, q)."""
         return partial(twin_pass, parameters, self.layouts.critic, hidden=self._hidden)
 
     def _outputs(self, observations: torch.Tensor) -> torch.Tensor:
@@ -228,7 +228,7 @@ class StackedSAC(StackedLearner):
         self._moves = 0
 
     def join(self, slot: int, networks: SACNetworks, key: int) -> None:
-        """Gives the idle `slot` to a run, which has no replay yet.
+        """Give the idle `slot` to a run, which has no replay yet.
 
         Args:
             slot: slot of the run.
@@ -253,7 +253,7 @@ class StackedSAC(StackedLearner):
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Adds an episode's transitions to the replay of `slot`, or a part's; see `StackedReplay.store`.
+        """Add an episode's transitions to the replay of `slot`, or a part's; see `StackedReplay.store`.
 
         `terminated` is False of an episode that is cut or goes on.
         """
@@ -261,22 +261,22 @@ class StackedSAC(StackedLearner):
         self._follow_memory()
 
     def networks(self, slot: int) -> SACNetworks:
-        """Returns what the run in `slot` has learned."""
+        """Return what the run in `slot` has learned."""
         return SACNetworks._make(self._read(slot))
 
     def replay(self, slot: int) -> ReplayContents:
-        """Returns the transitions that the run in `slot` keeps."""
+        """Return the transitions that the run in `slot` keeps."""
         return self._replay.contents(slot)
 
     def fill(self, slot: int, contents: ReplayContents) -> None:
-        """Gives the run in `slot` the transitions that `replay` returned, and no others."""
+        """Give the run in `slot` the transitions that `replay` returned, and no others."""
         self._replay.fill(slot, contents)
         self._follow_memory()
 
     def values(
         self, slot: int, observations: NDArray[np.float32], noise: NDArray[np.floating] | None = None
     ) -> NDArray[np.float64]:
-        """Returns V(s) (n,) of the run in `slot`, entropy bonus included.
+        """Return V(s) (n,) of the run in `slot`, entropy bonus included.
 
         Args:
             slot: slot of the run.
@@ -299,7 +299,7 @@ class StackedSAC(StackedLearner):
         return values
 
     def figures(self, slot: int) -> dict[str, float]:
-        """Returns the losses of critics and actor at the last update of the run in `slot`."""
+        """Return the losses of critics and actor at the last update of the run in `slot`."""
         critics, actor = self._update.losses[slot].tolist()
         return {"critic_loss": critics, "actor_loss": actor}
 
@@ -314,7 +314,7 @@ class StackedSAC(StackedLearner):
         return [self._update.steps, self._numbers]
 
     def _follow_memory(self) -> None:
-        """Drops the captured graph if the replay, which it reads, has moved."""
+        """Drop the captured graph if the replay, which it reads, has moved."""
         if self._replay.moves != self._moves:
             self._repeated.forget()
             self._rows.clear()
@@ -334,7 +334,7 @@ class StackedSAC(StackedLearner):
         self._owed.sub_(active.long())
 
     def _draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Returns places in the replay (k, n), noise and next noise (k, n, a), and who takes part (k,)."""
+        """Return places in the replay (k, n), noise and next noise (k, n, a), and who takes part (k,)."""
         batch, action = self._hyper.batch_size, self._action_size
         drawn = words(self._keys, self._numbers, Purpose.BATCH, batch)
         ring = self._replay.newest(integers_below(self._replay.kept, drawn))
@@ -343,7 +343,7 @@ class StackedSAC(StackedLearner):
         return ring, noise[:, 0], noise[:, 1], self._owed > 0
 
     def _value_noise(self, one: slice, states: int) -> torch.Tensor:
-        """Returns noise (m, n, a) for the values of n `states`, the same until the next update."""
+        """Return noise (m, n, a) for the values of n `states`, the same until the next update."""
         shape = self._hyper.value_samples, states, self._action_size
         count = math.prod(shape)
         drawn = words(self._keys[one], self._numbers[one], Purpose.VALUES, count + count % 2)

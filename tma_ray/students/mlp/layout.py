@@ -64,7 +64,7 @@ class Layout(NamedTuple):
         return sum(self.lengths)
 
     def trunks(self, first: int) -> NDArray[np.bool_]:
-        """Returns the parameters (p,) that remain where two networks side by side share nothing but inputs.
+        """Return the parameters (p,) that remain where two networks side by side share nothing but inputs.
 
         Each has half of every hidden layer.
 

@@ -21,7 +21,7 @@ Buffers: TypeAlias = Callable[[int, torch.Tensor], torch.Tensor]
 
 
 def split(parameters: torch.Tensor, layout: Layout) -> Layers:
-    """Returns the layers in `parameters` (p,) or (k, p), as views."""
+    """Return the layers in `parameters` (p,) or (k, p), as views."""
     parts = torch.split(parameters, layout.lengths, dim=-1)
     leading = parameters.shape[:-1]
     weights = [part.view(*leading, *shape) for part, shape in zip(parts[::2], layout.shapes, strict=True)]
@@ -34,7 +34,7 @@ def activations(
     activation: Activation = Activation.RELU,
     buffers: Buffers | None = None,
 ) -> list[torch.Tensor]:
-    """Returns the inputs of every layer, and at the end the outputs of the last: (n, ...) or (k, n, ...).
+    """Return the inputs of every layer, and at the end the outputs of the last: (n, ...) or (k, n, ...).
 
     Differentiable by autograd, if without `buffers`.
 
@@ -57,12 +57,12 @@ def activations(
 
 
 def forward(layers: Layers, inputs: torch.Tensor, activation: Activation = Activation.RELU) -> torch.Tensor:
-    """Returns the outputs (n, h) or (k, n, h); arguments as for `activations`."""
+    """Return the outputs (n, h) or (k, n, h); arguments as for `activations`."""
     return activations(layers, inputs, activation)[-1]
 
 
 def activate(outputs: torch.Tensor, activation: Activation) -> torch.Tensor:
-    """Returns the `activation` of a layer's `outputs`, in place."""
+    """Return the `activation` of a layer's `outputs`, in place."""
     return outputs.relu_() if activation is Activation.RELU else outputs.tanh_()
 
 
@@ -99,13 +99,13 @@ class Network:
         self._memory: dict[tuple[str, int], torch.Tensor] = {}
 
     def activations(self, inputs: torch.Tensor) -> list[torch.Tensor]:
-        """Returns the inputs (n, ...) of every layer and the outputs (n, h), for `backpropagate`."""
+        """Return the inputs (n, ...) of every layer and the outputs (n, h), for `backpropagate`."""
         return activations(
             self.layers, inputs, self.layout.activation, lambda *where: self._buffer("outputs", *where)
         )
 
     def backpropagate(self, kept: Sequence[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
-        """Writes the parameters' gradient.
+        """Write the parameters' gradient.
 
         Args:
             kept: the inputs of every layer in the last forward pass.
@@ -125,17 +125,17 @@ class Network:
         return gradient
 
     def __call__(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Returns the outputs (n, h) for `inputs` (n, i), to be differentiated by both."""
+        """Return the outputs (n, h) for `inputs` (n, i), to be differentiated by both."""
         outputs: torch.Tensor = _lean_pass(inputs, self.parameters, self)
         return outputs
 
     def frozen(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Returns the outputs (n, h) for `inputs` (n, i), to be differentiated by the inputs only."""
+        """Return the outputs (n, h) for `inputs` (n, i), to be differentiated by the inputs only."""
         outputs: torch.Tensor = _lean_pass(inputs, self._frozen, self)
         return outputs
 
     def _buffer(self, use: str, index: int, like: torch.Tensor) -> torch.Tensor:
-        """Returns memory (n, h) for hidden layer `index`, kept for each `use`; n as in `like`."""
+        """Return memory (n, h) for hidden layer `index`, kept for each `use`; n as in `like`."""
         shape = len(like), self.layout.sizes[index + 1]
         memory = self._memory.get((use, index))
         if memory is None or memory.shape != shape:
@@ -171,7 +171,7 @@ _lean_pass: Any = _LeanPass.apply
 def input_gradient(
     layers: Layers, kept: Sequence[torch.Tensor], gradient: torch.Tensor, activation: Activation
 ) -> torch.Tensor:
-    """Returns the loss's gradient by a network's inputs (n, i), computed for the rows that have one.
+    """Return the loss's gradient by a network's inputs (n, i), computed for the rows that have one.
 
     Args:
         layers: layers of one network.
@@ -189,7 +189,7 @@ def input_gradient(
 
 
 def _through(gradient: torch.Tensor, outputs: torch.Tensor, activation: Activation) -> torch.Tensor:
-    """Returns `gradient`, in place, times the derivative of the activation, given its `outputs`."""
+    """Return `gradient`, in place, times the derivative of the activation, given its `outputs`."""
     through: torch.Tensor
     if activation is Activation.TANH:
         through = torch.ops.aten.tanh_backward.grad_input(gradient, outputs, grad_input=gradient)
@@ -199,7 +199,7 @@ def _through(gradient: torch.Tensor, outputs: torch.Tensor, activation: Activati
 
 
 def as_batch(observations: NDArray[np.float32], device: torch.device) -> torch.Tensor:
-    """Returns `observations` (o,) or (n, o) as a tensor (1, o) or (n, o) on `device`."""
+    """Return `observations` (o,) or (n, o) as a tensor (1, o) or (n, o) on `device`."""
     rows = torch.from_numpy(np.asarray(observations, dtype=np.float32))
     return (rows if rows.ndim == 2 else rows[None]).to(device)
 
@@ -209,7 +209,7 @@ Blocks: TypeAlias = Sequence[Sequence[nn.Linear]]
 
 
 def blocks_of(module: nn.Module, *heads: nn.Module) -> Blocks:
-    """Returns the linear layers of `module` in a row, and `heads` after them, which share their inputs."""
+    """Return the linear layers of `module` in a row, and `heads` after them, which share their inputs."""
     rows: list[Sequence[nn.Linear]] = [[part] for part in module.modules() if isinstance(part, nn.Linear)]
     if heads:
         rows.append([head for head in heads if isinstance(head, nn.Linear)])
@@ -261,12 +261,12 @@ class FlatParameters:
         self._others_gradient = self.views(self.gradient)[len(self.parameters) - len(others) :]
 
     def views(self, buffer: torch.Tensor) -> list[torch.Tensor]:
-        """Returns the parts of `buffer` (p,) that belong to the parameters, in their shapes."""
+        """Return the parts of `buffer` (p,) that belong to the parameters, in their shapes."""
         parts = torch.split(buffer, [parameter.numel() for parameter in self.parameters])
         return [part.view_as(own) for part, own in zip(parts, self.parameters, strict=True)]
 
     def differentiate(self, loss: torch.Tensor) -> None:
-        """Writes the gradient of `loss`, which was computed with `networks` and `others`."""
+        """Write the gradient of `loss`, which was computed with `networks` and `others`."""
         leaves = [network.parameters for network in self.networks]
         others = torch.autograd.grad(loss, [*leaves, *self.others])[len(leaves) :]
         self._keep(others)
@@ -274,7 +274,7 @@ class FlatParameters:
     def backpropagate(
         self, kept: Sequence[torch.Tensor], gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
     ) -> None:
-        """Writes the gradient of a loss of one network that was differentiated by hand.
+        """Write the gradient of a loss of one network that was differentiated by hand.
 
         Args:
             kept: activations of the network in the forward pass.
@@ -291,7 +291,7 @@ class FlatParameters:
 
 
 def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
-    """Returns linear layers over `parameters` (p,), and the activation after each but the last."""
+    """Return linear layers over `parameters` (p,), and the activation after each but the last."""
     modules: list[nn.Module] = []
     for weight, bias in split(parameters, layout):
         layer = nn.Linear(weight.shape[1], weight.shape[0], device="meta")  # neither filled nor initialised
@@ -324,7 +324,7 @@ class FlatAdam:
         self.restore()
 
     def step(self) -> None:
-        """Moves the parameters against `flat.gradient`."""
+        """Move the parameters against `flat.gradient`."""
         if not self._optimiser.state:
             self._share(0.0)
         take_step(self._adam)
@@ -341,7 +341,7 @@ class FlatAdam:
         return int(self._steps[0])
 
     def put(self, mean: torch.Tensor, square: torch.Tensor, steps: int) -> None:
-        """Loads moments (p,) and a number of steps, of an optimiser elsewhere."""
+        """Load moments (p,) and a number of steps, of an optimiser elsewhere."""
         self._mean.copy_(mean)
         self._square.copy_(square)
         if steps:
@@ -350,7 +350,7 @@ class FlatAdam:
             self._optimiser.state.clear()
 
     def restore(self) -> None:
-        """Reads the optimiser's state after it was loaded."""
+        """Read the optimiser's state after it was loaded."""
         self._mean, self._square = (torch.zeros_like(self._flat.values) for _ in range(2))
         # one step count per parameter, as Adam has it, each with its own place in memory
         self._steps = torch.zeros(len(self._flat.parameters), dtype=torch.float32)
@@ -362,7 +362,7 @@ class FlatAdam:
             self._share(float(loaded[self._flat.parameters[0]]["step"]))
 
     def _share(self, steps: float) -> None:
-        """Makes the optimiser's state views of the buffers that `step` writes."""
+        """Make the optimiser's state views of the buffers that `step` writes."""
         self._steps.fill_(steps)
         views = self._flat.views(self._mean), self._flat.views(self._square)
         for own, step, mean, square in zip(self._flat.parameters, self._steps, *views, strict=True):

@@ -44,27 +44,27 @@ class Player(Student):
 
     @abstractmethod
     def _layout(self, observation: int, action: int) -> Layout:
-        """Returns the network that acts, given the lengths of observations and of actions."""
+        """Return the network that acts, given the lengths of observations and of actions."""
 
     @abstractmethod
     def _start(self) -> None:
-        """Makes what lives as long as the student: statistics, counters and empty memory for experience."""
+        """Make what lives as long as the student: statistics, counters and empty memory for experience."""
 
     @abstractmethod
     def _take_over(self, weights: Weights) -> None:
-        """Acts with `weights` from now on."""
+        """Act with `weights` from now on."""
 
     @abstractmethod
     def _forget(self) -> None:
-        """Forgets the experience since the last hand-over."""
+        """Forget the experience since the last hand-over."""
 
     @abstractmethod
     def _experience(self) -> dict[str, Any]:
-        """Returns counters, statistics and steps, for `PlayerState`."""
+        """Return counters, statistics and steps, for `PlayerState`."""
 
     @abstractmethod
     def _restore_experience(self, experience: dict[str, Any]) -> None:
-        """Loads what `_experience` returned, at the end of an episode."""
+        """Load what `_experience` returned, at the end of an episode."""
 
     def reset(self) -> None:  # noqa: D102
         self._forget()
@@ -86,7 +86,7 @@ class Player(Student):
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:
-        """Refuses: policies are those of the student that learns alone, which loads them."""
+        """Refuse: policies are those of the student that learns alone, which loads them."""
         raise NotImplementedError("load the policy with tma_ray.students.load_policy")
 
     def scalars(self) -> dict[str, float]:  # noqa: D102
@@ -97,5 +97,5 @@ class Player(Student):
         return PlayerState(states, self._experience())
 
     def _noise(self) -> NDArray[np.float32]:
-        """Draws the standard normal noise (a,) of one exploring action."""
+        """Draw the standard normal noise (a,) of one exploring action."""
         return self._exploration.standard_normal(self._low.size, dtype=np.float32)

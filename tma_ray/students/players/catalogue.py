@@ -31,7 +31,7 @@ def make_player(
     hyperparameters: Mapping[str, Any] | None,
     learner: Learner,
 ) -> Player:
-    """Returns a new player that has joined the cohort of `learner`.
+    """Return a new player that has joined the cohort of `learner`.
 
     Args:
         name: a key of `COHORT_STUDENTS`.
@@ -54,7 +54,7 @@ def make_player(
 
 
 def player_class(name: str) -> type[Player]:
-    """Returns the acting half of a student of `COHORT_STUDENTS`; importing it takes a while."""
+    """Return the acting half of a student of `COHORT_STUDENTS`; importing it takes a while."""
     module, kind = COHORT_STUDENTS[name]
     found: type[Player] = getattr(import_module(module), kind)
     return found

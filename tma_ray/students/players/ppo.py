@@ -49,7 +49,7 @@ def exploring_step(
     observation: Observations,
     noise: FloatArray,
 ) -> Step:
-    """Returns the action for an observation, and what learning from it needs.
+    """Return the action for an observation, and what learning from it needs.
 
     Args:
         network: whose outputs are means and value.
@@ -64,7 +64,7 @@ def exploring_step(
 def sampled_actions(
     means: FloatArray, policy: tuple[FloatArray, FloatArray], rng: np.random.Generator
 ) -> Actions:
-    """Returns actions (n, a) drawn around `means` (n, a) with noise of `rng`; `policy` as above."""
+    """Return actions (n, a) drawn around `means` (n, a) with noise of `rng`; `policy` as above."""
     log_deviation, (low, high) = policy
     sampled = means + np.exp(log_deviation) * rng.standard_normal(means.shape, dtype=np.float32)
     actions: Actions = np.minimum(np.maximum(sampled, low), high)
@@ -138,7 +138,7 @@ class Rollout:
         return self._size == len(self.rewards)
 
     def clear(self) -> None:
-        """Forgets all steps."""
+        """Forget all steps."""
         self._size = 0
 
     def add(
@@ -149,7 +149,7 @@ class Rollout:
         ended: bool,
         judged: Judgement,
     ) -> None:
-        """Appends a step.
+        """Append a step.
 
         Args:
             observation: observation as normalised for the networks (o,).
@@ -167,7 +167,7 @@ class Rollout:
         self._size = index + 1
 
     def finish(self, last_value: float, gamma: float, gae_lambda: float) -> None:
-        """Computes returns and advantages (generalised advantage estimation, arXiv:1506.02438).
+        """Compute returns and advantages (generalised advantage estimation, arXiv:1506.02438).
 
         Args:
             last_value: value of the observation after the last step.
@@ -182,7 +182,7 @@ class Rollout:
         self.returns = self.advantages + self.values
 
     def get(self, batch_size: int | None = None) -> Iterator[RolloutBufferSamples]:
-        """Yields all steps once, shuffled, in mini-batches of tensors; without a size, in a single one."""
+        """Yield all steps once, shuffled, in mini-batches of tensors; without a size, in a single one."""
         import torch
         from stable_baselines3.common.type_aliases import RolloutBufferSamples
 
@@ -192,22 +192,22 @@ class Rollout:
             yield RolloutBufferSamples(*(torch.from_numpy(c[rows]).to(self._device) for c in columns))
 
     def shuffled(self) -> NDArray[np.int64]:
-        """Draws the order (n,) in which one epoch passes over the steps."""
+        """Draw the order (n,) in which one epoch passes over the steps."""
         return self._generator.permutation(len(self.rewards))
 
     def columns(self) -> tuple[NDArray[np.float32], ...]:
-        """Returns all that a mini-batch holds of the n steps, in the order of `ppo.losses.Steps`."""
+        """Return all that a mini-batch holds of the n steps, in the order of `ppo.losses.Steps`."""
         return (
             *(self.observations, self.actions, self.values),
             *(self.log_probabilities, self.advantages, self.returns),
         )
 
     def state(self) -> dict[str, Any]:
-        """Returns the steps so far, by name of the column."""
+        """Return the steps so far, by name of the column."""
         return {name: getattr(self, name)[: self._size] for name in _STORED}
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Loads the steps of another rollout's `state`."""
+        """Load the steps of another rollout's `state`."""
         self._size = len(state["rewards"])
         for name in _STORED:
             getattr(self, name)[: self._size] = state[name]
@@ -247,7 +247,7 @@ class PPOPlayer(Player):
             self._greedy = ArrayNetwork(self._layout(size, self._low.size))
 
     def _take_over(self, weights: Weights) -> None:
-        """Loads the network's parameters and, after them, the log deviation (a,)."""
+        """Load the network's parameters and, after them, the log deviation (a,)."""
         count = self._low.size
         own = weights[:-count]
         self._network.load(own)
@@ -290,13 +290,13 @@ class PPOPlayer(Player):
         return sampled_actions(means, self._policy, rng)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Returns V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards."""
+        """Return V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards."""
         values = self._network(self.normaliser.normalise(observations))[:, -1].astype(np.float64)
         scaled: NDArray[np.float64] = values * self.normaliser.reward_scale
         return scaled
 
     def _value(self, observation: Observations) -> float:
-        """Returns the value of one observation (o,), in normalised reward."""
+        """Return the value of one observation (o,), in normalised reward."""
         return float(self._network.row(self.normaliser.normalise(observation))[-1])
 
     def _hand_over(self, next_observation: Observations) -> None:

@@ -34,7 +34,7 @@ def squashed_action(
     log_std_range: tuple[float, float],
     clamp: bool,
 ) -> Actions:
-    """Returns the tangent hyperbolic (a,) of a normal variable.
+    """Return the tangent hyperbolic (a,) of a normal variable.
 
     Args:
         network: whose outputs are means and, before they are brought into their range, log deviations.
@@ -61,7 +61,7 @@ def squashed_action(
 def sampled_actions(
     outputs: FloatArray, bounds: tuple[Actions, Actions], rng: np.random.Generator, clamp: bool
 ) -> Actions:
-    """Returns actions (n, a) drawn as `squashed_action` draws them, between `bounds`.
+    """Return actions (n, a) drawn as `squashed_action` draws them, between `bounds`.
 
     Args:
         outputs: outputs of the network for n observations (n, 2a).
@@ -75,7 +75,7 @@ def sampled_actions(
 
 
 def normal_of(outputs: FloatArray, clamp: bool) -> tuple[FloatArray, FloatArray]:
-    """Returns means and log deviations (n, a) before squashing; arguments as of `sampled_actions`."""
+    """Return means and log deviations (n, a) before squashing; arguments as of `sampled_actions`."""
     low, high = (np.float32(bound) for bound in LOG_STD_RANGE)
     means, spreads = np.split(outputs, 2, axis=1)
     half = np.float32(0.5) * (high - low)
@@ -83,7 +83,7 @@ def normal_of(outputs: FloatArray, clamp: bool) -> tuple[FloatArray, FloatArray]
 
 
 def entropies(outputs: FloatArray, clamp: bool) -> NDArray[np.float64]:
-    """Returns the entropy (n,), in nats, of squashed actions; arguments as of `sampled_actions`."""
+    """Return the entropy (n,), in nats, of squashed actions; arguments as of `sampled_actions`."""
     means, log_deviations = normal_of(outputs.astype(np.float64), clamp)
     actions = np.tanh(means[..., None] + np.exp(log_deviations)[..., None] * NODES)
     squashing = np.log(1 - actions**2 + SQUASH_EPSILON) @ NODE_WEIGHTS / math.sqrt(2 * math.pi)
@@ -93,17 +93,17 @@ def entropies(outputs: FloatArray, clamp: bool) -> NDArray[np.float64]:
 
 
 def uniform_actions(bounds: tuple[Actions, Actions], rng: np.random.Generator, count: int) -> Actions:
-    """Returns `count` uniform actions (count, a) between `bounds`, those of the initial exploration."""
+    """Return `count` uniform actions (count, a) between `bounds`, those of the initial exploration."""
     return rng.uniform(*bounds, size=(count, len(bounds[0]))).astype(np.float32)
 
 
 def between(low: Actions, high: Actions, actions: Actions) -> Actions:
-    """Returns `actions` mapped from [-1, 1] to [low, high]."""
+    """Return `actions` mapped from [-1, 1] to [low, high]."""
     return low + np.float32(0.5) * (actions + 1) * (high - low)
 
 
 def updates_due(hyper: SACHyperparameters, steps: int, episode_steps: int, ended: bool) -> int:
-    """Returns how many updates follow a step.
+    """Return how many updates follow a step.
 
     Args:
         hyper: hyper-parameters of the student.
@@ -171,7 +171,7 @@ class SACPlayer(Player):
         return sampled_actions(self._network(observations), bounds, rng, clamp)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Returns V(s) (n,) of `observations` (n, o), entropy bonus included."""
+        """Return V(s) (n,) of `observations` (n, o), entropy bonus included."""
         return self._link.values(observations)
 
     def entropy_bonuses(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102

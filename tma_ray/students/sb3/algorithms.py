@@ -54,7 +54,7 @@ _POSITIVE = ("learning_rate", "buffer_size", "batch_size", "train_freq", "n_step
 
 
 def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type:
-    """Returns a frozen dataclass with the arguments of `algorithm` at their defaults.
+    """Return a frozen dataclass with the arguments of `algorithm` at their defaults.
 
     Args:
         algorithm: algorithm of stable-baselines3, or one that follows its conventions.
@@ -80,7 +80,7 @@ def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type
 
 
 def _parameters(algorithm: type[BaseAlgorithm]) -> dict[str, inspect.Parameter]:
-    """Returns the named arguments of the constructor, and of the next one while that takes any keyword."""
+    """Return the named arguments of the constructor, and of the next one while that takes any keyword."""
     found: dict[str, inspect.Parameter] = {}
     constructors = (vars(kind).get("__init__") for kind in algorithm.__mro__)
     for constructor in filter(None, constructors):
@@ -97,7 +97,7 @@ def _parameters(algorithm: type[BaseAlgorithm]) -> dict[str, inspect.Parameter]:
 
 
 def constructor_arguments(hyperparameters: Any) -> dict[str, Any]:
-    """Returns what the algorithm's constructor takes of its student's `hyperparameters`, as copies."""
+    """Return what the algorithm's constructor takes of its student's `hyperparameters`, as copies."""
     own = {"exploration_deviation", "value_samples", "matmul_precision"}
     names = [field.name for field in dataclasses.fields(hyperparameters)]
     return {name: copy.deepcopy(getattr(hyperparameters, name)) for name in names if name not in own}
@@ -132,7 +132,7 @@ def make_model(
     hyperparameters: Any,
     device: torch.device,
 ) -> BaseAlgorithm:
-    """Returns a model of `algorithm` whose networks are not yet built."""
+    """Return a model of `algorithm` whose networks are not yet built."""
     constructor: Any = algorithm
     model: BaseAlgorithm = constructor(
         "MlpPolicy",
@@ -145,7 +145,7 @@ def make_model(
 
 
 def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
-    """Returns what the greedy policy of `model` computes with, by the names in the policy's state.
+    """Return what the greedy policy of `model` computes with, by the names in the policy's state.
 
     Off-policy algorithms of the libraries act by their actor alone. What others need cannot be known, so
     that is everything.
@@ -160,7 +160,7 @@ def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
 def stored_model(
     algorithm: type[BaseAlgorithm], hyperparameters_type: type, stored: StoredPolicy, device: str
 ) -> BaseAlgorithm:
-    """Returns a model of `algorithm` that acts greedily as the one whose policy was saved.
+    """Return a model of `algorithm` that acts greedily as the one whose policy was saved.
 
     Raises:
         PolicyFileError: hyper-parameters of which no model can be made, or tensors that it has not.
@@ -191,7 +191,7 @@ class _NoExperience:
 
 @contextmanager
 def _bounded() -> Iterator[None]:
-    """Refuses to build networks of more than `MOST_PARAMETERS` inside the block."""
+    """Refuse to build networks of more than `MOST_PARAMETERS` inside the block."""
     count = 0
 
     def weigh(_module: nn.Module, _name: str, parameter: nn.Parameter | None) -> None:
@@ -209,7 +209,7 @@ def _bounded() -> Iterator[None]:
 
 @cache
 def student_of(name: str) -> type[Student]:
-    """Returns the student that the algorithm called `name` is.
+    """Return the student that the algorithm called `name` is.
 
     Raises:
         UnknownNameError: the package that offers it is not installed.
@@ -228,7 +228,7 @@ def student_of(name: str) -> type[Student]:
 
 
 def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
-    """Returns the student that an algorithm is, one of your own included.
+    """Return the student that an algorithm is, one of your own included.
 
     Its hyper-parameters are the arguments of its constructor, and of those that this one passes its
     ``**keywords`` on to.
@@ -274,13 +274,13 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
         return actions
 
     def _predict(self, observation: Observations) -> Actions:
-        """Returns an action (a,) of the exploring policy, drawn from the student's own stream."""
+        """Return an action (a,) of the exploring policy, drawn from the student's own stream."""
         with self._torch_stream.active():
             action: Actions = self.model.predict(observation, deterministic=False)[0]
         return action
 
     def save_policy(self, folder: Path) -> None:
-        """Writes the tensors that acting needs, by stable-baselines3's names, and all hyper-parameters."""
+        """Write the tensors that acting needs, by stable-baselines3's names, and all hyper-parameters."""
         tensors = {name: tensor.numpy(force=True) for name, tensor in acting_tensors(self.model).items()}
         values = identifying(self.hyperparameters)
         self._write_policy(folder, self.algorithm.__name__, tensors, values)
@@ -383,7 +383,7 @@ class OffPolicyStudent(AlgorithmStudent):
         return self._disturbed(actions, rng.standard_normal(shape, dtype=np.float32))
 
     def _disturbed(self, actions: Actions, noise: NDArray[np.float32]) -> Actions:
-        """Returns `actions` (..., a) with standard normal `noise` added, in the algorithm's measure."""
+        """Return `actions` (..., a) with standard normal `noise` added, in the algorithm's measure."""
         deviation = np.float32(self.hyperparameters.exploration_deviation / 2) * (self._high - self._low)
         disturbed: Actions = np.clip(actions + deviation * noise, self._low, self._high)
         return disturbed
@@ -399,7 +399,7 @@ class OffPolicyStudent(AlgorithmStudent):
                 self.model.train(gradient_steps=count, batch_size=hyper.batch_size)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Returns V(s) (n,): the critics' smallest value of the policy's actions, entropy bonus included.
+        """Return V(s) (n,): the critics' smallest value of the policy's actions, entropy bonus included.
 
         A stochastic policy's is averaged over actions drawn for it.
         """

@@ -44,7 +44,7 @@ class TorchStream:
 
     @contextmanager
     def active(self) -> Iterator[None]:
-        """Makes torch draw from this stream inside the block, and as before after it."""
+        """Make torch draw from this stream inside the block, and as before after it."""
         outside = self._current()
         self._use(self.state)
         try:
@@ -140,27 +140,27 @@ class StableBaselinesStudent(Student, Generic[H, M]):
 
     @abstractmethod
     def _start(self) -> None:
-        """Makes what lives as long as the student: statistics, counters and empty buffers."""
+        """Make what lives as long as the student: statistics, counters and empty buffers."""
 
     @abstractmethod
     def _make_model(self) -> M:
-        """Returns a new model whose networks are not yet built."""
+        """Return a new model whose networks are not yet built."""
 
     @abstractmethod
     def _connect(self) -> None:
-        """Empties the buffer and joins it, updates and acting to `self.model`, which is new."""
+        """Empty the buffer and join it, updates and acting to `self.model`, which is new."""
 
     @abstractmethod
     def _refresh(self) -> None:
-        """Copies the parameters of `self.model`, which have changed, to wherever copies are kept."""
+        """Copy the parameters of `self.model`, which have changed, to wherever copies are kept."""
 
     @abstractmethod
     def _save_experience(self, folder: Path, incremental: bool, /) -> Experience:
-        """Writes buffers and statistics into `folder`; `incremental` as for `save`."""
+        """Write buffers and statistics into `folder`; `incremental` as for `save`."""
 
     @abstractmethod
     def _load_experience(self, folder: Path, counters: dict[str, Any], /) -> None:
-        """Loads what `_save_experience` wrote, and the counters that it returned."""
+        """Load what `_save_experience` wrote, and the counters that it returned."""
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
         experience = self._save_experience(folder, incremental)
@@ -210,7 +210,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         return {name.removeprefix("train/"): float(value) for name, value in recorded.items()}
 
     def _restore_update(self) -> None:
-        """Reads the optimisers' states after they were loaded; stable-baselines3's own need nothing."""
+        """Read the optimisers' states after they were loaded; stable-baselines3's own need nothing."""
 
     @contextmanager
     def _updating(self) -> Iterator[None]:
@@ -227,7 +227,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
     def _write_policy(
         self, folder: Path, kind: str, tensors: Mapping[str, NDArray[Any]], hyperparameters: Mapping[str, Any]
     ) -> None:
-        """Writes a policy of the `kind` between this student's spaces."""
+        """Write a policy of the `kind` between this student's spaces."""
         write_policy(folder, kind, self.observation_space, self.action_space, tensors, hyperparameters)
 
     @property
@@ -246,11 +246,11 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         return [self._exploration, self._batches, self._values]
 
     def _noise(self) -> NDArray[np.float32]:
-        """Draws the standard normal noise (a,) of one exploring action."""
+        """Draw the standard normal noise (a,) of one exploring action."""
         return self._exploration.standard_normal(self._low.size, dtype=np.float32)
 
     def _build(self) -> None:
-        """Makes a new model with new networks and optimisers."""
+        """Make a new model with new networks and optimisers."""
         self.model = self._make_model()
         self.model.observation_space = self.observation_space
         self.model.action_space = self.action_space
