@@ -47,12 +47,10 @@ def row(setting: Setting, true: float, trials: int) -> dict[str, object]:
 
 
 def unbiased(setting: Setting, found: Outcomes) -> list[float]:
-    """Returns the median-unbiased estimates of the difference to Random, of each tenth trial."""
+    """Returns the median-unbiased estimates of the difference to Random, of each trial."""
     rule, estimates = setting.rules[0], []
     planned = [1 / (1 / seeds + 1 / setting.cells[0].runs) for seeds in setting.looks]
-    for trial in range(0, len(found.looks[0]), 10):
-        look = int(found.looks[0][trial])
-        value, error = float(found.estimates[0][trial]), float(found.errors[0][trial])
+    for look, value, error in zip(found.looks[0], found.estimates[0], found.errors[0], strict=True):
         information = [each / planned[look] / error**2 for each in planned[: look + 1]]
         bounds = rule.lower if value > 0 else rule.upper
         estimates.append(median_unbiased(value / error, bounds[:look], information))

@@ -39,6 +39,7 @@ OTHERS = {
     "precision": "--student ppo --seeds 2 --steps 400 --cohort 2 --processes 2 --results results",
     "sac_learning": f"{IN_A_MOMENT} --seeds 1 --parts easy",
     "cluster_scale": "--runs 4",
+    "playground": "--episodes 1 --steps 5 --bodies fish",
     "trials": "--trials 20",
     "sensitivity": f"{IN_A_MOMENT} --seeds 1 --parts cohort",
 }

@@ -55,6 +55,10 @@ class Kind(StrEnum):
     COMPARISONS = "comparisons"
 
 
+MOST_TICKS = 12
+"""Largest number of whole numbers with a tick for each."""
+
+
 @dataclass(frozen=True)
 class Scale:
     """An axis of a panel.
@@ -85,6 +89,11 @@ class Scale:
     def bounded(self) -> bool:
         """True if both bounds are given."""
         return self.low is not None and self.high is not None
+
+    @property
+    def each_whole(self) -> bool:
+        """True if each whole number between the bounds has a tick: there are few."""
+        return self.whole and (self.high or 0) - (self.low or 0) <= MOST_TICKS
 
 
 @dataclass(frozen=True)

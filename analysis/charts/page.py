@@ -47,9 +47,6 @@ SPACING, LEAST, COMPARISONS_FRAME = 11, 30, 130
 MOST_ACROSS = 4
 """Largest number of plots of a chart side by side."""
 
-MOST_TICKS = 12
-"""Largest number of whole numbers with a tick for each."""
-
 BINARY = {"float32": "f4", "float64": "f8", "int32": "i4"}
 """Types of arrays that are embedded as bytes, and their names in plotly.js."""
 
@@ -390,7 +387,7 @@ def _axis(scale: Scale, panel: Panel) -> dict[str, Any]:
     axis = {"title": {"text": _shown(scale.title), "standoff": 8}, "showgrid": scale.grid, **quiet}
     if scale.bounded:
         axis["range"] = [scale.low, scale.high]
-    if scale.whole and (scale.high or 0) - (scale.low or 0) <= MOST_TICKS:
+    if scale.each_whole:
         axis["dtick"] = 1
     return axis | _axis_of_kind(scale, panel)
 

@@ -36,13 +36,14 @@ def course_chart(
         reach = ROOM * float(max(later, margin, seen["value"].abs().max() if len(seen) else 0.0))
         x = Scale("Seeds of every cell", low=float(seeds.min()) - 1, high=float(seeds.max()) + 1, whole=True)
         y = Scale("Difference (points)", low=-reach, high=reach, grid=True)
-        panels.append(Panel(x, y, list(_marks(table, teacher, margin, reach)), f"Beside {label(reference)}"))
+        title = f"Beside {label(reference)}" if len(courses) > 1 else ""
+        panels.append(Panel(x, y, list(_marks(table, teacher, margin, reach)), title))
     caption = (
         "Difference with its repeated confidence interval at each look. Over the upper boundary the teacher "
         "is better, under the lower one worse, and alike where all of the interval is in the grey band. "
         "Boundaries of looks to come are those that the release's spread lets expect."
     )
-    heading = " and ".join(panel.title for panel in panels)
+    heading = "Beside " + " and ".join(map(label, courses))
     return Chart(name, [panels], heading, caption, size=(TWO_COLUMNS, 2.9))
 
 
@@ -65,7 +66,7 @@ def _marks(table: pd.DataFrame, teacher: str, margin: float, reach: float) -> It
     style = look(teacher)
     for place, low, high in seen[["seeds", "low", "high"]].to_numpy(float):
         ends = np.clip([low, high], -2 * reach, 2 * reach)
-        yield Curve(x=np.full(2, place), y=ends, look=style, width=1.4)
+        yield Curve(x=np.full(2, place), y=ends, look=style._replace(dashes="-"), width=1.4)
     if len(seen):
         yield Curve(
             x=seen["seeds"].to_numpy(float),

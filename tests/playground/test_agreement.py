@@ -1,29 +1,25 @@
-"""The page's engine, policies and worlds in node: the same numbers as Python's."""
+"""The page's engine, policies and worlds in node and in Chromium: the same numbers as Python's."""
 
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from episodes import world_record
+from playwright.sync_api import Browser
+from replays import in_chromium, in_node, recorded, sine_of_the_page
 
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs import make_environment
-from tma_ray.playground.compiling import DATA, WASM
 from tma_ray.playground.contents import constants, worlds
-from tma_ray.playground.page import SCRIPTS, SOURCES
 from tma_ray.playground.policies import policy_record
 from tma_ray.runs.saved_policies import find_policy
 from tma_ray.terrain.parkour import creeper_points
 
-HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
+ROOT = Path(__file__).parents[2]
 
 POLICIES = {
     "relu": ROOT / "notebooks/data/ppo-lite/policies/ppo_random-s0-43ca06a21b5e",
@@ -33,62 +29,38 @@ POLICIES = {
 
 
 @pytest.fixture(scope="module")
-def scripts(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The page's scripts without its controls, as one file."""
-    file = tmp_path_factory.mktemp("scripts") / "scripts.js"
-    file.write_text("".join((SOURCES / name).read_text() for name in SCRIPTS[:2]))
-    return file
-
-
-@pytest.fixture(scope="module")
 def sine(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Variables under which Python's engine has the page's sine and cosine."""
-    compiler = shutil.which("cc")
-    if compiler is None or not sys.platform.startswith("linux"):
-        pytest.skip("a C compiler on Linux gives this machine's engine the page's sine and cosine")
-    library = tmp_path_factory.mktemp("sine") / "sine.so"
-    flags = ["-O2", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin"]
-    subprocess.run([compiler, *flags, "-o", str(library), str(DATA / "sine.c")], check=True)
-    return {"LD_PRELOAD": str(library)}
+    return sine_of_the_page(tmp_path_factory.mktemp("sine"))
 
 
-def in_node(scripts: Path, *files: Path) -> list[Any]:
-    """Returns what `replay.js` says of each file."""
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no node")
-    command = [node, str(HERE / "replay.js"), str(scripts), str(WASM), *map(str, files)]
-    made = subprocess.run(command, capture_output=True, text=True, check=True)
-    return [json.loads(line) for line in made.stdout.splitlines()]
-
-
-def assert_same_bits(
-    scripts: Path, sine: dict[str, str], place: Path, size: tuple[int, int], *bodies: str
-) -> None:
-    command = [sys.executable, str(HERE / "episodes.py"), str(place), *map(str, size), *bodies]
-    subprocess.run(command, env=os.environ | sine, check=True)
-    files = sorted(place.glob("*.json"))
-    assert len(files) == 2 * len(bodies)
-    for file, episodes in zip(files, in_node(scripts, *files), strict=True):
-        assert len(episodes) == size[0]
-        for episode in episodes:
+def assert_same_bits(played: list[Any], files: list[Path], episodes: int) -> None:
+    for file, found in zip(files, played, strict=True):
+        assert len(found) == episodes
+        for episode in found:
             differences = episode["state"], episode["observed"], episode["reward"]
             assert differences == (0, 0, 0), (file.stem, episode)
             assert episode["ending"], (file.stem, episode)
 
 
-def test_every_body_moves_as_in_python(scripts: Path, sine: dict[str, str], tmp_path: Path) -> None:
-    assert_same_bits(scripts, sine, tmp_path, (1, 40), *embodiment_names())
+def test_every_body_moves_as_in_python(sine: dict[str, str], tmp_path: Path) -> None:
+    files = recorded(tmp_path, 1, 40, tuple(embodiment_names()), sine)
+    assert len(files) == 2 * len(embodiment_names())
+    assert_same_bits(in_node(tmp_path, *files), files, 1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("body", embodiment_names())
-def test_twenty_episodes_are_the_same(body: str, scripts: Path, sine: dict[str, str], tmp_path: Path) -> None:
-    assert_same_bits(scripts, sine, tmp_path, (20, 200), body)
+def test_twenty_episodes_are_the_same_in_node_and_in_chromium(
+    body: str, sine: dict[str, str], browser: Browser, tmp_path: Path
+) -> None:
+    files = recorded(tmp_path, 20, 200, (body,), sine)
+    for played in (in_node(tmp_path, *files), in_chromium(browser, *files)):
+        assert_same_bits(played, files, 20)
 
 
 @pytest.mark.parametrize("kind", POLICIES)
-def test_policies_act_as_in_python(kind: str, scripts: Path, tmp_path: Path) -> None:
+def test_policies_act_as_in_python(kind: str, tmp_path: Path) -> None:
     saved = find_policy(str(POLICIES[kind]), "results")
     environment = make_environment("stump_tracks", embodiment=saved.spec.embodiment)
     policy = saved.load(environment.observation_space, environment.action_space)
@@ -98,7 +70,7 @@ def test_policies_act_as_in_python(kind: str, scripts: Path, tmp_path: Path) -> 
     content = {"policy": policy_record(saved, "results"), "observations": observations}
     file = tmp_path / "policy.json"
     file.write_text(json.dumps(content, default=np.ndarray.tolist))
-    actions = np.array(in_node(scripts, file)[0], np.float32)
+    actions = np.array(in_node(tmp_path, file)[0], np.float32)
     expected = np.array([policy(each) for each in observations])
     if kind == "sac":  # whose tangent hyperbolic is another library's
         np.testing.assert_allclose(actions, expected, rtol=0, atol=2e-7)
@@ -114,7 +86,7 @@ def test_policies_act_as_in_python(kind: str, scripts: Path, tmp_path: Path) -> 
         ("parkour", [-0.1, 0.8, 0.1, 0.4, 0.25, 2, 3, 10]),
     ],
 )
-def test_worlds_are_those_of_python(name: str, task: list[float], scripts: Path, tmp_path: Path) -> None:
+def test_worlds_are_those_of_python(name: str, task: list[float], tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     terrain = make_environment(name).unwrapped.build(np.array(task, np.float32), np.random.default_rng(5))  # type: ignore[attr-defined]
     if name == "parkour":
@@ -124,7 +96,7 @@ def test_worlds_are_those_of_python(name: str, task: list[float], scripts: Path,
     content = {"worlds": worlds(), "constants": constants(), "name": name, "task": task, "drawn": drawn}
     file = tmp_path / "world.json"
     file.write_text(json.dumps(content, default=np.ndarray.tolist))
-    made, expected = in_node(scripts, file)[0], world_record(terrain)
+    made, expected = in_node(tmp_path, file)[0], world_record(terrain)
     for field, value in expected.items():
         if isinstance(value, list):
             assert made[field]["shape"] == value[1], field

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tma_ray.playground.compiling import WASM, CompilerMissingError, build, digest, kernels_in_c, require_zig
+from tma_ray.playground.page import SCRIPTS, SOURCES
 from tma_ray.playground.translation import REAL, WHOLE, Array, Record, Translation, TranslationError
 
 DOCS = Path(__file__).parents[2] / "docs/playground"
@@ -29,6 +30,12 @@ def test_the_engine_is_of_the_present_kernels_and_pymunk() -> None:
 def test_size_and_hash_of_what_is_committed_are_told(name: str, file: Path) -> None:
     content = file.read_bytes()
     assert (len(content), digest(content)) == (BUILT[name]["bytes"], BUILT[name]["sha256"])
+
+
+def test_the_page_is_of_the_present_markup_style_and_scripts() -> None:
+    text = (DOCS / "index.html").read_text(encoding="utf-8")
+    stale = [name for name in (*SCRIPTS, "style.css") if (SOURCES / name).read_text("utf-8") not in text]
+    assert not stale, "run docs/making/make_playground.py: the page is of other sources"
 
 
 @pytest.mark.slow

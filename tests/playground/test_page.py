@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import json
-import os
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
 import pytest
-from episodes import main as record_episodes
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
 from tma_ray.playground.page import policy_page
 from tma_ray.playground.policies import network_record
 from tma_ray.runs.saved_policies import find_policy
 from tma_ray.viewing.play import PlaySettings, play
 
-HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
+ROOT = Path(__file__).parents[2]
 
 POLICY = ROOT / "notebooks/data/ppo-lite/policies/ppo_random-s0-43ca06a21b5e"
 """Of a run whose results lie next to it."""
@@ -29,20 +25,7 @@ LIMIT = 1_000_000
 
 DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
-
 Opener = Callable[..., Page]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    found = os.environ.get("TMA_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
-    if found is None:
-        pytest.skip("no Chromium: install it, or name it in TMA_CHROMIUM")
-    with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        yield launched
-        launched.close()
 
 
 @pytest.fixture(scope="module")
@@ -121,6 +104,38 @@ def test_a_task_is_chosen_by_slider_plane_and_chance(opened: Opener) -> None:
     expect(page.locator("#traced")).to_have_text("random, seed 0")
 
 
+def test_the_curriculum_is_shown_over_time(opened: Opener) -> None:
+    page = opened()
+    shown = page.locator("#step-shown")
+    at_last = shown.text_content()
+    page.locator("#probe").fill("0")
+    expect(shown).not_to_have_text(str(at_last))
+    page.locator(".policy", has_text="no torque").click()
+    expect(shown).to_have_text(str(at_last))
+    expect(page.locator("#probe")).to_have_value("1")
+
+
+def test_drags_choose_a_task_and_push_the_nearest_body(opened: Opener) -> None:
+    page = opened()
+    box = page.locator("#plane").bounding_box()
+    assert box
+    page.mouse.move(box["x"] + 60, box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 160, box["y"] + 60, steps=4)
+    page.mouse.up()
+    assert say(page, "p.task[0]") > 1
+    place = "p.camera[0].place(...p.runners[0].engine.view('state').subarray(6 * p.body.head))"
+    speed = "p.runners[0].engine.view('state')[6 * p.body.head + 3]"
+    world, (x, y), still = page.locator("#world").bounding_box(), say(page, place), say(page, speed)
+    assert world
+    page.mouse.move(world["x"] + x, world["y"] + y)
+    page.mouse.down()
+    page.mouse.move(world["x"] + x + 60, world["y"] + y, steps=4)
+    page.mouse.up()
+    page.keyboard.press("s")
+    assert say(page, speed) > still + 0.3
+
+
 def test_several_policies_run_in_one_world(opened: Opener) -> None:
     page = opened()
     page.locator(".policy", has_text="no torque").click()
@@ -178,20 +193,6 @@ def test_it_fits_a_phone_by_day_and_night(mode: Literal["light", "dark"], opened
     assert (sum(map(int, ink[4:-1].split(","))) > 384) == (mode == "dark")
     page.locator("#lidars").click()
     assert say(page, "p.lidars")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("body", ["classic_bipedal", "climbing_chimpanzee", "fish", "spider"])
-def test_chromium_plays_as_python(body: str, opened: Opener, tmp_path: Path) -> None:
-    """Up to the last digits of sines, which differ between libraries."""
-    record_episodes(str(tmp_path), "3", "100", body)
-    page = opened()
-    source = (HERE / "replay.js").read_text().partition("if (typeof process")[0]
-    for file in sorted(tmp_path.glob("*.json")):
-        call = f"(content) => {{ {source} return replay(Engine, window.playground.module, content); }}"
-        for episode in page.evaluate(call, json.loads(file.read_text())):
-            assert episode["ending"]
-            assert episode["state"] < 1e-9
 
 
 def test_play_writes_what_was_asked_for(tmp_path: Path, opened: Opener) -> None:

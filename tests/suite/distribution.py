@@ -17,7 +17,11 @@ SERVICES: dict[str, tuple[str, ...]] = {
         "tests/campaign/test_retries.py",
         "tests/campaign/test_seeing.py",
     ),
-    "browser": ("tests/analysis/test_pages_in_a_browser.py", "tests/playground/test_page.py"),
+    "browser": (
+        "tests/analysis/test_pages_in_a_browser.py",
+        "tests/playground/test_agreement.py",
+        "tests/playground/test_page.py",
+    ),
     "s3_server": (
         "tests/analysis/test_baselines.py",
         "tests/object_stores/test_s3_campaign.py",

@@ -157,7 +157,7 @@ def _prepare_axis(axis: XAxis | YAxis, scale: Scale, ticks: int, flat: bool = Fa
         axis.set_tick_params(length=0)
         bounds(*((len(names) - 0.4, -0.6) if upright else (-0.6, len(names) - 0.4)))
     if scale.kind is Kind.STEPS or scale.whole:
-        count = round(scale.high - scale.low) if scale.whole and scale.high and scale.low else ticks
+        count = round((scale.high or 0) - (scale.low or 0)) if scale.each_whole else ticks
         axis.set_major_locator(MaxNLocator(count, integer=scale.whole))
     if scale.kind is Kind.SHARE:
         axis.set_major_formatter(PercentFormatter(1.0))

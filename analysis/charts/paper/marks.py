@@ -80,7 +80,8 @@ class Marks:
             self._axes.fill_between(x, low, high, color=colour, alpha=mark.opacity, linewidth=0)
         if mark.y is None:
             return
-        y, end = mark.y[start:], end - start
+        y, end, scale = mark.y[start:], end - start, self._panel.y
+        within = scale.low is None or scale.high is None or not ((y < scale.low) | (y > scale.high)).any()
         if end + 1 < len(x):
             self._axes.plot(x[end:], y[end:], color=colour, linewidth=0.7)
         self._axes.plot(
@@ -94,7 +95,7 @@ class Marks:
             markerfacecolor=mark.fill or colour,
             markeredgecolor=colour if mark.fill else "white",
             markeredgewidth=0.5,
-            clip_on=False,
+            clip_on=not within,
             zorder=3,
             label=mark.name or None,
             gid=mark.about or None,

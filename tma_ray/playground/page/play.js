@@ -287,6 +287,7 @@ class Page {
     }
     const traced = this.chosen[this.traced], probes = traced?.curriculum ?? [];
     const shown = probes[Math.round(this.probe * (probes.length - 1))];
+    element("probe").value = this.probe;
     element("step-shown").textContent = shown ? `${(shown.step / 1e6).toFixed(2)} M steps` : "";
     this.plane.draw({
       space: this.space,

@@ -1,0 +1,78 @@
+"""Agreement of the playground's physics with Python's: a row for each body and environment.
+
+python benchmarks/playground.py > benchmarks/measured/playground.csv
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tma_ray.embodiments import embodiment_names
+from tma_ray.playground.contents import PLAYED
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "playground"))
+
+from replays import chromium, in_chromium, in_node, recorded, sine_of_the_page
+
+CLOSE = 1e-9
+"""Largest difference of any state that counts as the same, in SI units."""
+
+
+def largest(episode: dict[str, Any]) -> float:
+    """Returns the largest difference of an observation, a reward or a state."""
+    return max(episode["state"], episode["observed"], episode["reward"])
+
+
+def cells(places: Sequence[list[dict[str, Any]]], exact: list[dict[str, Any]]) -> list[object]:
+    """Returns the columns of a row after body and environment.
+
+    Args:
+        places: episodes in node and in Chromium with the page's sine and cosine.
+        exact: those in node with this machine's.
+    """
+    bits = [sum(largest(each) == 0 for each in episodes) for episodes in places]
+    ends = [sum(each["ending"] for each in episodes) for episodes in (*places, exact)]
+    close = sum(each["state"] < CLOSE for each in exact)
+    state = max(each["state"] for each in exact)
+    return [len(exact), *bits, min(ends), close, f"{state:.0e}" if state else "0"]
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser.add_argument("--episodes", type=int, default=20, help="episodes of a row (%(default)s)")
+    parser.add_argument("--steps", type=int, default=200, help="steps of an episode (%(default)s)")
+    parser.add_argument("--bodies", default=",".join(embodiment_names()), help="bodies (all)")
+    options = parser.parse_args()
+    table = csv.writer(sys.stdout, lineterminator="\n")
+    table.writerow(
+        [
+            *("body", "environment", "episodes", "equal in every bit in node", "in Chromium", "same end"),
+            *("glibc's sine: states within 1e-9", "largest difference"),
+        ]
+    )
+    with tempfile.TemporaryDirectory() as name, chromium() as browser:
+        sine = sine_of_the_page(Path(name))
+        for body in options.bodies.split(","):
+            played = []
+            for number, variables in enumerate((sine, {})):
+                place = Path(name) / f"{body}-{number}"
+                place.mkdir()
+                files = recorded(place, options.episodes, options.steps, (body,), variables)
+                played.append(in_node(place, *files))
+                if variables:
+                    played.append(in_chromium(browser, *files))
+            for row, environment in enumerate(sorted(PLAYED)):
+                *places, exact = (each[row] for each in played)
+                table.writerow([body.replace("_", " "), environment.replace("_", " "), *cells(places, exact)])
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""Episodes recorded with Python's engine and played again by the page's, in node and in Chromium.
+
+What needs a program that is not on this machine is skipped.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, sync_playwright
+
+from tma_ray.playground.compiling import DATA, WASM
+from tma_ray.playground.page import SCRIPTS, SOURCES
+
+HERE = Path(__file__).parent
+
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+
+def sine_of_the_page(place: Path) -> dict[str, str]:
+    """Returns variables under which Python's engine has the page's sine and cosine, compiled in `place`."""
+    compiler = shutil.which("cc")
+    if compiler is None or not sys.platform.startswith("linux"):
+        pytest.skip("a C compiler on Linux gives Python's engine the page's sine and cosine")
+    library = place / "sine.so"
+    flags = ["-O2", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin"]
+    subprocess.run([compiler, *flags, "-o", str(library), str(DATA / "sine.c")], check=True)
+    return {"LD_PRELOAD": str(library)}
+
+
+def recorded(
+    place: Path, episodes: int, steps: int, bodies: tuple[str, ...], sine: dict[str, str]
+) -> list[Path]:
+    """Returns a file of episodes for each body and environment, written to `place`."""
+    command = [sys.executable, str(HERE / "episodes.py"), str(place), str(episodes), str(steps), *bodies]
+    subprocess.run(command, env=os.environ | sine, check=True)
+    return sorted(place.glob("*.json"))
+
+
+def scripts_of_the_page() -> str:
+    """Returns the page's scripts without its controls."""
+    return "".join((SOURCES / name).read_text() for name in SCRIPTS[:2])
+
+
+def in_node(place: Path, *files: Path) -> list[Any]:
+    """Returns what `replay.js` says of each file; `place` gets the scripts."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node")
+    scripts = place / "scripts.js"
+    scripts.write_text(scripts_of_the_page())
+    command = [node, str(HERE / "replay.js"), str(scripts), str(WASM), *map(str, files)]
+    made = subprocess.run(command, capture_output=True, text=True, check=True)
+    return [json.loads(line) for line in made.stdout.splitlines()]
+
+
+def in_chromium(browser: Browser, *files: Path) -> list[Any]:
+    """Returns what `replay` of `replay.js` says of each file of episodes."""
+    page = browser.new_page()
+    page.add_script_tag(content=scripts_of_the_page() + (HERE / "replay.js").read_text())
+    page.evaluate(
+        "async (text) => { window.module = await WebAssembly.compile(Uint8Array.from(atob(text), "
+        "(letter) => letter.charCodeAt(0))); }",
+        base64.b64encode(WASM.read_bytes()).decode(),
+    )
+    call = "(text) => replay(Engine, window.module, JSON.parse(text))"
+    found = [page.evaluate(call, file.read_text()) for file in files]
+    page.close()
+    return found
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Gives headless Chromium, of `TMA_CHROMIUM` or the path."""
+    found = os.environ.get("TMA_CHROMIUM") or next(filter(None, map(shutil.which, CHROMIUM)), None)
+    if found is None:
+        pytest.skip("no Chromium: install it, or name it in TMA_CHROMIUM")
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        yield launched
+        launched.close()
