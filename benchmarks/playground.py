@@ -18,7 +18,13 @@ from tma_ray.playground.contents import PLAYED
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "playground"))
 
-from replays import chromium, in_chromium, in_node, recorded, sine_of_the_page
+from replays import (  # type: ignore[import-not-found]
+    chromium,
+    in_chromium,
+    in_node,
+    recorded,
+    sine_of_the_page,
+)
 
 CLOSE = 1e-9
 """Largest difference of any state that counts as the same, in SI units."""
@@ -26,7 +32,7 @@ CLOSE = 1e-9
 
 def largest(episode: dict[str, Any]) -> float:
     """Returns the largest difference of an observation, a reward or a state."""
-    return max(episode["state"], episode["observed"], episode["reward"])
+    return float(max(episode["state"], episode["observed"], episode["reward"]))
 
 
 def cells(places: Sequence[list[dict[str, Any]]], exact: list[dict[str, Any]]) -> list[object]:

@@ -49,6 +49,7 @@ class Finding:
         high: upper end of it.
         verdict: by that interval.
         power: probability that the last look would decide; 1 once it is decided.
+        within_budget: probability that the last look within the budget would.
     """
 
     reference: str
@@ -59,6 +60,7 @@ class Finding:
     high: float
     verdict: Verdict
     power: float
+    within_budget: float
 
 
 @dataclass(frozen=True)
@@ -80,8 +82,18 @@ class Look:
     excluded: int = 0
 
 
-def looks_at(design: Design, released: Released, own: pd.DataFrame) -> list[Look]:
-    """Returns the looks of a trial of which all runs have ended, none after one at which it ends."""
+def looks_at(
+    design: Design, released: Released, own: pd.DataFrame, affordable: int | None = None
+) -> list[Look]:
+    """Return the looks of a trial of which all runs have ended, none after one at which it ends.
+
+    Args:
+        design: what was fixed.
+        released: runs of the release.
+        own: runs of the new teacher, of `design.ended_runs`.
+        affordable: number of the last look within the budget, from 0 on; None for all.
+    """
+    affordable = len(design.looks) - 1 if affordable is None else affordable
     places = [cell.place for cell in design.cells]
     references = [released.moments(name, places) for name in design.references]
     rules = [design.rule(n, r.runs) for n, r in zip(design.references, references, strict=True)]
@@ -97,7 +109,7 @@ def looks_at(design: Design, released: Released, own: pd.DataFrame) -> list[Look
         teacher = moments(finite)
         past.append(teacher)
         findings = tuple(
-            _finding(name, rule, past, reference, design, number)
+            _finding(name, rule, past, reference, design, number, affordable)
             for name, rule, reference in zip(design.references, rules, references, strict=True)
         )
         findings = tuple(
@@ -123,14 +135,24 @@ def _own(design: Design, own: pd.DataFrame, seeds: Sequence[int]) -> list[Floats
 
 
 def _finding(
-    name: str, rule: Rule, past: Sequence[Moments], reference: Moments, design: Design, look: int
+    name: str,
+    rule: Rule,
+    past: Sequence[Moments],
+    reference: Moments,
+    design: Design,
+    look: int,
+    affordable: int,
 ) -> Finding:
     teacher = past[-1]
     found = difference(teacher, reference, design.slopes)
     value = float(found.value)
     low, high = (float(np.clip(end, -LARGEST, LARGEST)) for end in rule.interval(found, look))
     verdict = Verdict(str(rule.verdicts(found, look)))
-    power = 1.0 if verdict != Verdict.OPEN else float(rule.power(teacher, reference, design.slopes))
+    ends = len(design.looks) - 1, max(affordable, look)
+    power, within = (
+        1.0 if verdict != Verdict.OPEN else float(rule.power(teacher, reference, design.slopes, last))
+        for last in ends
+    )
     unbiased = value
     if found.error > 0:
         errors = [_error(teacher, reference, design, seeds) for seeds in design.looks[: look + 1]]
@@ -140,7 +162,7 @@ def _finding(
         ]
         bounds = [float(reach) / error for reach, error in zip(reaches, errors, strict=False)]
         unbiased = median_unbiased(value / errors[-1], bounds, [error**-2 for error in errors])
-    return Finding(name, design.looks[look], value, unbiased, low, high, verdict, power)
+    return Finding(name, design.looks[look], value, unbiased, low, high, verdict, power, within)
 
 
 def _error(teacher: Moments, reference: Moments, design: Design, seeds: int) -> float:

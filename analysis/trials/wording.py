@@ -73,7 +73,10 @@ def _standing(finding: Finding) -> str:
     where = f"{number(finding.value)} {ends(finding.low, finding.high)}"
     name = label(finding.reference)
     if finding.verdict == Verdict.OPEN:
-        return f"open beside {name} ({where}; decided by the last look with probability {finding.power:.2f})"
+        chance = f"decided by the last look with probability {finding.power:.2f}"
+        if finding.within_budget != finding.power:
+            chance += f", within the budget {finding.within_budget:.2f}"
+        return f"open beside {name} ({where}; {chance})"
     return f"{_relation(finding)} {name} ({where})"
 
 

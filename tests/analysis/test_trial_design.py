@@ -19,7 +19,7 @@ from analysis.trials.design import (
 )
 from analysis.trials.rules import LOOKS, Verdict
 from analysis.trials.standing import Ending, looks_at
-from analysis.trials.wording import latex_row, methods, plan_lines, sentence, verdict_table
+from analysis.trials.wording import latex_row, look_line, methods, plan_lines, sentence, verdict_table
 
 CELLS = ("original", "diverse_students/spider")
 
@@ -107,6 +107,21 @@ def test_a_look_waits_for_all_of_its_runs_and_none_follows_the_end(
     better = looks_at(design, released, _runs_like(design.best, design, frames, 20, points=30.0))
     assert sum(bool(look.ending) for look in better) == 1
     assert better[-1].ending
+
+
+def test_an_open_comparison_tells_what_the_budget_could_still_show(
+    design: Design, released: Released, frames: Frames
+) -> None:
+    runs = _runs_like(design.best, design, frames, 3, points=2.0)
+    chances = []
+    for affordable in (0, 1, 3, None):
+        finding = looks_at(design, released, runs, affordable)[0].findings[0]
+        assert finding.verdict is Verdict.OPEN
+        chances.append(finding.within_budget)
+    assert chances[0] == 0
+    assert chances[0] < chances[1] < chances[2] == chances[3] == finding.power
+    said = look_line(looks_at(design, released, runs, 1)[0])
+    assert f"with probability {finding.power:.2f}, within the budget {chances[1]:.2f}" in said
 
 
 def test_a_verdict_that_is_reached_stays(design: Design, released: Released, frames: Frames) -> None:

@@ -14,7 +14,7 @@ import pytest
 from analysis.baselines import find_baseline
 from analysis.trials.design import make_design
 from tma_ray.campaign import trials
-from tma_ray.campaign.costs import estimate
+from tma_ray.campaign.costs import Cost, estimate
 from tma_ray.campaign.options import TrialOptions
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.repeating import trial_plan
@@ -44,11 +44,17 @@ def test_a_look_has_its_seeds_of_every_cell_one_cell_after_the_other(plans: list
 
 
 @pytest.fixture
-def looks(plans: list[Plan], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[int]]:
-    """Runs looks, each done at once, at 1,000 steps a second; returns how many runs each had."""
+def cost(plans: list[Plan]) -> Cost:
+    """The cost of all looks at 1,000 steps a second."""
     speed = Throughput("ppo", training=1_000, playing=10_000, transition_bytes=0)
-    known = {kind_of(spec): speed for plan in plans for spec in plan.runs}
-    cost = estimate(plans[-1], Settings(), known)
+    return estimate(plans[-1], Settings(), {kind_of(spec): speed for plan in plans for spec in plan.runs})
+
+
+@pytest.fixture
+def looks(
+    plans: list[Plan], cost: Cost, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., list[int]]:
+    """Runs looks, each done at once; returns how many runs each had."""
 
     def run(budget: float | None, ends: list[bool]) -> list[int]:
         asked: list[int] = []
@@ -77,6 +83,12 @@ def test_a_look_that_does_not_fit_into_the_budget_does_not_begin(
     assert looks(0.2, []) == []
     assert "another --budget continues" in capsys.readouterr().out
     assert looks(100.0, [False, False]) == [6, 10]
+
+
+def test_the_last_look_within_a_budget(plans: list[Plan], cost: Cost, tmp_path: Path) -> None:
+    budgets = (None, 0.1, 0.99 * cost.wall_hours, 1.01 * cost.wall_hours)
+    options = [TrialOptions(results=str(tmp_path), local=True, budget=each) for each in budgets]
+    assert [trials.affordable_look(plans, cost, each) for each in options] == [None, 0, 0, 1]
 
 
 @pytest.fixture(scope="module")

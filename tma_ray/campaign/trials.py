@@ -52,6 +52,25 @@ def confirm_trial(cost: Cost | None, options: TrialOptions) -> None:
         confirm(CAMPAIGN, cost, yes=options.yes, ask=terminal_question(chosen_address(options)))
 
 
+def affordable_look(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions) -> int | None:
+    """Return the number of the last look that the budget holds, from 0 on; None for all.
+
+    Args:
+        plans: runs until each look, those of the looks before included.
+        cost: of `trial_cost`.
+        options: options of the command.
+    """
+    if cost is None or not options.budget:
+        return None
+    settings, results, nodes = chosen_settings(options), str(options.results), chosen_nodes(options)
+    lacking = (replace(plan, runs=unfinished(plan, results)) for plan in plans)
+    hours = [
+        estimate(plan, settings, cost.throughputs, nodes=nodes).wall_hours if plan.runs else 0.0
+        for plan in lacking
+    ]
+    return max(sum(hour <= options.budget for hour in hours) - 1, 0)
+
+
 def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, judge: Judge) -> int:
     """Run what each look lacks and has it judged, until the trial ends or its budget does.
 

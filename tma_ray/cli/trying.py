@@ -98,6 +98,7 @@ def _planned(design: Design, baseline: Baseline, *, simulated: bool) -> tuple[De
 def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
     """Tell the cost and run the looks."""
     from tma_ray.campaign.trials import (
+        affordable_look,
         confirm_trial,
         run_looks,
         simulate_looks,
@@ -112,6 +113,7 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
     if options.dry_run:
         return 0
     confirm_trial(cost, options)
+    trial.affordable = affordable_look(plans, cost, options)
     check_quickly(trial.design.teacher)
     if TrialFile.load(trial.store) is None:
         create_root(trial.store)
@@ -136,6 +138,7 @@ class _Trial:
         released: runs that it is compared with.
         frames: all of the release.
         looks: looks so far.
+        affordable: number of the last look within the budget, from 0 on; None for all.
     """
 
     store: Store
@@ -143,6 +146,7 @@ class _Trial:
     released: Released
     frames: Frames
     looks: list[Look] = field(default_factory=list)
+    affordable: int | None = None
 
     def judge(self) -> bool:
         """Tell the verdicts of a new look, and write them; return True if the trial ends."""
@@ -153,7 +157,7 @@ class _Trial:
 
         told = len(self.looks)
         own = frames_of(Results(self.store))
-        self.looks = looks_at(self.design, self.released, ended_runs(own))
+        self.looks = looks_at(self.design, self.released, ended_runs(own), self.affordable)
         said = tuple(TrialLook(look.seeds, look_line(look)) for look in self.looks)
         for look in said[told:]:
             terminal().print(look.said, highlight=False, soft_wrap=True)
