@@ -514,7 +514,7 @@ def test_paper_has_tables_as_wide_as_itself(reader: Reader, report: Path) -> Non
     reader.page.set_viewport_size({"width": 690, "height": 1000})
     row = reader.page.locator("section[data-comparison] tr[data-of=random]").first
     assert row.evaluate("row => getComputedStyle(row).display") == "table-row"
-    reader.page.wait_for_function("document.documentElement.scrollWidth <= 690")  # charts follow the width
+    reader.page.wait_for_function("() => document.documentElement.scrollWidth <= 690")
 
 
 @pytest.mark.slow
