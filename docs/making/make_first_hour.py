@@ -23,7 +23,6 @@ COMMANDS: Final = (
     "tma-ray doctor",
     "tma-ray quickstart",
     "tma-ray ranking results",
-    "tma-ray compare results --baseline paper-2021",
     "tma-ray simulate --teachers frontier:Frontier,random --challenges original --seeds 4",
 )
 
