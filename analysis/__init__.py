@@ -1,4 +1,4 @@
-"""Reads results: measures, statistics, figures, and a report in one page.
+"""Reading of results: measures, statistics, figures, and a report in one page.
 
 Where to begin::
 

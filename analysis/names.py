@@ -84,7 +84,7 @@ def mark_of(teacher: str) -> str:
 
 
 def with_settings(name: str, settings: Mapping[str, str]) -> str:
-    """Return `name` with settings in brackets; a preset stands for itself."""
+    """Return `name` with settings in brackets; a preset is one setting."""
     shown = [value if key == PRESET else f"{key}={value}" for key, value in settings.items()]
     return f"{name} ({', '.join(shown)})" if shown else name
 
@@ -102,14 +102,14 @@ def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
 
 
 def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
-    """Return the `label` of each teacher, cut where a figure has no room for more, and never two alike.
+    """Return the `label` of each teacher, shortened to the room of a figure, and never two alike.
 
     Of a long name its beginning is kept; where that is not its own, its beginning and its end; where those
     are not, a number is set behind it.
 
     Args:
-        teachers: all that are shown together.
-        length: at most so many characters, numbers and the mark of `own_first` apart.
+        teachers: names of all teachers that are shown together.
+        length: largest number of characters, numbers and the mark of `own_first` apart.
 
     Examples:
         >>> list(short_labels(["my_teacher:fit_every=100", "my_teacher:fit_every=250"], 16).values())

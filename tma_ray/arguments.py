@@ -70,7 +70,7 @@ def check_names(name: str, value: object) -> None:
     """Refuse a text where a list of texts is expected: its characters would be the entries.
 
     Raises:
-        TypeError: as of `check_kind`, also for an object that is not iterable.
+        TypeError: errors of `check_kind`, also for an object that is not iterable.
     """
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise TypeError(f"{name} = {value!r:.60}: expected several, as in [{value!r:.60}]")

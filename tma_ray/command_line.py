@@ -85,7 +85,7 @@ def value(parse: Parse, metavar: str, **settings: Any) -> Parameter:
     Args:
         parse: reads the text of a value; raises ValueError for what it refuses.
         metavar: kind of the value, of `METAVARS`.
-        settings: of `cyclopts.Parameter`.
+        settings: further settings of `cyclopts.Parameter`.
     """
 
     def convert(_type: Any, tokens: Sequence[Token]) -> Any:
@@ -169,7 +169,7 @@ def command(
     Args:
         name: last word of the command; by default the function's name.
         defaults: see `HelpFormatter`.
-        settings: of `cyclopts.App`.
+        settings: further settings of `cyclopts.App`.
     """
 
     def decorate(function: Callable[..., int]) -> App:

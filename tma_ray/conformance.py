@@ -201,7 +201,7 @@ class EnvironmentConformance:
         assert before == after, "it draws from a global generator; use self.np_random"
 
     def test_episodes_end(self) -> None:
-        """By themselves or truncated: a run adds no time limit."""
+        """Episodes end by themselves or are truncated: a run adds no time limit."""
         made = self._made()
         made.reset(seed=0, options={"task": self._spaces()[0].centre})
         space = _actions(made)
@@ -300,7 +300,7 @@ class StudentConformance:
         kind.hyperparameters_type()
 
     def test_actions_are_inside_of_the_action_space(self) -> None:
-        """Exploring and greedy ones, as float32 of the right shape."""
+        """Exploring and greedy actions are float32 of the right shape."""
         student = self._made()
         for action in _train(student, self.steps, 0):
             assert action in ACTIONS, f"act gave {action!r}: expected float32 inside of {ACTIONS}"

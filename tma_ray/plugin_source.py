@@ -104,7 +104,7 @@ class _Collector:
 
     Attributes:
         roots: folders that top-level names are imported from; none for what is not followed.
-        files: what was found.
+        files: files found.
     """
 
     def __init__(self, top: str) -> None:

@@ -50,7 +50,7 @@ class BaselineFile:
     Attributes:
         path: from the baseline's folder.
         size: bytes.
-        sha256: of its bytes, hexadecimal.
+        sha256: SHA-256 of its bytes, hexadecimal.
     """
 
     path: str

@@ -201,7 +201,7 @@ def publish(folder: str | Path, address: str) -> str:
 
     Raises:
         BaselineError: the folder is not a release, or a damaged one, or `check_address` refuses the address.
-        ObjectStoreError: as `check_address` says, or the upload fails.
+        ObjectStoreError: errors of `check_address`, or the upload fails.
     """
     _refuse_damage(folder, "pack it again")
     source, target = Store.open(folder), Store.open(address)

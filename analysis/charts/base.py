@@ -177,7 +177,7 @@ class Dots(Mark):
         colours: scale of `values`.
         size: diameter of each or of all, CSS pixels.
         hollow: True for rings.
-        opacity: in [0, 1].
+        opacity: opacity in [0, 1].
         edge: colour of a fine outline; empty for none.
     """
 
@@ -231,7 +231,7 @@ class Cells(Mark):
     Attributes:
         xs: centres of the columns (c,).
         ys: centres of the rows (r,).
-        values: by row and column (r, c); NaN for none.
+        values: values by row and column (r, c); NaN for none.
         colours: scale of `values`.
     """
 

@@ -92,8 +92,8 @@ class Ratios(NamedTuple):
     """Results at one level of expert knowledge as ratios of Random's.
 
     Attributes:
-        ratios: by teacher, one for each axis; NaN where there is none; infinite where the teacher is over 0
-            and Random is not, 1 where both are at 0.
+        ratios: ratios by teacher, one for each axis; NaN where there is none; infinite where the teacher is
+            over 0 and Random is not, 1 where both are at 0.
         shares: results over the best one of their axis where ratios are infinite, by teacher and axis.
         upper: best result on the original space, for each axis; NaN where it says nothing.
         stars: teachers and axes with a result significantly better than Random's.

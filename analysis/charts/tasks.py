@@ -279,7 +279,7 @@ def projected(curriculum: Curriculum, dimensions: tuple[int, int]) -> Curriculum
 
     Args:
         curriculum: curriculum of any number of dimensions.
-        dimensions: the one to the right and the one up, from 0.
+        dimensions: indices of the horizontal and the vertical dimension.
 
     Raises:
         ValueError: the tasks have no such dimension, or both are the same.

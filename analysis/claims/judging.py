@@ -79,7 +79,7 @@ class Finding:
 
     Attributes:
         statement: claim about single results.
-        standing: by an interval against a margin.
+        standing: standing by an interval against a margin.
         evidence: the numbers behind that, or what is missing.
     """
 
@@ -94,7 +94,7 @@ class Verdict:
 
     Attributes:
         claim: claim of the paper.
-        standing: by an interval against a margin.
+        standing: standing by an interval against a margin.
         findings: one for each of its statements.
     """
 

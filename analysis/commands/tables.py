@@ -76,7 +76,7 @@ def write_tables(
 
 
 def tables_of(frames: Frames, step: int | None = None) -> Iterator[Table]:
-    """Yield the tables of a root: those with any cell, hyper-parameters, needed knowledge."""
+    """Yield the tables of a root that have a cell, then hyper-parameters and needed knowledge."""
     for results in table_results(frames, step):
         yield from result_tables(results)
     yield hyperparameters(search_results(frames))

@@ -53,9 +53,9 @@ class Rank:
     """A teacher's rank among those that have results on all of its challenges.
 
     Attributes:
-        teacher: who.
+        teacher: name of the teacher.
         across: values of `ACROSS`, what all that are ranked have in common.
-        challenges: on how many challenges.
+        challenges: number of challenges.
         mean: mastered test tasks in per cent, the mean over challenges of equal weight.
         low: lower end of its 95 % interval; NaN with one run on a challenge.
         high: upper end of it.

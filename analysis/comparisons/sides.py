@@ -129,8 +129,8 @@ def together(mine: Side, baselines: Sequence[Side], *, along: bool = False) -> p
     counts at every level, whoever ran it: it uses no expert knowledge.
 
     Args:
-        mine: results of one's own.
-        baselines: others.
+        mine: the reader's own results.
+        baselines: results of baselines.
         along: at every evaluation, instead of at their ends.
 
     Returns:
@@ -174,8 +174,8 @@ def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> l
     """Return a sentence on each baseline of which nothing may be compared with mine: why, and what to run.
 
     Args:
-        mine: results of one's own.
-        baselines: others.
+        mine: the reader's own results.
+        baselines: results of baselines.
         runs: rows of `together`.
     """
     apart = [

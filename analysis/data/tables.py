@@ -36,7 +36,7 @@ def check_measure(name: str, table: object, measure: str, columns: Sequence[str]
     """Refuse what is not a table with `columns` and the numbers of a `measure`.
 
     Raises:
-        TypeError: as of `check_columns`.
+        TypeError: errors of `check_columns`.
         ValueError: it lacks a column, or `measure` is none of numbers.
     """
     check_columns(name, table, [measure, *columns])

@@ -346,7 +346,7 @@ def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> 
     Args:
         frames: results of `load`.
         share: share of each run's own budget.
-        training: as in `run_measures`.
+        training: argument of `run_measures`.
     """
     return _runs_after(frames, share, training)
 

@@ -37,7 +37,7 @@ from tma_ray.commands.texts import counted
 def write_trial(
     folder: Path, design: Design, released: Released, looks: list[Look], frames: Frames, own: Frames
 ) -> Path:
-    """Writes the page of a trial, with a table, a figure, a LaTeX row and methods beside it.
+    """Writes the page of a trial, with a table, a figure, a LaTeX row and methods next to it.
 
     Returns:
         The page, ``index.html``.

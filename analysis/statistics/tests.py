@@ -306,7 +306,7 @@ def tested_on(scaled: Comparison, shown: Comparison) -> Comparison:
     """Return a difference in percentages with the test that was made on another scale.
 
     The interval is that of the percentages, except where it contradicts the test: without a finding it is
-    widened to hold 0, and an end that would hold 0 beside a finding is that of the test's own interval,
+    widened to hold 0, and with a finding an end that would hold 0 is that of the test's own interval,
     in proportion to the difference. Where the two scales disagree on who is better, p is 1: the test is
     of the direction that is shown.
 

@@ -303,7 +303,7 @@ def _number(row: pd.Series) -> Cell:
 
 
 def _absent(teacher: str, level: str) -> str:
-    """Return why results are missing of `teacher` at `level`."""
+    """Return the reason why results of `teacher` at `level` are missing."""
     needs = KNOWLEDGE_REQUIREMENTS.get(teacher)
     if needs and needs.mastery_range is Requirement.REQUIRED and level == KnowledgeLevel.NONE:
         return "cannot run without the reward mastery range"

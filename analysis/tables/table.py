@@ -62,7 +62,7 @@ class Table:
         head: heading of the column of rows.
         rows: label of each row, by key, in order.
         columns: label of each column, by key, in order.
-        cells: by key of row and column; where there is none, nothing was run.
+        cells: cells by key of row and column; nothing was run where there is none.
         remarks: remarks on the whole table.
     """
 
@@ -92,7 +92,7 @@ class Table:
 def with_best(table: Table, columns: Iterable[str] | None = None) -> Table:
     """Return `table` with the highest numbers of its columns marked, or of some; ties share the mark.
 
-    What reads the same is the same. A number that has no other beside it, or only equal ones, is not marked.
+    Numbers that read the same are equal. A number alone in its column, or with equals only, is not marked.
     """
     cells = dict(table.cells)
     for column in table.columns if columns is None else columns:

@@ -190,7 +190,7 @@ class EventFolder:
         return count
 
     def _append(self, run: _Run, points: Mapping[Table, Sequence[Point]]) -> bool:
-        """Write the points that are new; all of them anew if some were taken back."""
+        """Write the points that are new; all of them again if some were taken back."""
         if not run.counts:
             _count_written(run, points)
         elif any(len(points[table]) < count for table, count in run.counts.items()):

@@ -88,7 +88,7 @@ def median_unbiased(statistic: float, bounds: Sequence[float], information: Sequ
     By the stagewise order of results: crossing sooner is more (Jennison and Turnbull, 2000, section 8.4).
 
     Args:
-        statistic: of the look at which the trial stopped, the last of `information`.
+        statistic: statistic of the look at which the trial stopped, the last of `information`.
         bounds: boundary of the looks before it.
         information: information of each look until then, rising.
     """

@@ -110,7 +110,7 @@ class Rule:
         looks: seeds of every cell at each look.
         fractions: information of each look over that of the last, as planned.
         margin: largest difference in points that does not matter.
-        candidates: teachers among which the reference was chosen as the best; 1 if it was not chosen.
+        candidates: number of teachers of which the reference was the best; 1 if it was not chosen.
         error: probability of a wrong verdict at any look.
     """
 

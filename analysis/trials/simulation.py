@@ -96,10 +96,10 @@ def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Ou
     That is the least favourable case of the choice of the best: any candidate may seem so.
 
     Args:
-        setting: what is tried.
+        setting: simulated setting.
         true: true difference of the new teacher to any other, in points.
         trials: number of trials.
-        seed: of the random draws.
+        seed: seed of the random draws.
     """
     rng = np.random.default_rng(seed)
     slopes, looks = setting.slopes, setting.looks

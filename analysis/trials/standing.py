@@ -47,7 +47,7 @@ class Finding:
         unbiased: median-unbiased estimate of it, which allows for the looks before; NaN after a verdict.
         low: lower end of the repeated confidence interval.
         high: upper end of it.
-        verdict: by that interval.
+        verdict: verdict by that interval.
         power: probability that the last look would decide; 1 once it is decided.
         within_budget: probability that the last look within the budget would.
     """
@@ -71,7 +71,7 @@ class Look:
         seeds: seeds of every cell.
         findings: comparisons as they are at this look.
         settled: comparisons as they were when they were decided, or else as they are.
-        ending: whether the trial ends here, and why.
+        ending: reason why the trial ends here; None if it does not.
         excluded: runs left out, whose returns are not finite.
     """
 

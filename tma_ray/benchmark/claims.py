@@ -20,7 +20,7 @@ class Reading:
         challenge: name of a challenge.
         level: level of expert knowledge.
         environment: name in the environment registry.
-        embodiment: the one body that is looked at; empty for all.
+        embodiment: name of the only body compared; empty for all.
         share: share of the training budget after which it is read.
     """
 
@@ -160,7 +160,7 @@ def _beats_random(teacher: str, relation: Relation, share: float = 1.0) -> Compa
 
 
 def _top(teacher: str, count: int, share: float = 1.0) -> tuple[Ranked, ...]:
-    """Return that `teacher` is among the best at high knowledge, challenge by challenge."""
+    """Return the statements that `teacher` is among the best at high knowledge, one for each challenge."""
     return tuple(Ranked(Reading(teacher, challenge, HIGH, share=share), count) for challenge in CHALLENGES)
 
 

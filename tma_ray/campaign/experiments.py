@@ -33,7 +33,7 @@ def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> in
         The exit code, as of `script.main`.
 
     Raises:
-        ValueError: something cannot run, or takes over an hour and was not confirmed.
+        ValueError: a run is impossible, or takes over an hour and was not confirmed.
         ConnectionError: nothing listens at the address.
         RootInUseError: another campaign is running on the results root.
     """

@@ -522,7 +522,7 @@ def replace_schedule(schedule: Schedule, options: ScheduleOptions) -> Schedule:
 
 
 def _replace_cells(cells: Sequence[Cell], options: CampaignOptions) -> tuple[Cell, ...]:
-    """Return every cell with each combination of the given values; equal cells once."""
+    """Return each cell with each combination of the given values; equal cells once."""
     choices: dict[str, Sequence[Any] | None] = {
         "environment": (options.environment,) if options.environment else None,
         "challenge": options.challenges,

@@ -31,7 +31,7 @@ def check_installation() -> None:
     Ray's processes run in the environment in which Ray was started there, also on the driver's own node.
 
     Raises:
-        ConnectionError: which node, and what it has.
+        ConnectionError: a node has other versions; the message names it and them.
     """
     here = version("tma_ray")
     task = ray.remote(num_cpus=0, max_retries=0)(_finder())
@@ -76,7 +76,7 @@ def check_feasible(resources: Resources) -> None:
     """Refuses runs that no node can hold: Ray would let them wait forever.
 
     Raises:
-        ValueError: what a run needs, and what the nodes have.
+        ValueError: a run needs more than any node has.
     """
     nodes = living_nodes()
     if capacity(resources, nodes):
@@ -93,8 +93,8 @@ def check_storage_access(store: Store) -> None:
     """Refuses a root that some node cannot use: another machine's folder, a bucket without credentials.
 
     Raises:
-        ResultsRootError: which node does not see the folder.
-        ObjectStoreError: which node cannot use the bucket, and why: each has credentials of its own.
+        ResultsRootError: a node does not see the folder.
+        ObjectStoreError: a node cannot use the bucket; each has credentials of its own.
     """
     here = ray.get_runtime_context().get_node_id()
     if store.is_object_store:

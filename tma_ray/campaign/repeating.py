@@ -96,11 +96,11 @@ def trial_plan(
     """Return the runs of `teacher` on cells of a release with other seeds, one cell after the other.
 
     Args:
-        name: of the campaign.
+        name: name of the campaign.
         released: the release.
         teacher: name in the teacher registry, or ``module:Name``.
         places: environment, challenge, body, student and level of expert knowledge of each cell, in order.
-        seeds: of every cell.
+        seeds: seeds of every cell.
 
     Raises:
         ValueError: a teacher that cannot run, or a release that this version cannot repeat.

@@ -21,7 +21,7 @@ def run_single(options: RunOptions) -> int:
     """Execute the run of ``tma-ray run``; return the exit code.
 
     Raises:
-        ValueError: it cannot run, or takes over an hour and was not confirmed.
+        ValueError: the run is impossible, or takes over an hour and was not confirmed.
     """
     (level,) = parse_levels([options.expert_knowledge])
     cell = Cell(

@@ -79,7 +79,7 @@ def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, j
 
     Args:
         plans: runs until each look, those of the looks before included.
-        cost: of `trial_cost`.
+        cost: result of `trial_cost`.
         options: its options, with budget, h; None for as long as it takes.
         judge: is called after each look.
 

@@ -134,7 +134,7 @@ class _Trial:
 
     Attributes:
         store: its results root.
-        design: what is fixed.
+        design: fixed design of the trial.
         released: runs that it is compared with.
         frames: all of the release.
         looks: looks so far.

@@ -378,10 +378,10 @@ DEFAULT_LOOK = Look()
 
 
 class Renderer:
-    """Draws frames of one body.
+    """Renderer of frames of one body.
 
     Args:
-        body: whose shapes are drawn.
+        body: body whose shapes are drawn.
         window: True to show frames in a window as well, at the pace of the simulation.
         frames_per_second: pace of the window.
     """

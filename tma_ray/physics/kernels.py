@@ -557,10 +557,10 @@ def _resist(
     """Add drag and lift on an edge that moves outwards (paper: drag against the motion, lift across it).
 
     Args:
-        edge: its direction and length.
-        lever: its middle relative to the centre of mass.
+        edge: direction and length of the edge.
+        lever: middle of the edge relative to the centre of mass.
         motion: state of the part (6,).
-        force: (3,), added to.
+        force: force and torque (3,), added to.
     """
     velocity_x, velocity_y = motion[3] - motion[5] * lever[1], motion[4] + motion[5] * lever[0]
     speed = math.sqrt(velocity_x * velocity_x + velocity_y * velocity_y)

@@ -118,7 +118,7 @@ Outcome = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]
 
 
 class EngineBatch(Protocol):
-    """Engines of one body that have been reset; each may be reset again, and goes on in its new world."""
+    """Engines of one body that have been reset; each may be reset again, into a new world."""
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
         """Advance some worlds by TIME_STEP, with the same bits as their engines one by one.

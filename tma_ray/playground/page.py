@@ -51,7 +51,7 @@ def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[
 
     Args:
         policies: records of policies, as `policy_record` makes them.
-        start: what is played first.
+        start: world that is played first.
         names: bodies, with parameters; None for every body in its own size and the first one in all sizes.
     """
     own = [*embodiment_names(), start.embodiment, *(policy["embodiment"] for policy in policies)]

@@ -79,7 +79,7 @@ class Record:
         return not self.names and len(set(self.items)) == 1
 
     def member(self, index: int) -> str:
-        """Return the member of the struct that holds an item."""
+        """Return the struct member that holds an item."""
         if self.uniform:
             return f"v[{index}]"
         return self.names[index] if self.names else f"v{index}"

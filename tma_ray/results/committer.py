@@ -88,7 +88,7 @@ class Committer:
     visible, and changes place, by the replacement of the run's manifest alone.
 
     Args:
-        store: where the root is, or is to be made.
+        store: store of the root, which may not exist yet.
 
     Raises:
         ResultsRootError: other files are there, or a root of another version.

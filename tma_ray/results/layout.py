@@ -47,8 +47,8 @@ class RootFile:
     """The content of `ROOT_FILE`.
 
     Attributes:
-        format: what the folder is.
-        schema_version: of all that is in it.
+        format: kind of the folder.
+        schema_version: schema version of its files.
     """
 
     format: str

@@ -348,7 +348,7 @@ class Lease:
         """Renew the lease if a quarter of its time has passed; cheap enough for every turn of a loop.
 
         Raises:
-            RootInUseError: as `renew`.
+            RootInUseError: errors of `renew`.
         """
         if self._clock() - self._renewed_at >= self.seconds / 4:
             self.renew()

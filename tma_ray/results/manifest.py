@@ -126,7 +126,7 @@ class Manifest:
 
         Raises:
             FileNotFoundError: the run has published nothing.
-            DamagedFileError: as `load_manifest` does.
+            DamagedFileError: errors of `load_manifest`.
         """
         try:
             return load_manifest(store, manifest_path(run_id))
@@ -258,7 +258,7 @@ def read_slices(
     Args:
         store: the results root.
         files: runs' rows in the same file.
-        columns: which columns, in this order.
+        columns: names of columns, in this order.
     """
     if len(files) <= FEW:
         return {file: _tried(store, file, columns) for file in files}

@@ -103,11 +103,11 @@ def pack(
 
     Args:
         results: the root that the runs are read from.
-        manifests: of these runs, by run id.
+        manifests: manifests of these runs, by run id.
         target: the root to write to, perhaps the same.
-        name: of the files; none of that name may be there.
+        name: name of the files; none of that name may exist.
         tick: called now and then, as long work needs signs of life.
-        contents: what is written of the runs.
+        contents: tables and files to write.
 
     Raises:
         DamagedFileError: rows cannot be read, or were not written as they are.
@@ -478,8 +478,8 @@ def add_shard(results: Results, target: Store, name: str, contents: Contents = L
     Args:
         results: the root of the batch, which may have begun with the runs of `target`.
         target: the root that grows; an empty place becomes one.
-        name: of the new files; letters, digits, "_" and "-".
-        contents: what is copied.
+        name: name of the new files; letters, digits, "_" and "-".
+        contents: tables and files to copy.
 
     Raises:
         ResultsRootError: `target` is not a results root, or has files of that name.

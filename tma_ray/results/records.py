@@ -86,7 +86,7 @@ class AttemptRecord:
         wall_seconds: duration, set-up included, s.
         env_steps_per_second: environment steps over the time of the loop, set-up left out, 1/s.
         host: name of its machine.
-        fingerprint: of the CPU model, thread count and library versions, JSON.
+        fingerprint: CPU model, thread count and library versions, as JSON.
         outcome: outcome of the attempt.
     """
 
@@ -120,7 +120,7 @@ class SpecFacts:
     """Facts of a run's spec that readers use; None or empty where the spec does not say.
 
     Attributes:
-        engine: what simulated the worlds, of imported runs.
+        engine: simulator of the worlds, of imported runs.
         environment: name of the environment.
         challenge: name of the variant of the environment.
         student: name of the deep-RL algorithm.
@@ -130,9 +130,9 @@ class SpecFacts:
         schedule: its budget.
         plugins: sources of what does not ship with tma_ray, by part of the run.
         task_space: dimensions of what the teacher chooses from.
-        environment_options: of the environment, the embodiment among them.
-        student_hyperparameters: of the student.
-        teacher_hyperparameters: of the teacher.
+        environment_options: options of the environment, the embodiment among them.
+        student_hyperparameters: hyper-parameters of the student.
+        teacher_hyperparameters: hyper-parameters of the teacher.
         test_set: the evaluation tasks.
     """
 
@@ -197,7 +197,7 @@ WITHDRAWN: Final = b"null"
 
 
 def write_progress(store: Store, record: AttemptRecord) -> None:
-    """Keep the record of an attempt under way, as if it were lost now, beside its parts."""
+    """Keep the record of an attempt under way, as if it were lost now, next to its parts."""
     content = {**asdict(record), "started_at": record.started_at.isoformat()}
     store.write_bytes(progress_path(record.run_id, record.attempt), json.dumps(content).encode())
 
@@ -256,7 +256,7 @@ class TrialFile:
     """The content of `TRIAL_FILE`.
 
     Attributes:
-        design: what was fixed beforehand.
+        design: design that was fixed beforehand.
         looks: looks so far.
         ended: why it ended; empty while it goes on.
         format: kind of the file.

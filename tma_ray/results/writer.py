@@ -48,7 +48,7 @@ class RunWriter:
 
         Args:
             table: one of `DATA_TABLES`.
-            rows: by column name, without run_id; a nullable column may be left out.
+            rows: values by column name, without run_id; a nullable column may be left out.
 
         Raises:
             ValueError: a column missing, unknown, or of a wrong type; the message names it.

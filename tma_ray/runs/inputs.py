@@ -69,7 +69,7 @@ def import_plugins(spec: RunSpec, *parts: str) -> None:
     """Make the plug-ins among `parts` of a run known in this process.
 
     Raises:
-        ValueError: what is found here under that name is not what the run was planned with.
+        ValueError: an input of that name differs here from that of the plan.
     """
     for part in parts:
         if part in spec.plugins:

@@ -51,7 +51,7 @@ class SavedPolicy:
         """Return what `reader` makes of the student's name and the copy in `place`.
 
         Raises:
-            PolicyFileError: as the reader does, naming the original.
+            PolicyFileError: errors of the reader, naming the original.
         """
         try:
             return reader(self.spec.student, place)

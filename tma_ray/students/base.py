@@ -167,7 +167,7 @@ class Student(ABC):
         is exported without them.
 
         Raises:
-            PolicyFileError: as in `load_policy`.
+            PolicyFileError: errors of `load_policy`.
             ValueError: the policy is not a row of layers.
         """
         raise ValueError(

@@ -62,7 +62,7 @@ class Affine(nn.Module):
             self.register_buffer(name, torch.tensor(np.asarray(values), dtype=torch.float32))
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return (n, k) of `inputs` (n, k)."""
+        """Return the outputs (n, k) for `inputs` (n, k)."""
         return inputs * self.weight + self.bias
 
 
@@ -83,7 +83,7 @@ class Clamp(nn.Module):
             self.register_buffer(name, torch.tensor(np.asarray(values), dtype=torch.float32))
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return (n, k) of `inputs` (n, k)."""
+        """Return the outputs (n, k) for `inputs` (n, k)."""
         return torch.minimum(torch.maximum(inputs, self.low), self.high)
 
 

@@ -61,7 +61,7 @@ class Performance(NamedTuple):
 
 
 class Region(NamedTuple):
-    """The reach of a particle in one move.
+    """Set of points that a particle can reach in one move.
 
     Attributes:
         radius: radius of the ball around it.

@@ -73,7 +73,7 @@ class Ramp(Teacher):
 
     @property
     def _share(self) -> float:
-        """Share of the way that is behind it, in [0, 1]."""
+        """Share of the ramp that has passed, in [0, 1]."""
         return min(1.0, self.step_ / self.steps)
 
     def _log(self) -> None:

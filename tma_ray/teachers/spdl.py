@@ -275,7 +275,7 @@ class SPDL(Teacher):
         return task
 
     def observe(self, episode: Episode) -> Query | None:
-        """Store the episode; asks for the values of all initial states when an update is due."""
+        """Store the episode; ask for the values of all initial states when an update is due."""
         self.contexts_.append((episode.task, episode.initial_observation))
         self.discounted_returns_.append(episode.discounted_return)
         if episode.step < self.next_update_:

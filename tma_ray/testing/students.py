@@ -16,7 +16,7 @@ from which its episodic return follows, R = -100 + 400 k(q) + noise. An episode 
   spaces of Portelas et al. 2019, whose hypercubes are locked until a neighbour has been trained enough;
 - K_i: experience carries to similar tasks and no further (gradients of generalisation, Shepard 1987);
 - 1 - k_i: learning slows down, and mastered tasks teach nothing (exponential curves, Heathcote et al. 2000);
-- 1 - D_i / L: the closer a region's difficulty D_i, the mean of its demands, comes to the student's limit L,
+- 1 - D_i / L: the closer a region's difficulty D_i, the mean of its demands, is to the student's limit L,
   the slower it is learned; beyond L, or where a demand is over 1, tasks are unfeasible;
 - phi: what is not practised fades exponentially (after Ebbinghaus 1885), everywhere and in every episode.
 

@@ -36,8 +36,9 @@ class PlaySettings:
         results: folder or URI of a results root.
         environment: name of an environment that the page has; None for that of the first trained policy, else
             Stump Tracks.
-        embodiment: name of the body, with parameters if wanted; None likewise, else the classic bipedal.
-        task: as `parse_task` takes it; None for the middle of the task space.
+        embodiment: name of the body, with parameters if wanted; None for that of the policy, else
+            the classic bipedal.
+        task: text for `parse_task`; None for the middle of the task space.
         seed: seed of the page's worlds and of random tasks.
     """
 

@@ -66,7 +66,7 @@ def write_frames(path: Path, frames: Iterable[Frame], frames_per_second: Fractio
     complete.
 
     Raises:
-        ValueError: as `check_picture` does.
+        ValueError: errors of `check_picture`.
     """
     check_picture(path)
     unfinished = path.with_name(f".{uuid4().hex}{path.suffix}")

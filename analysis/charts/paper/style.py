@@ -154,5 +154,5 @@ class Picture:
 
     @property
     def wide(self) -> bool:
-        """True if it needs the full width of the page."""
+        """True if the figure needs the full width of the page."""
         return self.width > 600

@@ -35,7 +35,7 @@ class Kind(NamedTuple):
         student: name of its algorithm.
         observation: length of an observation.
         action: length of an action.
-        hyperparameters: of the student, as text.
+        hyperparameters: hyper-parameters of the student, as text.
     """
 
     student: str
@@ -85,8 +85,8 @@ class Room(NamedTuple):
     """Room of one node.
 
     Attributes:
-        learners: that it holds.
-        players: that it holds beside each.
+        learners: number of learners that fit.
+        players: number of players that fit next to each.
     """
 
     learners: int
@@ -107,7 +107,7 @@ def room_of(node: Mapping[str, float], settings: Settings, learner: Resources) -
 
     Args:
         node: Ray's amount of each resource.
-        settings: of the campaign.
+        settings: settings of the campaign.
         learner: resources of each learner.
     """
     player = settings.player
@@ -136,7 +136,7 @@ def check_room(settings: Settings, specs: Sequence[RunSpec], kinds: Mapping[str,
     """Refuses cohorts that no node can hold: Ray would let them wait forever.
 
     Raises:
-        ValueError: what a learner and a run need, and what the nodes have.
+        ValueError: a learner and a run need more than any node has.
     """
     learner = learner_resources(settings, specs, kinds)
     nodes = [node["Resources"] for node in living_nodes()]
@@ -193,8 +193,8 @@ class AnyNode:
     The more keep a demand in the queue that an autoscaler can see.
 
     Args:
-        settings: of the campaign.
-        head: of the Ray that this process is connected to.
+        settings: settings of the campaign.
+        head: head of the Ray that this process is connected to.
     """
 
     def __init__(self, settings: Settings, head: Head) -> None:
@@ -239,7 +239,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass
 class _Cohort:
-    """A learner and the runs that have a place beside it."""
+    """A learner and the runs that have a place on its node."""
 
     actor: Any
     node: str
@@ -272,14 +272,14 @@ class _Cohort:
 class Cohorts:
     """Places of runs that learn in cohorts: one learner per GPU, or per so many runs on a CPU, see `Places`.
 
-    A learner that is lost is replaced; its runs lose their connection, and are taken up again beside another.
+    A learner that is lost is replaced; its runs lose their connection, and continue with another.
     Where memory does not suffice, learners with half as many slots take over.
 
     Args:
-        settings: of the campaign.
-        head: of the Ray that this process is connected to.
+        settings: settings of the campaign.
+        head: head of the Ray that this process is connected to.
         specs: all runs that may come.
-        kinds: of these by their ids.
+        kinds: kinds of runs by their ids.
         learner_type: class of the actors.
     """
 

@@ -206,7 +206,7 @@ class Store(ABC):
 
         Raises:
             ObjectStoreError: a right or the bucket is missing.
-            ResultsRootError: as `check_place`.
+            ResultsRootError: errors of `check_place`.
         """
         self.check_listable()
         probe = self.temporary()

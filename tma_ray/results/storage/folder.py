@@ -205,10 +205,10 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
         kinds: error numbers that are explained; None for all.
 
     Raises:
-        FileNotFoundError: as it came.
+        FileNotFoundError: unchanged.
         DamagedFileError: a folder lies where the file should be.
         StorageError: everything else.
-        OSError: as it came, of another kind.
+        OSError: unchanged, if of another kind.
     """
     try:
         yield
@@ -230,10 +230,10 @@ def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = 
     """Write a file by way of a `temporary` one, atomically and durably.
 
     Args:
-        target: where to.
+        target: path of the file.
         temporary: a name in an existing folder of the same file system; nothing is left there.
         data: the content.
-        exclusive: only if the file does not exist yet.
+        exclusive: True to write only if the file does not exist yet.
 
     Returns:
         False if it was to be new and is not.

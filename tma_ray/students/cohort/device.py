@@ -38,7 +38,7 @@ def upload(values: NDArray[Any], device: torch.device) -> torch.Tensor:
 
 
 def keep_pages() -> None:
-    """Has the C library keep freed memory, if it can: new pages for each update are a fifth of its time."""
+    """Make the C library keep freed memory, if it can: new pages for each update take a fifth of its time."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(_TRIM_THRESHOLD, 2**31 - 1)

@@ -180,7 +180,7 @@ class StackedPPO(StackedLearner):
         width: number of slots k.
         device: device of the learner.
         dtype: data type of parameters, losses and optimisers.
-        compiled: the update is compiled by torch, which takes minutes once; a string is the compiler's mode.
+        compiled: True or the compiler's mode to compile the update with torch, which takes minutes once.
 
     Attributes:
         owed: number of updates that are due, by slot (k,).

@@ -105,10 +105,10 @@ class StableBaselinesStudent(Student, Generic[H, M]):
     Args:
         observation_space: a one-dimensional box, of size o.
         action_space: a bounded one-dimensional box, of size a.
-        hyperparameters: hyperparameters of the algorithm.
+        hyperparameters: hyper-parameters of the algorithm.
         seed: source of all randomness; not changed.
-        device: torch's name of where networks live.
-        threads: torch's threads. They are the process's, so all students in it get the last number.
+        device: torch's name of the device of the networks.
+        threads: number of torch's threads, which all students of the process share.
 
     Raises:
         ValueError: a space that is not such a box.
