@@ -208,7 +208,7 @@ def _pairs(runs: pd.DataFrame) -> Figure:
 
 
 def _of_comparison(frames: Frames, mine: Measured, name: str) -> Iterator[Drawing]:
-    """Yield which tasks are mastered, and curricula with the teachers' own state."""
+    """Yield maps of mastered tasks, and curricula with the teachers' own state."""
     axes = task_axes(mine.cells)
     varied = [place for place, axis in enumerate(axes) if axis.low < axis.high]
     if len(mine.finals):

@@ -54,7 +54,7 @@ _SHOWN_TOGETHER: ContextVar[Mapping[str, Look]] = ContextVar("shown_together", d
 
 
 def look(teacher: str) -> Look:
-    """Return how `teacher` is drawn.
+    """Return the look of `teacher`.
 
     Of an unknown teacher it follows from the name alone, and within `shown_together` also from the others.
     """
@@ -114,7 +114,7 @@ def _assigned(teachers: Iterable[str]) -> dict[str, Look]:
 
 
 def _cost(own: _Places, taken: Sequence[_Places], place: tuple[int, int, int]) -> tuple[int, ...]:
-    """Return how often a colour, a colour with its marker, and all three are taken; then what is changed."""
+    """Return the uses of a colour, of a colour with its marker, and of all three; then the changes."""
     uses = (sum(other[:count] == place[:count] for other in taken) for count in (1, 2, 3))
     sizes = map(len, (_OTHER_COLOURS, _OTHER_MARKERS, _OTHER_DASHES))
     return (*uses, *((here - there) % size for here, there, size in zip(place, own, sizes, strict=True)))

@@ -31,12 +31,12 @@ CLOSE = 1e-9
 
 
 def largest(episode: dict[str, Any]) -> float:
-    """Returns the largest difference of an observation, a reward or a state."""
+    """Return the largest difference of an observation, a reward or a state."""
     return float(max(episode["state"], episode["observed"], episode["reward"]))
 
 
 def cells(places: Sequence[list[dict[str, Any]]], exact: list[dict[str, Any]]) -> list[object]:
-    """Returns the columns of a row after body and environment.
+    """Return the columns of a row after body and environment.
 
     Args:
         places: episodes in node and in Chromium with the page's sine and cosine.
@@ -50,7 +50,7 @@ def cells(places: Sequence[list[dict[str, Any]]], exact: list[dict[str, Any]]) -
 
 
 def main() -> None:
-    """Prints the table."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--episodes", type=int, default=20, help="episodes of a row (%(default)s)")
     parser.add_argument("--steps", type=int, default=200, help="steps of an episode (%(default)s)")

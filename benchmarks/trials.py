@@ -28,7 +28,7 @@ CELLS = ((), ("original", "diverse_students/spider"), ("original",), ("rugged_di
 
 
 def row(setting: Setting, true: float, trials: int) -> dict[str, object]:
-    """Returns what `trials` trials of a teacher come to that is `true` points better than all others."""
+    """Return what `trials` trials of a teacher come to that is `true` points better than all others."""
     found = simulate(setting, true, trials, SEED)
     shares: dict[str, object] = {}
     for name, verdicts in zip(("random", "best"), found.verdicts, strict=True):
@@ -47,7 +47,7 @@ def row(setting: Setting, true: float, trials: int) -> dict[str, object]:
 
 
 def unbiased(setting: Setting, found: Outcomes) -> list[float]:
-    """Returns the median-unbiased estimates of the difference to Random, of each trial."""
+    """Return the median-unbiased estimates of the difference to Random, of each trial."""
     rule, estimates = setting.rules[0], []
     planned = [1 / (1 / seeds + 1 / setting.cells[0].runs) for seeds in setting.looks]
     for look, value, error in zip(found.looks[0], found.estimates[0], found.errors[0], strict=True):
@@ -58,7 +58,7 @@ def unbiased(setting: Setting, found: Outcomes) -> list[float]:
 
 
 def main() -> None:
-    """Prints a row for each choice of cells and each true difference."""
+    """Print a row for each choice of cells and each true difference."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--trials", type=int, default=TRIALS, help="simulated trials of a row (%(default)s)")
     trials = parser.parse_args().trials

@@ -47,7 +47,7 @@ OTHERS = {
 
 
 def run(place: Path, name: str, *arguments: str) -> str:
-    """Returns what a script prints, run in `place`."""
+    """Return what a script prints, run in `place`."""
     finished = subprocess.run(
         [sys.executable, str(FOLDER / f"{name}.py"), *arguments],
         cwd=place,

@@ -189,7 +189,7 @@ def command(
 
 
 def description(docstring: str) -> str:
-    """Return what a docstring says before its sections, a line for each paragraph."""
+    """Return the text of a docstring before its sections, a line for each paragraph."""
     paragraphs = takewhile(lambda text: not text.startswith(("Args:", "Examples:")), docstring.split("\n\n"))
     return "\n\n".join(" ".join(each.split()) for each in paragraphs)
 

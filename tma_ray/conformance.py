@@ -292,7 +292,7 @@ class StudentConformance:
     steps: ClassVar[int] = 200
 
     def test_its_hyperparameters_have_defaults(self) -> None:
-        """They can be left out, and the student is made without any."""
+        """Hyper-parameters can be left out, and the student is made without any."""
         kind = STUDENTS.get(self.student)
         if not isinstance(kind, type):
             return  # a factory checks them itself

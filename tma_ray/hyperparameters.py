@@ -121,7 +121,7 @@ def differing(part: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, 
 
 
 def identifying(part: Any) -> dict[str, Any]:
-    """Return what the constructor of a dataclass was given, defaults included, as values that JSON has.
+    """Return the constructor arguments of a dataclass, defaults included, as JSON values.
 
     Fields that its attribute `absent_at_default` names, those that came after the first runs, are left out
     where they have their default: runs keep the identity that they had before.
@@ -187,7 +187,7 @@ def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
 
 
 def _from_text(text: str, annotation: Any) -> Any:
-    """Return what `text` says where a value of the type `annotation` is wanted; itself if it says none."""
+    """Return the value of the type `annotation` that `text` names; `text` itself if it names none."""
     if get_origin(annotation) in (Union, types.UnionType):
         wanted = [choice for choice in get_args(annotation) if choice is not type(None)]
         if text.lower() == "none" and len(wanted) < len(get_args(annotation)):

@@ -1,4 +1,4 @@
-"""Compiles kernels, which stay plain Python under ``NUMBA_DISABLE_JIT=1``."""
+"""Compilation of kernels, which stay plain Python under ``NUMBA_DISABLE_JIT=1``."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class _Announcement(event.Listener):
 
 
 class _Count(event.Listener):
-    """Calls a function after each compilation; see `count_compiled`."""
+    """Listener that calls a function after each compilation; see `count_compiled`."""
 
     def __init__(self, show: Callable[[int, int], None]) -> None:
         self._show = show

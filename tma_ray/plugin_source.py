@@ -97,7 +97,7 @@ def importable_name(module: str) -> str:
 
 
 class _Collector:
-    """Follows imports through files of the user's own, without executing anything.
+    """Collector of the user's own files that a file imports; executes nothing.
 
     Args:
         top: the package or module that is followed even if it is installed.

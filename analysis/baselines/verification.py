@@ -56,7 +56,7 @@ class Verification:
 
     @property
     def whole(self) -> bool:
-        """Whether every file is what was released, and none was added."""
+        """True if every file is as released, and none was added."""
         return not self.damage
 
 
@@ -91,7 +91,7 @@ def _damaged_files(store: Store, baseline: Baseline) -> Iterator[Damage]:
 
 
 def _damaged_content(store: Store, baseline: Baseline, known: set[str]) -> Iterator[Damage]:
-    """Yield what the tables show to be wrong besides the files that are `known` to be damaged."""
+    """Yield the problems in tables besides the files that are `known` to be damaged."""
     if baseline.manifest.kind is BaselineKind.RUNS:
         yield from (damage for damage in _damaged_runs(store, baseline) if damage.path not in known)
         return

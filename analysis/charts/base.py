@@ -350,7 +350,7 @@ class Panel:
     moment: Callable[[Any], Panel] | None = None
 
     def at(self, moment: object) -> Panel:
-        """Returns the panel as it is at a moment."""
+        """Return the panel as it is at a moment."""
         return self if self.moment is None else self.moment(moment)
 
 
@@ -400,20 +400,20 @@ class Chart:
 
 
 def spread(count: int, most: int) -> list[int]:
-    """Returns at most `most` of the places 0 to `count` - 1, evenly spaced, both ends included."""
+    """Return at most `most` of the places 0 to `count` - 1, evenly spaced, both ends included."""
     places = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
     return [int(place) for place in places] if count else []
 
 
 def grid(panels: Sequence[Panel], columns: int) -> list[list[Panel | None]]:
-    """Returns panels in rows of one length, the last one filled up with None."""
+    """Return panels in rows of one length, the last one filled up with None."""
     columns = max(1, min(columns, len(panels)))
     filled: list[Panel | None] = [*panels, *[None] * (-len(panels) % columns)]
     return [filled[start : start + columns] for start in range(0, len(filled), columns)]
 
 
 def require(table: pd.DataFrame, columns: Sequence[str], what: str) -> None:
-    """Checks that a table has rows and columns.
+    """Check that a table has rows and columns.
 
     Raises:
         ValueError: it has no rows, or lacks one of `columns`.
@@ -426,7 +426,7 @@ def require(table: pd.DataFrame, columns: Sequence[str], what: str) -> None:
 
 
 def require_unique(table: pd.DataFrame, keys: Sequence[str], what: str) -> None:
-    """Checks that no two rows belong at the same place of a figure.
+    """Check that no two rows belong at the same place of a figure.
 
     Raises:
         ValueError: two rows have the same `keys`.
@@ -441,5 +441,5 @@ def require_unique(table: pd.DataFrame, keys: Sequence[str], what: str) -> None:
 
 
 def significant(tests: pd.DataFrame) -> pd.DataFrame:
-    """Returns the rows of `tests` with a p-value under 0.05 after Holm's correction; NaN is none."""
+    """Return the rows of `tests` with a p-value under 0.05 after Holm's correction; NaN is none."""
     return tests[tests["holm"] < SIGNIFICANCE]

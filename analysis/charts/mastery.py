@@ -87,7 +87,7 @@ def _panel(
 
 
 def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> Chart:
-    """Return which test tasks are mastered by which share of runs at their ends.
+    """Return the share of runs that master each test task at their ends.
 
     A panel per teacher on the task plane if the tasks form a grid on it, else one row per teacher and one
     column per task, from the most to the least mastered over all teachers.

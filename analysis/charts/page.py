@@ -114,7 +114,7 @@ class PageChart:
 
 
 def on_page(chart: Chart) -> PageChart:
-    """Returns a chart as a page shows it, a plot for each of its panels."""
+    """Return a chart as a page shows it, a plot for each of its panels."""
     panels = chart.all_panels
     counts = Counter(panel.teacher for panel in panels)
     plots, seen = [], Counter[str]()
@@ -129,7 +129,7 @@ def on_page(chart: Chart) -> PageChart:
 
 
 def plotly_library() -> str:
-    """Returns plotly.js, as it may stand in a script element, without addresses to send to or load from."""
+    """Return plotly.js, as it may stand in a script element, without addresses to send to or load from."""
     return _ADDRESS.sub(r"\1\1", str(get_plotlyjs())).replace("</script", "<\\/script")
 
 
@@ -140,7 +140,7 @@ def _plot(name: str, chart: Chart, panel: Panel) -> Plot:
 
 
 def _frame(panel: Panel, moment: object, traces: list[Trace]) -> dict[str, Any]:
-    """Returns the changes of the traces at a moment, by their place."""
+    """Return the changes of the traces at a moment, by their place."""
     shown = panel.at(moment)
     changes = [_change(old, new) for old, new in zip(traces, _traces(shown), strict=True)]
     places = [place for place, change in enumerate(changes) if change]
@@ -149,7 +149,7 @@ def _frame(panel: Panel, moment: object, traces: list[Trace]) -> dict[str, Any]:
 
 
 def _change(old: Trace, new: Trace) -> Trace:
-    """Returns the entries of a trace that are new, of markers and error bars part by part."""
+    """Return the entries of a trace that are new, of markers and error bars part by part."""
     change = {}
     for key, value in new.items():
         if key in ("marker", "error_x"):
@@ -168,7 +168,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _traces(panel: Panel) -> list[Trace]:
-    """Returns the traces of a panel; a name is in the legend once."""
+    """Return the traces of a panel; a name is in the legend once."""
     traces, named = [], set[str]()
     for mark in panel.marks:
         for trace in Traces(panel).of(mark):
@@ -192,7 +192,7 @@ class Traces:
 
     @singledispatchmethod
     def of(self, mark: Mark) -> Iterator[Trace]:
-        """Yields the traces of a mark.
+        """Yield the traces of a mark.
 
         Raises:
             TypeError: a kind of mark that pages do not draw.
@@ -355,7 +355,7 @@ def _layout(chart: Chart, panel: Panel) -> dict[str, Any]:
 
 
 def _rows_layout(panel: Panel) -> dict[str, Any]:
-    """Returns height, margins and ``meta`` of a panel with rows, which close up where some are left out."""
+    """Return height, margins and ``meta`` of a panel with rows, which close up where some are left out."""
     rows = list(panel.y.rows)
     teachers = sorted({mark.teacher for mark in panel.marks if mark.teacher}, key=teacher_order)
     if panel.y.kind is Kind.TEACHERS:
@@ -380,7 +380,7 @@ def _rows_layout(panel: Panel) -> dict[str, Any]:
 
 
 def _axis(scale: Scale, panel: Panel) -> dict[str, Any]:
-    """Returns an axis in the look of the house."""
+    """Return an axis in the look of the house."""
     if not scale.shown:
         return {"visible": False}
     quiet = {"gridcolor": RULE, "linecolor": MUTED, "zeroline": False, "automargin": True}
@@ -419,7 +419,7 @@ def _axis_of_kind(scale: Scale, panel: Panel) -> dict[str, Any]:
 
 
 def _rows(scale: Scale, places: Any) -> Any:
-    """Returns positions along an axis: the names of teachers' rows, numbers with the digits that are seen."""
+    """Return positions along an axis: the names of teachers' rows, numbers with the digits that are seen."""
     if scale.kind is Kind.TEACHERS:
         names = [_shown(name) for name in scale.rows.values()]
         return [names[int(place)] for place in places]
@@ -427,13 +427,13 @@ def _rows(scale: Scale, places: Any) -> Any:
 
 
 def _positions(steps: NDArray[Any]) -> NDArray[Any]:
-    """Returns whole numbers as integers, which take half the room."""
+    """Return whole numbers as integers, which take half the room."""
     whole = np.equal(steps, np.round(steps)).all()
     return steps.astype(np.int64) if whole and len(steps) else steps.astype(np.float32)
 
 
 def _short(values: Any) -> list[float]:
-    """Returns values with as many digits as a reader can tell apart."""
+    """Return values with as many digits as a reader can tell apart."""
     return [float(f"{value:.4g}") for value in values]
 
 
@@ -460,23 +460,23 @@ def _dash(look: Look) -> str:
 
 
 def _transparent(colour: str, opacity: float) -> str:
-    """Returns ``#rrggbb`` with an opacity in [0, 1]."""
+    """Return ``#rrggbb`` with an opacity in [0, 1]."""
     red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
     return f"rgba({red},{green},{blue},{opacity:g})"
 
 
 def colour_scale(name: str) -> list[list[Any]]:
-    """Returns a colour scale by its name in Python: of the same names plotly.js has other scales."""
+    """Return a colour scale by its name in Python: of the same names plotly.js has other scales."""
     return [[place, colour] for place, colour in get_colorscale(name)]
 
 
 def _shown(text: str) -> str:
-    """Returns `text` so that plotly.js shows it as it is: it interprets some HTML."""
+    """Return `text` so that plotly.js shows it as it is: it interprets some HTML."""
     return html.escape(text, quote=False)
 
 
 def _compact(value: Any) -> Any:
-    """Returns plain data that takes little room: whole numbers as integers, arrays of numbers as bytes."""
+    """Return plain data that takes little room: whole numbers as integers, arrays of numbers as bytes."""
     if isinstance(value, np.ndarray):
         return _binary(value)
     if isinstance(value, float):
@@ -487,7 +487,7 @@ def _compact(value: Any) -> Any:
 
 
 def _binary(values: NDArray[Any]) -> Any:
-    """Returns numbers (n,) as plotly.js reads them from bytes; other values as a list."""
+    """Return numbers (n,) as plotly.js reads them from bytes; other values as a list."""
     if values.dtype == np.int64 and values.size and np.abs(values).max() <= np.iinfo(np.int32).max:
         values = values.astype(np.int32)
     kind = BINARY.get(str(values.dtype))

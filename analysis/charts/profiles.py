@@ -25,7 +25,7 @@ BINS = 150
 
 
 def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> Chart:
-    """Returns the share of runs over each threshold: a line for each teacher.
+    """Return the share of runs over each threshold: a line for each teacher.
 
     A teacher of at least `FEWEST` runs has a band.
 
@@ -61,7 +61,7 @@ def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, c
 
 
 def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
-    """Returns the finite values of every scalar by its name, indexed by step."""
+    """Return the finite values of every scalar by its name, indexed by step."""
     rows = [
         (int(step), str(name), float(value))
         for step, scalars in zip(curriculum.updates["step"], curriculum.updates["scalars"], strict=True)
@@ -73,7 +73,7 @@ def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
 
 
 def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -> Chart | None:
-    """Returns a panel for each scalar that a teacher logs, at most `MOST_PER_TEACHER` of a teacher."""
+    """Return a panel for each scalar that a teacher logs, at most `MOST_PER_TEACHER` of a teacher."""
     names = short_labels(curricula, LONGEST_NAME)
     panels = [
         Panel(
@@ -93,7 +93,7 @@ def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -
 
 
 def hidden_scalars(curricula: Mapping[str, Curriculum]) -> int:
-    """Returns the number of scalars that are not drawn."""
+    """Return the number of scalars that are not drawn."""
     return sum(max(0, len(scalars_of(each)) - MOST_PER_TEACHER) for each in curricula.values())
 
 

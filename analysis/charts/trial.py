@@ -21,7 +21,7 @@ ROOM = 1.4
 def course_chart(
     courses: Mapping[str, pd.DataFrame], teacher: str, margin: float, name: str = "course"
 ) -> Chart:
-    """Returns a panel for each comparison: boundaries, margin, differences with their intervals.
+    """Return a panel for each comparison: boundaries, margin, differences with their intervals.
 
     Args:
         courses: rows of `trials.standing.course` by reference.

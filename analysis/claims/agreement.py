@@ -45,7 +45,7 @@ class Agreement:
 
 
 def agreements(frames: Frames) -> list[Agreement]:
-    """Returns tau for each challenge and level that both have, and last its mean over all of them.
+    """Return tau for each challenge and level that both have, and last its mean over all of them.
 
     Tau is a mean over pairs of teachers, of 1 for a pair in the same order on both sides and -1 for one in
     the reverse. An order is known of pairs that Welch's tests tell apart on both sides, after Holm's
@@ -86,7 +86,7 @@ def agreements(frames: Frames) -> list[Agreement]:
 def pairs_in_both(
     first: Sequence[Description], second: Sequence[Description]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns for each pair of teachers (n,) 1 or -1, same order or reverse, and the p-value of that.
+    """Return for each pair of teachers (n,) 1 or -1, same order or reverse, and the p-value of that.
 
     The order of a pair is known in both where it is in each: p is the larger of the two sides.
 
@@ -104,7 +104,7 @@ def pairs_in_both(
 def tau_interval(
     challenges: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> tuple[float, float]:
-    """Returns the ends of the interval of tau, of its mean for several challenges.
+    """Return the ends of the interval of tau, of its mean for several challenges.
 
     Args:
         challenges: results of `pairs_in_both`, one for each challenge.

@@ -47,7 +47,7 @@ class Curriculum:
 
     @property
     def shuffled(self) -> bool:
-        """Whether the teacher chooses in a shuffled space, which is not the world's."""
+        """True if the teacher chooses in a shuffled space, which is not the world's."""
         return bool(self.episodes["world_task"].notna().any())
 
     @property

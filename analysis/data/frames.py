@@ -130,30 +130,30 @@ class Frames:
         return list(self.cells["run_id"].unique())
 
     def results_of(self, run_id: str) -> Results:
-        """Returns the results that hold a run."""
+        """Return the results that hold a run."""
         return self.elsewhere.get(run_id, self.results)
 
     def episode_returns(self, run_ids: Sequence[str]) -> pd.DataFrame:
-        """Returns run_id, step and finite episodic_return of the training episodes of `run_ids`."""
+        """Return run_id, step and finite episodic_return of the training episodes of `run_ids`."""
         columns = ["run_id", "step", "episodic_return"]
         check_names("run_ids", run_ids)
         rows = self._rows(Table.EPISODES, columns, run_ids)
         return rows[np.isfinite(rows["episodic_return"].astype(float))]
 
     def episodes(self, run_id: str) -> pd.DataFrame:
-        """Returns the training episodes of one run, tasks as float32 (d,)."""
+        """Return the training episodes of one run, tasks as float32 (d,)."""
         return self.of_runs(Table.EPISODES, [run_id])[run_id]
 
     def curriculum(self, run_id: str) -> pd.DataFrame:
-        """Returns the probed tasks of one run, tasks as float32 (d,)."""
+        """Return the probed tasks of one run, tasks as float32 (d,)."""
         return self.of_runs(Table.CURRICULUM, [run_id])[run_id]
 
     def teacher_log(self, run_id: str) -> pd.DataFrame:
-        """Returns step, gaussians, boxes and scalars of every update of the teacher of one run."""
+        """Return step, gaussians, boxes and scalars of every update of the teacher of one run."""
         return self.of_runs(Table.TEACHER_LOG, [run_id])[run_id]
 
     def of_runs(self, table: Table, run_ids: Sequence[str]) -> dict[str, pd.DataFrame]:
-        """Returns the columns `OF_ONE_RUN` of a long table for each of `run_ids`, read together."""
+        """Return the columns `OF_ONE_RUN` of a long table for each of `run_ids`, read together."""
         columns = OF_ONE_RUN[table]
         rows = self._rows(table, ["run_id", *columns], run_ids)
         places = positions(rows["run_id"])
@@ -163,7 +163,7 @@ class Frames:
         }
 
     def evaluations_of(self, run_ids: Collection[str]) -> pd.DataFrame:
-        """Returns the evaluations of some runs, without searching those of all."""
+        """Return the evaluations of some runs, without searching those of all."""
         mine = [self._evaluated[run_id] for run_id in run_ids if run_id in self._evaluated]
         return self.evaluations.take(np.concatenate([np.zeros(0, np.int64), *mine]))
 
@@ -172,7 +172,7 @@ class Frames:
         return positions(self.evaluations["run_id"])
 
     def _rows(self, table: Table, columns: list[str], run_ids: Sequence[str]) -> pd.DataFrame:
-        """Reads a long table of some runs, from wherever they are."""
+        """Read a long table of some runs, from wherever they are."""
         known = set(self._run_ids)
         for run_id in run_ids:
             check_kind("run_id", run_id, str, "the id of one run")
@@ -191,7 +191,7 @@ class Frames:
 def computed_once(
     function: Callable[Concatenate[Frames, P], pd.DataFrame],
 ) -> Callable[Concatenate[Frames, P], pd.DataFrame]:
-    """Returns `function` made to compute each frame once for the same `Frames`; every caller has a copy."""
+    """Return `function` made to compute each frame once for the same `Frames`; every caller has a copy."""
 
     @functools.wraps(function)
     def compute(frames: Frames, /, *args: P.args, **kwargs: P.kwargs) -> pd.DataFrame:
@@ -211,7 +211,7 @@ def computed_once(
 
 
 def load(root: str | Path) -> Frames:
-    """Reads a root, finished or not; what is missing becomes an empty frame and a warning.
+    """Read a root, finished or not; what is missing becomes an empty frame and a warning.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
@@ -223,7 +223,7 @@ def load(root: str | Path) -> Frames:
 
 
 def frames_of(results: Results) -> Frames:
-    """Returns the frames of opened results; what is missing becomes an empty frame and a warning."""
+    """Return the frames of opened results; what is missing becomes an empty frame and a warning."""
     runs = with_settings(with_plain_texts(results.table(Table.RUNS).to_pandas()))
     (cells,), split = named_apart([_join(with_plain_texts(_frame(results, Table.CELLS)), runs)])
     cells, apart = experiments_apart(with_plain_texts(cells))
@@ -243,7 +243,7 @@ def frames_of(results: Results) -> Frames:
 
 
 def positions(run_ids: pd.Series) -> dict[str, NDArray[np.int64]]:
-    """Returns the rows of each run in a table, in order, by run id.
+    """Return the rows of each run in a table, in order, by run id.
 
     Args:
         run_ids: run id of each row of the table (n,).
@@ -255,21 +255,21 @@ def positions(run_ids: pd.Series) -> dict[str, NDArray[np.int64]]:
 
 
 def unfailed(cells: pd.DataFrame) -> pd.DataFrame:
-    """Returns `GROUP`, `CONDITIONS`, seed, run_id and status of the cells whose runs did not fail."""
+    """Return `GROUP`, `CONDITIONS`, seed, run_id and status of the cells whose runs did not fail."""
     return cells.loc[cells["status"] != "failed", [*GROUP, *CONDITIONS, "seed", "run_id", "status"]]
 
 
 def _frame(
     results: Results, table: Table, columns: list[str] | None = None, run_ids: Sequence[str] | None = None
 ) -> pd.DataFrame:
-    """Reads a table with its strings as categories: run ids repeat millions of times."""
+    """Read a table with its strings as categories: run ids repeat millions of times."""
     content = results.table(table, run_ids=None if run_ids is None else set(run_ids), columns=columns)
     frame: pd.DataFrame = content.to_pandas(strings_to_categorical=True)
     return frame
 
 
 def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
-    """Joins cells with the state of their runs; runs outside any campaign are cells of their own."""
+    """Join cells with the state of their runs; runs outside any campaign are cells of their own."""
     alone = runs[~runs["run_id"].isin(cells["run_id"])]
     single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
     cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
@@ -284,7 +284,7 @@ def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _test_tasks(results: Results, evaluations: pd.DataFrame) -> pd.DataFrame:
-    """Reads the tasks of each test set from one run that met it: they are the same in all."""
+    """Read the tasks of each test set from one run that met it: they are the same in all."""
     columns = ["test_set", "task_index", "task"]
     witnesses = evaluations.drop_duplicates("test_set")["run_id"].astype(str).tolist()
     tasks = with_plain_texts(_frame(results, Table.EVALUATIONS, columns, witnesses))
@@ -292,7 +292,7 @@ def _test_tasks(results: Results, evaluations: pd.DataFrame) -> pd.DataFrame:
 
 
 def cell_warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
-    """Returns sentences on missing results, and on engines that stand apart."""
+    """Return sentences on missing results, and on engines that stand apart."""
     found = []
     if cells.empty:
         found.append("This root holds no runs yet.")
@@ -309,7 +309,7 @@ STATE = ["status", "error", "spec", "steps", "test_set", "physics_version", *SET
 
 
 def joined(frames: Sequence[Frames]) -> Frames:
-    """Returns the runs of several roots as those of one: named together, every run once.
+    """Return the runs of several roots as those of one: named together, every run once.
 
     A name that means different things in different roots is split, as within a root. A run that several
     roots have is read where it got furthest, in the first of them if it is finished in several.
@@ -340,7 +340,7 @@ def joined(frames: Sequence[Frames]) -> Frames:
 
 
 def _places(frames: Sequence[Frames]) -> dict[str, int]:
-    """Returns the number of the frames that each run is read from."""
+    """Return the number of the frames that each run is read from."""
     ranks: dict[str, tuple[int, int]] = {}
     for place, each in enumerate(frames):
         for run_id, status in each.cells[["run_id", "status"]].itertuples(index=False, name=None):
@@ -350,7 +350,7 @@ def _places(frames: Sequence[Frames]) -> dict[str, int]:
 
 
 def _cells(frames: Sequence[Frames], places: dict[str, int]) -> pd.DataFrame:
-    """Returns the cells of all, each with the state of its run where that is read."""
+    """Return the cells of all, each with the state of its run where that is read."""
     cells = pd.concat(
         [each.cells.assign(place=place) for place, each in enumerate(frames)], ignore_index=True
     )
@@ -365,6 +365,6 @@ def _cells(frames: Sequence[Frames], places: dict[str, int]) -> pd.DataFrame:
 
 
 def _of(table: pd.DataFrame, place: int, places: dict[str, int]) -> pd.DataFrame:
-    """Returns the rows of runs that are read from `place`."""
+    """Return the rows of runs that are read from `place`."""
     run_ids = table["run_id"].astype(object)
     return table[(run_ids.map(places) == place).to_numpy(bool)]

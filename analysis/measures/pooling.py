@@ -30,12 +30,12 @@ NOT_BEGUN = "not begun"
 
 
 def varying(table: pd.DataFrame, columns: Sequence[str] = CONDITIONS) -> list[str]:
-    """Returns those of `columns` that have several values in `table`."""
+    """Return those of `columns` that have several values in `table`."""
     return [column for column in columns if table[column].nunique(dropna=False) > 1]
 
 
 def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list[str]:
-    """Returns the conditions of a result in words, those in `columns`; nothing of the paper's own variant."""
+    """Return the conditions of a result in words, those in `columns`; nothing of the paper's own variant."""
     said = []
     for column in columns:
         value = row[column]
@@ -53,7 +53,7 @@ def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list
 
 
 def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yields the runs of each set of conditions, and a tag for names of files; the most runs first.
+    """Yield the runs of each set of conditions, and a tag for names of files; the most runs first.
 
     Args:
         runs: rows of `pooling.pool_runs`; runs that have not begun, of no budget yet, belong to none.
@@ -77,12 +77,12 @@ USUAL_STUDENT = "sac"
 
 
 def parts_of(pool: str) -> list[tuple[str, str]]:
-    """Returns body and student of each part of a pool, as its label names them."""
+    """Return body and student of each part of a pool, as its label names them."""
     return [(body, student) for body, _, student in (part.rpartition("/") for part in pool.split(PLUS))]
 
 
 def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], tuple[str, ...]]:
-    """Returns by engine, environment and challenge the test sets that count as one, one per type of body."""
+    """Return by engine, environment and challenge the test sets that count as one, one per type of body."""
     return {
         (engine, environment, name): tuple(
             sorted(f"{before}{each}" for each in {challenge.test_set, *challenge.other_test_sets.values()})
@@ -94,7 +94,7 @@ def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], 
 
 
 def variants(rows: pd.DataFrame) -> list[str]:
-    """Returns the differences of each row's pool from the paper's, in words; empty where there are none.
+    """Return the differences of each row's pool from the paper's, in words; empty where there are none.
 
     Results of one variant have one pool a challenge, so that aggregates over challenges count each once.
 
@@ -141,7 +141,7 @@ PARTS = ["embodiment", "student"]
 def pool_runs(
     cells: pd.DataFrame, values: pd.DataFrame, matrices: Sequence[Matrix] = MATRICES
 ) -> pd.DataFrame:
-    """Returns one row per run of each pool, with its measures.
+    """Return one row per run of each pool, with its measures.
 
     What `matrices` list of one challenge is pooled: the three bodies of Parkour, the two bodies by two
     students of diverse students. A student that takes the place of theirs is pooled over the same bodies,
@@ -164,7 +164,7 @@ def pool_runs(
 
 
 def pool_members(cells: pd.DataFrame, matrices: Sequence[Matrix] = MATRICES) -> pd.DataFrame:
-    """Returns the rows of `pool_runs` without values: which runs are in which pools, however measured."""
+    """Return the rows of `pool_runs` without values: which runs are in which pools, however measured."""
     rows = cells.assign(
         pool=_pools(cells, matrices),
         test_sets=_test_sets(cells),
@@ -183,7 +183,7 @@ def pool_members(cells: pd.DataFrame, matrices: Sequence[Matrix] = MATRICES) -> 
 
 
 def with_values(members: pd.DataFrame, values: pd.DataFrame) -> pd.DataFrame:
-    """Returns `members` of pools with the `values` of each run; several rows a run if these have."""
+    """Return `members` of pools with the `values` of each run; several rows a run if these have."""
     values = values[[column for column in values if column not in SETTINGS]]
     return members.merge(values, on="run_id", how="left")
 
@@ -191,7 +191,7 @@ def with_values(members: pd.DataFrame, values: pd.DataFrame) -> pd.DataFrame:
 def pooled(
     runs: pd.DataFrame, measures: Sequence[str] = ("mastered_percent",), by: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Returns the result of each teacher: n, mean and standard deviation of measures over its pool.
+    """Return the result of each teacher: n, mean and standard deviation of measures over its pool.
 
     Args:
         runs: rows of `pool_runs`, one per run. A run without the first measure is not counted.
@@ -231,7 +231,7 @@ def pooled(
 
 
 def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
-    """Returns `runs` with Random at every level of expert knowledge at which another teacher was run.
+    """Return `runs` with Random at every level of expert knowledge at which another teacher was run.
 
     The rule of `reference.baseline_runs` chooses the runs for levels at which it was not run.
     """
@@ -252,7 +252,7 @@ def _label(embodiment: object, student: object) -> str:
 
 
 def _pools(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> list[str]:
-    """Returns for each cell the labels of all parts of its pool."""
+    """Return for each cell the labels of all parts of its pool."""
     bodies: dict[tuple[str, str], set[str]] = {}
     students: dict[tuple[str, str], set[str]] = {}
     for matrix in matrices:
@@ -270,7 +270,7 @@ def _pools(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> list[str]:
 
 
 def _test_sets(cells: pd.DataFrame) -> pd.Series:
-    """Returns for each cell its test set, or all shipped ones of its challenge if that is one of them.
+    """Return for each cell its test set, or all shipped ones of its challenge if that is one of them.
 
     Those of Box2D's worlds have names of their own, and belong together as ours do.
     """
@@ -286,7 +286,7 @@ def _test_sets(cells: pd.DataFrame) -> pd.Series:
 
 
 def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Iterator[str]:
-    """Yields what keeps the `counted` of these rows from being a whole pool."""
+    """Yield what keeps the `counted` of these rows from being a whole pool."""
     ids = set(counted["run_id"])
     reasons = rows["reason"] if "reason" in rows else rows["status"]
     uncounted = Counter(
@@ -319,7 +319,7 @@ def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Itera
 
 
 def _expected(rows: pd.DataFrame, by: Sequence[str]) -> set[str]:
-    """Returns the labels of the parts that the pool of these rows should have."""
+    """Return the labels of the parts that the pool of these rows should have."""
     here = set(map(_label, rows["embodiment"], rows["student"]))
     pool = str(rows["pool"].iloc[0])
     expected = {pool} if pool in here else set(pool.split(PLUS))
@@ -341,7 +341,7 @@ RELEASED_MATRICES = tuple(
 
 
 def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> pd.DataFrame:
-    """Returns `result_runs` after a share of the budget of each run; 1 for the ends of runs.
+    """Return `result_runs` after a share of the budget of each run; 1 for the ends of runs.
 
     Args:
         frames: results of `load`.
@@ -357,7 +357,7 @@ def _runs_after(frames: Frames, share: float, training: bool) -> pd.DataFrame:
 
 
 def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
-    """Returns all runs that count as results, in the pools they belong to, with Random at every level.
+    """Return all runs that count as results, in the pools they belong to, with Random at every level.
 
     Where only students run that the paper does not have there, such as PPO everywhere, these are the pool.
     One rule for all readers.
@@ -374,7 +374,7 @@ def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
 
 @computed_once
 def _members(frames: Frames) -> pd.DataFrame:
-    """Returns the runs of all pools: the same whatever is measured of them, and when."""
+    """Return the runs of all pools: the same whatever is measured of them, and when."""
     groups = by_students(without_searches(frames.cells))
     parts = [pool_members(chosen, matrices) for _, matrices, chosen in groups]
     members = pd.concat(parts, ignore_index=True).drop_duplicates([*POOLED, "run_id"])
@@ -382,12 +382,12 @@ def _members(frames: Frames) -> pd.DataFrame:
 
 
 def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
-    """Returns `cells` without points of searches for hyper-parameters."""
+    """Return `cells` without points of searches for hyper-parameters."""
     return cells[~of_searches(cells["experiment"])]
 
 
 def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
-    """Yields the paper's students together, then each other one alone, with the matrices to pool by.
+    """Yield the paper's students together, then each other one alone, with the matrices to pool by.
 
     Results of the original release, whose bipedal is another one, stand apart from others in the same root.
     """

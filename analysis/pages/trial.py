@@ -37,7 +37,7 @@ from tma_ray.commands.texts import counted
 def write_trial(
     folder: Path, design: Design, released: Released, looks: list[Look], frames: Frames, own: Frames
 ) -> Path:
-    """Writes the page of a trial, with a table, a figure, a LaTeX row and methods next to it.
+    """Write the page of a trial, with a table, a figure, a LaTeX row and methods next to it.
 
     Returns:
         The page, ``index.html``.
@@ -99,6 +99,6 @@ def _render(
 
 
 def _row(row: Mapping[Hashable, Any]) -> dict[Hashable, Any]:
-    """Returns a row of the table of verdicts as text."""
+    """Return a row of the table of verdicts as text."""
     interval = ends(row["low"], row["high"])
     return {**row, "interval": interval} | {name: number(row[name]) for name in ("difference", "estimate")}

@@ -170,7 +170,7 @@ class Comparison:
 
     @property
     def significant(self) -> bool:
-        """Whether there is a test and its p-value is under 0.05."""
+        """True if there is a test and its p-value is under 0.05."""
         return self.p < SIGNIFICANCE
 
 

@@ -221,7 +221,7 @@ class EventFolder:
 
 
 def run_folder(run: RunRecord, experiment: str) -> Path:
-    """Return where the event files of a run of this experiment lie in the folder of all."""
+    """Return the folder of the event files of a run of this experiment."""
     names = run.student, run.challenge, run.embodiment, run.expert_knowledge
     setting = "-".join(_plain(name) for name in names if name)
     return Path(_plain(experiment), _plain(run.teacher), setting, f"seed_{_plain(run.seed)}-{run.run_id}")
@@ -254,7 +254,7 @@ def _count_written(run: _Run, points: Mapping[Table, Sequence[Point]]) -> None:
 
 
 def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, float]]]) -> int:
-    """Return how many of `points` come first in `written`, by tag, and take them from there."""
+    """Return the number of `points` that come first in `written`, by tag, and remove them there."""
     for index, (step, scalars) in enumerate(points):
         expected = {tag: (step, float(np.float32(value))) for tag, value in scalars.items()}
         if any(not written.get(tag) or written[tag][0] != value for tag, value in expected.items()):

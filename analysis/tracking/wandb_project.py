@@ -183,5 +183,5 @@ def _has_return(scalars: Mapping[str, float]) -> bool:
 
 
 def _count(run: Any, table: Table, sent: Mapping[str, int]) -> int:
-    """Return how many points of a table the run there has, by its own word or by the ledger."""
+    """Return the number of points of a table that the run there has, by its summary or by the ledger."""
     return max(int(run.summary.get(f"{SENT}/{table.value}", 0)), sent.get(table.value, 0))

@@ -315,7 +315,7 @@ def _cell(name: str, place: tuple[str, ...], released: Released, frames: Frames)
 
 
 def _ordered(cells: Sequence[TrialCell], released: Released) -> tuple[TrialCell, ...]:
-    """Return the cells in which a core-hour tells most of teachers first.
+    """Return the cells, first those in which a core-hour reveals most about teachers.
 
     That is the variance between the release's teachers, without what their seeds add to it, over the variance
     of a run, for each hour of a run.
@@ -397,7 +397,7 @@ def detectable(design: Design, reference: str, runs: Floats) -> float:
 
 
 def planned(design: Design, runs: Floats) -> list[Difference]:
-    """Return what each look has if the new teacher is like the reference."""
+    """Return the information of each look if the new teacher is like the reference."""
     variance = np.array([cell.deviation**2 for cell in design.cells])
     reference = Moments(np.zeros_like(variance), variance, runs)
     teachers = [replace(reference, runs=np.full_like(variance, seeds)) for seeds in design.looks]

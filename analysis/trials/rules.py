@@ -154,7 +154,7 @@ class Rule:
         )
 
     def reach(self, found: Difference, look: int, *, above: bool) -> Floats:
-        """Return how far a difference must be from 0 for a verdict at look `look`, in points.
+        """Return the least difference from 0 for a verdict at look `look`, in points.
 
         Args:
             found: differences, of which the errors are read.

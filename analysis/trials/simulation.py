@@ -91,7 +91,7 @@ class Setting:
 
 
 def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Outcomes:
-    """Return how trials end where all released teachers are alike and the new one differs by `true` points.
+    """Return the ends of trials where released teachers are alike and the new one differs by `true` points.
 
     That is the least favourable case of the choice of the best: any candidate may seem so.
 
@@ -133,7 +133,7 @@ def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Ou
 
 
 def wrong(verdicts: NDArray[np.str_], true: float, margin: float) -> NDArray[np.bool_]:
-    """Return which verdicts are wrong where the true difference is `true` points."""
+    """Return the verdicts that are wrong where the true difference is `true` points."""
     refuted = {
         Verdict.BETTER: true <= 0,
         Verdict.WORSE: true >= 0,

@@ -126,7 +126,7 @@ def looks_at(
 
 
 def _own(design: Design, own: pd.DataFrame, seeds: Sequence[int]) -> list[Floats]:
-    """Returns the arcsines of the new teacher's runs with `seeds` in each cell, NaN where not finite."""
+    """Return the arcsines of the new teacher's runs with `seeds` in each cell, NaN where not finite."""
     rows = own[own["seed"].isin(seeds) & (own["teacher"] == design.teacher)]
     return [
         rows.loc[(rows[PLACE] == list(cell.place)).all(axis=1), "angle"].to_numpy(float)
@@ -166,7 +166,7 @@ def _finding(
 
 
 def _error(teacher: Moments, reference: Moments, design: Design, seeds: int) -> float:
-    """Returns the standard error that a look with `seeds` has, by the variances seen so far."""
+    """Return the standard error that a look with `seeds` has, by the variances seen so far."""
     counts = np.full_like(teacher.runs, float(seeds))
     return float(difference(Moments(teacher.mean, teacher.variance, counts), reference, design.slopes).error)
 

@@ -28,7 +28,7 @@ QUANTITY = "points of test tasks mastered on average over training"
 
 
 def plan_lines(design: Design, released: Released) -> Iterator[str]:
-    """Yields what a trial will do and what it can show, before anything is spent."""
+    """Yield what a trial will do and what it can show, before anything is spent."""
     cells = [cell.name for cell in design.cells]
     most = design.looks[-1] * len(cells)
     found = [
@@ -58,7 +58,7 @@ def plan_lines(design: Design, released: Released) -> Iterator[str]:
 
 
 def look_line(look: Look) -> str:
-    """Returns the verdicts of a look in a line."""
+    """Return the verdicts of a look in a line."""
     said = "; ".join(_standing(finding) for finding in look.settled)
     end = f" Ends: {ENDINGS[look.ending]}." if look.ending else ""
     left_out = (
@@ -86,7 +86,7 @@ def _relation(finding: Finding) -> str:
 
 
 def sentence(design: Design, look: Look) -> str:
-    """Returns the verdict of a trial as one sentence."""
+    """Return the verdict of a trial as one sentence."""
     said = " and ".join(
         f"{_relation(each)} {label(each.reference)}{_best(design, each)} ({_numbers(each)})"
         for each in look.settled
@@ -108,7 +108,7 @@ def _numbers(finding: Finding) -> str:
 
 
 def verdict_table(design: Design, looks: list[Look]) -> pd.DataFrame:
-    """Returns a row for each comparison at each look.
+    """Return a row for each comparison at each look.
 
     Returns:
         compared with, seeds, difference, low and high (repeated confidence interval), estimate
@@ -134,7 +134,7 @@ def verdict_table(design: Design, looks: list[Look]) -> pd.DataFrame:
 
 
 def latex_row(design: Design, look: Look) -> str:
-    r"""Returns a row of a table in LaTeX: teacher, seeds, runs; estimate, interval and verdict of each."""
+    r"""Return a row of a table in LaTeX: teacher, seeds, runs; estimate, interval and verdict of each."""
     found = [
         rf"${each.unbiased:+.1f}$ $[{each.low:+.1f}, {each.high:+.1f}]$ ({each.verdict.value})"
         for each in look.settled
@@ -148,7 +148,7 @@ def _escaped(text: str) -> str:
 
 
 def methods(design: Design, look: Look, versions: str) -> str:
-    """Returns the paragraph on methods of a paper, with the numbers of this trial."""
+    """Return the paragraph on methods of a paper, with the numbers of this trial."""
     cells, runs = ", ".join(cell.name for cell in design.cells), look.seeds * len(design.cells)
     return (
         f"{label(design.teacher)} was tried against the release {design.release} on "

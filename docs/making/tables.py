@@ -62,7 +62,7 @@ ABOUT: Mapping[Table, str] = {
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Returns a table."""
+    """Return a table."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(_cell(value) for value in line)} |" for line in lines)
 
@@ -75,7 +75,7 @@ def data_table(path: Path) -> str:
 
 
 def meanings(kind: type) -> dict[str, str]:
-    """Returns what the docstring of a class says of each of its attributes, inherited ones included."""
+    """Return what the docstring of a class says of each of its attributes, inherited ones included."""
     found: dict[str, str] = {}
     for each in reversed(kind.__mro__):
         _, _, section = (each.__doc__ or "").partition("Attributes:\n")
@@ -85,7 +85,7 @@ def meanings(kind: type) -> dict[str, str]:
 
 
 def hyperparameters(kind: type) -> str:
-    """Returns name, default and meaning of each field that the constructor of a dataclass takes."""
+    """Return name, default and meaning of each field that the constructor of a dataclass takes."""
     says = meanings(kind)
     return markdown(
         ("hyper-parameter", "default", "meaning"),
@@ -98,7 +98,7 @@ def hyperparameters(kind: type) -> str:
 
 
 def teacher(name: str) -> str:
-    """Returns the levels of expert knowledge that a teacher tells apart, and its hyper-parameters."""
+    """Return the levels of expert knowledge that a teacher tells apart, and its hyper-parameters."""
     kind = TEACHERS.get(name)
     needed, levels = kind.knowledge_levels[0], ", ".join(kind.knowledge_levels)
     line = f"`{name}`, needs at least: {needed}; tells apart: {levels}."
@@ -107,7 +107,7 @@ def teacher(name: str) -> str:
 
 
 def knowledge_requirements() -> str:
-    """Returns what each teacher makes of each piece of expert knowledge."""
+    """Return what each teacher makes of each piece of expert knowledge."""
     head = ("teacher", "initial distribution", "target distribution", "range of returns", "runs at level")
     return markdown(
         head,
@@ -119,7 +119,7 @@ def knowledge_requirements() -> str:
 
 
 def challenges(environment: str) -> str:
-    """Returns the challenges of an environment: their task spaces and tests."""
+    """Return the challenges of an environment: their task spaces and tests."""
     known = challenges_of(environment)
     head = (
         "name",
@@ -148,7 +148,7 @@ def challenges(environment: str) -> str:
 
 
 def task_space(environment: str) -> str:
-    """Returns the dimensions of an environment's tasks: what teachers choose from, and what can be built."""
+    """Return the dimensions of an environment's tasks: what teachers choose from, and what can be built."""
     made = make_environment(environment)
     space: TaskSpace = challenges_of(environment)["original"].task_space
     domain = made.get_wrapper_attr("valid_domain")
@@ -163,7 +163,7 @@ def task_space(environment: str) -> str:
 
 
 def embodiments() -> str:
-    """Returns the bodies that ship."""
+    """Return the bodies that ship."""
     bodies = sorted(map(load_embodiment, embodiment_names()), key=lambda body: body.body_type)
     return markdown(
         ("name", "kind", "parts", "motors", "grips", "mass", "survives under water", "survives outside"),
@@ -184,7 +184,7 @@ def embodiments() -> str:
 
 
 def test_sets() -> str:
-    """Returns the test sets that ship with the package, and whose they are."""
+    """Return the test sets that ship with the package, and whose they are."""
     users: dict[str, list[str]] = {}
     for each in CHALLENGES:
         for name in dict.fromkeys([each.test_set, *each.other_test_sets.values()]):
@@ -196,7 +196,7 @@ def test_sets() -> str:
 
 
 def columns(table: Table) -> str:
-    """Returns what a row of a table is, and its columns."""
+    """Return what a row of a table is, and its columns."""
     rows = [
         (
             f"`{field.name}`" + (" (may be absent)" if field.nullable else ""),
@@ -209,17 +209,17 @@ def columns(table: Table) -> str:
 
 
 def all_columns() -> str:
-    """Returns `columns` of every table under a heading of its own."""
+    """Return `columns` of every table under a heading of its own."""
     return "\n\n".join(f"### {table}\n\n{columns(table)}" for table in Table)
 
 
 def commands() -> str:
-    """Returns the help of every command, as `--help` prints it."""
+    """Return the help of every command, as `--help` prints it."""
     return "\n\n".join(f"## {name}\n\n```text\n{text}```" for name, text in helps())
 
 
 def json_keys() -> str:
-    """Returns the keys of the JSON that commands print, and their meaning."""
+    """Return the keys of the JSON that commands print, and their meaning."""
     return markdown(
         ("command", "key", "value"),
         [
@@ -231,14 +231,14 @@ def json_keys() -> str:
 
 
 def metavars() -> str:
-    """Returns the words in capitals in helps, and their meaning."""
+    """Return the words in capitals in helps, and their meaning."""
     return markdown(
         ("word", "value"), [(f"`{word}`", meaning) for word, meaning in command_line.METAVARS.items()]
     )
 
 
 def helps() -> Iterator[tuple[str, str]]:
-    """Yields every command with its help, 80 characters wide."""
+    """Yield every command with its help, 80 characters wide."""
     app = cli.app()
     for words, _ in command_line.commands(app):
         yield " ".join(("tma-ray", *words)), command_line.help_text(app, words)
@@ -267,7 +267,7 @@ def _range(low: float, high: float) -> str:
 
 
 def _bounds(space: TaskSpace, original: TaskSpace) -> str:
-    """Returns the bounds of the dimensions that are not as in the original space."""
+    """Return the bounds of the dimensions that are not as in the original space."""
     pairs = zip(space.dimensions, original.dimensions, strict=True)
     others = (f"{one.name} {_range(one.low, one.high)}" for one, first in pairs if one != first)
     return "; ".join(others) or NONE
@@ -278,7 +278,7 @@ def _steps(steps: int | None) -> str:
 
 
 def _type(kind: pa.DataType) -> str:
-    """Returns a short name of a type: how it is read, not how it is packed."""
+    """Return a short name of a type: how it is read, not how it is packed."""
     if pa.types.is_dictionary(kind):
         return str(kind.value_type)
     if pa.types.is_list(kind):

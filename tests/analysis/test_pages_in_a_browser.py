@@ -42,7 +42,7 @@ def browser() -> Iterator[Browser]:
 def synthetic_root(
     root: Path, levels: dict[str, tuple[str, ...]], teachers: tuple[str, ...] = ("random", "alp_gmm", HOSTILE)
 ) -> Path:
-    """Writes runs on some levels of some challenges; one of the last teacher's fails."""
+    """Write runs on some levels of some challenges; one of the last teacher's fails."""
     for challenge, levels_there in levels.items():
         campaign = SyntheticCampaign(
             root,
@@ -124,7 +124,7 @@ class Reader:
         self.settle()
 
     def settle(self) -> None:
-        """Waits until what an event has begun is painted."""
+        """Wait until what an event has begun is painted."""
         self.page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def traces(self, chart: str) -> list[dict[str, object]]:

@@ -40,7 +40,7 @@ def design(frames: Frames) -> Design:
 
 
 def _runs_like(teacher: str, design: Design, frames: Frames, seeds: int, points: float = 0.0) -> pd.DataFrame:
-    """Returns runs of the new teacher: those of a released one over and over, some points better."""
+    """Return runs of the new teacher: those of a released one over and over, some points better."""
     rows = ended_runs(frames)
     found = []
     for cell in design.cells:

@@ -54,7 +54,7 @@ def cost(plans: list[Plan]) -> Cost:
 def looks(
     plans: list[Plan], cost: Cost, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[..., list[int]]:
-    """Runs looks, each done at once; returns how many runs each had."""
+    """Run looks, each done at once; return how many runs each had."""
 
     def run(budget: float | None, ends: list[bool]) -> list[int]:
         asked: list[int] = []

@@ -28,7 +28,7 @@ CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 
 def sine_of_the_page(place: Path) -> dict[str, str]:
-    """Returns variables under which Python's engine has the page's sine and cosine, compiled in `place`."""
+    """Return variables under which Python's engine has the page's sine and cosine, compiled in `place`."""
     compiler = shutil.which("cc")
     if compiler is None or not sys.platform.startswith("linux"):
         pytest.skip("a C compiler on Linux gives Python's engine the page's sine and cosine")
@@ -41,19 +41,19 @@ def sine_of_the_page(place: Path) -> dict[str, str]:
 def recorded(
     place: Path, episodes: int, steps: int, bodies: tuple[str, ...], sine: dict[str, str]
 ) -> list[Path]:
-    """Returns a file of episodes for each body and environment, written to `place`."""
+    """Return a file of episodes for each body and environment, written to `place`."""
     command = [sys.executable, str(HERE / "episodes.py"), str(place), str(episodes), str(steps), *bodies]
     subprocess.run(command, env=os.environ | sine, check=True)
     return sorted(place.glob("*.json"))
 
 
 def scripts_of_the_page() -> str:
-    """Returns the page's scripts without its controls."""
+    """Return the page's scripts without its controls."""
     return "".join((SOURCES / name).read_text() for name in SCRIPTS[:2])
 
 
 def in_node(place: Path, *files: Path) -> list[Any]:
-    """Returns what `replay.js` says of each file; `place` gets the scripts."""
+    """Return what `replay.js` says of each file; `place` gets the scripts."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("no node")
@@ -65,7 +65,7 @@ def in_node(place: Path, *files: Path) -> list[Any]:
 
 
 def in_chromium(browser: Browser, *files: Path) -> list[Any]:
-    """Returns what `replay` of `replay.js` says of each file of episodes."""
+    """Return what `replay` of `replay.js` says of each file of episodes."""
     page = browser.new_page()
     page.add_script_tag(content=scripts_of_the_page() + (HERE / "replay.js").read_text())
     page.evaluate(
@@ -81,7 +81,7 @@ def in_chromium(browser: Browser, *files: Path) -> list[Any]:
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """Gives headless Chromium, of `TMA_CHROMIUM` or the path."""
+    """Give headless Chromium, of `TMA_CHROMIUM` or the path."""
     found = os.environ.get("TMA_CHROMIUM") or next(filter(None, map(shutil.which, CHROMIUM)), None)
     if found is None:
         pytest.skip("no Chromium: install it, or name it in TMA_CHROMIUM")

@@ -38,7 +38,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def opened(browser: Browser, file: Path) -> Iterator[Opener]:
-    """Opens the page, paused; an error of it or a request to the network fails the test."""
+    """Open the page, paused; an error of it or a request to the network fails the test."""
     troubles: list[str] = []
     pages: list[Page] = []
 
@@ -62,7 +62,7 @@ def opened(browser: Browser, file: Path) -> Iterator[Opener]:
 
 
 def say(page: Page, code: str) -> Any:
-    """Returns a value of the page's state."""
+    """Return a value of the page's state."""
     return page.evaluate(f"() => {{ const p = window.playground; return {code}; }}")
 
 

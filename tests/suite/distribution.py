@@ -40,7 +40,7 @@ SERVICE_OF = {module: service for service, modules in SERVICES.items() for modul
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts cases of services first.
+    """Put cases of services first.
 
     Raises:
         UsageError: a module uses a service and is not listed above.
@@ -57,7 +57,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    """Returns a scheduler that keeps a service's modules together, where it keeps a module's cases."""
+    """Return a scheduler that keeps a service's modules together, where it keeps a module's cases."""
     if config.getoption("dist") != "loadscope":
         return None
     from xdist.scheduler import LoadScopeScheduling
@@ -70,7 +70,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 
 
 def scope(nodeid: str) -> str:
-    """Returns what a case shares a process with: its service, or its module."""
+    """Return what a case shares a process with: its service, or its module."""
     module = _module(nodeid)
     return SERVICE_OF.get(module, module)
 

@@ -164,7 +164,7 @@ TEACHERS = ("random", *sorted(TEACHER_GRIDS))
 
 @dataclass(frozen=True)
 class Experiment:
-    """One script's worth of runs.
+    """Runs of one script.
 
     Attributes:
         name: name of the experiment, its script and its campaign.

@@ -45,7 +45,7 @@ class PaperResult:
 
 @cache
 def paper_results() -> tuple[PaperResult, ...]:
-    """Returns every entry of the paper's tables on Stump Tracks and Parkour, in its order."""
+    """Return every entry of the paper's tables on Stump Tracks and Parkour, in its order."""
     with RESULTS.open(newline="") as file:
         return tuple(
             PaperResult(

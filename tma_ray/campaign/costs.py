@@ -66,7 +66,7 @@ class Sharing:
     def of(
         cls, settings: Settings, nodes: Nodes, runs: int, learner_hours: float, player_hours: float
     ) -> Sharing:
-        """Returns the use that a number of runs makes of `nodes`: a cohort per GPU, or as cores suffice."""
+        """Return the use that a number of runs makes of `nodes`: a cohort per GPU, or as cores suffice."""
         gpus, player = float(settings.device != "cpu"), settings.player.cpus
         learners, left = 0, 0.0
         for node in nodes.resources:
@@ -91,7 +91,7 @@ class Sharing:
         return "learner" if by_learner else "players' cores"
 
     def summary(self, nodes: Nodes) -> str:
-        """Returns the cohorts, the nodes, and the part that decides the time, with the share of the other."""
+        """Return the cohorts, the nodes, and the part that decides the time, with the share of the other."""
         cores = f"{sum(node.get('CPU', 0) for node in nodes.resources):g} cores"
         gpus = "one GPU" if self.learners == 1 else f"{self.learners} GPUs"
         cohorts = "a cohort" if self.learners == 1 else f"{self.learners} cohorts"
@@ -150,7 +150,7 @@ class Cost:
         return self.hours * self.resources.gpus
 
     def summary(self) -> str:
-        """Returns the time that it takes, by an estimate."""
+        """Return the time that it takes, by an estimate."""
         spent = f"{_amount(self.core_hours)} core-hours"
         if self.gpu_hours:
             spent += f" and {_amount(self.gpu_hours)} GPU-hours"
@@ -159,7 +159,7 @@ class Cost:
         return f"{spent}, {_time(self.wall_hours)} with {how} (an estimate)"
 
     def describe(self) -> str:
-        """Returns the cost in a few lines."""
+        """Return the cost in a few lines."""
         each_of = "a player on a core" if self.sharing else "each run"
         kinds = [
             f"\n    {each.label} {each.training:,.0f}"
@@ -182,7 +182,7 @@ def estimate(
     find_speeds: SpeedFinder | None = None,
     nodes: Nodes | None = None,
 ) -> Cost:
-    """Returns the estimated cost of `plan` at the speeds of this machine.
+    """Return the estimated cost of `plan` at the speeds of this machine.
 
     Teachers are left out, which cost milliseconds an episode.
 
@@ -235,7 +235,7 @@ def long_cost(
     known: Mapping[Kind, Throughput] | None = None,
     nodes: Nodes | None = None,
 ) -> Cost | None:
-    """Returns the cost of the runs of `plan` that are not done, None if that takes up to an hour here.
+    """Return the cost of the runs of `plan` that are not done, None if that takes up to an hour here.
 
     Args:
         plan: runs to execute.
@@ -260,7 +260,7 @@ def long_cost(
 
 
 def unfinished(plan: Plan, results: str) -> tuple[RunSpec, ...]:
-    """Returns the runs of a plan that are not done in a results root.
+    """Return the runs of a plan that are not done in a results root.
 
     Raises:
         ResultsRootError: the root belongs to something else or to another version.
@@ -275,7 +275,7 @@ def unfinished(plan: Plan, results: str) -> tuple[RunSpec, ...]:
 
 
 def confirm(name: str, cost: Cost, *, yes: bool, ask: Callable[[str], str] | None = None) -> None:
-    """Returns if a campaign of such a cost is to be started.
+    """Return if a campaign of such a cost is to be started.
 
     Args:
         name: name of the campaign, for messages.
@@ -296,7 +296,7 @@ def confirm(name: str, cost: Cost, *, yes: bool, ask: Callable[[str], str] | Non
 
 
 def terminal_question(address: str | None = None) -> Callable[[str], str] | None:
-    """Returns a function that asks at the terminal, None without one.
+    """Return a function that asks at the terminal, None without one.
 
     A campaign with the address of a cluster asks nobody: ``ray submit --tmux`` gives it a terminal that
     nobody watches.
@@ -305,7 +305,7 @@ def terminal_question(address: str | None = None) -> Callable[[str], str] | None
 
 
 def _test_tasks(spec: RunSpec) -> int:
-    """Returns the number of test tasks played before the first step, at each interval, after the last."""
+    """Return the number of test tasks played before the first step, at each interval, after the last."""
     return (math.ceil(spec.schedule.steps / spec.schedule.evaluation_interval) + 1) * len(spec.test_set)
 
 

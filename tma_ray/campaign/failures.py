@@ -60,7 +60,7 @@ class RetryingCommitter:
         *arguments: Arguments.args,
         **options: Arguments.kwargs,
     ) -> Result:
-        """Return what an operation of the committer returns, as in ``call(Committer.manifest, run_id)``.
+        """Return the result of an operation of the committer, as in ``call(Committer.manifest, run_id)``.
 
         Raises:
             RootInUseError: another campaign holds the lease on the root.

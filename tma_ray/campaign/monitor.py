@@ -86,7 +86,7 @@ class Overview:
 
 
 def overview(root: str | Path, now: float) -> Overview:
-    """Returns the state of the runs of a root at `now`, s since 1970."""
+    """Return the state of the runs of a root at `now`, s since 1970."""
     return Observer(root).look(now)
 
 
@@ -101,7 +101,7 @@ class Observer:
         self._cells = _Kept(self._store, Table.CELLS, lambda results: results.table(Table.CELLS).to_pylist())
 
     def look(self, now: float) -> Overview:
-        """Returns the state of the runs at `now`, s since 1970.
+        """Return the state of the runs at `now`, s since 1970.
 
         Raises:
             ResultsRootError: the root does not exist, or is one of another version.
@@ -127,7 +127,7 @@ class Observer:
         return Overview(campaigns, heartbeat, TrialFile.load(self._store))
 
     def _published_steps(self, results: Results) -> dict[str, int]:
-        """Returns the step of the last published episode of every unfinished run."""
+        """Return the step of the last published episode of every unfinished run."""
         unfinished = _unfinished(results)
         new = [
             run for run, manifest in unfinished.items() if self._steps.get(run, (None, 0))[0] is not manifest
@@ -160,7 +160,7 @@ def _state(
     outcome: tuple[int, str] | None,
     running: Mapping[str, RunProgress] | None,
 ) -> RunState:
-    """Returns the state of a run; `running` is None where no campaign is."""
+    """Return the state of a run; `running` is None where no campaign is."""
     state, speed = manifest.status.value, 0.0
     ended = running is None or (outcome is not None and outcome[0] == manifest.attempt)
     progress = running.get(manifest.run.run_id) if running else None
@@ -200,7 +200,7 @@ WATCH_SECONDS = 5.0
 
 
 def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:
-    """Prints the state of the campaigns of a root and the reasons of failures; returns True if runs failed.
+    """Print the state of the campaigns of a root and the reasons of failures; return True if runs failed.
 
     Args:
         root: folder or URI of a results root.
@@ -214,7 +214,7 @@ def show_status(root: str | Path, cells: bool = False, console: Console | None =
 
 
 def watch_status(root: str | Path, cells: bool = False, console: Console | None = None) -> NoReturn:
-    """Shows the state of the campaigns of a root every few seconds, until Ctrl-C."""
+    """Show the state of the campaigns of a root every few seconds, until Ctrl-C."""
     observer = Observer(root)
     with Live(console=terminal(console), auto_refresh=False) as live:
         while True:
@@ -243,7 +243,7 @@ def _page(root: str | Path, found: Overview, cells: bool, now: float) -> Group:
 
 
 def _trial_lines(trial: TrialFile | None) -> Iterator[str]:
-    """Yields where a trial stands: what it is of, and a line a look."""
+    """Yield where a trial stands: what it is of, and a line a look."""
     if trial is None:
         return
     design = trial.design
@@ -265,7 +265,7 @@ def _sign_of_life(heartbeat: Heartbeat | None, now: float) -> str:
 
 
 def _headline(runs: Sequence[RunState]) -> str:
-    """Returns the number of runs done, the speed of the others, and the time left."""
+    """Return the number of runs done, the speed of the others, and the time left."""
     done = sum(run.state == RunStatus.DONE for run in runs)
     speed = sum(run.steps_per_second for run in runs)
     budget = max((run.steps for run in runs), default=0)  # also of those that have not been started
@@ -275,7 +275,7 @@ def _headline(runs: Sequence[RunState]) -> str:
 
 
 def _grid(groups: dict[str, list[RunState]]) -> Grid:
-    """Returns a line for every group, with columns for the states that occur."""
+    """Return a line for every group, with columns for the states that occur."""
     members = {name: _distinct(runs) for name, runs in groups.items()}
     counts = {name: Counter(run.state for run in runs) for name, runs in members.items()}
     states = [state for state in COUNTED if any(count[state] for count in counts.values())]
@@ -291,7 +291,7 @@ def _grid(groups: dict[str, list[RunState]]) -> Grid:
 
 
 def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
-    """Yields the errors, the most frequent first, and the commands to see and repeat their runs."""
+    """Yield the errors, the most frequent first, and the commands to see and repeat their runs."""
     kinds: dict[str, list[str]] = {}
     for run in runs:
         if run.state == RunStatus.FAILED:
@@ -309,12 +309,12 @@ def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
 
 
 def _distinct(runs: Sequence[RunState] | Iterator[RunState]) -> list[RunState]:
-    """Returns every run once: cells may share them."""
+    """Return every run once: cells may share them."""
     return list({run.run_id: run for run in runs}.values())
 
 
 def show_history(run: str, root: str | Path, console: Console | None = None) -> None:
-    """Prints the history of a run, from any machine that sees its results root.
+    """Print the history of a run, from any machine that sees its results root.
 
     Args:
         run: its id, or the beginning of that of no other run.

@@ -472,7 +472,7 @@ def chosen_campaign(campaign: CampaignSpec, options: CampaignOptions) -> Campaig
 
 
 def chosen_settings(options: ExecutionOptions) -> Settings:
-    """Return how the flags want a campaign executed."""
+    """Return the settings of a campaign's execution that the flags ask for."""
     given = {"cpus": options.cpus_per_run, "memory_gib": options.memory_per_run}
     own = {name: number for name, number in given.items() if number is not None}
     return Settings(

@@ -50,7 +50,7 @@ class Plan:
         return max((spec.schedule.steps for spec in self.runs), default=0)
 
     def describe(self) -> str:
-        """Returns the size of the campaign in one sentence."""
+        """Return the size of the campaign in one sentence."""
         shared = len(self.cell_rows) - len(self.runs)
         sharing = f" ({shared} more cells share them)" if shared > 0 else ""
         return (
@@ -95,7 +95,7 @@ class CampaignSpec:
             )
 
     def plan(self) -> Plan:
-        """Returns the runs of all cells and seeds, each once.
+        """Return the runs of all cells and seeds, each once.
 
         Raises:
             ValueError: a cell that cannot run; the message says why.
@@ -120,7 +120,7 @@ def cells_of(
     embodiments: Sequence[str] = ("classic_bipedal",),
     environment: str = "stump_tracks",
 ) -> tuple[Cell, ...]:
-    """Returns the cells of a full matrix.
+    """Return the cells of a full matrix.
 
     Raises:
         TypeError: one name where several are expected.
@@ -137,12 +137,12 @@ def cells_of(
 
 
 def lease_holder(campaign: str) -> str:
-    """Returns the name under which a campaign holds the lease on a root."""
+    """Return the name under which a campaign holds the lease on a root."""
     return f"campaign {campaign!r} on {platform.node()}, process {os.getpid()}"
 
 
 def cell_row(experiment: str, cell: Cell, spec: RunSpec) -> dict[str, Any]:
-    """Returns a row of the table of cells: canonical names of its spec, and the level that was requested."""
+    """Return a row of the table of cells: canonical names of its spec, and the level that was requested."""
     return {
         "experiment": experiment,
         "environment": spec.environment,
@@ -160,7 +160,7 @@ def matrix_cells(
     teacher_hyperparameters: Mapping[str, Any] | None = None,
     student_hyperparameters: Mapping[str, Any] | None = None,
 ) -> tuple[Cell, ...]:
-    """Returns the cells of one point of `matrix`, without teachers that lack expert knowledge.
+    """Return the cells of one point of `matrix`, without teachers that lack expert knowledge.
 
     Args:
         matrix: matrix to run.
@@ -194,7 +194,7 @@ def matrix_cells(
 def matrix_campaigns(
     matrices: Iterable[Matrix], teachers: Sequence[str] = (), schedule: Schedule | None = None
 ) -> tuple[CampaignSpec, ...]:
-    """Returns a campaign for each of `matrices`, and each point of its grids, that any teacher can run.
+    """Return a campaign for each of `matrices`, and each point of its grids, that any teacher can run.
 
     Args:
         matrices: matrices to run.
@@ -218,7 +218,7 @@ def matrix_campaigns(
 
 
 def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
-    """Returns one plan for all of `campaigns`, each an experiment of the campaign `name`.
+    """Return one plan for all of `campaigns`, each an experiment of the campaign `name`.
 
     Every cell's first seed comes before any cell's second, so that what is half done can be compared.
 

@@ -26,7 +26,7 @@ from tma_ray.runs.spec import RunSpec
 
 
 def check_installation() -> None:
-    """Refuses a cluster some of whose nodes have another tma_ray, or none.
+    """Refuse a cluster some of whose nodes have another tma_ray, or none.
 
     Ray's processes run in the environment in which Ray was started there, also on the driver's own node.
 
@@ -60,7 +60,7 @@ def _cause(error: RayError) -> Exception:
 
 
 def _finder() -> Callable[[], str]:
-    """Returns a function that Ray sends whole: one of this module could only be found where tma_ray is."""
+    """Return a function that Ray sends whole: one of this module could only be found where tma_ray is."""
 
     def installed() -> str:
         from importlib.metadata import version
@@ -73,7 +73,7 @@ def _finder() -> Callable[[], str]:
 
 
 def check_feasible(resources: Resources) -> None:
-    """Refuses runs that no node can hold: Ray would let them wait forever.
+    """Refuse runs that no node can hold: Ray would let them wait forever.
 
     Raises:
         ValueError: a run needs more than any node has.
@@ -90,7 +90,7 @@ def check_feasible(resources: Resources) -> None:
 
 
 def check_storage_access(store: Store) -> None:
-    """Refuses a root that some node cannot use: another machine's folder, a bucket without credentials.
+    """Refuse a root that some node cannot use: another machine's folder, a bucket without credentials.
 
     Raises:
         ResultsRootError: a node does not see the folder.
@@ -126,7 +126,7 @@ def _ask_nodes(store: Store, nodes: Sequence[dict[str, Any]], probe: str | None)
 
 
 def can_access(store: Store, probe: str | None) -> bool:
-    """Returns True if this node sees the file `probe` of `store`, or may use the bucket if that is None."""
+    """Return True if this node sees the file `probe` of `store`, or may use the bucket if that is None."""
     if probe is not None:
         return store.exists(probe)
     store.check_access()
@@ -167,7 +167,7 @@ def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, A
 
 
 def use_shipped() -> None:
-    """Puts the shipped files first on the search path of this worker."""
+    """Put the shipped files first on the search path of this worker."""
     try:
         shipped = importlib.import_module(FOLDER)
     except ModuleNotFoundError:  # nothing was shipped: all is installed, or Ray was connected before
@@ -193,7 +193,7 @@ _tried: set[tuple[str, object]] = set()
 
 
 def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
-    """Makes every environment of `specs` once on every node, and imports every plug-in there.
+    """Make every environment of `specs` once on every node, and import every plug-in there.
 
     What is compiled on the way stays in the nodes' caches, so that actors do not all compile at once. On
     its own node the driver itself tries what needs no plug-in. Nodes that join later compile when they
@@ -230,7 +230,7 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
 
 
 def _try_on(tasks: Mapping[str, Sequence[dict[str, Any]]], files: Mapping[str, bytes], shipped: bool) -> None:
-    """Tries the specs of each node there, with the files that they read."""
+    """Try the specs of each node there, with the files that they read."""
     # One call a process: it would keep the plug-ins that it has imported. One process a node: starting
     # takes a process longer than trying.
     task = ray.remote(max_calls=1, num_cpus=0)(_try_all)

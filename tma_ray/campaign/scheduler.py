@@ -36,7 +36,7 @@ class _Running:
 
 
 class Scheduler:
-    """Executes runs by an executor, as many at a time as it has room for.
+    """Scheduler of runs on an executor, as many at a time as it has room for.
 
     A lost run is resumed from its newest checkpoint by a new attempt. A run that raises is marked as failed,
     with its traceback, and the others go on.

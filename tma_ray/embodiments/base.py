@@ -67,7 +67,7 @@ class Polygon:
         return float(about_origin - self.area * np.sum(np.square(self.centroid)))
 
     def distance(self, point: Point) -> float:
-        """Return how far `point` lies outside the polygon along its worst edge, in m; <= 0 inside."""
+        """Return the distance of `point` outside of the polygon along its worst edge, in m; <= 0 inside."""
         edges = np.roll(self.points, -1, axis=0) - self.points
         outwards = _cross(np.asarray(point) - self.points, edges) / np.hypot(edges[:, 0], edges[:, 1])
         return float(np.max(outwards))
@@ -284,7 +284,7 @@ def _check_known(where: str, name: str, parts: dict[str, Part]) -> None:
 
 
 def _distance(part: Part, point: Point) -> float:
-    """Return how far `point`, relative to the spawn point, lies outside `part`, in m."""
+    """Return the distance of `point`, relative to the spawn point, outside of `part`, in m."""
     return part.shape.distance(part.local(point))
 
 

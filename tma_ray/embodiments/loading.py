@@ -1,4 +1,4 @@
-"""Reads bodies from their data files."""
+"""Loading of bodies from their data files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draws a body in its world with pygame, as frames or in a window."""
+"""Drawing of a body in its world with pygame, as frames or in a window."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class View(NamedTuple):
 
 
 def view_of(head: NDArray[np.float64], terrain: Terrain) -> View:
-    """Return what to show when the head is at `head` (2,).
+    """Return the section of the world that is shown for a head at `head` (2,).
 
     Under an open sky the scale is fixed, and the camera rises only with a head that would leave the frame.
     Under a ceiling it follows the head, and shows the whole passage where that is low.
@@ -122,7 +122,7 @@ Floats = NDArray[np.float64]
 
 
 class Canvas:
-    """Draws lines, outlines and text in world coordinates; widths are in pixels of a frame.
+    """Canvas for lines, outlines and text in world coordinates; widths are in pixels of a frame.
 
     Attributes:
         view: section of the world that the frame shows.
@@ -205,7 +205,7 @@ class Canvas:
 
 
 def pixels_of(surface: pygame.Surface) -> NDArray[np.uint8]:
-    """Return what is on `surface` (height, width, 3), writable."""
+    """Return the pixels of `surface` (height, width, 3), writable."""
     width, height = surface.get_size()
     content = bytearray(pygame.image.tobytes(surface, "RGB"))  # several times faster than pygame.surfarray
     return np.frombuffer(content, np.uint8).reshape(height, width, 3)
@@ -223,7 +223,7 @@ SMALLEST_GRIP = 4.0
 
 
 class BodyPainter:
-    """Draws one body in all its poses."""
+    """Painter of one body in all its poses."""
 
     def __init__(self, body: Embodiment) -> None:
         self._body = body
@@ -347,7 +347,7 @@ def _base(terrain: Terrain, x: float) -> float:
 
 
 class Window:
-    """Shows frames.
+    """Window that shows frames.
 
     Args:
         frames_per_second: pace.

@@ -38,7 +38,7 @@ class Scene:
 
 
 def scene_of(engine: Engine, terrain: Terrain, observation: NDArray[np.float32]) -> Scene:
-    """Return what there is to see of `engine`, whose last observation (o,) ends with what the lidars saw."""
+    """Return the visible scene of `engine`, whose last observation (o,) ends with the lidars' values."""
     poses, body = engine.state[:, :3], engine.arrays
     rays = len(body.rays)
     if body.observes_medium:

@@ -84,7 +84,7 @@ class History:
 
 
 def history_of(saved: SavedPolicy, results: str | Path) -> History | None:
-    """Returns what is known of the run of `saved`: in the root that it lies in, else in `results`.
+    """Return the history of the run of `saved`: in the root that it lies in, else in `results`.
 
     Returns:
         None if neither is a root that has the run.
@@ -96,13 +96,13 @@ def history_of(saved: SavedPolicy, results: str | Path) -> History | None:
 
 
 def shown(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
-    """Returns at most `SHOWN_EVALUATIONS` of them, evenly spaced, the first and the last included."""
+    """Return at most `SHOWN_EVALUATIONS` of them, evenly spaced, the first and the last included."""
     count = min(len(evaluations), SHOWN_EVALUATIONS)
     return [evaluations[index] for index in np.linspace(0, len(evaluations) - 1, count).round().astype(int)]
 
 
 def value_rows(environment: Environment, kind: str) -> list[ValueRow]:
-    """Returns what the values of its observations or actions mean, as far as `environment` tells.
+    """Return the meaning of the values of its observations or actions, as far as `environment` tells.
 
     Args:
         environment: that the policy acts in.
@@ -201,7 +201,7 @@ def model_card(
     onnx: OnnxFacts | None,
     licence: str,
 ) -> str:
-    """Returns the card of the policy of the run `spec`.
+    """Return the card of the policy of the run `spec`.
 
     Args:
         spec: specification of the run.
@@ -265,13 +265,13 @@ def _first_sentence(environment: Environment) -> str:
 
 
 def _task_in(space: TaskSpace, environment: Environment) -> Any:
-    """Returns the middle of the task space the run trained in, if the environment has such tasks."""
+    """Return the middle of the task space the run trained in, if the environment has such tasks."""
     domain: TaskSpace = environment.get_wrapper_attr("valid_domain")
     return space.centre if space.names == domain.names else domain.centre
 
 
 def _arguments(spec: RunSpec) -> Markup:
-    """Returns what makes the environment, as arguments in Python."""
+    """Return the arguments that make the environment, in Python."""
     options = [f"{name}={_python(value)}" for name, value in spec.environment_options.items()]
     return Markup(", ".join([_python(spec.environment), *options]))  # noqa: S704
 
@@ -287,7 +287,7 @@ def _number(value: float) -> str:
 
 
 def _yaml(value: object) -> Markup:
-    """Returns a value as YAML takes it: JSON is YAML."""
+    """Return a value as YAML takes it: JSON is YAML."""
     return Markup(json.dumps(value, ensure_ascii=False))  # noqa: S704
 
 
@@ -296,12 +296,12 @@ def _python(value: object) -> Markup:
 
 
 def _code(value: object) -> Markup:
-    """Returns plain values as code within a line, also in a table."""
+    """Return plain values as code within a line, also in a table."""
     return Markup(f"`{json.dumps(value)}`".replace("|", "\\|")) if value else Markup("none")  # noqa: S704
 
 
 def _plain(value: object) -> object:
-    """Returns text without what Markdown or a table would take for its own."""
+    """Return text without what Markdown or a table would take for its own."""
     if isinstance(value, Markup) or not isinstance(value, str):
         return value
     return "".join(f"&#{ord(each)};" if each in "|`<>[]*\\\n\r" else each for each in value)

@@ -228,7 +228,7 @@ def feel(
 
 @kernel
 def graspable(x: float, y: float, reach: float, world: World) -> int:
-    """Return what is within `reach` m of a point: the index of a creeper, CEILING or NOTHING."""
+    """Return the object within `reach` m of a point: the index of a creeper, CEILING or NOTHING."""
     first, last = creepers_between(x - reach, x + reach, world)
     for index in range(first, last):
         if _near_box(x, y, reach, world.creepers[index], world.poses[index]):
@@ -264,7 +264,7 @@ def _near_segment(x: float, y: float, reach: float, segment: Floats) -> bool:
 
 @kernel
 def holder_anchor(point: Floats, held: int, world: World) -> tuple[float, float]:
-    """Return `point` in the frame of what holds it: that of a creeper that swings, else the world's."""
+    """Return `point` in the frame of its holder: a creeper that swings, else the world."""
     if held < 0 or world.movable[held] == 0:
         return point[0], point[1]
     pose = world.poses[held]

@@ -44,7 +44,7 @@ STATE_FIELDS = (
 
 
 class PymunkEngine:
-    """Runs a body on Chipmunk; see `Engine`.
+    """Engine that runs a body on Chipmunk; see `Engine`.
 
     Args:
         body: the body.

@@ -179,7 +179,7 @@ class StepArrays(NamedTuple):
 
 
 def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
-    """Return what the kernels know of `body` under `rules`."""
+    """Return the kernels' arrays of `body` under `rules`."""
     built, joints, sensors = body_arrays(body), body.motors, body.grip_sensors
     contacts = [-1 if j.contact_part is None else body.part_index(j.contact_part) for j in joints]
     motors = [(j.motor_torque, j.motor_speed, j.angle_offset - drawn_angle(body, j)) for j in joints]

@@ -60,7 +60,7 @@ def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None 
 
 @cache
 def engine_in_use() -> EngineChoice:
-    """Return which engine this process uses, and why; the choice is made, and logged, once.
+    """Return the engine of this process and the reason; the choice is made, and logged, once.
 
     Raises:
         ValueError: TMA_RAY_ENGINE is neither "compiled" nor "pymunk".

@@ -29,12 +29,12 @@ class Signal:
 
 
 def observation_signals(body: Embodiment, rules: Rules) -> tuple[Signal, ...]:
-    """Return what an observation of `body` under `rules` consists of, in order."""
+    """Return the parts of an observation of `body` under `rules`, in order."""
     return (*_head(), *(_medium_signals() if rules.observes_medium else ()), *_limbs(body), *_lidars(rules))
 
 
 def action_signals(body: Embodiment) -> tuple[Signal, ...]:
-    """Return what an action of `body` consists of, in order."""
+    """Return the parts of an action of `body`, in order."""
     motors = tuple(
         Signal(
             _joint(joint.part_a, joint.part_b),

@@ -1,4 +1,4 @@
-"""Builds the WebAssembly of the page: the kernels, translated to C, with Chipmunk's own sources."""
+"""Build of the page's WebAssembly: the kernels, translated to C, with Chipmunk's own sources."""
 
 from __future__ import annotations
 

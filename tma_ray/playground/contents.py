@@ -79,7 +79,7 @@ def _place(part: NDArray[Any], vector: NDArray[Any]) -> int:
 
 
 def _reach(body: BodyArrays, arrays: StepArrays) -> float:
-    """Return how high over its spawn point a hanging body's highest grip sensor is, in m."""
+    """Return the height of a hanging body's highest grip sensor over its spawn point, in m."""
     nothing, flat = np.zeros((0, 4)), np.array([[-1.0, 0.0, 1.0, 0.0]])
     world = Terrain(nothing, 1.0, nothing, np.zeros(2), 0.0, 0, flat, nothing, np.zeros(0, np.int64), 0.0)
     return -float(hung(world, body, arrays).spawn[1])

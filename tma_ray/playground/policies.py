@@ -64,7 +64,7 @@ def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
 
 
 def network_record(layers: nn.Sequential) -> dict[str, Any]:
-    """Return what `layers` compute: a normaliser, linear layers with one activation, bounds of actions.
+    """Return `layers` as a record: a normaliser, linear layers with one activation, bounds of actions.
 
     Raises:
         ValueError: they compute something else.

@@ -52,7 +52,7 @@ class StaleAttemptError(RuntimeError):
 
 
 def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | None:
-    """Return what a run has published, None if nothing, as long as `attempt` may go on with it.
+    """Return the manifest of a run, None if it has none, as long as `attempt` may continue it.
 
     A damaged manifest counts as none: it is replaced by the next that the attempt publishes.
 
@@ -104,7 +104,7 @@ class Committer:
         return cls(Store.open(uri))
 
     def manifest(self, run_id: str) -> Manifest | None:
-        """Return what a run has published, None if nothing.
+        """Return the manifest of a run, None if it has published nothing.
 
         Raises:
             DamagedFileError: the manifest cannot be read.
@@ -133,11 +133,11 @@ class Committer:
         return attempt
 
     def withdraw(self, run_id: str, attempt: int) -> None:
-        """Takes an attempt back that never began: it gets no row, and its number is not given again."""
+        """Take an attempt back that never began: it gets no row, and its number is not given again."""
         withdraw(self.store, run_id, attempt)
 
     def done(self, run_ids: Iterable[str]) -> set[str]:
-        """Return which of some runs are done and whole.
+        """Return those of some runs that are done and whole.
 
         All their files are read and compared with their checksums. A run that is damaged is taken back, which
         is logged, and may be started again.

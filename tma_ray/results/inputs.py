@@ -147,7 +147,7 @@ def damaged_inputs(store: Store, runs: Iterable[RunRecord]) -> Iterator[tuple[st
 
 
 def _read_by(run: RunRecord) -> _Read:
-    """Return what the spec of a run says that it reads: nothing for any other text."""
+    """Return the files that the spec of a run names: none for any other text."""
     try:
         return decode_json(run.spec, _Read, f"the spec of run {run.run_id}")
     except DamagedFileError:

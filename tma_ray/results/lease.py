@@ -266,7 +266,7 @@ class RootInUseError(RefusedError):
 
 
 class Lease:
-    """Holds a results root as long as it is renewed, several times within `seconds`.
+    """Lease that holds a results root as long as it is renewed, several times within `seconds`.
 
     Exactly one of several that ask at once gets it, in a folder of this machine and in a bucket: a new lease
     is made, and an old one replaced, only if nobody was faster (`Store.create`, `Store.replace`). A folder

@@ -332,7 +332,7 @@ def sound_runs(results: Results, contents: Contents) -> tuple[list[Manifest], li
 
 
 def newer_version(store: Store, path: str) -> str:
-    """Return why a file with columns that this version does not know is neither merged nor copied."""
+    """Return the reason why a file with unknown columns is neither merged nor copied."""
     return (
         f"{store.where(path)} was written by a newer tma_ray, with columns that this one would lose: it was "
         f"left as it is; use that version"

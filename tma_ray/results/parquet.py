@@ -409,7 +409,7 @@ def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
 
 
 class _Refusal(MetaPathFinder):
-    """Lets no import find pandas."""
+    """Import finder that refuses pandas."""
 
     def find_spec(
         self,
@@ -485,7 +485,7 @@ def write_published(store: Store, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def read_published(store: Store) -> pa.Table:
-    """Return what `write_published` wrote.
+    """Return the rows that `write_published` wrote.
 
     Raises:
         FileNotFoundError: there is none.

@@ -107,11 +107,11 @@ class Results:
         return cls(Store.open(uri))
 
     def runs(self) -> tuple[Manifest, ...]:
-        """Return what each run has published, with its status and error, by run id."""
+        """Return the manifest, status and error of each run, by run id."""
         return self._manifests
 
     def find(self, name: str) -> Manifest:
-        """Return what the run has published whose id is, or alone begins with, `name`.
+        """Return the manifest of the run whose id is, or alone begins with, `name`.
 
         Raises:
             ValueError: no such run, or several.
@@ -268,7 +268,7 @@ class Results:
             self.problems.append(problem)
 
     def _threads(self, rows: Iterable[int] = ()) -> int:
-        """Return how many threads read files of so many rows: for small local ones they only cost time."""
+        """Return the number of threads that read files of so many rows; one for small local files."""
         return _THREADS if self.store.is_object_store or max(rows, default=0) > _SMALL_ROWS else 1
 
     def _map(self, function: Callable[[S], T], items: Iterable[S], threads: int = _THREADS) -> list[T]:

@@ -213,7 +213,7 @@ def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | No
 
 
 def withdraw(store: Store, run_id: str, attempt: int) -> None:
-    """Keep, in place of the record of an attempt under way, that it never began."""
+    """Replace the record of an attempt under way by one that it never began."""
     store.write_bytes(progress_path(run_id, attempt), WITHDRAWN)
 
 

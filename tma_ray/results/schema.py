@@ -62,7 +62,7 @@ DEFAULT: Final = b"default"
 
 
 def default_of(field: pa.Field) -> Any:
-    """Return what rows have in a column that did not exist when they were written.
+    """Return the value of a column that did not exist when rows were written.
 
     Raises:
         KeyError: it has always existed: it is neither nullable, nor does it name a default.

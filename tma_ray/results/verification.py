@@ -97,7 +97,7 @@ class Inspector:
         self._lock = threading.Lock()
 
     def inspect(self, manifest: Manifest) -> Inspection:
-        """Return what is wrong with the files that a manifest lists.
+        """Return the problems of the files that a manifest lists.
 
         Raises:
             StorageError: the storage refuses to read.
@@ -198,7 +198,7 @@ def _rows(store: Store, table: Table, path: str, columns: Sequence[str]) -> list
 
 
 def damage_reason(error: Exception, where: str) -> str:
-    """Return what is the matter with the file `where`, which raised `error` when it was read."""
+    """Return the damage of the file `where`, which raised `error` when it was read."""
     if isinstance(error, FileNotFoundError):
         return "it is missing"
     return str(error).removeprefix(f"{where} is damaged: ")

@@ -102,7 +102,7 @@ class Attempt:
         should_stop: Callable[[], bool],
         publish: Callable[[Sequence[PartFile]], None] = lambda _: None,
     ) -> tuple[PartFile, ...] | None:
-        """Resumes and trains until the budget is spent or a stop is requested.
+        """Resume and train until the budget is spent or a stop is requested.
 
         Args:
             should_stop: called after every episode; returns True to stop.
@@ -139,20 +139,20 @@ class Attempt:
             return final
 
     def status(self) -> Status:
-        """Returns step, speed and recent return of a run that trains."""
+        """Return step, speed and recent return of a run that trains."""
         assert self._run is not None, "an attempt that trains has a run"
         step, seconds = self._run.progress.step, time.monotonic() - self._started
         recent = float(np.mean(self._episodic_returns)) if self._episodic_returns else float("nan")
         return Status(step, (step - self._first_step) / max(seconds, 1e-9), recent)
 
     def report(self) -> Report | None:
-        """Returns the progress; None while the run is being set up."""
+        """Return the progress; None while the run is being set up."""
         if self._run is None:
             return None
         return Report(self.record(AttemptOutcome.LOST), self.status(), self._parts)
 
     def record(self, outcome: AttemptOutcome) -> AttemptRecord:
-        """Returns the row of the table of attempts of a run that trains, if it ended now with `outcome`."""
+        """Return the row of the table of attempts of a run that trains, if it ended now with `outcome`."""
         return AttemptRecord(
             run_id=self.spec.run_id,
             attempt=self._number,
@@ -165,12 +165,12 @@ class Attempt:
         )
 
     def close(self) -> None:
-        """Closes the run's environments."""
+        """Close the run's environments."""
         if self._run is not None:
             self._run.close()
 
     def _prepare(self) -> Run:
-        """Returns the run in the state of its newest checkpoint."""
+        """Return the run in the state of its newest checkpoint."""
         placement = self._placement
         learner, device = placement.learner, placement.device
         described = hardware(learner) if learner else gpu(device)
@@ -211,7 +211,7 @@ class Attempt:
         return evaluated or time.monotonic() - self._saved_at > self._placement.checkpoint_seconds
 
     def _checkpoint(self, run: Run, should_stop: Callable[[], bool]) -> tuple[PartFile, ...]:
-        """Writes rows and state; returns the parts of the run so far."""
+        """Write rows and state; return the parts of the run so far."""
 
         def write() -> tuple[tuple[PartFile, ...], int]:
             accepted_manifest(self._store, self.spec.run_id, self._number)
@@ -238,7 +238,7 @@ class Attempt:
             write_progress(self._store, self.record(AttemptOutcome.LOST))
 
     def _finish(self, run: Run) -> tuple[PartFile, ...]:
-        """Writes the final policy with its spec, and the canonical result files, which it returns."""
+        """Write the final policy with its spec, and the canonical result files, which it returns."""
         folder = staged_policy(self.spec.run_id, self._number)
         with tempfile.TemporaryDirectory() as place:
             run.student.save_policy(Path(place))
@@ -286,11 +286,11 @@ class RunLog(logging.Handler):
         self.publish()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keeps a message."""
+        """Keep a message."""
         self._lines.append(self.format(record))
 
     def publish(self) -> None:
-        """Writes all messages so far, if there are new ones."""
+        """Write all messages so far, if there are new ones."""
         count = len(self._lines)
         if count > self._published:
             with suppress(StorageError):  # no run fails for its log; the next publication holds all
@@ -305,7 +305,7 @@ def run_locally(
     should_stop: Callable[[], bool] = lambda: False,
     on_status: Callable[[Status], None] = lambda _: None,
 ) -> AttemptOutcome:
-    """Runs `spec` in this process, from its newest checkpoint if there is one.
+    """Run `spec` in this process, from its newest checkpoint if there is one.
 
     Args:
         spec: run to execute; nothing happens if the root holds its results already.

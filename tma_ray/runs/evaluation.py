@@ -28,13 +28,13 @@ class GreedyPolicy(Protocol):
     """Something that acts without exploration."""
 
     def act_greedily(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns deterministic actions (n, a) for observations (n, o)."""
+        """Return deterministic actions (n, a) for observations (n, o)."""
 
 
 def played_episodes(
     worlds: LockStep, seeds: Sequence[int], tasks: Task, act: Act, most_steps: float = math.inf
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Plays one episode of each task, all at the same time.
+    """Play one episode of each task, all at the same time.
 
     Args:
         worlds: worlds, of which the first n are used.
@@ -72,7 +72,7 @@ class Evaluation:
         self._worlds = lock_step(self._environments)
 
     def __call__(self, policy: GreedyPolicy) -> list[dict[str, Any]]:
-        """Plays one episode of every test task.
+        """Play one episode of every test task.
 
         Returns:
             Rows of the table of evaluations, without run and step.
@@ -92,7 +92,7 @@ class Evaluation:
         ]
 
     def close(self) -> None:
-        """Closes all worlds."""
+        """Close all worlds."""
         for environment in self._environments:
             environment.close()
 
@@ -102,7 +102,7 @@ WORLDS = 64
 
 
 class Trials:
-    """Plays without learning, with randomness of its own, so that nothing of the student changes.
+    """Plays of test tasks without learning, with randomness of their own; the student does not change.
 
     An evaluation's worlds and the noise of its actions are new each time. What it gives depends on the state
     of the student and on what was drawn before; nothing else is kept between two evaluations.
@@ -129,12 +129,12 @@ class Trials:
         self._rng.bit_generator.state = state
 
     def act(self, student: Student, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns an action (a,) of the exploring policy for `observation` (o,)."""
+        """Return an action (a,) of the exploring policy for `observation` (o,)."""
         action: NDArray[np.float32] = student.sample_actions(observation[None], self._rng)[0]
         return action
 
     def evaluate(self, student: Student, tasks: Task, greedy: bool, budget: int) -> Outcomes | None:
-        """Plays an episode of each task.
+        """Play an episode of each task.
 
         Args:
             student: student that acts.
@@ -158,7 +158,7 @@ class Trials:
         return Outcomes(episodic_returns, episodic_returns > self._spec.mastery_threshold, lengths)
 
     def close(self) -> None:
-        """Closes all worlds."""
+        """Close all worlds."""
         for environment in self._environments:
             environment.close()
 
@@ -174,7 +174,7 @@ class Trials:
 
 
 class Recorder:
-    """Collects one episode; copies, since an environment may reuse its arrays.
+    """Recorder of one episode, in copies, since an environment may reuse its arrays.
 
     Args:
         initial_observation: observation of `reset` (o,).
@@ -189,14 +189,14 @@ class Recorder:
         self._terminated = False
 
     def add(self, step: Transition) -> None:
-        """Appends a step."""
+        """Append a step."""
         self._observations.append(step.next_observation.copy())
         self._actions.append(step.action.copy())
         self._rewards.append(step.reward)
         self._terminated = step.terminated
 
     def trajectory(self) -> Trajectory:
-        """Returns the steps so far, at least one."""
+        """Return the steps so far, at least one."""
         return Trajectory(
             observations=np.stack(self._observations).astype(np.float32, copy=False),
             actions=np.stack(self._actions).astype(np.float32, copy=False),

@@ -48,7 +48,7 @@ class SavedPolicy:
                 (place / path.name).write_bytes(self.store.read_bytes(str(path)))
 
     def read(self, place: Path, reader: Callable[[str, Path], T]) -> T:
-        """Return what `reader` makes of the student's name and the copy in `place`.
+        """Return the result of `reader` for the student's name and the copy in `place`.
 
         Raises:
             PolicyFileError: errors of the reader, naming the original.

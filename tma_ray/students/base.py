@@ -98,7 +98,7 @@ class Student(ABC):
         """
 
     def entropy_bonuses(self, observations: Observations) -> NDArray[np.float64]:
-        """Return what the values of `observations` (n, o) count in addition to the reward of a step.
+        """Return the part of the values of `observations` (n, o) that is not reward.
 
         Scores that compare values with rewards add them to the rewards.
 
@@ -160,7 +160,7 @@ class Student(ABC):
 
     @classmethod
     def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: ARG003
-        """Return what the greedy policy in `folder` computes: observations (n, o) to actions (n, a).
+        """Return the layers of the greedy policy in `folder`, from observations (n, o) to actions (n, a).
 
         Files in other formats are made of it. What is not a layer of torch, nor one of
         `tma_ray.students.layers`, cannot be expected to be known there. A student that says nothing

@@ -172,7 +172,7 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
 
 
 def policy_layers(name: str, folder: Path) -> nn.Sequential:
-    """Return what the greedy policy computes that a student called `name` saved in `folder`.
+    """Return the layers of the greedy policy that a student called `name` saved in `folder`.
 
     That is a row of torch's layers and those of `tma_ray.students.layers`, which takes raw
     observations (n, o) and returns actions (n, a): normalisation and bounds are among them.

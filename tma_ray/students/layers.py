@@ -23,7 +23,7 @@ from tma_ray.students.policy_files import StoredPolicy
 
 
 class Standardise(nn.Module):
-    """Takes off a mean, divides by a deviation and clips: in float64, as `Normaliser` does.
+    """Layer that subtracts a mean, divides by a deviation and clips, in float64 as `Normaliser` does.
 
     Args:
         mean: mean of observations (o,).
@@ -67,7 +67,7 @@ class Affine(nn.Module):
 
 
 class Clamp(nn.Module):
-    """Moves each value into its bounds.
+    """Layer that clips each value to its bounds.
 
     Args:
         low: smallest values (k,).
@@ -93,13 +93,13 @@ def in_a_row(layers: Sequence[nn.Module]) -> nn.Sequential:
 
 
 def unscale(actions: spaces.Box) -> Affine:
-    """Return what maps actions (n, a) from [-1, 1] to their bounds."""
+    """Return the layer that maps actions (n, a) from [-1, 1] to their bounds."""
     low, high = (np.asarray(bound, np.float64) for bound in (actions.low, actions.high))
     return Affine((high - low) / 2, (high + low) / 2)
 
 
 def acting_layers(model: BaseAlgorithm) -> nn.Sequential:
-    """Return what `model` computes in ``predict(observations, deterministic=True)``.
+    """Return the layers of ``predict(observations, deterministic=True)`` of `model`.
 
     Raises:
         ValueError: its policy is not built as those of stable-baselines3 and sb3-contrib are.
@@ -203,7 +203,7 @@ class GreedyNetwork:
 
 
 def tensor_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Return what `StoredPolicy.check` expects of the layers, whose sizes are ``hidden_units``.
+    """Return the shapes that `StoredPolicy.check` expects of layers of the sizes ``hidden_units``.
 
     Raises:
         PolicyFileError: these are not sizes, or the activation is unknown.

@@ -49,12 +49,12 @@ class Normaliser:
         self._discounted_return = 0.0
 
     def update(self, observation: Observations) -> None:
-        """Counts one more observation (o,)."""
+        """Count one more observation (o,)."""
         _count_in(observation, self._mean, self._variance, self._count)
         self._count += 1
 
     def update_reward(self, reward: float) -> None:
-        """Counts one more reward of the running episode."""
+        """Count one more reward of the running episode."""
         self._discounted_return = self._discounted_return * self.gamma + reward
         count = self._return_count
         total = count + 1
@@ -64,11 +64,11 @@ class Normaliser:
         self._return_count = total
 
     def end_episode(self) -> None:
-        """Starts the discounted return of the next episode."""
+        """Start the discounted return of the next episode."""
         self._discounted_return = 0.0
 
     def count_in(self, transition: Transition, value: Callable[[Observations], float]) -> float:
-        """Counts one more step, after the first observation of its episode; returns its normalised reward.
+        """Count one more step, after the first observation of its episode; return its normalised reward.
 
         Args:
             transition: the step.
@@ -87,7 +87,7 @@ class Normaliser:
         return reward
 
     def normalise(self, observations: Observations) -> Observations:
-        """Returns `observations` (..., o) normalised and clipped."""
+        """Return `observations` (..., o) normalised and clipped."""
         rows = np.ascontiguousarray(observations).reshape(-1, len(self._mean))
         return scaled(rows, *self.statistics).reshape(observations.shape)
 
@@ -97,7 +97,7 @@ class Normaliser:
         return self._mean, self._variance, self.observation_clip
 
     def normalise_reward(self, reward: float) -> float:
-        """Returns `reward` scaled and clipped; the mean is not taken off."""
+        """Return `reward` scaled and clipped; the mean is not taken off."""
         return max(-self.reward_clip, min(self.reward_clip, reward / self.reward_scale))
 
     @property
@@ -106,7 +106,7 @@ class Normaliser:
         return math.sqrt(self._return_variance + EPSILON)
 
     def save(self, path: Path) -> None:
-        """Writes all statistics as JSON.
+        """Write all statistics as JSON.
 
         To normalise an observation: ``clip((observation - observation_mean) /
         sqrt(observation_variance + epsilon), -observation_clip, observation_clip)``.
@@ -127,7 +127,7 @@ class Normaliser:
         path.write_text(json.dumps(content, indent=1))
 
     def tensors(self) -> dict[str, NDArray[np.float64]]:
-        """Returns what normalises observations, by the names in a saved policy."""
+        """Return the tensors that normalise observations, by the names in a saved policy."""
         return {
             MEAN_TENSOR: self._mean,
             VARIANCE_TENSOR: self._variance,
@@ -136,13 +136,13 @@ class Normaliser:
 
     @staticmethod
     def tensor_kinds(size: int) -> dict[str, tuple[tuple[int, ...], str]]:
-        """Returns shapes and types of `tensors`, for observations of length `size`."""
+        """Return shapes and types of `tensors`, for observations of length `size`."""
         shapes = {MEAN_TENSOR: (size,), VARIANCE_TENSOR: (size,), COUNT_TENSOR: ()}
         return {name: (shape, "float64") for name, shape in shapes.items()}
 
     @classmethod
     def load(cls, path: Path) -> Normaliser:
-        """Returns the normaliser that `save` wrote, equal to the last bit."""
+        """Return the normaliser that `save` wrote, equal to the last bit."""
         content = json.loads(path.read_text())
         mean: NDArray[np.float64] = np.array(content["observation_mean"])
         normaliser = cls(mean.size, content["gamma"], content["observation_clip"], content["reward_clip"])
@@ -157,7 +157,7 @@ class Normaliser:
 
 
 def first_normaliser(hyper: PPOHyperparameters, size: int) -> Normaliser:
-    """Returns what a student begins with: new statistics, or those of the file that it starts from.
+    """Return the first statistics of a student: new ones, or those of the file that it starts from.
 
     Raises:
         ValueError: the file is not there, or is of a student with other observations, gamma or clips.
@@ -193,7 +193,7 @@ def _count_in(
 def scaled(
     observations: Observations, mean: NDArray[np.float64], variance: NDArray[np.float64], clip: float
 ) -> Observations:
-    """Returns `observations` (n, o) normalised and clipped."""
+    """Return `observations` (n, o) normalised and clipped."""
     deviation = np.sqrt(variance + EPSILON)
     results = np.empty(observations.shape, dtype=np.float32)
     for row in range(len(observations)):

@@ -152,7 +152,7 @@ def write_policy(
 
 
 def read_policy(folder: Path, student: str) -> StoredPolicy:
-    """Return what `write_policy` wrote. Whoever asked then calls `StoredPolicy.check`.
+    """Return the policy that `write_policy` wrote; the caller then calls `StoredPolicy.check`.
 
     Raises:
         PolicyFileError: a file is missing, damaged, of another format version or of another student.

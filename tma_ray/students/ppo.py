@@ -193,7 +193,7 @@ def _policy_gradients(
 def _value_error(
     values: torch.Tensor, steps: Steps, clip: float | None
 ) -> tuple[torch.Tensor, torch.Tensor | float]:
-    """Return how far off the clipped `values` (n,) are, and 1 where the clipping lets a gradient through."""
+    """Return the errors of the clipped `values` (n,), and 1 where the clipping lets a gradient through."""
     if clip is None:
         return values - steps.returns, 1.0
     change = values - steps.old_values
@@ -201,7 +201,7 @@ def _value_error(
 
 
 class PPOUpdate:
-    """Trains the networks of `model`, whose policy and value share a `Trunk`.
+    """PPO's update of the networks of `model`, whose policy and value share a `Trunk`.
 
     The model stays their owner, and the owner of the optimiser's state.
 

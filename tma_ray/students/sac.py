@@ -156,7 +156,7 @@ POLICIES: dict[LogStd, type[SACPolicy]] = {LogStd.TANH: TanhPolicy, LogStd.CLAMP
 
 
 class SACUpdate:
-    """Trains the networks of `model`, which stays their owner, and the owner of the optimisers' states.
+    """SAC's update of the networks of `model`, which owns them and the optimisers' states.
 
     Args:
         model: a set-up stable-baselines3 SAC with a fixed entropy coefficient.

@@ -22,7 +22,7 @@ class Boundary(NamedTuple):
 
 @dataclass
 class ADR(Teacher):
-    """Grows a box of uniform tasks from a single one, wherever the student does well on its boundary.
+    """Box of uniform tasks that grows from a single one, wherever the student does well on its boundary.
 
     With probability `boundary_share` one coordinate of a task is set to a boundary of the box, chosen
     at random, and the return is queued for that boundary. The mean of a full queue moves it: out at

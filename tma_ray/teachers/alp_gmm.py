@@ -98,7 +98,7 @@ class AbsoluteLearningProgress:
 
 @dataclass
 class ALPGMM(MixtureTeacher):
-    """Samples where the absolute learning progress of recent tasks is high.
+    """Gaussian mixture that samples where the absolute learning progress of recent tasks is high.
 
     The mixture is fitted on the latest tasks, each with its absolute learning progress (ALP) as a
     further coordinate; a component is chosen in proportion to its mean ALP.

@@ -89,7 +89,7 @@ class Teacher(ABC):
 
     @classmethod
     def refusal(cls, space: TaskSpace) -> str:
-        """Return why a task space is beyond the limits that the teacher declares; empty if it is not."""
+        """Return the reason why a task space exceeds the teacher's declared limits; empty if it does not."""
         if cls.most_dimensions is not None and space.size > cls.most_dimensions:
             return f"{cls.__name__} teaches in {cls.most_dimensions} dimensions at most, not {space.size}"
         if not cls.constant_dimensions and (space.width == 0).any():
@@ -101,7 +101,7 @@ class Teacher(ABC):
         """Return the next task, float32 (d,) inside the space; as a `Proposal`, if it is not to train."""
 
     def propose(self) -> Proposal:
-        """Return what `sample` gives, as a proposal; whoever drives a teacher calls this method.
+        """Return the task of `sample` as a proposal; the loop that drives a teacher calls this method.
 
         Raises:
             ValueError: an episode without learning from a teacher that does not declare `wants_evaluations`.
@@ -145,7 +145,7 @@ class Teacher(ABC):
         self._updates.append(update)
 
     def drain_updates(self) -> list[TeacherUpdate]:
-        """Return what was logged since the last call."""
+        """Return the updates logged since the last call."""
         updates, self._updates = self._updates, []
         return updates
 

@@ -26,7 +26,7 @@ class CovarianceProgress(StrEnum):
 
 @dataclass
 class CovarGMM(MixtureTeacher):
-    """Samples where the returns of recent tasks change with time.
+    """Gaussian mixture that samples where the returns of recent tasks change with time.
 
     The mixture is fitted on rows of a task, its time and its episodic return; a component is chosen
     in proportion to the covariance of time and return in it. Time is the episode's place among those

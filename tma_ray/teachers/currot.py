@@ -201,7 +201,7 @@ class SuccessBuffer:
         return float(np.median(self.returns)) if len(self.returns) else -np.inf
 
     def _kept_of_old(self, new: int) -> NDArray[np.int64]:
-        """Return the places of the tasks that stay while `new` ones come, of those that may go the best."""
+        """Return the places of the old tasks that stay when `new` ones are added."""
         may_go = int((self.returns < self.least).sum()) if self.reached else len(self.returns) // 2 + 1
         order = np.argsort(self.returns, kind="stable")
         return np.sort(order[min(new, may_go) :])
@@ -227,7 +227,7 @@ JITTER = 1e-3
 
 @dataclass
 class CURROT(Teacher):
-    """Moves particles towards a target distribution, as far as the student's returns allow.
+    """Particles that move towards a target distribution, as far as the student's returns allow.
 
     Tasks are particles, drawn at random. Every `update_every` episodes an optimal assignment gives each
     particle a target, drawn uniformly from the space; it moves to the point nearest to that in a ball around

@@ -162,7 +162,7 @@ class EntropyUpdate:
         return float(weights.sum()), weights @ gradients
 
     def room(self, logs: Array) -> tuple[float, Array]:
-        """Return how far the divergence is under its bound, and the gradient."""
+        """Return the distance of the divergence under its bound, and the gradient."""
         divergence, gradient = self.present.divergence(BetaProduct.of_logs(logs))
         return self.most_divergence - divergence, -gradient
 

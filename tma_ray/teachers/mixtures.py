@@ -77,7 +77,7 @@ def fit_mixture(rows: Array, most_components: int, seed: int) -> Mixture:
 
 @dataclass
 class MixtureTeacher(Teacher):
-    """Samples from the components of a Gaussian mixture in proportion to their learning progress.
+    """Teacher that samples the components of a Gaussian mixture in proportion to their learning progress.
 
     Every `fit_every` episodes the mixture is fitted on the latest rows: a task and the coordinates
     that `measure` adds to it. Until the first fit tasks are uniform, or from the initial Gaussian at

@@ -182,7 +182,7 @@ MARGIN = 1e-4
 
 
 class HighwayNetwork(nn.Module):
-    """Maps (n, inputs) to (n, outputs) by a tanh layer, three gated tanh layers and a linear one.
+    """Network from (n, inputs) to (n, outputs): a tanh layer, three gated tanh layers and a linear one.
 
     A gated layer mixes its input with a tanh layer of it (Srivastava et al. 2015). Before any training
     every output is `start`.
@@ -234,7 +234,7 @@ class AffineCoupling(nn.Module):
         return self._replaced(points, points[:, self._moved] * scale + shift), scale.log().sum(dim=1)
 
     def inverse(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return what leads to `points` (n, d), and the log-determinant (n,) of `forward` there."""
+        """Return the origins of `points` (n, d) under `forward`, and its log-determinant (n,) there."""
         scale, shift = self._scale_and_shift(points, condition)
         return self._replaced(points, (points[:, self._moved] - shift) / scale), scale.log().sum(dim=1)
 

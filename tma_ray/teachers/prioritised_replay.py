@@ -148,7 +148,7 @@ LOG_EVERY = 100
 
 @dataclass
 class PrioritisedReplay(Teacher):
-    """Plays new tasks, keeps those of highest score in a buffer, and replays these.
+    """Teacher that plays new tasks, keeps those of highest score in a buffer, and replays these.
 
     Sources: Jiang et al. 2021a (prioritised level replay) and 2021b (replay-guided adversarial environment
     design). Defaults are those of the authors' runs on a walker whose world has continuous parameters

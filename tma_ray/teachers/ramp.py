@@ -25,7 +25,7 @@ LOG_EVERY = 100
 
 @dataclass
 class Ramp(Teacher):
-    """Moves a Gaussian steadily from the initial to the target distribution, however the student fares.
+    """Gaussian that moves steadily from the initial to the target distribution, whatever the student masters.
 
     Mean and standard deviation change linearly with the steps of the run until `steps`; from there on tasks
     come from the target distribution. It is the schedule that somebody who knows which tasks are easy would

@@ -11,7 +11,7 @@ from tma_ray.teachers.base import Teacher
 
 @dataclass
 class Random(Teacher):
-    """Samples uniformly over the task space (paper, appendix A); no expert knowledge changes it."""
+    """Uniform tasks of the task space (paper, appendix A); no expert knowledge changes them."""
 
     algorithm_version: ClassVar[int | None] = 1
 

@@ -162,7 +162,7 @@ def cut_scores(left: NDArray[np.bool_], returns: Array) -> Array:
 
 
 def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
-    """Return what `Region.progress` is (c,) for the parts with the given `members` (c, n)."""
+    """Return `Region.progress` (c,) of the parts with the given `members` (c, n)."""
     count = members.sum(axis=1)
     later = count // 2
     earlier = count - later
@@ -182,7 +182,7 @@ FORGOTTEN = 4
 
 @dataclass
 class RIAC(Teacher):
-    """Samples regions of the task space in proportion to their absolute learning progress (ALP).
+    """Regions of the task space, sampled in proportion to their absolute learning progress (ALP).
 
     A region that is full is cut in two where the parts differ most in ALP. Tasks are uniform in a
     region chosen in proportion to ALP among all, divided ones included; some are uniform over the task

@@ -24,7 +24,7 @@ from tma_ray.teachers.numerics import cloud_gaussian
 
 @dataclass
 class SFL(Teacher):
-    """Samples from the tasks of highest learnability among random ones, which are evaluated now and then.
+    """Tasks of highest learnability among random ones, which are evaluated now and then.
 
     The learnability of a task that the student masters with the frequency p is p (1 - p). After the first
     episode, and then every `refresh_every` episodes, the student plays `rollouts` episodes of each of

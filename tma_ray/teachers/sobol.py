@@ -18,7 +18,7 @@ BLOCK = 256
 
 @dataclass
 class Sobol(Teacher):
-    """Samples a scrambled Sobol sequence: uniform, without the gaps and clusters of chance.
+    """Scrambled Sobol sequence of tasks: uniform, without the gaps and clusters of chance.
 
     Each power of 2 of its first tasks is spread evenly over the space; the seed scrambles them.
 

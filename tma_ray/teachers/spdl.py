@@ -204,7 +204,7 @@ LARGEST_PENALTY = 1e5
 
 @dataclass
 class SPDL(Teacher):
-    """Moves a Gaussian from an initial to a target distribution, at the pace of the student's values.
+    """Gaussian that moves from an initial to a target distribution, at the pace of the student's values.
 
     Every update maximises the value of the initial states that the tasks led to, minus a penalty for
     the divergence from the target, within a bound on the divergence from the old Gaussian. The

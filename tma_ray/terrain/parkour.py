@@ -243,7 +243,7 @@ def _creeper_heights(height: float, width: float, spacing: float, rng: np.random
 
 
 def _points_over(width: float) -> int:
-    """Return how many points to the right of its left side a creeper of `width` ends, at least 1."""
+    """Return the number of points, at least 1, between the left side of a creeper of `width` and its end."""
     return max(1, int(max(MINIMUM_CREEPER_WIDTH, width) / STEP))
 
 
@@ -348,7 +348,7 @@ CLIMBER_GAP = 4.0
 
 
 def demands(terrain: Terrain, body_type: str) -> dict[str, float]:
-    """Return what `terrain` demands between start and goal of bodies of a type, 1 being the most they can.
+    """Return the demands of `terrain` on bodies of a type between start and goal; 1 is the most they can do.
 
     Args:
         terrain: a world of Parkour.
@@ -382,7 +382,7 @@ def smoothest_path(low: Floats, high: Floats) -> Floats:
 
 
 def greatest_rise(heights: Floats) -> float:
-    """Return how much `heights` (n,), one a terrain step, rise at most within `WINDOW_STEPS`; 0 if never."""
+    """Return the greatest rise of `heights` (n,), one a terrain step, within `WINDOW_STEPS`; 0 if none."""
     rises = [(heights[steps:] - heights[:-steps]).max() for steps in range(1, WINDOW_STEPS + 1)]
     return max(0.0, float(max(rises)))
 

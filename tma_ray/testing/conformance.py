@@ -100,7 +100,7 @@ class TeacherConformance:
             metafunc.parametrize("pupil", [TrialStudent.HOPELESS, TrialStudent.PERFECT])
 
     def test_hyperparameters_are_fields_with_defaults(self) -> None:
-        """They can be left out, listed, and stored as JSON."""
+        """Hyper-parameters can be left out, listed, and stored as JSON."""
         assert issubclass(self.teacher, Teacher), f"{self._name} does not inherit from Teacher"
         annotated = set(inspect.get_annotations(self.teacher))
         forgotten = sorted(annotated - set(self.teacher.__dataclass_fields__))
@@ -193,7 +193,7 @@ class TeacherConformance:
         assert not changed, f"{self._name} changed the global state of {changed}; draw from self.rng only"
 
     def test_a_probe_leaves_no_trace(self, scenario: Scenario) -> None:
-        """It is repeatable, stays inside the space, and changes nothing that comes after."""
+        """A probe is repeatable, stays inside the space, and changes nothing that comes after."""
         teacher, tasks = self._started(scenario), []
         for first in range(0, self.episodes, 80):
             probe, again = teacher.probe(PROBED), teacher.probe(PROBED)

@@ -121,7 +121,7 @@ def run_cells(
 
 
 def run_count(cells: Sequence[SimulatedCell], seeds: Sequence[int]) -> int:
-    """Return how many runs `cells` have with `seeds`."""
+    """Return the number of runs of `cells` with `seeds`."""
     return len(runs_of(cells)) * len(seeds)
 
 

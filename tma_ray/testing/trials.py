@@ -136,7 +136,7 @@ class Scenario:
         return new
 
     def episode(self, task: Task, index: int, pupil: TrialStudent) -> Episode:
-        """Return what a pupil makes of `task` as its episode number `index`, counted from 0."""
+        """Return the pupil's episode number `index`, counted from 0, on `task`."""
         observation = np.array([self._difficulty(task), 0.2 + index / 1000], dtype=np.float32)
         luck = UNSTEADINESS if index % 2 else -UNSTEADINESS
         fixed = {TrialStudent.HOPELESS: -100.0, TrialStudent.PERFECT: 300.0}
@@ -152,7 +152,7 @@ class Scenario:
         )
 
     def outcomes(self, tasks: Task, index: int, pupil: TrialStudent) -> Outcomes:
-        """Return what a pupil makes of `tasks` (n, d) after its episode number `index`."""
+        """Return the pupil's outcomes on `tasks` (n, d) after its episode number `index`."""
         episodes = [self.episode(task, index, pupil) for task in tasks]
         episodic_returns = np.array([each.episodic_return for each in episodes])
         return Outcomes(

@@ -58,7 +58,7 @@ class PlaySettings:
 
 
 def play(settings: PlaySettings, output: Path | None = None) -> Path:
-    """Writes the playground and opens it in a browser, unless it was written to a given file.
+    """Write the playground and open it in a browser, unless it was written to a given file.
 
     Returns:
         The file.
@@ -80,7 +80,7 @@ def play(settings: PlaySettings, output: Path | None = None) -> Path:
 
 
 def play_page(settings: PlaySettings) -> str:
-    """Returns the playground as HTML; arguments and errors as of `play`."""
+    """Return the playground as HTML; arguments and errors as of `play`."""
     named = [name for name in dict.fromkeys(settings.policies) if name not in UNTRAINED]
     records = [policy_record(find_policy(name, settings.results), settings.results) for name in named]
     first: dict[str, Any] = (

@@ -44,7 +44,7 @@ Grid = list[list[Axes | None]]
 
 
 def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
-    """Returns `chart_of` made to return its chart as a figure of matplotlib."""
+    """Return `chart_of` made to return its chart as a figure of matplotlib."""
 
     @functools.wraps(chart_of)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -55,7 +55,7 @@ def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
 
 @styled
 def draw(chart: Chart) -> Figure:
-    """Returns a chart as a figure of matplotlib; panels with moments are drawn as they are at the end."""
+    """Return a chart as a figure of matplotlib; panels with moments are drawn as they are at the end."""
     if isinstance(chart.all_panels[0], Radar):
         return draw_radars(chart)
     with mpl.rc_context(_letters(chart)):
@@ -75,7 +75,7 @@ def _letters(chart: Chart) -> Any:
 
 
 def lay_out(chart: Chart) -> tuple[Figure, Grid]:
-    """Returns a figure with empty panels whose axes have bounds, ticks and headings."""
+    """Return a figure with empty panels whose axes have bounds, ticks and headings."""
     rows, columns = len(chart.panels), len(chart.panels[0])
     width, height = chart.size
     top = chart.legend in (Legend.TOP, Legend.BESIDE)
@@ -110,7 +110,7 @@ def lay_out(chart: Chart) -> tuple[Figure, Grid]:
 
 
 def _shared(scales: Sequence[Sequence[Scale | None]]) -> str:
-    """Returns which panels have the same axis: all, those of a row, or none."""
+    """Return the panels that share an axis: all, those of a row, or none."""
     found = [[each for each in row if each is not None] for row in scales]
     if not all(each.bounded or each.rows for row in found for each in row):
         return "none"
@@ -120,7 +120,7 @@ def _shared(scales: Sequence[Sequence[Scale | None]]) -> str:
 
 
 def _prepare(axes: Axes, panel: Panel, ticks: int, letters: int) -> None:
-    """Gives empty axes their bounds, ticks, frame and heading."""
+    """Give empty axes their bounds, ticks, frame and heading."""
     flat = panel.x.kind is Kind.STEPS and panel.y.kind is Kind.TASK
     _prepare_axis(axes.xaxis, panel.x, ticks)
     _prepare_axis(axes.yaxis, panel.y, ticks, flat)
@@ -137,7 +137,7 @@ def _prepare(axes: Axes, panel: Panel, ticks: int, letters: int) -> None:
 
 
 def _prepare_axis(axis: XAxis | YAxis, scale: Scale, ticks: int, flat: bool = False) -> None:
-    """Gives an axis its bounds and ticks; that of a flat panel has ticks at its bounds only."""
+    """Give an axis its bounds and ticks; that of a flat panel has ticks at its bounds only."""
     upright = isinstance(axis, YAxis)
     bounds = axis.axes.set_ylim if upright else axis.axes.set_xlim
     axis.grid(scale.grid)
@@ -164,7 +164,7 @@ def _prepare_axis(axis: XAxis | YAxis, scale: Scale, ticks: int, flat: bool = Fa
 
 
 def _name_axes(figure: Figure, grid: Grid, chart: Chart) -> None:
-    """Names the axes: once for all panels where all have the same name."""
+    """Name the axes: once for all panels where all have the same name."""
     for side, share, name in (("x", figure.supxlabel, "set_xlabel"), ("y", figure.supylabel, "set_ylabel")):
         titles = {getattr(panel, side).title for panel in chart.all_panels} - {""}
         kinds = {(panel.x.kind, getattr(panel, side).kind) for panel in chart.all_panels}
@@ -189,14 +189,14 @@ FLAT: dict[str, Any] = {"rotation": 0, "ha": "right", "va": "center", "labelpad"
 
 
 def _folded(name: str) -> str:
-    """Returns a long name in lines, with its unit on a line of its own."""
+    """Return a long name in lines, with its unit on a line of its own."""
     words, bracket, unit = name.partition(" (")
     lines = [*textwrap.wrap(words, 22), *([bracket.strip() + unit] if bracket else [])]
     return "\n".join(lines) if len(name) > 22 else name
 
 
 def _unit(panel: Panel, side: str, title: str) -> str:
-    """Returns the title of an axis; steps are in the unit that suits their number."""
+    """Return the title of an axis; steps are in the unit that suits their number."""
     scale: Scale = getattr(panel, side)
     if scale.kind is not Kind.STEPS:
         return title
@@ -215,7 +215,7 @@ def _step_unit(high: float) -> tuple[float, str]:
 
 
 def finish(figure: Figure, grid: Grid, chart: Chart) -> None:
-    """Adds colour bars, legends, heading and note around the panels."""
+    """Add colour bars, legends, heading and note around the panels."""
     for row, panels in zip(grid, chart.panels, strict=True):
         for axes, panel in zip(row, panels, strict=True):
             if axes is not None and panel.x.kind is Kind.STEPS:
@@ -245,14 +245,14 @@ def _in_unit(unit: float, step: float, _: int) -> str:
 
 
 def _handles(chart: Chart) -> list[Line2D]:
-    """Returns the entries of the legend: named marks, each once, and keys."""
+    """Return the entries of the legend: named marks, each once, and keys."""
     marks = {mark.name: mark for panel in chart.all_panels for mark in panel.marks if mark.name}
     lines = [] if chart.legend is Legend.BESIDE else [line_handle(mark) for mark in marks.values()]
     return [*lines, *map(mark_handle, chart.keys)]
 
 
 def _colour_bars(figure: Figure, grid: Grid, chart: Chart) -> None:
-    """Draws the scale of colours once if all rows have the same, else next to each row that has one."""
+    """Draw the scale of colours once if all rows have the same, else next to each row that has one."""
     found = [
         next((c for panel in row if panel for c in map(_colours, panel.marks) if c), None)
         for row in chart.panels

@@ -24,7 +24,7 @@ POINTS = 72
 
 
 def line_handle(mark: Mark) -> Line2D:
-    """Returns a piece of the line of a named mark."""
+    """Return a piece of the line of a named mark."""
     fill = mark.fill if isinstance(mark, Curve) else ""
     marked = not isinstance(mark, Curve) or mark.width >= 1.5
     look = mark.look if marked else mark.look._replace(marker="")
@@ -32,7 +32,7 @@ def line_handle(mark: Mark) -> Line2D:
 
 
 def look_handle(look: Look, name: str, fill: str = "", line: bool = True) -> Line2D:
-    """Returns a piece of a line in its look, named."""
+    """Return a piece of a line in its look, named."""
     edge = look.colour if fill and fill != look.colour else "white"
     style: dict[str, Any] = {"color": look.colour, "marker": look.marker, "markersize": 4, "linewidth": 1.3}
     style |= {
@@ -45,14 +45,14 @@ def look_handle(look: Look, name: str, fill: str = "", line: bool = True) -> Lin
 
 
 def mark_handle(key: Key) -> Line2D:
-    """Returns a mark that means the same for all teachers, named."""
+    """Return a mark that means the same for all teachers, named."""
     inside = key.colour if key.full else "white"
     style: dict[str, Any] = {"color": key.colour, "markerfacecolor": inside, "markeredgewidth": 0.7}
     return Line2D([], [], marker=key.marker, linestyle="none", markersize=key.size, label=key.name, **style)
 
 
 def legend(figure: Figure, handles: Sequence[Line2D], loc: Any, size: float = 7, **place: Any) -> Legend:
-    """Draws one legend for the whole figure, in as many columns as its width has room for."""
+    """Draw one legend for the whole figure, in as many columns as its width has room for."""
     return figure.legend(
         handles=list(handles),
         loc=loc,
@@ -69,13 +69,13 @@ def legend(figure: Figure, handles: Sequence[Line2D], loc: Any, size: float = 7,
 
 
 def legend_height(handles: Sequence[Line2D], width: float, size: float = 7) -> float:
-    """Returns the height of a `legend` in a figure of this width, inches."""
+    """Return the height of a `legend` in a figure of this width, inches."""
     rows = -(-len(handles) // _columns(handles, width, size))
     return (rows * 1.6 + 0.6) * size / POINTS if handles else 0.0
 
 
 def _columns(handles: Sequence[Line2D], width: float, size: float) -> int:
-    """Returns the largest number of columns that fits."""
+    """Return the largest number of columns that fits."""
     em = size / POINTS
     widths = [(len(str(handle.get_label())) * CHARACTER + 0.5) * em for handle in handles]
     gaps = (HANDLE + COLUMN_GAP) * em

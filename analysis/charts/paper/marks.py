@@ -40,13 +40,13 @@ DIAMETER, THICKNESS = 0.55, 0.75
 
 
 class Marks:
-    """Draws the marks of a panel in its axes."""
+    """Renderer of the marks of a panel in its axes."""
 
     def __init__(self, axes: Axes, panel: Panel) -> None:
         self._axes, self._panel = axes, panel
 
     def draw(self) -> None:
-        """Draws the marks, or the reason why there are none."""
+        """Draw the marks, or the reason why there are none."""
         axes, panel = self._axes, self._panel
         if panel.remark:
             style: dict[str, Any] = {"ha": "center", "va": "center", "color": MUTED}
@@ -71,7 +71,7 @@ class Marks:
 
     @_draw.register
     def _curve(self, mark: Curve) -> None:
-        """Draws a line from where all runs have values, thin where some of them have yet to arrive."""
+        """Draw a line from where all runs have values, thin where some of them have yet to arrive."""
         whole = np.ones(len(mark.x), bool) if mark.n is None else mark.n == mark.n.max()
         start, end = (int(place) for place in np.flatnonzero(whole)[[0, -1]])
         x, colour = mark.x[start:], mark.look.colour
@@ -196,7 +196,7 @@ class Marks:
             self._axes.text(mark.x, mark.y, mark.text, ha="center", **style)
 
     def _draw_stars(self, row: StarRow, place: int) -> None:
-        """Draws a row of stars above a panel, and the line's marker at its end."""
+        """Draw a row of stars above a panel, and the line's marker at its end."""
         axes, colour = self._axes, row.look.colour
         rise = ScaledTranslation(0, (5 + STAR_ROW * place) / 72, axes.figure.dpi_scale_trans)
         along = axes.get_xaxis_transform() + rise
@@ -229,7 +229,7 @@ def _within(scale: Scale, values: Array) -> bool:
 
 
 def _edges(centres: Array) -> Array:
-    """Returns the n + 1 edges of n cells."""
+    """Return the n + 1 edges of n cells."""
     if len(centres) < 2:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
     middle = (centres[1:] + centres[:-1]) / 2
@@ -237,5 +237,5 @@ def _edges(centres: Array) -> Array:
 
 
 def mappable(colours: Colours) -> ScalarMappable:
-    """Returns the colours of values."""
+    """Return the colours of values."""
     return ScalarMappable(Normalize(colours.low, colours.high), colours.name)

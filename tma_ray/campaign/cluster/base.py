@@ -19,7 +19,7 @@ class Watched(Protocol):
     """A Ray without which a campaign cannot go on."""
 
     def lost(self, patience: float) -> str | None:
-        """Return why the head counts as lost after a silence of `patience`, s; None while it does not."""
+        """Return the reason why the head counts as lost after a silence of `patience`, s; else None."""
         ...
 
     def abandon(self) -> None:

@@ -96,7 +96,7 @@ class JoinedHead:
             )
 
     def lost(self, patience: float) -> str | None:
-        """Return how long the head has not answered, if that is longer than `patience`; see `Head`."""
+        """Return the time without an answer of the head, if it exceeds `patience`; see `Head`."""
         silent = time.monotonic() - self._answered
         if silent <= patience:
             return None
@@ -123,7 +123,7 @@ class JoinedHead:
 
 
 def patience_of_ray() -> float:
-    """Return how long this cluster's processes wait for a head that is gone, s."""
+    """Return the time for which this cluster's processes wait for a lost head, s."""
     settings: dict[str, Any] = state.get_system_config()  # type: ignore[no-untyped-call]
     return float(
         settings.get(PATIENCE_SETTING) or os.environ.get(f"RAY_{PATIENCE_SETTING}") or DEFAULT_PATIENCE

@@ -67,7 +67,7 @@ class OwnProcesses:
                     self._core[process] = CORE[name]
 
     def lost(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # processes are seen at once
-        """Return which core processes are gone, however short the silence; see `Watched`."""
+        """Return the core processes that are gone, however short the silence; see `Watched`."""
         self.look()
         gone = [name for process, name in self._core.items() if not self._serves(process)]
         if not gone:
@@ -161,7 +161,7 @@ class LocalHead:
             raise HeadLostError(reason)
 
     def lost(self, patience: float = 0.0) -> str | None:
-        """Return which core processes are gone, None once `check` has found it out; see `Watched`."""
+        """Return the core processes that are gone, None once `check` has found it out; see `Watched`."""
         return None if self._left else self._processes.lost(patience)
 
     def abandon(self) -> None:

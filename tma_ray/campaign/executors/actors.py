@@ -33,7 +33,7 @@ NODE_LABEL = "ray.io/node-id"
 
 
 def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
-    """Returns Ray's strategy of choosing the node of an actor.
+    """Return Ray's strategy of choosing the node of an actor.
 
     Args:
         node: Ray's id of the required node, empty for any.
@@ -46,7 +46,7 @@ def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
 
 
 def launcher(kind: type, resources: Resources, strategy: Any, concurrent_calls: int) -> Any:
-    """Returns a factory of actors of class `kind`, called by ``remote``; Ray does not restart them.
+    """Return a factory of actors of class `kind`, called by ``remote``; Ray does not restart them.
 
     Args:
         kind: class of the actor.
@@ -84,7 +84,7 @@ class TeacherActor(InlineTeacher):
 def _remote(
     method: Callable[Concatenate[InlineTeacher, Arguments], Result],
 ) -> Callable[Concatenate[RemoteTeacher, Arguments], Result]:
-    """Returns a method of `RemoteTeacher` that calls `method` of its actor: one message each way."""
+    """Return a method of `RemoteTeacher` that calls `method` of its actor: one message each way."""
 
     def call(self: RemoteTeacher, /, *arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
         return cast("Result", ray.get(getattr(self.actor, method.__name__).remote(*arguments, **options)))
@@ -133,11 +133,11 @@ class SeedActor:
 
     @classmethod
     def launch(cls, resources: Resources, strategy: Any, *arguments: Any) -> Any:
-        """Returns the handle of a new seed actor on a node of `node_strategy`, made with `arguments`."""
+        """Return the handle of a new seed actor on a node of `node_strategy`, made with `arguments`."""
         return launcher(cls, resources, strategy, SEED_CALLS).remote(*arguments)
 
     def run(self) -> tuple[PartFile, ...] | None:
-        """Executes the attempt; returns the canonical result files, or None after a stop.
+        """Execute the attempt; return the canonical result files, or None after a stop.
 
         A second call, as after a network failure, waits for the first one and returns the same.
 
@@ -159,17 +159,17 @@ class SeedActor:
         return self._outcome.result()
 
     def report(self) -> Report | None:
-        """Returns the progress of the attempt; None while it is being set up."""
+        """Return the progress of the attempt; None while it is being set up."""
         report = self._attempt.report()
         return report and replace(report, node=ray.get_runtime_context().get_node_id())
 
     def request_stop(self) -> None:
-        """Requests a checkpoint at the end of the episode, after which `run` returns."""
+        """Request a checkpoint at the end of the episode, after which `run` returns."""
         self._stop.set()
 
 
 def reason_for_loss(error: Exception) -> str:
-    """Returns the reason for a loss in one line, without Ray's additions to the error."""
+    """Return the reason for a loss in one line, without Ray's additions to the error."""
     lines = str(getattr(error, "cause", None) or error).splitlines()
     return " ".join(line for line in lines if not line.startswith("\t"))
 
@@ -218,11 +218,11 @@ class LearnerActor:
 
     @classmethod
     def launch(cls, settings: CohortSettings, resources: Resources, node: str) -> Any:
-        """Returns the handle of a new learner on a node, by Ray's id; without one, Ray chooses."""
+        """Return the handle of a new learner on a node, by Ray's id; without one, Ray chooses."""
         return launcher(cls, resources, node_strategy(node), LEARNER_CALLS).remote(settings)
 
     def open(self) -> Opened:
-        """Returns the address once players can connect.
+        """Return the address once players can connect.
 
         Raises:
             MemoryError: the device has too little memory.
@@ -235,7 +235,7 @@ class LearnerActor:
         return Opened(self._learner, ray.get_runtime_context().get_node_id())
 
     def serve(self) -> None:
-        """Waits for the end, which only a failure brings; any number of calls may wait.
+        """Wait for the end, which only a failure brings; any number of calls may wait.
 
         Raises:
             MemoryError: the device has too little memory. Players stay connected: they do not learn of it
@@ -248,7 +248,7 @@ class LearnerActor:
             raise self._failure
 
     def report(self) -> LearnerProgress | None:
-        """Returns the progress of the learner; None before it listens."""
+        """Return the progress of the learner; None before it listens."""
         if self._server is None:
             return None
         updates, busy = self._rates()
@@ -279,7 +279,7 @@ class LearnerActor:
             self._failure = MemoryError(str(error).partition("\n")[0]) if short else error
 
     def _rates(self) -> tuple[float, float]:
-        """Returns updates of runs per second, and the share of time in which there was work."""
+        """Return updates of runs per second, and the share of time in which there was work."""
         account, now = dict(self._server.account), time.monotonic()
         self._samples.append((now, account["updates of runs"], account["waiting"]))
         while len(self._samples) > 2 and self._samples[1][0] < now - WINDOW_SECONDS:
@@ -292,7 +292,7 @@ class LearnerActor:
         return (account["updates of runs"] - updates) / seconds, 1 - idle
 
     def _memory(self) -> tuple[float, float]:
-        """Returns memory in use and in total, GiB: of the GPU, or of this process and the machine."""
+        """Return memory in use and in total, GiB: of the GPU, or of this process and the machine."""
         if self._settings.device == "cpu":
             return psutil.Process().memory_info().rss / GIB, psutil.virtual_memory().total / GIB
         import torch
@@ -302,7 +302,7 @@ class LearnerActor:
 
 
 def wait_for_end(thread: threading.Thread, turned_at: Callable[[], float | None]) -> None:
-    """Waits for the end of a learner's thread.
+    """Wait for the end of a learner's thread.
 
     Args:
         thread: thread of the learner.

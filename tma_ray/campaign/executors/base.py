@@ -36,7 +36,7 @@ class Ending:
 
 
 class Executor(Protocol):
-    """Executes attempts at runs, several at a time; decides nothing about retries and commits no results."""
+    """Executor of attempts at runs, several at a time; it decides no retries and commits no results."""
 
     @property
     def learners(self) -> Sequence[LearnerProgress]:

@@ -1,4 +1,4 @@
-"""Places of runs: on any node, or beside the learner of a cohort."""
+"""Places of runs: on any node, or with the learner of a cohort."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Kind(NamedTuple):
 
 
 def kinds_of(specs: Sequence[RunSpec]) -> dict[str, Kind]:
-    """Returns the kind of each run by its id; makes every environment once.
+    """Return the kind of each run by its id; make every environment once.
 
     Raises:
         ValueError: a student that cannot learn in a cohort, or spaces that it does not take.
@@ -94,7 +94,7 @@ class Room(NamedTuple):
 
 
 def learner_resources(settings: Settings, specs: Iterable[RunSpec], kinds: Mapping[str, Kind]) -> Resources:
-    """Returns what the learner of a full cohort of `specs` occupies: on a GPU the whole GPU."""
+    """Return the resources of the learner of a full cohort of `specs`: on a GPU the whole GPU."""
     replays = [_replay_bytes(spec, kinds[spec.run_id]) for spec in specs]
     device = settings.device.partition(":")[0]
     copies = 1 if device == "cuda" else 2  # a checkpoint's, and the learner's own where that is no GPU's
@@ -103,7 +103,7 @@ def learner_resources(settings: Settings, specs: Iterable[RunSpec], kinds: Mappi
 
 
 def room_of(node: Mapping[str, float], settings: Settings, learner: Resources) -> Room:
-    """Returns the room of a node with these resources for cohorts: full ones, or fewer players on few cores.
+    """Return the room of a node with these resources for cohorts: full ones, or fewer players on few cores.
 
     Args:
         node: Ray's amount of each resource.
@@ -133,7 +133,7 @@ def _replay_bytes(spec: RunSpec, kind: Kind) -> float:
 
 
 def check_room(settings: Settings, specs: Sequence[RunSpec], kinds: Mapping[str, Kind]) -> None:
-    """Refuses cohorts that no node can hold: Ray would let them wait forever.
+    """Refuse cohorts that no node can hold: Ray would let them wait forever.
 
     Raises:
         ValueError: a learner and a run need more than any node has.
@@ -167,23 +167,23 @@ class Places(Protocol):
     """Places of a campaign's runs."""
 
     def take(self, waiting: deque[RunSpec]) -> tuple[RunSpec, Place] | None:
-        """Takes out of `waiting` a run that can start now; returns None if none can."""
+        """Take out of `waiting` a run that can start now; return None if none can."""
         ...
 
     def leave(self, run_id: str) -> None:
-        """Frees the place of a run that has ended, however it did."""
+        """Free the place of a run that has ended, however it did."""
         ...
 
     def lost_without_fault(self, run_id: str) -> bool:
-        """Returns True if a run that has not left yet was lost through no fault of its own."""
+        """Return True if a run that has not left yet was lost through no fault of its own."""
         ...
 
     def look(self, *, over: bool) -> Sequence[LearnerProgress]:
-        """Looks after the learners of cohorts, and returns how they are; `over`: no run is to come."""
+        """Look after the learners of cohorts, and return how they are; `over`: no run is to come."""
         ...
 
     def close(self) -> None:
-        """Ends all learners."""
+        """End all learners."""
         ...
 
 
@@ -202,7 +202,7 @@ class AnyNode:
         self._taken: set[str] = set()
 
     def take(self, waiting: deque[RunSpec]) -> tuple[RunSpec, Place] | None:
-        """Returns the first run, if there is room; see `Places`."""
+        """Return the first run, if there is room; see `Places`."""
         if not waiting:
             return None
         holds = capacity(self._settings.resources, self._head.nodes()) + self._settings.queued
@@ -213,19 +213,19 @@ class AnyNode:
         return spec, Place(self._settings.placement)
 
     def leave(self, run_id: str) -> None:
-        """Frees a place; see `Places`."""
+        """Free a place; see `Places`."""
         self._taken.discard(run_id)
 
     def lost_without_fault(self, run_id: str) -> bool:  # noqa: ARG002  # of nobody
-        """Returns False: every run has a process of its own."""
+        """Return False: every run has a process of its own."""
         return False
 
     def look(self, *, over: bool) -> Sequence[LearnerProgress]:  # noqa: ARG002
-        """Returns an empty sequence: every run is its own learner."""
+        """Return an empty sequence: every run is its own learner."""
         return ()
 
     def close(self) -> None:
-        """Does nothing: every run is its own learner."""
+        """Do nothing: every run is its own learner."""
 
 
 AUTOSCALING_LEARNERS = 4
@@ -256,7 +256,7 @@ class _Cohort:
     looked_at: float = field(default_factory=time.monotonic)
 
     def choose(self, waiting: Sequence[RunSpec], kinds: Mapping[str, Kind]) -> int | None:
-        """Returns the number of the run that fits best: of a kind that learns here already, or a new one."""
+        """Return the number of the run that fits best: of a kind that learns here already, or a new one."""
         if len(self.runs) >= self.places:
             return None
         counts, new = Counter(self.runs.values()), None
@@ -299,7 +299,7 @@ class Cohorts:
         self._compiled = compilation(specs) if self._resources.gpus else False
 
     def take(self, waiting: deque[RunSpec]) -> tuple[RunSpec, Place] | None:
-        """Returns a run and its place beside a learner that listens; see `Places`."""
+        """Return a run and its place with a learner that listens; see `Places`."""
         for cohort in self._cohorts:
             number = None if cohort.learner is None else cohort.choose(waiting, self._kinds)
             if number is not None:
@@ -311,17 +311,17 @@ class Cohorts:
         return None
 
     def leave(self, run_id: str) -> None:
-        """Frees a place; see `Places`."""
+        """Free a place; see `Places`."""
         self._blameless.discard(run_id)
         for cohort in self._cohorts:
             cohort.runs.pop(run_id, None)
 
     def lost_without_fault(self, run_id: str) -> bool:
-        """Returns True if memory did not suffice for the learner of the run; see `Places`."""
+        """Return True if memory did not suffice for the learner of the run; see `Places`."""
         return run_id in self._blameless
 
     def look(self, *, over: bool) -> Sequence[LearnerProgress]:
-        """Takes in which learners listen or have ended, and how they are; see `Places`."""
+        """Update the state of the learners: listening, ended, progress; see `Places`."""
         for cohort in list(self._cohorts):
             if not self._lives(cohort) or (over and not cohort.runs):
                 self._end(cohort)
@@ -331,12 +331,12 @@ class Cohorts:
         return [cohort.progress for cohort in self._cohorts if cohort.progress is not None]
 
     def close(self) -> None:
-        """Ends all learners; see `Places`."""
+        """End all learners; see `Places`."""
         for cohort in list(self._cohorts):
             self._end(cohort)
 
     def _grow(self, waiting: int) -> None:
-        """Starts learners for runs that wait, as far as nodes have room."""
+        """Start learners for runs that wait, as far as nodes have room."""
         free = sum(cohort.places - len(cohort.runs) for cohort in self._cohorts if cohort.learner is None)
         while waiting > free:
             found = self._free_node()
@@ -351,7 +351,7 @@ class Cohorts:
             free += places
 
     def _free_node(self) -> tuple[str, int] | None:
-        """Returns a node with room for a learner, "" for one to come, and how many players it holds then."""
+        """Return a node with room for a learner, "" for one to come, and how many players it holds then."""
         taken = Counter(cohort.node for cohort in self._cohorts)
         for node in self._head.nodes():
             room = room_of(node["Resources"], self._settings, self._resources)
@@ -385,7 +385,7 @@ class Cohorts:
         cohort.asked = cohort.actor.report.remote()
 
     def _lives(self, cohort: _Cohort) -> bool:
-        """Tells whether a learner is at work, or may be although it does not answer; says why if not."""
+        """Return True if a learner is at work, or may be although it does not answer; else log the reason."""
         if not _come(cohort.ended):
             return not self._hangs(cohort)
         try:
@@ -403,7 +403,7 @@ class Cohorts:
         return False
 
     def _hangs(self, cohort: _Cohort) -> bool:
-        """Tells whether a learner that lives has not answered for too long; says so."""
+        """Return True if a living learner has not answered for too long, and log that."""
         if cohort.unanswered < self._settings.unreachable_seconds:
             return False
         host = cohort.progress.host if cohort.progress else "its node"
@@ -417,7 +417,7 @@ class Cohorts:
         return True
 
     def _narrow(self, cohort: _Cohort, error: MemoryError) -> None:
-        """Halves the width of learners to come, so that the runs of this one can go on."""
+        """Halve the width of learners to come, so that the runs of this one can go on."""
         if cohort.width == 1:
             _warn(cohort, error)
             return
@@ -440,7 +440,7 @@ class Cohorts:
 
 
 def compilation(specs: Sequence[RunSpec]) -> bool | str:
-    """Returns how updates are compiled on a GPU: with autotuning where all products are in bfloat16.
+    """Return the mode in which updates are compiled on a GPU; with autotuning if all products are bfloat16.
 
     There it doubles the speed, for minutes at the start. It chooses kernels by their time, so that another
     machine, or this one without its cache, rounds differently; elsewhere that is not worth its gain.

@@ -123,7 +123,7 @@ class LocalExecutor:
         self._running[spec.run_id] = _Running(process, ours, stop)
 
     def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:  # noqa: ARG002
-        """Return what processes have sent; see `Executor`."""
+        """Return the reports and endings of processes; see `Executor`."""
         runs = {running.connection: run_id for run_id, running in self._running.items()}
         if not runs:
             time.sleep(seconds)

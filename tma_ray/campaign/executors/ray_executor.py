@@ -90,7 +90,7 @@ class RayExecutor:
         self._running[result] = _Running(spec.run_id, actor, result)
 
     def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:
-        """Return what actors have reported or returned; see `Executor`."""
+        """Return the reports and endings of actors; see `Executor`."""
         ended: list[Any] = []
         if self._running:
             seconds = 0.0 if self._pending else seconds

@@ -40,7 +40,7 @@ COUNT_CONTACT = cast("int", count_contact.address)
 
 
 class CompiledEngine:
-    """Runs a body on Chipmunk; see `Engine`.
+    """Engine that runs a body on Chipmunk; see `Engine`.
 
     A copy or a pickle of it has the same body, and no world until it is reset.
 

@@ -156,7 +156,7 @@ def body_in(floats: Floats, integers: Integers) -> StepArrays:
 
 @kernel
 def simulation_in(floats: Floats, integers: Integers) -> Simulation:
-    """Return what changes in a memory."""
+    """Return the changing state of a memory."""
     p, j, r, v, g, h = integers[0], integers[1], integers[2], integers[3], integers[4], integers[5]
     action = FLOATS + 3 * j + 2 * r + 2 * v + 4 * p + 4 * j + 3 * g
     commands = action + j + g

@@ -187,7 +187,7 @@ class AddressHandler(fs.FSSpecHandler):  # type: ignore[misc] # pyarrow has no t
         return [self._info(path) for path in paths]
 
     def get_file_info_selector(self, selector: fs.FileSelector) -> list[fs.FileInfo]:
-        """Return what lies in a folder; raises as `get_file_info`."""
+        """Return the entries of a folder; raise the errors of `get_file_info`."""
         with self._reached(selector.base_dir):
             found: list[fs.FileInfo] = super().get_file_info_selector(selector)
         if not found:

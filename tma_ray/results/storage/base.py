@@ -142,7 +142,7 @@ class Store(ABC):
         return data
 
     def read_parts(self, path: str, read: Callable[[Any], T]) -> T:
-        """Return what `read` makes of the opened file, of which it need not read all.
+        """Return the result of `read` for the opened file, of which it need not read all.
 
         For files that are never replaced. Raises as `read_bytes`.
         """
@@ -263,7 +263,7 @@ class Store(ABC):
 
     @abstractmethod
     def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
-        """Return what `read` makes of the opened file; raises as `read_bytes`."""
+        """Return the result of `read` for the opened file; raise the errors of `read_bytes`."""
 
     @abstractmethod
     def _names(self, folder: str) -> set[str]:

@@ -302,7 +302,7 @@ def _parameters(parts: SplitResult) -> dict[str, str]:
 
 
 def _s3_options(bucket: str, given: dict[str, str]) -> dict[str, str]:
-    """Return where the bucket is: as the URI says, else the environment, else as AWS itself says."""
+    """Return the place of the bucket by the URI, else by the environment, else by AWS's own defaults."""
     environment = os.environ.get
     endpoint = (
         given.get("endpoint_override")

@@ -20,7 +20,7 @@ _TRIM_THRESHOLD, _MAP_THRESHOLD = -1, -3
 
 
 def empty(shape: tuple[int, ...], dtype: torch.dtype, device: torch.device) -> torch.Tensor:
-    """Returns zeros; a CPU gives pages for them only when they are written to."""
+    """Return zeros; a CPU gives pages for them only when they are written to."""
     if device.type == "cpu":
         kind = torch.empty(0, dtype=dtype).numpy().dtype
         return torch.from_numpy(np.zeros(shape, dtype=kind))
@@ -28,7 +28,7 @@ def empty(shape: tuple[int, ...], dtype: torch.dtype, device: torch.device) -> t
 
 
 def upload(values: NDArray[Any], device: torch.device) -> torch.Tensor:
-    """Returns `values` on `device`; on a CPU they may share memory."""
+    """Return `values` on `device`; on a CPU they may share memory."""
     tensor = torch.from_numpy(np.ascontiguousarray(values))
     if device.type == "cpu":
         return tensor
@@ -68,12 +68,12 @@ def precision(chosen: MatmulPrecision) -> Iterator[None]:
 
 
 def hidden_type(chosen: MatmulPrecision, dtype: torch.dtype) -> torch.dtype:
-    """Returns the type of hidden layers where parameters are of `dtype`."""
+    """Return the type of hidden layers where parameters are of `dtype`."""
     return torch.bfloat16 if chosen == MatmulPrecision.MEDIUM else dtype
 
 
 def compile_if(wanted: bool | str, function: Callable[..., Any]) -> Callable[..., Any]:
-    """Returns `function`, compiled by torch if that is `wanted`; a string is the compiler's mode."""
+    """Return `function`, compiled by torch if that is `wanted`; a string is the compiler's mode."""
     if not wanted:
         return function
     from torch._dynamo import config  # 2 s and 150 MB, which learners that compile nothing are spared
@@ -95,7 +95,7 @@ class Repeated:
             keep_pages()
 
     def __call__(self, times: int) -> None:
-        """Executes the function `times` times; a GPU is not waited for."""
+        """Execute the function `times` times; a GPU is not waited for."""
         if self._graph is not None:
             for _ in range(times):
                 self._graph.replay()
@@ -105,7 +105,7 @@ class Repeated:
                 self._function()
 
     def forget(self) -> None:
-        """Drops the graph: the function's memory is about to move."""
+        """Drop the graph: the function's memory is about to move."""
         self._graph = None
 
     @property
@@ -114,7 +114,7 @@ class Repeated:
         return self._device.type == "cuda" and self._graph is None
 
     def capture(self) -> None:
-        """Captures the graph, for which the function is executed a few times."""
+        """Capture the graph, for which the function is executed a few times."""
         stream = torch.cuda.Stream(self._device)  # type: ignore[no-untyped-call]
         stream.wait_stream(torch.cuda.current_stream(self._device))
         graph = torch.cuda.CUDAGraph()
@@ -151,12 +151,12 @@ class Purpose(IntEnum):
 
 
 def words_of(number: int) -> tuple[int, int]:
-    """Returns the low and the high 32 bits of a `number` of 64 bits."""
+    """Return the low and the high 32 bits of a `number` of 64 bits."""
     return number & _WORD, number >> 32 & _WORD
 
 
 def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
-    """Returns four random words for each counter, in a new last axis (..., 4).
+    """Return four random words for each counter, in a new last axis (..., 4).
 
     Args:
         counters: four words, least significant first; all broadcast with one another and with `keys` (...).
@@ -172,7 +172,7 @@ def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.T
 
 
 def words(keys: torch.Tensor, numbers: torch.Tensor, purpose: Purpose, count: int) -> torch.Tensor:
-    """Returns random words (k, count) for the update `numbers` (k,) of runs with `keys` (k, 2)."""
+    """Return random words (k, count) for the update `numbers` (k,) of runs with `keys` (k, 2)."""
     blocks = torch.arange(-(-count // 4), device=keys.device)
     low, high = (numbers & _WORD)[:, None], (numbers >> 32 & _WORD)[:, None]
     # the block is the second word, which no round multiplies: torch's compiler would do that in 32 bits
@@ -182,7 +182,7 @@ def words(keys: torch.Tensor, numbers: torch.Tensor, purpose: Purpose, count: in
 
 
 def integers_below(limits: torch.Tensor, drawn: torch.Tensor) -> torch.Tensor:
-    """Returns integers (k, n) in [0, limit) from random words `drawn` (k, n); `limits` (k,) are under 2^31.
+    """Return integers (k, n) in [0, limit) from random words `drawn` (k, n); `limits` (k,) are under 2^31.
 
     A number is at most 2^-32 more or less likely than it should be.
     """
@@ -190,7 +190,7 @@ def integers_below(limits: torch.Tensor, drawn: torch.Tensor) -> torch.Tensor:
 
 
 def standard_normals(drawn: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Returns standard normals (k, n) from random words `drawn` (k, n), n even (Box and Muller)."""
+    """Return standard normals (k, n) from random words `drawn` (k, n), n even (Box and Muller)."""
     halves = drawn.view(len(drawn), -1, 2).to(dtype)
     radii = (-2 * ((halves[..., 0] + 1) * 2.0**-32).log()).sqrt()
     angles = halves[..., 1] * (2 * math.pi * 2.0**-32)
@@ -198,7 +198,7 @@ def standard_normals(drawn: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 
 def _product(word: torch.Tensor, multiplier: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Returns the high and the low word of the product, made of halves: in one piece it has 64 bits.
+    """Return the high and the low word of the product, made of halves: in one piece it has 64 bits.
 
     Signed numbers of 64 bits would overflow, which compilers of C++ assume never to happen.
     """

@@ -44,7 +44,7 @@ class Device(NamedTuple):
 
 
 def batching_is_faster(place: Device) -> bool:
-    """Returns True if one product of all runs is faster than one for each: not on a processor in float32."""
+    """Return True if one product of all runs is faster than one for each: not on a processor in float32."""
     return place.device.type != "cpu" or bool(place.compiled) or place.precision == MatmulPrecision.MEDIUM
 
 
@@ -70,7 +70,7 @@ class StackedLearner(ABC):
         self._rows: dict[int, Repeated] = {}
 
     def leave(self, slot: int) -> None:
-        """Makes `slot` idle: no updates due, no experience, all its parameters 0."""
+        """Make `slot` idle: no updates due, no experience, all its parameters 0."""
         self.owed[slot] = 0
         self._owed[slot].fill_(0)
         for memory, _ in self._stacks():
@@ -79,12 +79,12 @@ class StackedLearner(ABC):
             counts[slot].fill_(0)
 
     def owe(self, slot: int, updates: int) -> None:
-        """Adds `updates` to what is due to the run in `slot`."""
+        """Add `updates` to what is due to the run in `slot`."""
         self.owed[slot] += updates
         self._owed[slot].add_(updates)
 
     def advance(self, updates: int, slots: Sequence[int] | None = None) -> None:
-        """Makes up to `updates` updates of runs that have any due; returns without waiting for a GPU.
+        """Make up to `updates` updates of runs that have any due; returns without waiting for a GPU.
 
         Args:
             updates: updates of each run, at most.
@@ -112,13 +112,13 @@ class StackedLearner(ABC):
         self.owed[slot] -= updates
 
     def actors(self, slots: Sequence[int]) -> torch.Tensor:
-        """Returns what the runs in `slots` act by, without padding and on the device (len(slots), p)."""
+        """Return the actors of the runs in `slots`, without padding and on the device (len(slots), p)."""
         memory, places = self._stacks()[0]
         rows = upload(np.array(slots, dtype=np.int64), self._device)
         return memory.detach().index_select(0, rows).index_select(1, places)
 
     def _write(self, slot: int, networks: Sequence[Any]) -> None:
-        """Loads arrays for the stacks, without padding, and numbers for the counters."""
+        """Load arrays for the stacks, without padding, and numbers for the counters."""
         stacks, counters = self._stacks(), self._counters()
         for (memory, places), values in zip(stacks, networks[: len(stacks)], strict=True):
             memory.detach()[slot][..., places] = upload(values, self._device).to(self._dtype)
@@ -126,36 +126,36 @@ class StackedLearner(ABC):
             counts[slot].fill_(number)
 
     def _read(self, slot: int) -> list[Any]:
-        """Returns the arrays and counters that `_write` loads."""
+        """Return the arrays and counters that `_write` loads."""
         arrays = [memory.detach()[slot][..., places].cpu().numpy() for memory, places in self._stacks()]
         return [*arrays, *(int(counts[slot]) for counts in self._counters())]
 
     def _on_device(self, values: NDArray[np.floating]) -> torch.Tensor:
-        """Returns `values` on the device, in the type of the parameters."""
+        """Return `values` on the device, in the type of the parameters."""
         return upload(values, self._device).to(self._dtype)
 
     @abstractmethod
     def _stacks(self) -> list[Stack]:
-        """Returns all that is learned; first what runs act by."""
+        """Return all that is learned; first what runs act by."""
 
     @abstractmethod
     def _counters(self) -> list[torch.Tensor]:
-        """Returns the numbers (k,) that belong to what is learned."""
+        """Return the numbers (k,) that belong to what is learned."""
 
     @abstractmethod
     def _row(self, slot: int) -> Self:
-        """Returns a learner of the run in `slot` alone, over the same memory."""
+        """Return a learner of the run in `slot` alone, over the same memory."""
 
     @abstractmethod
     def _advance_once(self) -> None:
-        """Makes one update; reads and writes nothing of the host."""
+        """Make one update; reads and write nothing of the host."""
 
 
 T = TypeVar("T")
 
 
 def narrowed(owner: T, slot: int, *names: str) -> T:
-    """Returns a shallow copy of `owner` with views of one slot's row (1, ...) of the tensors `names`."""
+    """Return a shallow copy of `owner` with views of one slot's row (1, ...) of the tensors `names`."""
     own = copy(owner)
     for name in names:
         setattr(own, name, getattr(owner, name)[slot : slot + 1])
@@ -163,5 +163,5 @@ def narrowed(owner: T, slot: int, *names: str) -> T:
 
 
 def leaf(parameters: torch.Tensor, slot: int) -> torch.Tensor:
-    """Returns the row of a slot as a leaf of autograd (1, ...), in the same memory."""
+    """Return the row of a slot as a leaf of autograd (1, ...), in the same memory."""
     return parameters.detach()[slot : slot + 1].requires_grad_()

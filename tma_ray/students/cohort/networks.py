@@ -43,7 +43,7 @@ class PaddedLayout(NamedTuple):
         return _up(self.padded.parameters + self.others, HIDDEN_MULTIPLE)
 
     def places(self) -> NDArray[np.int64]:
-        """Return where each parameter of the plain vector (p,) lies in the padded one."""
+        """Return the index of each parameter of the plain vector (p,) in the padded one."""
         parts, start = [], 0
         for plain, padded in zip(self.plain.shapes, self.padded.shapes, strict=True):
             weights = np.arange(start, start + padded.outputs * padded.inputs).reshape(padded)
@@ -124,7 +124,7 @@ _pass_by_rows: Any = _PassByRows.apply
 
 
 def _pays_by_rows(parameters: torch.Tensor, inputs: torch.Tensor) -> bool:
-    """Return whether to leave rows out: not on a GPU, which would be waited for, nor in compiled code."""
+    """Return True if leaving rows out pays: not on a GPU, which would be waited for, nor in compiled code."""
     eager = parameters.device.type == "cpu" and not torch.compiler.is_compiling()
     return eager and inputs.requires_grad and not parameters.requires_grad
 
@@ -137,7 +137,7 @@ BETAS = 0.9, 0.999
 
 
 class StackedAdam:
-    """Steps as `torch.optim.Adam` does, with a step count for each run.
+    """Adam as in `torch.optim.Adam`, with a step count for each run.
 
     Args:
         parameters: parameters of all runs (k, ..., p), which `step` changes.
@@ -186,7 +186,7 @@ class StackedAdam:
 
 
 class RowAdam(StackedAdam):
-    """Steps one run of a stack by torch's fused kernel, which takes a processor a sixth of the time.
+    """Adam for one run of a stack by torch's fused kernel, which takes a processor a sixth of the time.
 
     Args:
         optimiser: optimiser of the parameters.

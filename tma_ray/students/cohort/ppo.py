@@ -235,7 +235,7 @@ class StackedPPO(StackedLearner):
         self.owe(slot, orders.size // self._hyper.batch_size)
 
     def networks(self, slot: int) -> PPONetworks:
-        """Return what the run in `slot` has learned."""
+        """Return the networks of the run in `slot`."""
         return PPONetworks._make(self._read(slot))
 
     def values(self, slot: int, observations: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -176,7 +176,7 @@ class StackedReplay:
         return narrowed(self, slot, "kept", "counts", "_table", "_memory")
 
     def newest(self, ages: torch.Tensor) -> torch.Tensor:
-        """Return where the transitions of `ages` (k, n) are in the ring; 0 is the newest one's age."""
+        """Return the places of the transitions of `ages` (k, n) in the ring; 0 is the newest one's age."""
         return (self.counts[:, None] - 1 - ages) % self._capacity
 
     def gather(self, ring: torch.Tensor, dtype: torch.dtype) -> Transitions:

@@ -147,7 +147,7 @@ class StackedSACUpdate:
             keep(self.losses[:, 0], losses, active)
 
     def _step_actor(self, gradient: torch.Tensor, losses: torch.Tensor, active: torch.Tensor) -> None:
-        """Step the actor, and what follows the steps: targets and counts."""
+        """Step the actor, then update targets and counts."""
         with torch.no_grad():
             self.actor_adam.step(gradient, self.steps, active)
             keep(self.losses[:, 1], losses, active)
@@ -261,7 +261,7 @@ class StackedSAC(StackedLearner):
         self._follow_memory()
 
     def networks(self, slot: int) -> SACNetworks:
-        """Return what the run in `slot` has learned."""
+        """Return the networks of the run in `slot`."""
         return SACNetworks._make(self._read(slot))
 
     def replay(self, slot: int) -> ReplayContents:

@@ -44,44 +44,44 @@ class Seat(ABC, Generic[S, H]):
 
     @abstractmethod
     def learn(self, experience: tuple[Any, ...], updates: int) -> None:
-        """Stores what a player hands over; `updates` are due from now on."""
+        """Store what a player hands over; `updates` are due from now on."""
 
     @abstractmethod
     def _enter(self) -> None:
-        """Copies the student's networks and experience into the stack."""
+        """Copy the student's networks and experience into the stack."""
 
     @abstractmethod
     def _copy_back(self) -> None:
-        """Copies the networks of the stack into the student."""
+        """Copy the networks of the stack into the student."""
 
     @abstractmethod
     def _put(self, state: PlayerState) -> None:
-        """Gives the player's half of the state to the student."""
+        """Give the player's half of the state to the student."""
 
     @abstractmethod
     def _player_state(self) -> dict[str, Any]:
-        """Returns the player's half of the student's experience."""
+        """Return the player's half of the student's experience."""
 
     def leave(self) -> None:
-        """Frees the slot."""
+        """Free the slot."""
         self.stack.leave(self.slot)
 
     def weights(self) -> NDArray[np.float32]:
-        """Returns the parameters that the player acts with."""
+        """Return the parameters that the player acts with."""
         return _array(self.stack.actors([self.slot])[0])
 
     def values(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Returns the state values (n,) of `observations` (n, o)."""
+        """Return the state values (n,) of `observations` (n, o)."""
         self._copy_back()
         return self.student.state_values(observations)
 
     def reset(self) -> None:
-        """Replaces networks, optimisers and stored experience by new ones."""
+        """Replace networks, optimisers and stored experience by new ones."""
         self.student.reset()
         self._enter()
 
     def save(self, folder: Path, state: PlayerState, incremental: bool) -> Callable[[], tuple[str, ...]]:
-        """Returns how to write the student's complete state, in any thread while the run waits."""
+        """Return a function that writes the student's complete state, in any thread while the run waits."""
         self._copy_back()
         self._put(state)
         for generator, saved in zip(self.student._generators[:2], state.generators[:2], strict=True):
@@ -89,17 +89,17 @@ class Seat(ABC, Generic[S, H]):
         return lambda: self.student.save(folder, incremental)
 
     def read(self, folder: Path) -> None:
-        """Reads the state in `folder`, in any thread; `take_over` follows."""
+        """Read the state in `folder`, in any thread; `take_over` follows."""
         self.student.load(folder)
 
     def take_over(self) -> PlayerState:
-        """Loads the state that was read; returns the player's half."""
+        """Load the state that was read; return the player's half."""
         self._enter()
         generators = [dict(each.bit_generator.state) for each in self.student._generators]
         return PlayerState(generators, self._player_state())
 
     def save_policy(self, folder: Path, state: PlayerState) -> None:
-        """Writes the greedy policy."""
+        """Write the greedy policy."""
         self._copy_back()
         self._put(state)
         self.student.save_policy(folder)
@@ -134,7 +134,7 @@ class SACSeat(Seat[StackedSAC, SAC]):
             self.stack.store(self.slot, *piece)
 
     def values(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Returns the state values (n,) of `observations` (n, o), on the stack's device.
+        """Return the state values (n,) of `observations` (n, o), on the stack's device.
 
         Their noise is the student's, so that a run that learns alone has the same, up to rounding.
         """
@@ -195,7 +195,7 @@ def _array(values: torch.Tensor) -> NDArray[np.float32]:
 
 
 def _pair(values: torch.Tensor) -> NDArray[np.float32]:
-    """Returns the parameters (2q,) of two networks in a row each (2, q)."""
+    """Return the parameters (2q,) of two networks in a row each (2, q)."""
     return _array(values).reshape(2, -1)
 
 
@@ -225,7 +225,7 @@ class Stacks:
         self._free: dict[int, list[int]] = {}
 
     def seat(self, membership: Membership) -> Seat[Any, Any]:
-        """Returns a seat for a new player.
+        """Return a seat for a new player.
 
         Raises:
             CohortFullError: all slots of its stack are taken.
@@ -248,12 +248,12 @@ class Stacks:
             raise
 
     def leave(self, seat: Seat[Any, Any]) -> None:
-        """Frees the slot of `seat`."""
+        """Free the slot of `seat`."""
         seat.leave()
         self._free[id(seat.stack)].append(seat.slot)
 
     def _drop_empty(self) -> None:
-        """Frees the memory of stacks that nobody is in: a stack of another kind is to be made."""
+        """Free the memory of stacks that nobody is in: a stack of another kind is to be made."""
         empty = [stack for stack in self.stacks if len(self._free[id(stack)]) == self.settings.width]
         for stack in empty:
             self.stacks.remove(stack)

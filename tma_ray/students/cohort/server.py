@@ -38,7 +38,7 @@ class Delivery(NamedTuple, Generic[T]):
 
     @classmethod
     def of(cls, receivers: Sequence[T], rows: torch.Tensor) -> Delivery[T]:
-        """Starts to copy `rows` (n, ...) from their device."""
+        """Start to copy `rows` (n, ...) from their device."""
         if rows.device.type != "cuda":
             return cls(receivers, rows.to("cpu"), None)
         memory = torch.empty(rows.shape, dtype=rows.dtype, pin_memory=True)
@@ -52,14 +52,14 @@ class Delivery(NamedTuple, Generic[T]):
 
 
 def recorded() -> torch.cuda.Event:
-    """Returns a mark in the work that the GPU was asked to do; who waits for it leaves the processor."""
+    """Return a mark in the work that the GPU was asked to do; who waits for it leaves the processor."""
     event = torch.cuda.Event(blocking=True)  # type: ignore[no-untyped-call]
     event.record()
     return event
 
 
 class Pace:
-    """Holds the host back when it has asked a GPU for more than it has done.
+    """Brake on a host that has asked a GPU for more than it has done.
 
     Work that is asked for too early would keep what comes later waiting.
 
@@ -73,7 +73,7 @@ class Pace:
         self._events: deque[torch.cuda.Event] = deque()
 
     def keep(self) -> None:
-        """Marks the end of a piece of work, and waits while too many are under way."""
+        """Mark the end of a piece of work, and wait while too many are under way."""
         if not self._waits:
             return
         self._events.append(recorded())
@@ -89,7 +89,7 @@ Conclusion = Callable[[Any], Any]
 
 
 class Aside:
-    """Executes work in threads, and keeps what it returns for the thread that asked.
+    """Threads that execute work, and keep its results for the thread that asked.
 
     Args:
         wake: called in a thread whenever work is done.
@@ -101,7 +101,7 @@ class Aside:
         self._done: deque[tuple[Connection, Any, Conclusion]] = deque()
 
     def start(self, connection: Connection, work: Callable[[], Any], then: Conclusion) -> None:
-        """Starts work for a connection; `done` has what it returns, or the error that it raises."""
+        """Start work for a connection; `done` has what it returns, or the error that it raises."""
 
         def execute() -> None:
             try:
@@ -114,7 +114,7 @@ class Aside:
         self._threads.submit(execute)
 
     def done(self) -> Iterator[tuple[Connection, Any, Conclusion]]:
-        """Yields what is done since the last call."""
+        """Yield what is done since the last call."""
         while self._done:
             yield self._done.popleft()
 
@@ -130,7 +130,7 @@ _LATER = object()
 
 
 class LearnerServer:
-    """Serves the players that connect, each over its own connection, one request at a time.
+    """Server of the players that connect, each over its own connection, one request at a time.
 
     A player gets its weights as soon as its updates are made; in between the learner goes on
     with others. A player that leaves or dies frees its slot.
@@ -164,7 +164,7 @@ class LearnerServer:
         return len(self._seats)
 
     def serve(self, should_stop: Callable[[], bool], poll_seconds: float = 0.5) -> None:
-        """Serves until `should_stop`, which is asked about every `poll_seconds`, s.
+        """Serve until `should_stop`, which is asked about every `poll_seconds`, s.
 
         Raises:
             MemoryError: there is too little for so many slots. Players stay connected, without a reply.
@@ -183,14 +183,14 @@ class LearnerServer:
                 self._deliver()
 
     def _patience(self, poll_seconds: float) -> float:
-        """Returns how long to wait for requests, s: not at all while updates are due."""
+        """Return the time to wait for requests, s: none while updates are due."""
         if self._learning:
             return 0.0
         return DELIVERY_SECONDS if self._deliveries else poll_seconds
 
     @contextmanager
     def _clock(self, part: str) -> Iterator[None]:
-        """Adds the time that the block takes to the `account`."""
+        """Add the time that the block takes to the `account`."""
         started = time.perf_counter()
         yield
         self.account[part] += time.perf_counter() - started
@@ -230,7 +230,7 @@ class LearnerServer:
                 self._send(connection, (True, reply))
 
     def _conclude(self, connection: Connection, result: Any, then: Callable[[Any], Any]) -> None:
-        """Answers a request whose files are written or read, unless who made it has gone."""
+        """Answer a request whose files are written or read, unless who made it has gone."""
         if connection not in self._seats:
             return
         try:
@@ -265,7 +265,7 @@ class LearnerServer:
             mailbox.close()
 
     def _update(self) -> None:
-        """Makes some of the updates that are due, and starts to copy the weights of runs without any left."""
+        """Make some of the updates that are due, and start to copy the weights of runs without any left."""
         for stack in self._stacks.stacks:
             slots = self._turn(stack)
             if not slots:
@@ -281,7 +281,7 @@ class LearnerServer:
             self._pace.keep()
 
     def _turn(self, stack: StackedLearner) -> list[int]:
-        """Returns the slots whose runs are updated next: all with updates due, or the longest wait."""
+        """Return the slots whose runs are updated next: all with updates due, or the longest wait."""
         owing = [slot for number, slot in self._learning if number == id(stack)]
         return owing if stack.together else owing[:1]
 

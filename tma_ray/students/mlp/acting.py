@@ -33,7 +33,7 @@ class RowNetwork:
         self._active = np.zeros(max(layout.sizes), dtype=np.int64)
 
     def load(self, parameters: NDArray[np.floating]) -> None:
-        """Copies `parameters` (p,)."""
+        """Copy `parameters` (p,)."""
         start = 0
         for outputs, inputs in self._layout.shapes:
             middle, end = start + outputs * inputs, start + outputs * inputs + outputs
@@ -43,7 +43,7 @@ class RowNetwork:
             start = end
 
     def __call__(self, inputs: FloatArray) -> FloatArray:
-        """Returns the outputs (h,) for `inputs` (i,)."""
+        """Return the outputs (h,) for `inputs` (i,)."""
         return apply_row(*self.arrays, inputs).copy()
 
     @property
@@ -62,7 +62,7 @@ def apply_row(
     is_tanh: bool,
     inputs: FloatArray,
 ) -> FloatArray:
-    """Returns the outputs (h,) for `inputs` (i,), in memory that the next call overwrites.
+    """Return the outputs (h,) for `inputs` (i,), in memory that the next call overwrites.
 
     Args:
         weights: weights of all layers, biases first, each matrix transposed (p,).
@@ -96,7 +96,7 @@ def apply_row(
 
 @kernel
 def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outputs: FloatArray) -> None:
-    """Adds `source` (r,) times `matrix` (r, c) to `outputs` (c,), four rows at a time and no zero ones."""
+    """Add `source` (r,) times `matrix` (r, c) to `outputs` (c,), four rows at a time and no zero ones."""
     count = 0
     for row in range(len(matrix)):  # without a branch, which could not be predicted
         active[count] = row
@@ -126,14 +126,14 @@ class ArrayNetwork:
         self.row = RowNetwork(layout)
 
     def load(self, parameters: FloatArray) -> None:
-        """Loads `parameters` (p,), which nobody changes afterwards."""
+        """Load `parameters` (p,), which nobody changes afterwards."""
         parts = np.split(parameters, np.cumsum(self._layout.lengths)[:-1])
         weights = [part.reshape(shape) for part, shape in zip(parts[::2], self._layout.shapes, strict=True)]
         self._layers = list(zip(weights, parts[1::2], strict=True))
         self.row.load(parameters)
 
     def __call__(self, inputs: FloatArray) -> FloatArray:
-        """Returns the outputs (n, h) for `inputs` (n, i)."""
+        """Return the outputs (n, h) for `inputs` (n, i)."""
         if len(inputs) == 1:
             return self.row(inputs[0])[None]
         values = inputs

@@ -306,7 +306,7 @@ def _layout(blocks: Blocks, activation: Activation) -> Layout:
 
 
 class FlatAdam:
-    """Steps `flat` as `optimiser` would, and keeps the optimiser's state: it is saved and loaded as ever.
+    """Adam over the vector `flat` that keeps the state of `optimiser`, which is saved and loaded as before.
 
     Args:
         optimiser: Adam over the same parameters, in any order.

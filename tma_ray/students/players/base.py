@@ -16,7 +16,7 @@ from tma_ray.students.players.link import LearnerLink, Membership, PlayerState, 
 
 
 class Player(Student):
-    """Acts with mirrored weights, and hands the experience to a learner that returns new ones.
+    """Acting half of a student: mirrored weights, and experience for a learner that returns new ones.
 
     To its run it is a student like any other: `observe` returns when the updates that are due are made.
     Its files are those of the student that learns alone, and each loads what the other saved.

@@ -52,22 +52,22 @@ class Mailbox:
 
     @classmethod
     def create(cls, size: int) -> Mailbox:
-        """Returns a new mailbox with room for `size` bytes."""
+        """Return a new mailbox with room for `size` bytes."""
         descriptor = os.memfd_create("mailbox")
         os.ftruncate(descriptor, size)
         return cls(descriptor, size)
 
     @classmethod
     def receive(cls, connection: Connection, size: int) -> Mailbox:
-        """Returns the mailbox that the other side of a connection offers."""
+        """Return the mailbox that the other side of a connection offers."""
         return cls(recv_handle(connection), size)
 
     def offer(self, connection: Connection) -> None:
-        """Gives the other side of a connection this mailbox."""
+        """Give the other side of a connection this mailbox."""
         send_handle(connection, self._descriptor, None)
 
     def post(self, parts: Iterable[Any]) -> tuple[Any, ...]:
-        """Returns `parts` as a message has them: arrays are in the memory, all else as it is."""
+        """Return `parts` as a message has them: arrays are in the memory, all else as it is."""
         posted, offset = [], 0
         for part in parts:
             if isinstance(part, np.ndarray):
@@ -80,11 +80,11 @@ class Mailbox:
         return tuple(posted)
 
     def collect(self, posted: Iterable[Any]) -> tuple[Any, ...]:
-        """Returns copies of what the other side has posted."""
+        """Return copies of what the other side has posted."""
         return tuple(self._view(part).copy() if isinstance(part, Posted) else part for part in posted)
 
     def close(self) -> None:
-        """Gives the descriptor back; the memory goes with its last view."""
+        """Give the descriptor back; the memory goes with its last view."""
         os.close(self._descriptor)
 
     def _view(self, place: Posted) -> NDArray[Any]:
@@ -94,13 +94,13 @@ class Mailbox:
 
 
 def room_for(parts: Iterable[Any]) -> int:
-    """Returns the bytes that a mailbox needs for the arrays of a message."""
+    """Return the bytes that a mailbox needs for the arrays of a message."""
     sizes = (part.nbytes for part in parts if isinstance(part, np.ndarray))
     return sum(-(-size // ALIGNMENT) * ALIGNMENT for size in sizes)
 
 
 def can_share() -> bool:
-    """Returns True if this system has memory without a name, as Linux does."""
+    """Return True if this system has memory without a name, as Linux does."""
     return hasattr(os, "memfd_create")
 
 
@@ -174,36 +174,36 @@ class LearnerLink(Protocol):
     """
 
     def join(self, membership: Membership) -> Weights:
-        """Takes a slot of the cohort; returns the initial weights."""
+        """Take a slot of the cohort; return the initial weights."""
 
     def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:
-        """Hands over experience and makes the updates that are due.
+        """Hand over experience and make the updates that are due.
 
         Returns:
             The new weights; None without updates.
         """
 
     def values(self, observations: Observations) -> NDArray[np.float64]:
-        """Returns the state values (n,) of `observations` (n, o)."""
+        """Return the state values (n,) of `observations` (n, o)."""
 
     def reset(self) -> Weights:
-        """Replaces networks, optimisers and stored experience by new ones; returns the weights."""
+        """Replace networks, optimisers and stored experience by new ones; return the weights."""
 
     def save(self, folder: Path, state: PlayerState, incremental: bool) -> tuple[str, ...]:
-        """Writes the student's complete state, as `Student.save`; returns the files left out."""
+        """Write the student's complete state, as `Student.save`; return the files left out."""
 
     def load(self, folder: Path) -> tuple[Weights, PlayerState]:
-        """Loads the state in `folder`; returns the weights and the player's half."""
+        """Load the state in `folder`; return the weights and the player's half."""
 
     def save_policy(self, folder: Path, state: PlayerState) -> None:
-        """Writes the greedy policy, as `Student.save_policy`."""
+        """Write the greedy policy, as `Student.save_policy`."""
 
     def scalars(self) -> dict[str, float]:
-        """Returns figures about the last update."""
+        """Return figures about the last update."""
 
 
 def account(learner: Learner) -> dict[str, float]:
-    """Returns how long the learner has been at each part of its work, s, and numbers of updates.
+    """Return the time of each part of the learner's work, s, and numbers of updates.
 
     Raises:
         LearnerLostError: it does not answer.
@@ -213,7 +213,7 @@ def account(learner: Learner) -> dict[str, float]:
 
 
 def hardware(learner: Learner) -> dict[str, Any]:
-    """Returns device, GPU and width of a cohort, on which results depend to rounding, for a fingerprint.
+    """Return device, GPU and width of a cohort, on which results depend to rounding, for a fingerprint.
 
     Raises:
         LearnerLostError: it does not answer.
@@ -223,7 +223,7 @@ def hardware(learner: Learner) -> dict[str, Any]:
 
 
 def _asked(learner: Learner, request: str) -> Any:
-    """Returns the reply of `learner` to somebody who does not join its cohort."""
+    """Return the reply of `learner` to somebody who does not join its cohort."""
     link = SocketLink(learner)
     try:
         return link._call(request)
@@ -249,7 +249,7 @@ class SocketLink:
         self._weights_size = 0
 
     def close(self) -> None:
-        """Leaves the cohort."""
+        """Leave the cohort."""
         self._connection.close()
         if self._mailbox is not None:
             self._mailbox.close()
@@ -271,7 +271,7 @@ class SocketLink:
         return weights
 
     def _mailbox_for(self, size: int) -> Mailbox:
-        """Returns the mailbox, or a larger one in its place that the learner is given, too."""
+        """Return the mailbox, or a larger one in its place that the learner is given, too."""
         if self._mailbox is None or self._mailbox.size < size:
             if self._mailbox is not None:
                 self._mailbox.close()
@@ -303,7 +303,7 @@ class SocketLink:
         return figures
 
     def _call(self, request: str, *arguments: Any, follows: Callable[[Any], None] = lambda _: None) -> Any:
-        """Returns the reply to a request, after which `follows` may send more over the connection."""
+        """Return the reply to a request, after which `follows` may send more over the connection."""
         try:
             self._connection.send((request, *arguments))
             follows(self._connection)

@@ -227,7 +227,7 @@ _STORED = ("observations", "actions", "rewards", "ended", "values", "log_probabi
 
 
 class PPOPlayer(Player):
-    """Acts as `tma_ray.students.ppo.PPO`, and hands over whole rollouts in the order of updates."""
+    """Player of `tma_ray.students.ppo.PPO`, which hands over whole rollouts in the order of updates."""
 
     algorithm_version = PPOHyperparameters.algorithm_version
     hyperparameters_type = PPOHyperparameters

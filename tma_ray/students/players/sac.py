@@ -103,7 +103,7 @@ def between(low: Actions, high: Actions, actions: Actions) -> Actions:
 
 
 def updates_due(hyper: SACHyperparameters, steps: int, episode_steps: int, ended: bool) -> int:
-    """Return how many updates follow a step.
+    """Return the number of updates after a step.
 
     Args:
         hyper: hyper-parameters of the student.
@@ -117,7 +117,7 @@ def updates_due(hyper: SACHyperparameters, steps: int, episode_steps: int, ended
 
 
 class SACPlayer(Player):
-    """Acts as `tma_ray.students.sac.SAC`, and hands over what it saw when updates are due."""
+    """Player of `tma_ray.students.sac.SAC`, which hands over its experience when updates are due."""
 
     algorithm_version = SACHyperparameters.algorithm_version
     hyperparameters_type = SACHyperparameters

@@ -97,7 +97,7 @@ def _parameters(algorithm: type[BaseAlgorithm]) -> dict[str, inspect.Parameter]:
 
 
 def constructor_arguments(hyperparameters: Any) -> dict[str, Any]:
-    """Return what the algorithm's constructor takes of its student's `hyperparameters`, as copies."""
+    """Return the arguments of the algorithm's constructor among `hyperparameters`, as copies."""
     own = {"exploration_deviation", "value_samples", "matmul_precision"}
     names = [field.name for field in dataclasses.fields(hyperparameters)]
     return {name: copy.deepcopy(getattr(hyperparameters, name)) for name in names if name not in own}
@@ -118,7 +118,7 @@ MOST_PARAMETERS = 100_000_000
 
 
 class SpacesOnly(gymnasium.Env[Any, Any]):
-    """Tells a model its spaces; the run has the environment."""
+    """Environment that has only spaces, for a model; the run has the real one."""
 
     def __init__(self, observation_space: spaces.Box, action_space: spaces.Box) -> None:
         self.observation_space = observation_space
@@ -145,7 +145,7 @@ def make_model(
 
 
 def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
-    """Return what the greedy policy of `model` computes with, by the names in the policy's state.
+    """Return the tensors of the greedy policy of `model`, by the names in the policy's state.
 
     Off-policy algorithms of the libraries act by their actor alone. What others need cannot be known, so
     that is everything.

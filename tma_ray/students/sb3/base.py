@@ -77,7 +77,7 @@ class Hyperparameters(Protocol):
 
     @property
     def matmul_precision(self) -> MatmulPrecision:
-        """Of the updates' matrix products."""
+        """Precision of the updates' matrix products."""
 
 
 H = TypeVar("H", bound=Hyperparameters)
