@@ -11,8 +11,11 @@ import pytest
 from s3_proxy import Proxy
 from small_runs import data_files, run, short_run
 
+from analysis.baselines import find_baseline
 from analysis.tracking.event_folder import EventFolder
-from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table
+from analysis.trials.design import Released, make_design
+from tma_ray.cli.trying import _Trial
+from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table, create_root
 from tma_ray.results.layout import LEASE_FILE
 from tma_ray.results.storage import bucket
 from tma_ray.runs import Placement, RunSpec
@@ -140,3 +143,13 @@ def test_exactly_one_of_forty_gets_the_lease_of_a_bucket(s3_root: str, left: byt
 
     with ThreadPoolExecutor(FORTY) as threads:
         assert sum(threads.map(ask, range(FORTY))) == 1
+
+
+def test_the_page_of_a_trial_lies_in_the_bucket(s3_root: str) -> None:
+    store, baseline = Store.open(s3_root), find_baseline("simulated-1")
+    create_root(store)
+    frames = baseline.frames()
+    design = make_design("sobol", baseline, frames, wanted=["original"])
+    assert not _Trial(store, design, Released.of(frames), frames).judge()
+    assert store.files("trial") == ("trial/index.html",)
+    assert b"No look is complete yet" in store.read_bytes("trial/index.html")
