@@ -26,7 +26,7 @@ from tma_ray.physics import (
     observation_size,
     step_arrays,
 )
-from tma_ray.tasks import MASTERY_RETURN, Task, TaskSpace, check_task
+from tma_ray.tasks import MASTERY_RETURN, EpisodeSoFar, Task, TaskSpace, check_task
 from tma_ray.terrain import Terrain
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._terrain = self.build(task, self.np_random)
         observation = engine.reset(self._terrain, push)
         self._observation = observation
-        self._episodic_return, self._steps, self._running = 0.0, 0, True
+        self._episode, self._running = EpisodeSoFar(), True
         if self.render_mode == "human":
             self.render()
         return observation, {"success": False, "task": task}
@@ -139,13 +139,12 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise gymnasium.error.ResetNeeded("the episode has ended or not begun; call reset()")
         observation, reward, terminated = self._engine.step(action)
         self._observation = observation
-        self._episodic_return += reward
-        self._steps += 1
-        truncated = not terminated and self._steps >= self.max_episode_steps
+        self._episode.add(reward)
+        truncated = not terminated and self._episode.steps >= self.max_episode_steps
         self._running = not (terminated or truncated)
         if self.render_mode == "human":
             self.render()
-        info = {"success": self._episodic_return > MASTERY_RETURN}
+        info = {"success": self._episode.episodic_return > MASTERY_RETURN}
         return observation, reward, terminated, truncated, info
 
     def release_engine(self) -> Engine:

@@ -18,7 +18,7 @@ from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec, Streams, landscape_of, placement_generator
 from tma_ray.runs.teaching import Reply, TeacherLink
 from tma_ray.students import Student, Transition, make_player, make_student
-from tma_ray.tasks import Answer, Episode, Outcomes, Query, QueryKind, Task, TeacherUpdate
+from tma_ray.tasks import Answer, Episode, EpisodeSoFar, Outcomes, Query, QueryKind, Task, TeacherUpdate
 
 
 @dataclass
@@ -155,7 +155,7 @@ class Run:
         initial, _ = environment.reset(seed=seed, options={"task": self._world_task(task)})
         recorder = Recorder(initial, student.gamma) if self.progress.record_next else None
         observation = initial
-        episodic_return, discounted_return, discount, length = 0.0, 0.0, 1.0, 0
+        so_far, discounted_return, discount = EpisodeSoFar(), 0.0, 1.0
         while self.progress.step < self.spec.schedule.steps:
             action = act(observation)
             next_observation, reward, terminated, truncated, _ = environment.step(action)
@@ -166,16 +166,21 @@ class Run:
             if trains:
                 student.observe(step)
             observation = next_observation
-            episodic_return += reward
+            so_far.add(reward)
             discounted_return += discount * reward
             discount *= student.gamma
-            length += 1
             self.progress.step += 1
             episode = None
             if terminated or truncated:
-                success, now = episodic_return > self.spec.mastery_threshold, self.progress.step
                 episode = Episode(
-                    task, episodic_return, success, length, initial, discounted_return, now, trains
+                    task,
+                    so_far.episodic_return,
+                    so_far.episodic_return > self.spec.mastery_threshold,
+                    so_far.steps,
+                    initial,
+                    discounted_return,
+                    self.progress.step,
+                    trains,
                 )
                 self._end(episode, recorder)
             while self._next_event <= self.progress.step:

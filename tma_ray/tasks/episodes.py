@@ -29,6 +29,24 @@ class Proposal:
     trains: bool = True
 
 
+@dataclass
+class EpisodeSoFar:
+    """Totals of an episode under way.
+
+    Attributes:
+        steps: number of steps so far.
+        episodic_return: undiscounted sum of their rewards.
+    """
+
+    steps: int = 0
+    episodic_return: float = 0.0
+
+    def add(self, reward: float) -> None:
+        """Count a step and its reward."""
+        self.steps += 1
+        self.episodic_return += reward
+
+
 @dataclass(frozen=True)
 class Episode:
     """One finished training episode.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from uuid import uuid4
@@ -20,7 +20,7 @@ from tma_ray.envs import ENVIRONMENTS, Environment, make_environment, mastery_re
 from tma_ray.part_names import nearest
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.saved_policies import SavedPolicy, StepPolicy, find_policy
-from tma_ray.tasks import Task, TaskSpace, check_task
+from tma_ray.tasks import EpisodeSoFar, Task, TaskSpace, check_task
 
 Frame = NDArray[np.uint8]
 """One picture (height, width, 3), red, green and blue."""
@@ -273,20 +273,16 @@ class EpisodeSettings(RenderSettings):
 
 
 @dataclass
-class RenderedEpisode:
+class RenderedEpisode(EpisodeSoFar):
     """Outcome of a rendered episode so far.
 
     Attributes:
-        task: that was played (d,).
-        steps: number of steps so far.
-        episodic_return: sum of rewards.
+        task: task that is played (d,).
         ended: True if the episode is over.
         success: success that the environment reported last.
     """
 
-    task: Task
-    steps: int = 0
-    episodic_return: float = 0.0
+    task: Task = field(kw_only=True)
     ended: bool = False
     success: bool = False
 
@@ -302,7 +298,7 @@ def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
     rendered = open_rendered(settings)
     try:
         tasks, actions = (np.random.default_rng([settings.seed, stream]) for stream in range(2))
-        episode = RenderedEpisode(parse_task(settings.task, rendered.space, rendered.domain, tasks))
+        episode = RenderedEpisode(task=parse_task(settings.task, rendered.space, rendered.domain, tasks))
         every = 0 if output.suffix == ".png" else settings.every
         frames = _play(rendered, rendered.acting_policy(actions), settings, episode, every)
         write_frames(output, frames, rendered.frame_rate / settings.every)
@@ -359,8 +355,7 @@ def _play(
         if every and episode.steps % every == 0:
             yield rendered.frame()
         observation, reward, terminated, truncated, info = environment.step(policy(observation))
-        episode.steps += 1
-        episode.episodic_return += float(reward)
+        episode.add(float(reward))
         episode.ended = bool(terminated or truncated)
         episode.success = bool(info.get("success", False))
     yield rendered.frame()
