@@ -36,14 +36,14 @@ def course_chart(
         reach = ROOM * float(max(later, margin, seen["value"].abs().max() if len(seen) else 0.0))
         x = Scale("Seeds of every cell", low=float(seeds.min()) - 1, high=float(seeds.max()) + 1, whole=True)
         y = Scale("Difference (points)", low=-reach, high=reach, grid=True)
-        title = f"Beside {label(reference)}" if len(courses) > 1 else ""
+        title = f"Against {label(reference)}" if len(courses) > 1 else ""
         panels.append(Panel(x, y, list(_marks(table, teacher, margin, reach)), title))
     caption = (
         "Difference with its repeated confidence interval at each look. Over the upper boundary the teacher "
         "is better, under the lower one worse, and alike where all of the interval is in the grey band. "
         "Boundaries of looks to come are those that the release's spread lets expect."
     )
-    heading = "Beside " + " and ".join(map(label, courses))
+    heading = "Against " + " and ".join(map(label, courses))
     return Chart(name, [panels], heading, caption, size=(TWO_COLUMNS, 2.9))
 
 

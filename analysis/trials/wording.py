@@ -76,13 +76,13 @@ def _standing(finding: Finding) -> str:
         chance = f"decided by the last look with probability {finding.power:.2f}"
         if finding.within_budget != finding.power:
             chance += f", within the budget {finding.within_budget:.2f}"
-        return f"open beside {name} ({where}; {chance})"
+        return f"open against {name} ({where}; {chance})"
     return f"{_relation(finding)} {name} ({where})"
 
 
 def _relation(finding: Finding) -> str:
     words = {Verdict.BETTER: "better than", Verdict.WORSE: "worse than", Verdict.ALIKE: "like"}
-    return words.get(finding.verdict, "neither shown better, worse nor alike beside")
+    return words.get(finding.verdict, "undecided against")
 
 
 def sentence(design: Design, look: Look) -> str:

@@ -125,8 +125,8 @@ def trials() -> str:
             "true difference": rows["true"].map("{:+.1f}".format),
             "seeds": rows["seeds"].map("{:.1f}".format),
             "wrong, %": (100 * rows["wrong"]).map("{:.1f}".format),
-            "beside Random: better / worse / alike, %": _verdicts(rows, "random"),
-            "beside the best": _verdicts(rows, "best"),
+            "against Random: better / worse / alike, %": _verdicts(rows, "random"),
+            "against the best": _verdicts(rows, "best"),
             "bias, naive": rows["naive_bias"].map("{:+.2f}".format),
             "bias, median-unbiased": rows["median_bias"].map("{:+.2f}".format),
         }

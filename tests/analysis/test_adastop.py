@@ -1,4 +1,4 @@
-"""Trials beside AdaStop (Mathieu et al., 2023), a group-sequential permutation test, on the same numbers."""
+"""Trials against AdaStop (Mathieu et al., 2023), a group-sequential permutation test, on the same numbers."""
 
 import numpy as np
 
@@ -27,7 +27,7 @@ ADASTOP = {
     "spdl": ("smaller", 5),
     "spdl:preset=release": ("smaller", 5),
 }
-"""Decision and runs of AdaStop 0.1.3 on mastered tasks over training, each teacher of simulated-1 beside
+"""Decision and runs of AdaStop 0.1.3 on mastered tasks over training, each teacher of simulated-1 against
 Random on the original challenge: MultipleAgentsComparator(n=5, K=2, B=10000, alpha=0.025, seed=0),
 runs by seed."""
 
