@@ -21,7 +21,7 @@ RULE = "#d9dce1"
 
 
 class Look(NamedTuple):
-    """How one teacher is drawn: colour, marker and dashes, so that colour never carries it alone."""
+    """Look of one teacher: colour, marker and dashes, so that colour never carries it alone."""
 
     colour: str
     marker: str

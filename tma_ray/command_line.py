@@ -83,7 +83,7 @@ def value(parse: Parse, metavar: str, **settings: Any) -> Parameter:
     """Return the annotation of an option or argument with one value; of several the last counts.
 
     Args:
-        parse: reads the text of a value; raises ValueError for what it refuses.
+        parse: function that reads the text of a value, or raises ValueError.
         metavar: kind of the value, of `METAVARS`.
         settings: further settings of `cyclopts.Parameter`.
     """

@@ -132,7 +132,7 @@ class EnvironmentConformance:
     longest_episode: ClassVar[int] = 10_000
 
     def test_gymnasium_accepts_it(self) -> None:
-        """Its spaces, types and seeds are what Gymnasium expects."""
+        """Spaces, types and seeds are what Gymnasium expects."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # advice on bounds, which observations need not have
             check_env(gymnasium.Wrapper(self._made()).unwrapped, skip_render_check=True)
@@ -184,7 +184,7 @@ class EnvironmentConformance:
         assert (drawn[0] != drawn[1]).any(), "another seed must draw another task"
 
     def test_seed_and_actions_determine_what_it_gives(self) -> None:
-        """Bit for bit, whatever was played before and whatever others do with global random numbers."""
+        """Results repeat bit for bit, whatever was played before or drawn from global random numbers."""
         made = self._made()
         first = self._play(made, 1)
         self._play(made, 2)

@@ -54,7 +54,7 @@ def count_compiled(show: Callable[[int, int], None]) -> None:
     """Call `show` after each compilation from now on.
 
     Args:
-        show: takes the number of kernels that are compiled, and of all in the modules imported so far.
+        show: function of the number of kernels that are compiled, and of all in the modules imported so far.
     """
     event.register("numba:compile", _Count(show))  # type: ignore[no-untyped-call]
 

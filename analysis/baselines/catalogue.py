@@ -48,7 +48,7 @@ class BaselineFile:
     """One file of a baseline.
 
     Attributes:
-        path: from the baseline's folder.
+        path: path from the baseline's folder.
         size: bytes.
         sha256: SHA-256 of its bytes, hexadecimal.
     """

@@ -391,7 +391,7 @@ class _Sample:
 def _compared(
     first: _Sample, second: _Sample, seeds: Seeds, scale: Scale, *, over: bool
 ) -> dict[str, object]:
-    """Return the test of two groups, over strata or of two samples, and what it is of."""
+    """Return the test of two groups, over strata or of two samples, and its scope."""
     mine, theirs = first.places, second.places
     places = [place for place in mine if place in theirs and set(mine[place]) == set(theirs[place])]
     if over:

@@ -29,7 +29,7 @@ def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tup
     means over the grids of the single dimensions, which do not see how dimensions depend on each other.
 
     Args:
-        tasks: (n, d), in task units; what lies outside the space counts in the nearest cell.
+        tasks: values (n, d), in task units; what lies outside the space counts in the nearest cell.
         space: bounds of the grid.
         bins: cells along each dimension.
 

@@ -99,7 +99,7 @@ def variants(rows: pd.DataFrame) -> list[str]:
     Results of one variant have one pool a challenge, so that aggregates over challenges count each once.
 
     Args:
-        rows: with engine, environment, challenge, pool and test_sets, as in `pooling.pool_runs`.
+        rows: runs with engine, environment, challenge, pool and test_sets, as in `pooling.pool_runs`.
     """
     columns = ["engine", "environment", "challenge", "pool", "test_sets"]
     return [_variant(*key) for key in rows[columns].itertuples(index=False, name=None)]

@@ -70,7 +70,7 @@ def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
     """Return the seeds of the runs that are to be paired by them.
 
     Args:
-        tables: with engine, seed and run_id.
+        tables: runs with engine, seed and run_id.
     """
     seeds: dict[Hashable, Hashable] = {}
     for table in tables:

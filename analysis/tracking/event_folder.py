@@ -74,7 +74,7 @@ class EventFile:
 
     Args:
         folder: folder of the file.
-        number: tells it from other files of this folder that were opened in the same second.
+        number: number of this file among those that were opened in the same second.
     """
 
     def __init__(self, folder: Path, number: int) -> None:

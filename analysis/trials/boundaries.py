@@ -50,7 +50,7 @@ def boundaries(
     """Return the boundary of each look, at which the error that `spent` allows is spent.
 
     Args:
-        fractions: rising to 1, at which error is spent.
+        fractions: information of each look, rising to 1.
         error: one-sided error of all looks together.
         information: information of each look in any unit, which gives the correlations.
     """

@@ -157,7 +157,7 @@ class Design:
         return Rule(self.looks, fractions, self.margin, candidates, self.error / COMPARISONS)
 
     def differing(self, other: Design) -> list[str]:
-        """Return in words what another design has otherwise, except what is computed of the rest."""
+        """Return the settings in which another design differs, in words."""
         computed = {"error", "simulated_error", "runs"}
         mine, theirs = self.to_dict(), other.to_dict()
         words = [

@@ -130,7 +130,7 @@ class Rule:
         """Standard errors over the difference at which it ends: further for one chosen as the best.
 
         The best of several is overestimated, so that the difference to it is underestimated, never
-        overestimated: only this end needs Šidák's correction.
+        overestimated: only end that needs Šidák's correction.
         """
         return self._bounds(1 - (1 - self.error / 2) ** (1 / self.candidates))
 

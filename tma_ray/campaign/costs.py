@@ -281,7 +281,7 @@ def confirm(name: str, cost: Cost, *, yes: bool, ask: Callable[[str], str] | Non
         name: name of the campaign, for messages.
         cost: cost of the campaign.
         yes: True to start it without a question.
-        ask: puts a question to the user and returns the answer; None where nobody may be there to answer.
+        ask: function that asks the user a question and returns the answer; None without a terminal.
 
     Raises:
         ValueError: it is not to be started, or nobody can be asked.

@@ -36,7 +36,7 @@ class RetryingCommitter:
 
     Args:
         committer: committer of the results root.
-        keep_lease: renews the lease; raises if another campaign holds it.
+        keep_lease: function that renews the lease, and raises if another campaign holds it.
         seconds: longest time for which one operation is retried, s.
     """
 

@@ -68,7 +68,7 @@ class CampaignSpec:
         cells: cells to compare.
         seeds: seeds of every cell.
         schedule: budget and intervals of every run.
-        independent_levels: repeats cells whose levels of knowledge make no difference to the teacher,
+        independent_levels: True to repeat cells whose levels of knowledge make no difference to the teacher,
             as the paper did, instead of sharing their runs.
     """
 

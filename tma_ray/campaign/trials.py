@@ -81,7 +81,7 @@ def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, j
         plans: runs until each look, those of the looks before included.
         cost: result of `trial_cost`.
         options: its options, with budget, h; None for as long as it takes.
-        judge: is called after each look.
+        judge: function called after each look.
 
     Returns:
         The exit code, as of `script.main`.
@@ -160,8 +160,8 @@ def simulate_looks(
     Args:
         cells: cells, of `simulated_cells`.
         looks: seeds of every cell until each look.
-        options: with results and jobs.
-        judge: is called after each look.
+        options: options with results and jobs.
+        judge: function called after each look.
 
     Raises:
         ProcessLostError: a process was killed; the same call continues.

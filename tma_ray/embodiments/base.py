@@ -139,7 +139,7 @@ class Joint:
         motor_speed: speed that the motor seeks, in rad/s; also scales the observed speed.
         angle_offset: added to the observed angle, in rad.
         contact_part: part whose ground contact is observed after this joint, if any.
-        anchor_b: says that the joint is drawn stretched, and where on `part_b` it is to be anchored, relative
+        anchor_b: mark of a joint drawn stretched, and place where on `part_b` it is to be anchored, relative
             to the spawn point in m; such a joint is closed before an episode begins.
         outside_parts: True if the anchor may lie outside its parts, as in a neck that is not drawn.
     """

@@ -110,7 +110,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Build the world of a task and return its first observation.
 
         Args:
-            seed: makes this episode, and those after it, repeatable.
+            seed: number that makes this episode, and those after it, repeatable.
             options: {"task": one value per dimension of `valid_domain`}.
 
         Raises:

@@ -21,8 +21,8 @@ class Outcome(NamedTuple):
     """What a step of k environments gives.
 
     Attributes:
-        observations: (k, o).
-        rewards: (k,).
+        observations: values (k, o).
+        rewards: values (k,).
         terminated: True for episodes that ended in their worlds (k,).
         truncated: True for episodes that reached their longest length (k,).
     """
@@ -248,7 +248,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         """Advance every world by one step; see `LockStep.step`.
 
         Args:
-            actions: (n, a).
+            actions: values (n, a).
 
         Raises:
             ValueError: actions of another shape, or not finite; no world has moved.

@@ -68,7 +68,7 @@ class Engine(Protocol):
     """One body in one world at a time.
 
     Attributes:
-        state: (p, 6) as kernels.py has it, rewritten by every step.
+        state: values (p, 6) as kernels.py has it, rewritten by every step.
         contacts: pieces of ground and of ceiling that each part touches (p, 2), rewritten by every step.
         grips: object that each grip sensor touches and holds (g, 2), rewritten by every step.
         medium: consecutive steps under water and outside it (2,), rewritten by every step.

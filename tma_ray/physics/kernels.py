@@ -210,7 +210,7 @@ def feel(
     """Find what each sensor touches, a creeper before the ceiling.
 
     Args:
-        state: (p, 6).
+        state: values (p, 6).
         rotations: cosine and sine of each part's angle (p, 2).
         body: the body with g sensors.
         world: the world.
@@ -350,13 +350,13 @@ def observe(
     is observed.
 
     Args:
-        state: (p, 6).
-        contacts: (p, 2).
+        state: values (p, 6).
+        contacts: values (p, 2).
         medium: consecutive steps under water and outside it before this one (2,).
         grips: object that each sensor touches and holds (g, 2).
         body: the body.
         world: the world.
-        observation: (o,), written.
+        observation: values (o,), written.
     """
     head = state[body.head]
     observation[0] = head[2]
@@ -423,8 +423,8 @@ def judge(
     """Judge a step.
 
     Args:
-        state: (p, 6) after the step.
-        contacts: (p, 2) after the step.
+        state: values (p, 6) after the step.
+        contacts: values (p, 2) after the step.
         body: the body.
         goal_x: the head past this x has arrived, which ends the episode without a bonus.
         cost: cost of the torques.
@@ -465,7 +465,7 @@ def water_forces(
     """Write the forces of still water on each part; return True if there are any.
 
     Args:
-        state: (p, 6).
+        state: values (p, 6).
         rotations: cosine and sine of each part's angle (p, 2).
         torques: torque of each motor in the last step, in N m (j,).
         body: the body.

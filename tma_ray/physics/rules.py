@@ -14,7 +14,7 @@ class BodyArrays(NamedTuple):
     """p parts and h joints, those with motors first, as an engine builds them.
 
     Attributes:
-        mass: with the grip sensors that are welded to a part (p,), in kg.
+        mass: masses with the grip sensors that are welded to a part (p,), in kg.
         inertia: about the centre of mass (p,), in kg m².
         centre: centre of mass in the part's frame (p, 2), in m.
         position: origin of the part's frame relative to the ground under the spawn point (p, 2), in m.

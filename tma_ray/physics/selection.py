@@ -1,4 +1,4 @@
-"""Which engine simulates: the compiled one where it works, else pymunk's. The results are the same bits."""
+"""Choice of the engine: the compiled one where it works, else pymunk's. The results are the same bits."""
 
 from __future__ import annotations
 

@@ -132,8 +132,8 @@ class Results:
 
         Args:
             table: name of the table.
-            run_ids: only these runs, those of them that are there; all by default.
-            columns: only these columns, in this order; all by default.
+            run_ids: ids of the runs to read, as far as they are there; all by default.
+            columns: names of the columns to read, in this order; all by default.
 
         Raises:
             ValueError: an unknown table, or a column that it does not have.

@@ -186,7 +186,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         cell: combination to run.
         seed: whole number of at least 0.
         schedule: budget and intervals.
-        independent_levels: keeps levels of knowledge apart that make no difference to the teacher, as
+        independent_levels: True to keep levels of knowledge apart that make no difference to the teacher, as
             repeats with other random numbers; by default such cells share runs.
 
     Raises:

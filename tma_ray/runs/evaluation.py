@@ -25,7 +25,7 @@ Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
 class GreedyPolicy(Protocol):
-    """Something that acts without exploration."""
+    """Policy that acts without exploration."""
 
     def act_greedily(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return deterministic actions (n, a) for observations (n, o)."""
@@ -40,7 +40,7 @@ def played_episodes(
         worlds: worlds, of which the first n are used.
         seeds: seeds of the n worlds.
         tasks: tasks of the n worlds (n, d).
-        act: chooses the actions.
+        act: function that chooses the actions.
         most_steps: largest number of steps of all worlds together.
 
     Returns:

@@ -153,7 +153,7 @@ class GreedyNetwork:
     ways as its student, and so gives the same bits.
 
     Args:
-        parameters: (p,); for several observations always the present ones are applied.
+        parameters: values (p,); for several observations always the present ones are applied.
         layout: layout of the network, whose first outputs are the means.
         action_size: number of means a.
 

@@ -37,7 +37,7 @@ class ReplayBuffer:
         capacity: transitions kept.
         observation_size: length o of an observation.
         action_size: length a of an action.
-        generator: draws the batches.
+        generator: source of the batches.
         device: device of batches.
     """
 
@@ -109,7 +109,7 @@ class ReplayBuffer:
         Args:
             observations: observations acted on, and the last next observation (n + 1, o).
             actions: actions in the network's range [-1, 1] (n, a).
-            rewards: (n,).
+            rewards: values (n,).
             terminated: True if the last transition terminated; the others did not.
         """
         count, row = len(actions), self._row

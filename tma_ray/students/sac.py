@@ -52,11 +52,11 @@ class Transitions(NamedTuple):
     """A batch of n transitions; stable-baselines3's samples have these attributes, too.
 
     Attributes:
-        observations: (n, o).
+        observations: values (n, o).
         actions: actions in [-1, 1] (n, a).
-        next_observations: (n, o).
+        next_observations: values (n, o).
         dones: 1 where nothing follows (n, 1).
-        rewards: (n, 1).
+        rewards: values (n, 1).
     """
 
     observations: torch.Tensor

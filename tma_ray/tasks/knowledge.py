@@ -186,10 +186,10 @@ def expert_knowledge(
     Args:
         level: amount of knowledge.
         space: the space the teacher works in.
-        placement: draws the mean of the initial Gaussian below level high. It is drawn at every
+        placement: source of the mean of the initial Gaussian below level high. It is drawn at every
             level, so that what follows does not depend on the level.
         easy_task: an easy task (d,) of the world, the initial mean at level high.
-        mastery_threshold: told from level low on.
+        mastery_threshold: episodic return of mastery, known from level low on.
         landscape: mapping of the teacher's tasks to the world's if the space is shuffled. The easy task is
             told as the teacher's task that leads to it; variances stay as they are.
 

@@ -193,7 +193,7 @@ class ShuffledSpace:
 
     Attributes:
         space: the box of the teacher, and of the world.
-        order: (d, cuts), the world's interval that each of the teacher's intervals shows.
+        order: world's interval for each of the teacher's intervals (d, cuts).
 
     Examples:
         >>> line = TaskSpace.from_bounds({"height": (0, 4)})

@@ -39,7 +39,7 @@ class Performance(NamedTuple):
 
     Attributes:
         points: tasks with known returns (n, f).
-        returns: (n,).
+        returns: values (n,).
         width: standard deviation of the kernel.
     """
 
@@ -90,7 +90,7 @@ def moved(
         performance: returns to expect.
         least: return to expect at least; where no point of the region has it, the best one is taken.
         region: candidates; towards the target only, of particles that have the least return.
-        rng: draws the candidates.
+        rng: source of the candidates.
     """
     candidates = _candidates(particles, targets, performance(particles) >= least, region, rng)
     count, tried, size = candidates.shape
@@ -181,7 +181,7 @@ class SuccessBuffer:
         """Return `count` points (count, f) around the tasks, farther off the less they return.
 
         Args:
-            rng: draws them.
+            rng: source of the draws.
             count: number of tasks to draw.
             narrowest: standard deviation of the noise around successes, as a share of each range.
         """

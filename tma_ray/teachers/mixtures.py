@@ -32,9 +32,9 @@ class Mixture:
     """A fitted mixture as plain arrays.
 
     Attributes:
-        weights: (k,) share of the data in each component.
-        means: (k, c).
-        covariances: (k, c, c).
+        weights: share of the data in each component (k,).
+        means: values (k, c).
+        covariances: values (k, c, c).
     """
 
     weights: Array

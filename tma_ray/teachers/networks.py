@@ -89,7 +89,7 @@ class LeastSquaresGAN:
         size: dimensions d of points and of the noise that they are generated from.
         learning_rate: learning rate of both RMSProp optimisers.
         batch_size: points per step, and as many generated ones.
-        rng: draws the initial weights.
+        rng: source of the initial weights.
     """
 
     def __init__(self, size: int, learning_rate: float, batch_size: int, rng: np.random.Generator) -> None:
@@ -131,10 +131,10 @@ class LeastSquaresGAN:
         """Take one step of each network per iteration.
 
         Args:
-            points: (n, d).
+            points: values (n, d).
             wanted: label (n,) of each.
             iterations: number of steps.
-            rng: draws batches and noise.
+            rng: source of batches and noise.
 
         Returns:
             Mean losses of the steps by name.
@@ -217,7 +217,7 @@ class AffineCoupling(nn.Module):
     Args:
         moved: bool (d,), the coordinates that change.
         hidden: units of each layer of both networks.
-        generator: draws the initial weights.
+        generator: source of the initial weights.
     """
 
     def __init__(self, moved: torch.Tensor, hidden: int, generator: torch.Generator) -> None:
@@ -260,7 +260,7 @@ class RealNVP(nn.Module):
     Args:
         size: dimensions d; a single one depends on the condition alone.
         hidden: units of each hidden layer (paper: n_HIDDEN).
-        generator: draws the initial weights.
+        generator: source of the initial weights.
     """
 
     def __init__(self, size: int, hidden: int, generator: torch.Generator) -> None:
@@ -320,7 +320,7 @@ def new_networks(size: int, hidden_units: int, rng: np.random.Generator) -> tupl
     Args:
         size: dimensions of a task.
         hidden_units: units of each layer of the setter's networks.
-        rng: draws the initial weights.
+        rng: source of the initial weights.
     """
     seeded = torch_generator(rng)
     return _judge(size, seeded), RealNVP(size, hidden_units, seeded)

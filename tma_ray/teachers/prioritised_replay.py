@@ -74,7 +74,7 @@ class TaskBuffer:
         temperature: beta.
         staleness_share: rho, in [0, 1].
         tasks: float32 (k, d).
-        scores: (k,).
+        scores: values (k,).
         staleness: replays since the task was played (k,).
         best: highest discounted return that was seen on the task (k,).
     """

@@ -117,8 +117,8 @@ def best_cut(
         region: region to cut.
         attempts: number of random cuts.
         fewest: episodes that each part must keep.
-        smallest: (d,) sides that each part must keep, in task units.
-        rng: draws the cuts.
+        smallest: sides that each part must keep (d,), in task units.
+        rng: source of the cuts.
     """
     tasks = np.array(region.tasks)
     dimensions, thresholds = random_cuts(region.bounds, tasks, attempts, fewest, rng)

@@ -36,7 +36,7 @@ class FullGaussian:
     """A Gaussian with full covariance.
 
     Attributes:
-        mean: (d,).
+        mean: values (d,).
         factor: Cholesky factor (d, d) of the covariance, lower triangular with a positive diagonal.
     """
 

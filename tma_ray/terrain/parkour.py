@@ -177,8 +177,8 @@ def parkour(task: Task, rng: np.random.Generator, *, cppn: CPPN, swinging_creepe
     Args:
         task: theta (3), water level in [0, 1], creepers' width, mean height and spacing in m, and delta, by
             which the network's heights are divided.
-        rng: draws one height per creeper.
-        cppn: draws ground and ceiling.
+        rng: source of one height per creeper.
+        cppn: network of ground and ceiling.
         swinging_creepers: True for creepers that are chains of swinging parts (not used in the paper).
     """
     water_level, width, height, spacing, delta = (float(value) for value in task[3:])

@@ -48,7 +48,7 @@ def stump_tracks(task: Task, rng: np.random.Generator) -> Terrain:
     Args:
         task: mean stump height in terrain steps, and the gap between stumps in m. A negative mean counts
             as 0 (the original release keeps it, and so draws stumps of the minimum height only).
-        rng: draws one height per stump.
+        rng: source of one height per stump.
     """
     mean_height, spacing = max(0.0, float(task[0])), max(MINIMUM_SPACING, float(task[1]))
     count = int((TRACK_LENGTH - FIRST_STUMP + spacing) / (STUMP_WIDTH + spacing))

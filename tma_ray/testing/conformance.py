@@ -210,7 +210,7 @@ class TeacherConformance:
         )
 
     def test_a_saved_teacher_continues_in_a_new_process(self) -> None:
-        """Bit for bit, after any number of episodes."""
+        """A saved teacher continues bit for bit, after any number of episodes."""
         scenarios = self.claimed_scenarios()
         records = [self._record(scenario) for scenario in scenarios]
         after = [SAVED_AFTER[index % len(SAVED_AFTER)] for index in range(len(records))]

@@ -157,7 +157,7 @@ class SimulatedStudent:
     Args:
         easy: the easiest task (d,); what is easier still counts as this.
         hard: the hardest task (d,) that could be feasible, different from `easy` in every dimension.
-        rng: draws the student's own pace, then the noise of returns.
+        rng: source of the student's own pace, then the noise of returns.
         aptitude: speed of learning.
 
     Raises:

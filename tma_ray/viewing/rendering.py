@@ -180,7 +180,7 @@ class RenderedEnvironment:
     """An environment that draws frames, with the policy that acts in it.
 
     Attributes:
-        environment: with the render mode "rgb_array".
+        environment: environment with the render mode "rgb_array".
         policy: "random", "zero", or the run of a trained one.
         trained: the trained policy, if it is one.
         space: tasks that a teacher may choose.
@@ -315,7 +315,7 @@ def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.ra
             middle, "random" for a task drawn from `space`.
         space: tasks that a teacher may choose.
         domain: tasks that the environment can build.
-        rng: draws a random task.
+        rng: source of a random task.
 
     Raises:
         ValueError: no numbers, too few or too many, an unknown dimension, or a task outside `domain`.

@@ -289,7 +289,7 @@ class WorldThreads:
 
         Args:
             addresses: addresses of each memory's floats and integers, with their lengths (k, 4).
-            actions: (k, j + g).
+            actions: values (k, j + g).
             observations: written (k, o).
             rewards: written (k,); NaN as `compiled.step.step` has it.
             ended: written (k,).

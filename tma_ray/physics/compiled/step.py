@@ -57,14 +57,14 @@ class Simulation(NamedTuple):
     """State of a simulation of p parts and h joints, j of them with motors, and g grip sensors.
 
     Attributes:
-        action: (j + g,).
-        commands: (j, 2), as `command_motors` writes them.
-        state: (p, 6).
+        action: values (j + g,).
+        commands: values (j, 2), as `command_motors` writes them.
+        state: values (p, 6).
         rotations: cosine and sine of each part's angle (p, 2).
         torques: torque of each motor, in N m (j,).
         forces: forces of the water on each part (p, 3), as `water_forces` writes them.
         points: positions of the sensors (g, 2), in m.
-        contacts: (p, 2).
+        contacts: values (p, 2).
         medium: consecutive steps under water and outside it (2,).
         wet: 1 if there are forces of water, else 0 (1,).
         grips: object that each sensor touches and holds (g, 2).

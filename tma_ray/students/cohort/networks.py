@@ -21,8 +21,8 @@ class PaddedLayout(NamedTuple):
     """A layout of which inputs and hidden layers are padded; outputs are not.
 
     Attributes:
-        plain: without padding.
-        padded: with padding.
+        plain: layout without padding.
+        padded: layout with padding.
         others: number of parameters that follow the network's.
     """
 
@@ -73,7 +73,7 @@ def stacked_pass(
     Args:
         parameters: padded (k, p).
         layout: layout of each network.
-        inputs: without padding (k, n, i).
+        inputs: values without padding (k, n, i).
         hidden: type in which hidden layers are computed; the last layer is in that of the parameters.
     """
     layers, activation = _layers(parameters, layout), layout.padded.activation

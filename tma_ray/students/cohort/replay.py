@@ -21,8 +21,8 @@ class ReplayContents(NamedTuple):
         observations: rows (r, o), in order of time.
         rows: row of each transition's observation (n,); its next observation is in the row after it.
         actions: actions in [-1, 1] (n, a).
-        rewards: (n,).
-        terminated: (n,) bool.
+        rewards: values (n,).
+        terminated: values (n,) bool.
     """
 
     observations: NDArray[np.float32]
@@ -115,7 +115,7 @@ class StackedReplay:
             slot: slot of the run.
             observations: observations of each transition, and the last one's next (n + 1, o).
             actions: actions in [-1, 1] (n, a).
-            rewards: (n,).
+            rewards: values (n,).
             terminated: nothing follows the last transition.
         """
         ends = np.zeros(len(rewards), dtype=np.bool_)

@@ -280,7 +280,7 @@ class StackedSAC(StackedLearner):
 
         Args:
             slot: slot of the run.
-            observations: (n, o).
+            observations: values (n, o).
             noise: standard normal, of the actions that V averages over (m, n, a); by default that of the
                 run's key and its number of updates, `value_samples` actions a state.
         """

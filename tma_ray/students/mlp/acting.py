@@ -70,7 +70,7 @@ def apply_row(
         work: overwritten (2, largest size).
         active: overwritten (largest size,).
         is_tanh: True if the activation is the tangent hyperbolic, else it is the ReLU.
-        inputs: (i,).
+        inputs: values (i,).
     """
     source, target = work[0], work[1]
     source[: sizes[0]] = inputs

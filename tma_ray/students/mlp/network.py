@@ -40,7 +40,7 @@ def activations(
 
     Args:
         layers: layers of one network or of k.
-        inputs: (n, i), or of k networks (k, n, i).
+        inputs: values (n, i), or of k networks (k, n, i).
         activation: function after each layer but the last.
         buffers: memory for hidden layers' outputs; by default new memory.
     """
@@ -75,7 +75,7 @@ class Network:
     differentiated: torch refuses the others.
 
     Args:
-        parameters: (p,); a view, so that it is always the present ones that are applied.
+        parameters: values (p,); a view, so that it is always the present ones that are applied.
         layout: layout of the network.
         gradient: memory for the parameters' gradient (p,), which each backward pass overwrites.
 

@@ -52,7 +52,7 @@ def exploring_step(
     """Return the action for an observation, and what learning from it needs.
 
     Args:
-        network: whose outputs are means and value.
+        network: network whose outputs are means and value.
         policy: log deviation of the actions (a,), bounds of the action space (2, a).
         normaliser: normaliser of observations.
         observation: not normalised (o,).
@@ -154,8 +154,8 @@ class Rollout:
         Args:
             observation: observation as normalised for the networks (o,).
             action: sampled action, not clipped to the action space (a,).
-            reward: normalised; the value of what a time limit cut off is part of it.
-            ended: the episode ended with this step, by itself or by a time limit.
+            reward: normalised reward, with the value of what a time limit cut off.
+            ended: True if the episode ended with this step, by itself or by a time limit.
             judged: value of the observation, in normalised reward, and log probability of the action.
         """
         index = self._size

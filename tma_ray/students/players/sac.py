@@ -37,11 +37,11 @@ def squashed_action(
     """Return the tangent hyperbolic (a,) of a normal variable.
 
     Args:
-        network: whose outputs are means and, before they are brought into their range, log deviations.
-        observation: (o,).
+        network: network whose outputs are means and unbounded log deviations.
+        observation: values (o,).
         noise: standard normal (a,).
         log_std_range: bounds of the log deviation.
-        clamp: the log deviation is clamped to its range; else it is a scaled tangent hyperbolic.
+        clamp: True to clamp the log deviation to its range; else it is a scaled tangent hyperbolic.
     """
     weights, sizes, work, active, is_tanh = network
     low, high = np.float32(log_std_range[0]), np.float32(log_std_range[1])
@@ -66,7 +66,7 @@ def sampled_actions(
     Args:
         outputs: outputs of the network for n observations (n, 2a).
         bounds: lower and upper ones of the action space, (a,) each.
-        rng: draws the noise.
+        rng: source of the noise.
         clamp: bounds of `squashed_action`.
     """
     means, log_deviations = normal_of(outputs, clamp)

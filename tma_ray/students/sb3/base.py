@@ -32,7 +32,7 @@ class TorchStream:
 
     Args:
         seed: seeds the stream.
-        device: with a GPU its generator is swapped, too.
+        device: device, whose generator is swapped, too, if it is a GPU.
     """
 
     def __init__(self, seed: np.random.SeedSequence, device: torch.device) -> None:
