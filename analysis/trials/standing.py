@@ -88,7 +88,7 @@ def looks_at(
     """Return the looks of a trial of which all runs have ended, none after one at which it ends.
 
     Args:
-        design: what was fixed.
+        design: fixed design of the trial.
         released: runs of the release.
         own: runs of the new teacher, of `design.ended_runs`.
         affordable: number of the last look within the budget, from 0 on; None for all.

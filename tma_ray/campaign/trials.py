@@ -57,7 +57,7 @@ def affordable_look(plans: Sequence[Plan], cost: Cost | None, options: TrialOpti
 
     Args:
         plans: runs until each look, those of the looks before included.
-        cost: of `trial_cost`.
+        cost: result of `trial_cost`.
         options: options of the command.
     """
     if cost is None or not options.budget:

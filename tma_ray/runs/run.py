@@ -94,7 +94,7 @@ class Run:
         return self.progress.step >= self.spec.schedule.steps
 
     def advance(self) -> Episode | None:
-        """Plays one episode, with the evaluations, probes and resets that become due.
+        """Play one episode, with the evaluations, probes and resets that become due.
 
         Returns:
             The episode; None if the budget ended before it did.
@@ -108,7 +108,7 @@ class Run:
         return episode
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
-        """Writes the complete state into an existing, empty folder; call it between two episodes.
+        """Write the complete state into an existing, empty folder; call it between two episodes.
 
         Args:
             folder: target folder.
@@ -130,7 +130,7 @@ class Run:
         return tuple(f"{STUDENT}/{name}" for name in unchanged)
 
     def load(self, folder: Path) -> None:
-        """Restores the state that `save` wrote for the same spec."""
+        """Restore the state that `save` wrote for the same spec."""
         state = pickle.loads((folder / "run.pickle").read_bytes())
         self.progress = Progress(**state["progress"])
         self._episode_seeds.bit_generator.state = state["episode_seeds"]
@@ -141,7 +141,7 @@ class Run:
         self._next_event = self._event_after(self.progress.step)
 
     def close(self) -> None:
-        """Closes all environments."""
+        """Close all environments."""
         self.environment.close()
         self._evaluation.close()
         self._trials.close()
@@ -207,7 +207,7 @@ class Run:
         self._receive(self.teacher.exchange(episode), recorder)
 
     def _world_task(self, task: Task) -> Task:
-        """Returns the task of the world for a task of the teacher."""
+        """Return the task of the world for a task of the teacher."""
         return task if self._landscape is None else self._landscape.to_world(task)
 
     def _receive(self, reply: Reply, recorder: Recorder | None = None) -> None:
@@ -224,7 +224,7 @@ class Run:
         self.progress.next_trains = reply.trains
 
     def _answer(self, query: Query, recorder: Recorder | None) -> Answer | None:
-        """Returns the answer to `query`; None if an evaluation took what was left of the budget."""
+        """Return the answer to `query`; None if an evaluation took what was left of the budget."""
         if query.kind is QueryKind.STATE_VALUES:
             assert query.observations is not None, "a query for values holds observations"
             return self.student.state_values(query.observations)
@@ -248,7 +248,7 @@ class Run:
         return outcomes
 
     def _events(self, step: int) -> None:
-        """Does everything that is due at `step`: evaluation, probe, training statistics, then a reset."""
+        """Do everything that is due at `step`: evaluation, probe, training statistics, then a reset."""
         schedule = self.spec.schedule
         if step % schedule.evaluation_interval == 0 or step == schedule.steps:
             rows = [{"step": step, **row} for row in self._evaluation(self.student)]
@@ -265,7 +265,7 @@ class Run:
         self._next_event = self._event_after(step)
 
     def _event_after(self, step: int) -> int:
-        """Returns the first step after `step` at which something is due."""
+        """Return the first step after `step` at which something is due."""
         schedule = self.spec.schedule
         intervals = (schedule.evaluation_interval, schedule.probe_interval, schedule.training_window)
         regular = (step - step % interval + interval for interval in intervals)
