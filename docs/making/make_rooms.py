@@ -30,7 +30,7 @@ FLOORS: Final = (
     (Room("Campaigns", ("tma_ray.campaign",), "plans, scheduler, executors: the only user of Ray"),),
     (
         Room(
-            "Policies shown",
+            "Viewing and export",
             ("tma_ray.viewing", "tma_ray.export", "tma_ray.playground"),
             "videos, ONNX, worlds in the browser; contracts of plug-ins",
         ),
