@@ -85,6 +85,7 @@ def test_a_leaderboard_has_ranks_results_and_cost(released: Path) -> None:
             assert ends == pytest.approx(percent_interval(mean, stats.t.ppf(0.975, 2) / np.sqrt(3)))
 
 
+@pytest.mark.slow
 def test_steps_that_trained_stand_beside_those_that_were_spent() -> None:
     """ACCEL, robust PLR and SFL of lite-1 spend steps on scoring tasks, the core's teachers none."""
     core, everyone = leaderboards(analysis.load("lite-1"))
