@@ -23,7 +23,10 @@ GATHERED = set(runpy.run_path(str(FOLDER / "run_all.py"))["SMALLEST"])
 
 SHORT_RUNS = "--steps 200 --yes --local --teacher-placement inline --results results"
 
-IN_A_MOMENT = "--results results --processes 1 --order 0:1 --minutes 0.05"
+IN_A_MOMENT = "--results results --processes 1 --order 0:1 --minutes 0.2"
+
+STOPPED = "0/1 runs done, 1 stopped"
+"""Last line of a run that leaves with a checkpoint when its time is up."""
 
 OTHERS = {
     "claim_standings": "--experiments 1",
@@ -89,18 +92,22 @@ def test_a_measurement_ends_and_writes_json(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", sorted(OTHERS))
 def test_another_script_ends_with_its_summary(name: str, tmp_path: Path) -> None:
     summaries = {
+        "cluster_scale": "driver_kilobytes_per_run",
+        "playground": "fish,stump tracks,1,1,1,1,1,",
+        "trials": "rugged_difficulty,1,2.5000,0.0500,5.0000,",
         "claim_standings": "In Parkour ADR is worse than Random.,supported,1 of 1",
         "cohort": "| student | width | alone, µs | players, µs | learner, µs | speed per core |",
         "data_plane": "| Ray calls |",
         "familywise_error": "mastered_area,arcsine,15,",
         "interval_coverage": "bimodal,5,32,",
         "learning": "of 1 seeds walk",
-        "lite": "steps/s; ",
+        "lite": STOPPED,
         "locomotion": "climbing_chimpanzee, easy_climbing: mean return by seed",
-        "pairing": "steps/s; ",
-        "pilot": "steps/s; ",
+        "pairing": STOPPED,
+        "pilot": STOPPED,
         "precision": "| at 400 steps | highest | medium | difference |",
-        "sac_learning": "steps/s; ",
-        "sensitivity": "steps/s; ",
+        "sac_learning": STOPPED,
+        "sensitivity": STOPPED,
     }
     assert summaries[name] in run(tmp_path, name, *OTHERS[name].split())
+    assert summaries[name] != STOPPED or list(tmp_path.glob("results/checkpoints/*/*/index.json"))
