@@ -63,7 +63,7 @@ if is_command(sys.orig_argv):
     event.register("numba:compile", _Announcement())  # type: ignore[no-untyped-call]
 
 
-def kernel(function: F, nogil: bool = False) -> F:
+def kernel(function: F, nogil: bool = False, counted: bool = True) -> F:
     """Return `function` compiled on its first call, without fast-math, and cached on disk.
 
     Kernels of the physics and the terrains use arithmetic and comparisons only, no transcendental functions:
@@ -72,6 +72,7 @@ def kernel(function: F, nogil: bool = False) -> F:
     Args:
         function: the kernel.
         nogil: True if other threads of the interpreter go on during a call.
+        counted: False if most processes never call it; `count_compiled` leaves it out then.
 
     Raises:
         OSError: no folder in which compiled kernels are kept may be written.
@@ -89,7 +90,8 @@ def kernel(function: F, nogil: bool = False) -> F:
         # unpickles an index before it compares the stamp, and so fails on types of modules that are gone.
         file = Path(function.__code__.co_filename)
         compiled._cache._cache_file._version = (numba.__version__, _sources(_package(file)))
-        _kernels.append(compiled)
+        if counted:
+            _kernels.append(compiled)
     return cast("F", compiled)
 
 

@@ -192,7 +192,7 @@ def _step_row(board: Integers, row: int) -> None:
         _add(board[FAILED:].ctypes.data, 1)
 
 
-@partial(kernel, nogil=True)
+@partial(kernel, nogil=True, counted=False)
 def _serve(board: Integers, lock: int, thread: int) -> None:
     """Step worlds of every call, woken by `lock`, until the board says that it is the end."""
     while board[END] == 0:
