@@ -36,7 +36,7 @@ Step: TypeAlias = Callable[[Actions], object]
 """Steps all environments of a vector with actions (n, a)."""
 
 Maker: TypeAlias = Callable[[int], tuple[Step, Callable[[], None]]]
-"""Returns the functions that step and close a vector of so many environments."""
+"""Return the functions that step and close a vector of so many environments."""
 
 
 class OnOneTask(gymnasium.Wrapper[Any, Any, Any, Any]):

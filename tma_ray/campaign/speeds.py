@@ -111,7 +111,7 @@ class Throughput:
 
 
 SpeedFinder = Callable[[Mapping[Kind, RunSpec], Settings, int], Mapping[Kind, Throughput]]
-"""Returns the speeds of kinds of runs, from an example of each, settings, and the number of runs at once."""
+"""Return the speeds of kinds of runs, from an example of each, settings, and the number of runs at once."""
 
 
 def kind_of(spec: RunSpec) -> Kind:

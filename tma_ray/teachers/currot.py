@@ -35,7 +35,7 @@ def assigned(sources: Array, targets: Array) -> NDArray[np.int64]:
 
 
 class Performance(NamedTuple):
-    """Returns expected at points: averages of known ones, weighted by a Gaussian kernel (Nadaraya-Watson).
+    """Return expected at points: averages of known ones, weighted by a Gaussian kernel (Nadaraya-Watson).
 
     Attributes:
         points: tasks with known returns (n, f).

@@ -114,7 +114,7 @@ class BetaProduct(NamedTuple):
 
 
 Valued = Callable[[Array], tuple[float, Array]]
-"""Returns value and gradient (p,) at parameters (p,)."""
+"""Return value and gradient (p,) at parameters (p,)."""
 
 SLACK = 1e-4
 """By which a constraint may be missed, in nats or as a share: the solver's tolerance."""

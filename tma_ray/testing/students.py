@@ -42,10 +42,10 @@ DISCOUNT = 0.99
 """Gamma of simulated students; rewards come evenly over an episode."""
 
 StateValues = Callable[[NDArray[np.float32]], NDArray[np.float64]]
-"""Returns values (n,) of observations (n, o)."""
+"""Return values (n,) of observations (n, o)."""
 
 Evaluate = Callable[[Task, bool], Outcomes]
-"""Returns the outcomes of tasks (n, d); the second argument asks for the deterministic policy."""
+"""Return the outcomes of tasks (n, d); the second argument asks for the deterministic policy."""
 
 
 def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues, evaluate: Evaluate) -> None:

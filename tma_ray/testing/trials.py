@@ -96,10 +96,10 @@ class TrialStudent(StrEnum):
     """Masters a share of the tasks that grows with time, the easiest first; at the limit now and then."""
 
     HOPELESS = "hopeless"
-    """Returns -100, whatever the task."""
+    """Return -100, whatever the task."""
 
     PERFECT = "perfect"
-    """Returns 300, whatever the task."""
+    """Return 300, whatever the task."""
 
 
 @dataclass(frozen=True, eq=False)
