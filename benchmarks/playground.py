@@ -18,8 +18,8 @@ from tma_ray.playground.contents import PLAYED
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "playground"))
 
+from browsers import chromium  # type: ignore[import-not-found]
 from replays import (  # type: ignore[import-not-found]
-    chromium,
     in_chromium,
     in_node,
     recorded,

@@ -104,25 +104,20 @@ def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart
     """Yield learning curves against the steps that trained, if the student of a teacher has others, too."""
     trained = trained_steps(frames)
     trained = trained[trained["run_id"].isin(mine.evaluations["run_id"])]
-    teachers = trained["run_id"].map(
-        mine.evaluations.drop_duplicates("run_id").set_index("run_id")["teacher"]
-    )
-    shares = (
-        trained.groupby("run_id")["trained_percent"]
-        .last()
-        .groupby(teachers.groupby(trained["run_id"]).last())
-    )
-    fewer = shares.mean()[lambda each: each < NEARLY_ALL]
+    teachers = mine.evaluations.drop_duplicates("run_id").set_index("run_id")["teacher"]
+    shares = trained.groupby("run_id")["trained_percent"].last()
+    shares = shares.groupby(teachers.to_dict()).mean()
+    fewer = shares[shares < NEARLY_ALL]
     if fewer.empty:
         return
     windows = dict(list(trained.groupby("run_id")))
-    rows = [
+    rows = pd.concat(
         each.assign(trained=np.interp(each["step"], [0, *known["step"]], [0, *known["trained_steps"]]))
         for run_id, each in mine.evaluations.groupby("run_id", observed=True)
         if (known := windows.get(run_id)) is not None
-    ]
-    at = pd.concat(rows).groupby(["teacher", "step"], observed=True)["trained"].mean()
-    curves = aggregate(pd.concat(rows), PAPERS)
+    )
+    at = rows.groupby(["teacher", "step"], observed=True)["trained"].mean()
+    curves = aggregate(rows, PAPERS)
     curves = curves.assign(step=at.reindex(pd.MultiIndex.from_frame(curves[["teacher", "step"]])).to_numpy())
     told = listed(f"{share:.0f} % of the steps of {label(str(teacher))}" for teacher, share in fewer.items())
     caption = (

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
 import pytest
-from playwright.sync_api import Browser, FloatRect, Page, expect, sync_playwright
+from browsers import chromium
+from playwright.sync_api import Browser, FloatRect, Page, expect
 from synthetic_results import SyntheticCampaign
 
 from analysis.pages.compare import write_comparison
 from analysis.pages.report import write_report
 
 DESK, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
-
-NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 HOSTILE = "<img src=x onerror=console.error('hostile')>"
 
@@ -30,13 +27,8 @@ PATIENCE = 120_000
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    found = os.environ.get("TMA_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
-    if found is None:
-        pytest.skip("no Chromium: install it, or name it in TMA_CHROMIUM")
-    with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+    with chromium() as launched:
         yield launched
-        launched.close()
 
 
 def synthetic_root(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,11 +10,10 @@ from pathlib import Path
 
 import pytest
 from blocks import ROOT
-from playwright.sync_api import Page, expect, sync_playwright
+from browsers import chromium
+from playwright.sync_api import Page, expect
 
 pytestmark = pytest.mark.slow
-
-NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 LOCAL = ("file:", "data:", "blob:", "about:")
 """Beginnings of addresses that need no network."""
@@ -35,19 +33,14 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def page(site: Path) -> Iterator[Page]:
     """A page of the site; whatever it complains of or asks the network for fails its test."""
-    found = os.environ.get("TMA_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
-    if found is None:
-        pytest.skip("no Chromium: install it, or name it in TMA_CHROMIUM")
     troubles: list[str] = []
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+    with chromium() as browser:
         opened = browser.new_page(viewport={"width": 1280, "height": 900})
         opened.set_default_timeout(PATIENCE)
         opened.on("pageerror", lambda error: troubles.append(str(error)))
         opened.on("request", lambda request: troubles.append(request.url))
         opened.goto((site / "index.html").as_uri())
         yield opened
-        browser.close()
     assert not [trouble for trouble in troubles if not trouble.startswith(LOCAL)]
 
 

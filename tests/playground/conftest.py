@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 import pytest
+from browsers import chromium
 from playwright.sync_api import Browser
-from replays import chromium
 
 
 @pytest.fixture(scope="module")

@@ -11,20 +11,16 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser
 
 from tma_ray.playground.compiling import DATA, WASM
 from tma_ray.playground.page import SCRIPTS, SOURCES
 
 HERE = Path(__file__).parent
-
-CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 
 def sine_of_the_page(place: Path) -> dict[str, str]:
@@ -77,15 +73,3 @@ def in_chromium(browser: Browser, *files: Path) -> list[Any]:
     found = [page.evaluate(call, file.read_text()) for file in files]
     page.close()
     return found
-
-
-@contextmanager
-def chromium() -> Iterator[Browser]:
-    """Give headless Chromium, of `TMA_CHROMIUM` or the path."""
-    found = os.environ.get("TMA_CHROMIUM") or next(filter(None, map(shutil.which, CHROMIUM)), None)
-    if found is None:
-        pytest.skip("no Chromium: install it, or name it in TMA_CHROMIUM")
-    with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        yield launched
-        launched.close()
