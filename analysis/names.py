@@ -31,7 +31,10 @@ _LABELS = {
     "currot": "CURROT",
     "doraemon": "DORAEMON",
     "goalgan": "GoalGAN",
+    "lpacrl": "LP-ACRL",
+    "perm": "PERM",
     "plr": "PLR",
+    "procurltarget": "ProCuRL-Target",
     "ramp": "Ramp",
     "riac": "RIAC",
     "robustplr": "Robust PLR",
@@ -39,6 +42,8 @@ _LABELS = {
     "sfl": "SFL",
     "sobol": "Sobol",
     "spdl": "SPDL",
+    "spgl": "SPGL",
+    "traced": "TRACED",
 }
 
 

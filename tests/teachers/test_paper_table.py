@@ -66,6 +66,11 @@ DIFFERENT_LEVELS = {
     "doraemon": (None, LOW, HIGH),
     "sobol": (NONE, NONE, NONE),
     "ramp": (None, None, HIGH),
+    "lp_acrl": (NONE, NONE, NONE),
+    "perm": (NONE, NONE, NONE),
+    "procurl_target": (NONE, NONE, NONE),
+    "spgl": (NONE, NONE, HIGH),
+    "traced": (NONE, NONE, HIGH),
 }
 """What each makes of no, low and high knowledge; with None it cannot run."""
 

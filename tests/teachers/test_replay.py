@@ -19,7 +19,12 @@ from tma_ray.tasks import (
     expert_knowledge,
 )
 from tma_ray.teachers import canonical_teacher, hyperparameters_of, make_teacher
-from tma_ray.teachers.prioritised_replay import PrioritisedReplay, TaskBuffer, positive_value_loss
+from tma_ray.teachers.prioritised_replay import (
+    PrioritisedReplay,
+    TaskBuffer,
+    negative_advantage,
+    positive_value_loss,
+)
 
 SPACE = TaskSpace.from_bounds({"height": (0, 3), "fixed": (7, 7), "gap": (0, 6)})
 
@@ -49,6 +54,38 @@ def test_a_student_that_knows_its_values_has_no_positive_value_loss() -> None:
     values = np.array([1 + 0.9 * (2 + 0.9 * 4), 2 + 0.9 * 4, 4.0, 99.0])
     assert positive_value_loss(trajectory(rewards, True), values, 0.9) == pytest.approx(0, abs=1e-12)
     assert positive_value_loss(trajectory(rewards, True), values - 1, 1.0) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("terminated", [False, True])
+@pytest.mark.parametrize("gae_lambda", [0.0, 0.7, 1.0])
+def test_the_negative_advantage_is_its_formula_written_out(terminated: bool, gae_lambda: float) -> None:
+    rng = np.random.default_rng(0)
+    rewards, values = rng.normal(size=9).tolist(), rng.normal(size=10)
+    following = [*values[1:9], 0.0 if terminated else values[9]]
+    errors = [rewards[step] + 0.9 * following[step] - values[step] for step in range(9)]
+    total = 0.0
+    for first in range(9):
+        cut, left = 0.0, 9 - first
+        for ahead in range(left):
+            cut = min(0.0, cut + 0.9**ahead * errors[first + ahead])
+            weight = gae_lambda**ahead * (1 if ahead == left - 1 else 1 - gae_lambda)
+            total -= weight * cut
+    score = negative_advantage(trajectory(rewards, terminated), values, gae_lambda)
+    assert score == pytest.approx(total / 9, rel=1e-9)
+
+
+def test_a_negative_advantage_counts_on_tasks_that_were_mastered_once() -> None:
+    teacher = started("robust_plr", score="mna", replay_share=1.0, fill_first=1.0, buffer_size=2)
+    for mastered in (False, True):
+        play(teacher, teacher.propose(), 3.0, value=5.0, mastered=mastered)
+    assert teacher.buffer_.scores.tolist() == [
+        0.0,
+        pytest.approx(negative_advantage(three_ones(), FIVES, 0.9)),
+    ]
+    for _ in range(20):  # failing later takes nothing from it
+        play(teacher, teacher.propose(), 3.0, value=5.0)
+    assert teacher.buffer_.mastered.tolist() == [False, True]
+    assert teacher.buffer_.scores[1] > 0
 
 
 @pytest.mark.parametrize("score", ["positive_value_loss", "max_mc"])
@@ -107,12 +144,21 @@ def started(name: str, level: KnowledgeLevel = KnowledgeLevel.NONE, **settings: 
     return teacher
 
 
-def play(teacher: PrioritisedReplay, proposal: Proposal, gained: float, value: float = 0.0) -> None:
+FIVES = np.full(4, 5.0)
+
+
+def three_ones() -> Trajectory:
+    return trajectory([1.0, 1.0, 1.0], True, gamma=1.0)
+
+
+def play(
+    teacher: PrioritisedReplay, proposal: Proposal, gained: float, value: float = 0.0, mastered: bool = False
+) -> None:
     """Play an episode of three steps, each of which returns a third."""
     trains = proposal.trains
     observation = np.zeros(1, np.float32)
     query: Query | None = teacher.observe(
-        Episode(proposal.task, gained, False, 3, observation, gained, 0, trains)
+        Episode(proposal.task, gained, mastered, 3, observation, gained, 0, trains)
     )
     while query is not None:
         if query.kind is QueryKind.TRAJECTORY:

@@ -50,6 +50,11 @@ TEACHER_SIZES: dict[str, dict[str, Any]] = {
     "setter_solver": {"update_every": 30, "hidden_units": 16},
     "sfl": {"candidates": 20, "rollouts": 2, "kept": 5, "refresh_every": 50},
     "spdl": {"first_update": 40_000, "update_every": 40_000},
+    "lp_acrl": {"cells": 8, "stage_episodes": 40},
+    "perm": {"window_episodes": 40, "bumps": 10},
+    "procurl_target": {"first_update": 60_000, "update_every": 80_000, "pool_size": 50},
+    "spgl": {"first_update": 40_000, "update_every": 40_000},
+    "traced": {"buffer_size": 20, "round_size": 2},
 }
 """Hyper-parameters that let 150 episodes show everything; all others are the defaults."""
 

@@ -25,16 +25,19 @@ from tma_ray.teachers.numerics import cloud_gaussian
 
 
 class Score(StrEnum):
-    """Estimates of a task's regret from an episode of it (Jiang et al. 2021b, section 4.1 and appendix)."""
+    """Estimates of a task's regret from an episode of it (Jiang et al. 2021b, section 4.1 and appendix).
+
+    With values that have an entropy bonus (SAC), all compare rewards that have it, too.
+    """
 
     POSITIVE_VALUE_LOSS = "positive_value_loss"
-    """Mean over the steps of the generalised advantage estimates, those below 0 counted as 0.
-
-    In both scores, values with an entropy bonus (SAC) are compared with rewards that have it, too.
-    """
+    """Mean over the steps of the generalised advantage estimates, those below 0 counted as 0."""
 
     MAX_MC = "max_mc"
     """Highest discounted return that was seen on the task, less the value of its first state."""
+
+    MNA = "mna"
+    """Maximised negative advantage of a task that was mastered at least once, else 0 (Mead et al. 2026)."""
 
 
 def positive_value_loss(trajectory: Trajectory, values: NDArray[np.float64], gae_lambda: float) -> float:
@@ -47,14 +50,49 @@ def positive_value_loss(trajectory: Trajectory, values: NDArray[np.float64], gae
     """
     from scipy.signal import lfilter  # imported here: who only names a teacher starts sooner without it
 
+    errors = value_errors(trajectory, values)
+    advantages = lfilter([1.0], [1.0, -trajectory.gamma * gae_lambda], errors[::-1])
+    return float(np.maximum(advantages, 0.0).mean())
+
+
+NEGLIGIBLE_WEIGHT = 1e-9
+"""Weight of a longer advantage below which a sum over lengths ends."""
+
+
+def negative_advantage(trajectory: Trajectory, values: NDArray[np.float64], gae_lambda: float) -> float:
+    """Return the maximised negative advantage of an episode of t steps, at least 0.
+
+    The advantage of n steps from state i is the sum of gamma^k errors[i + k] over k < n. Here that sum is cut
+    to 0 whenever it exceeds 0, which compares with the highest value met on the way; the sums of all lengths
+    are averaged with the weights of lambda, and the result is the mean over the states, with the sign turned.
+
+    Sources: the authors' code (`compute_clipped_gae` of ``minigrid/maze_plr.py``) and the table of metrics of
+    its README, which has the mean over the steps; the code has the sum.
+
+    Arguments as of `positive_value_loss`.
+    """
+    errors = value_errors(trajectory, values)
+    sums, total = np.zeros(len(errors)), 0.0
+    for length in range(len(errors)):
+        weight = gae_lambda**length
+        if weight < NEGLIGIBLE_WEIGHT:
+            break
+        before = sums[: len(errors) - length]
+        longer = np.minimum(before + trajectory.gamma**length * errors[length:], 0.0)
+        total += weight * float((longer - before).sum())  # so that the longest has the weights of all longer
+        sums[: len(longer)] = longer
+    return -total / len(errors)
+
+
+def value_errors(trajectory: Trajectory, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the temporal-difference errors (t,) of `values` (t + 1,) in an episode of t steps."""
     following = values[1:].copy()
     if trajectory.terminated:
         following[-1] = 0.0
-    errors = trajectory.rewards + trajectory.gamma * following - values[:-1]
+    errors: NDArray[np.float64] = trajectory.rewards + trajectory.gamma * following - values[:-1]
     if trajectory.entropy_bonuses is not None:
         errors += trajectory.entropy_bonuses
-    advantages = lfilter([1.0], [1.0, -trajectory.gamma * gae_lambda], errors[::-1])
-    return float(np.maximum(advantages, 0.0).mean())
+    return errors
 
 
 Array = NDArray[np.float64]
@@ -77,6 +115,7 @@ class TaskBuffer:
         scores: values (k,).
         staleness: replays since the task was played (k,).
         best: highest discounted return that was seen on the task (k,).
+        mastered: True for tasks that were mastered at least once, bool (k,).
     """
 
     size: int
@@ -87,10 +126,12 @@ class TaskBuffer:
     scores: Array = field(init=False)
     staleness: Array = field(init=False)
     best: Array = field(init=False)
+    mastered: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:
         self.tasks = np.empty((0, self.size), dtype=np.float32)
         self.scores, self.staleness, self.best = np.empty(0), np.empty(0), np.empty(0)
+        self.mastered = np.empty(0, dtype=np.bool_)
 
     def __len__(self) -> int:
         return len(self.tasks)
@@ -125,21 +166,28 @@ class TaskBuffer:
         task: Task = self.tasks[place].copy()
         return task
 
-    def rescore(self, place: int, score: float, best: float) -> None:
+    def rescore(self, place: int, score: float, best: float, mastered: bool = False) -> None:
         """Record the episode of the task at `place`."""
-        self.scores[place], self.best[place] = score, best
+        self.scores[place], self.best[place], self.mastered[place] = score, best, mastered
 
-    def offer(self, task: Task, score: float, best: float) -> None:
-        """Take `task` (d,) in, unless the buffer is full and the task that would give way scores higher."""
+    def offer(self, task: Task, score: float, best: float, mastered: bool = False) -> int | None:
+        """Take `task` (d,) in, unless the buffer is full and the task that would give way scores higher.
+
+        Returns:
+            The place of `task`, None if it was not taken in.
+        """
         if len(self) < self.capacity:
             self.tasks = np.vstack([self.tasks, task])
             added = (self.scores, score), (self.staleness, 0.0), (self.best, best)
             self.scores, self.staleness, self.best = (np.append(column, value) for column, value in added)
-            return
+            self.mastered = np.append(self.mastered, mastered)
+            return len(self) - 1
         place = int(self.chances().argmin())
-        if self.scores[place] <= score:
-            self.tasks[place], self.staleness[place] = task, 0.0
-            self.rescore(place, score, best)
+        if self.scores[place] > score:
+            return None
+        self.tasks[place], self.staleness[place] = task, 0.0
+        self.rescore(place, score, best, mastered)
+        return place
 
 
 LOG_EVERY = 100
@@ -228,7 +276,7 @@ class PrioritisedReplay(Teacher):
             valued = answer.observations[:1] if self.score is Score.MAX_MC else answer.observations
             return Query(QueryKind.STATE_VALUES, valued)
         assert self.episode_ is not None, "an answer follows an episode"
-        self._count_in(self.episode_, answer)
+        self.count_in(self.episode_, answer)
         self.episode_ = self.trajectory_ = None
         return None
 
@@ -247,24 +295,42 @@ class PrioritisedReplay(Teacher):
         filled = self.buffer_.filled
         return filled >= self.fill_first and self.rng.random() < min(filled, self.replay_share)
 
-    def _count_in(self, episode: Episode, values: NDArray[np.float64]) -> None:
+    def estimate(
+        self, trajectory: Trajectory, values: NDArray[np.float64], best: float, mastered: bool
+    ) -> float:
+        """Return the score of a task.
+
+        Args:
+            trajectory: the task's episode.
+            values: values of its observations (t + 1,), or of the first one.
+            best: highest discounted return that was seen on the task.
+            mastered: True if the task was mastered at least once.
+        """
+        if self.score is Score.MAX_MC:
+            return best - float(values[0])
+        if self.score is Score.MNA:
+            return negative_advantage(trajectory, values, self.gae_lambda) if mastered else 0.0
+        return positive_value_loss(trajectory, values, self.gae_lambda)
+
+    def count_in(self, episode: Episode, values: NDArray[np.float64]) -> int | None:
+        """Score the task of `episode` with `values` of its states; return its place in the buffer, if any."""
         best, place, trajectory = episode.discounted_return, self.replayed_, self.trajectory_
+        mastered = episode.success
         assert trajectory is not None, "its states have been valued"
         if trajectory.entropy_bonuses is not None:
             best += float(np.polynomial.polynomial.polyval(trajectory.gamma, trajectory.entropy_bonuses))
         if place is not None:
             best = max(best, float(self.buffer_.best[place]))
-        if self.score is Score.MAX_MC:
-            score = best - float(values[0])
-        else:
-            score = positive_value_loss(trajectory, values, self.gae_lambda)
+            mastered = mastered or bool(self.buffer_.mastered[place])
+        score = self.estimate(trajectory, values, best, mastered)
         if place is None:
-            self.buffer_.offer(episode.task, score, best)
+            place = self.buffer_.offer(episode.task, score, best, mastered)
         else:
-            self.buffer_.rescore(place, score, best)
+            self.buffer_.rescore(place, score, best, mastered)
             self.after_replay(episode.task)
         if self.episodes_ % LOG_EVERY == 0:
             self._log()
+        return place
 
     def _log(self) -> None:
         """Log the Gaussian that replays resemble."""

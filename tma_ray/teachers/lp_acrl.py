@@ -1,0 +1,135 @@
+"""LP-ACRL, a curriculum over cells by their learning progress (Li, Li and Hutter 2026)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.tasks import Episode, ExpertKnowledge, ScoredBox, Task, TaskSpace, TeacherUpdate
+from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
+from tma_ray.teachers.numerics import UnitBox, draw_in_proportion
+
+Array = NDArray[np.float64]
+
+
+def split_evenly(dimensions: int, most_cells: int) -> tuple[int, ...]:
+    """Return the number of cells along each of `dimensions`, with at most `most_cells` in all.
+
+    The dimension with the fewest cells gets one more as long as that fits.
+    """
+    counts = [1] * dimensions
+    while True:
+        place = counts.index(min(counts))
+        if math.prod(counts) // counts[place] * (counts[place] + 1) > most_cells:
+            return tuple(counts)
+        counts[place] += 1
+
+
+def softmax(scores: Array, temperature: float) -> Array:
+    """Return the chances (k,) in proportion to exp(scores / temperature)."""
+    weights = np.exp((scores - scores.max()) / temperature)
+    return np.asarray(weights / weights.sum(), dtype=np.float64)
+
+
+@dataclass
+class LPACRL(Teacher):
+    """Samples the cells of a grid by the softmax of their learning progress from stage to stage.
+
+    R_j is the mean return in a cell during stage j. At its end the learning progress of the cell is
+    R_j - R_{j-1}, with its sign: a cell where returns fall is sampled least. The next stage draws cells with
+    the chances softmax(progress / temperature), and a uniform task of the cell. The first stage is uniform.
+    In a cell without an episode in a stage the last mean stays, and progress is 0.
+
+    Sources: Li, Li and Hutter 2026 (arXiv:2601.17428), whose formulas of R, progress and chances were read in
+    others' restatements. The temperature, the length of a stage, the grid and what an unvisited cell has are
+    ours.
+
+    Attributes:
+        cells: most cells of the grid.
+        stage_episodes: episodes of a stage.
+        temperature: difference in progress, in units of return, that makes a cell e times as likely (paper:
+            beta).
+        budget: environment steps of the run, to which `for_budget` fits stage_episodes.
+    """
+
+    algorithm_version: ClassVar[int | None] = 1
+
+    cells: int = 36
+    stage_episodes: int = 500
+    temperature: float = 50.0
+    budget: int = PAPER_STEPS
+
+    def __post_init__(self) -> None:
+        if self.cells < 2:
+            raise ValueError(f"cells = {self.cells}: expected at least 2, between which to choose")
+        if self.stage_episodes < 1:
+            raise ValueError(f"stage_episodes = {self.stage_episodes}: expected at least 1 episode")
+        if not self.temperature > 0:
+            raise ValueError(f"temperature = {self.temperature}: expected a number over 0")
+        for_budget(self.stage_episodes, self.budget)
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Start with uniform tasks."""
+        super().start(space, knowledge, rng)
+        self._box = UnitBox(space)
+        self._counts = np.array(split_evenly(self._box.size, self.cells))
+        size = int(self._counts.prod())
+        self.chances_ = np.full(size, 1 / size)
+        self.means_ = np.full(size, np.nan)
+        self.sums_, self.visits_ = np.zeros(size), np.zeros(size)
+        self.episodes_ = 0
+
+    def sample(self) -> Task:
+        """Return a uniform task (d,) of a cell."""
+        return self._draw(self.rng)
+
+    def observe(self, episode: Episode) -> None:
+        """Count the return in its cell; go on to the next stage when this one is over."""
+        cell = self.cell_of(episode.task)
+        self.sums_[cell] += episode.episodic_return
+        self.visits_[cell] += 1
+        self.episodes_ += 1
+        if self.episodes_ % for_budget(self.stage_episodes, self.budget) == 0:
+            self._advance()
+
+    def probe(self, count: int) -> Task:
+        """Return `count` tasks (count, d) of the present stage."""
+        rng = self.probe_rng()
+        return np.stack([self._draw(rng) for _ in range(count)])
+
+    def cell_of(self, task: Task) -> int:
+        """Return the number of the cell of `task` (d,); the first dimension counts most."""
+        places = (self._box.normalise(task) * self._counts).astype(np.int64)
+        inside = np.clip(places, 0, self._counts - 1)
+        return int(np.ravel_multi_index(tuple(inside), tuple(self._counts)))
+
+    def _draw(self, rng: np.random.Generator) -> Task:
+        corner = np.array(np.unravel_index(draw_in_proportion(self.chances_, rng), tuple(self._counts)))
+        task: Task = self._box.denormalise((corner + rng.random(self._box.size)) / self._counts)
+        return task
+
+    def _advance(self) -> None:
+        visited = self.visits_ > 0
+        means = np.divide(self.sums_, self.visits_, out=self.means_.copy(), where=visited)
+        progress = np.nan_to_num(means - self.means_)
+        self.chances_, self.means_ = softmax(progress, self.temperature), means
+        self._log(progress, float(self.sums_.sum() / self.visits_.sum()), float(visited.mean()))
+        self.sums_, self.visits_ = np.zeros_like(self.sums_), np.zeros_like(self.visits_)
+
+    def _log(self, progress: Array, mean_return: float, visited_share: float) -> None:
+        """Log the cells with their chances."""
+        corners = np.stack(np.unravel_index(np.arange(len(progress)), tuple(self._counts)), axis=1)
+        lows = self._box.denormalise(corners / self._counts).astype(np.float64)
+        highs = self._box.denormalise((corners + 1) / self._counts).astype(np.float64)
+        scalars = {
+            "largest_progress": float(progress.max()),
+            "largest_chance": float(self.chances_.max()),
+            "mean_return": mean_return,
+            "visited_share": visited_share,
+        }
+        boxes = tuple(map(ScoredBox, lows, highs, self.chances_.tolist()))
+        self.log(TeacherUpdate(boxes=boxes, scalars=scalars))

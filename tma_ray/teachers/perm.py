@@ -1,0 +1,201 @@
+"""PERM, a parameterised environment response model (Tio and Varakantham 2023)."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
+from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
+from tma_ray.teachers.numerics import UnitBox, cloud_gaussian
+
+Array = NDArray[np.float64]
+
+MOST_STEPS, SMALLEST_STEP = 50, 1e-8
+"""Newton's method ends after so many steps, or with one as short."""
+
+
+class ResponseModel(NamedTuple):
+    """Priors of an item-response model with one ability a per window and difficulties d = features @ weights.
+
+    A response y in [0, 1] has the log-likelihood y log p + (1 - y) log (1 - p), with p = 1 / (1 + exp(d -
+    a)).
+
+    Attributes:
+        ability_std: prior standard deviation of the first ability, around 0.
+        drift_std: prior standard deviation of the change of ability from one window to the next.
+        weight_std: prior standard deviation of each weight, around 0.
+    """
+
+    ability_std: float = 3.0
+    drift_std: float = 0.5
+    weight_std: float = 3.0
+
+    def fit(self, features: Array, windows: NDArray[np.int64], responses: Array) -> tuple[Array, Array]:
+        """Return the most probable abilities (k,) and weights (m,), which are unique.
+
+        Args:
+            features: what difficulty depends on (n, m).
+            windows: number of each response's window (n,), from 0 to k - 1.
+            responses: values y (n,).
+        """
+        count = int(windows.max()) + 1
+        design = np.hstack([np.eye(count)[windows], -features])
+        precision = np.diag(np.append(np.zeros(count), np.full(features.shape[1], self.weight_std**-2.0)))
+        changes = np.diff(np.eye(count), axis=0)
+        precision[:count, :count] = changes.T @ changes / self.drift_std**2
+        precision[0, 0] += self.ability_std**-2.0
+        with threadpool_limits(limits=1):  # so that where a teacher runs does not change what it finds
+            found = _most_probable(design, responses, precision)
+        return found[:count], found[count:]
+
+
+def _most_probable(design: Array, responses: Array, precision: Array) -> Array:
+    """Return the parameters (p,) of a logistic regression with a Gaussian prior, by Newton's method."""
+
+    def loss(parameters: Array) -> float:
+        logits = design @ parameters
+        misfit = np.logaddexp(0, logits) - responses * logits
+        return float(misfit.sum() + parameters @ precision @ parameters / 2)
+
+    parameters = np.zeros(design.shape[1])
+    for _ in range(MOST_STEPS):
+        chances = 1 / (1 + np.exp(-design @ parameters))
+        gradient = design.T @ (chances - responses) + precision @ parameters
+        curvature = (design.T * (chances * (1 - chances))) @ design + precision
+        step = np.linalg.solve(curvature, gradient)
+        while loss(parameters - step) > loss(parameters) and np.abs(step).max() > SMALLEST_STEP:
+            step /= 2
+        parameters -= step
+        if np.abs(step).max() < SMALLEST_STEP:
+            break
+    return parameters
+
+
+@dataclass
+class PERM(Teacher):
+    """Proposes tasks as difficult as the student is able, by an item-response model of both.
+
+    The model explains returns, scaled to [0, 1], by the student's ability at the time less the difficulty of
+    the task, and is fitted to the latest windows of episodes, each with an ability of its own. Difficulty is
+    a sum of bumps in the task space and averages 0 over it. A task is the one of some uniform candidates
+    whose difficulty is nearest to the latest ability. Before the first fit tasks are uniform.
+
+    Sources: Tio and Varakantham 2023 (arXiv:2306.13028) for the idea: latent ability and difficulty, inferred
+    from returns and parameters, and difficulty matched to ability. The equations of its variational
+    autoencoder, trained beforehand on other students, could not be read: this model, fitted as the run goes,
+    is derived from that idea, and its hyper-parameters are ours.
+
+    Attributes:
+        window_episodes: episodes of a window, after each of which the model is fitted.
+        windows: latest windows in a fit.
+        bumps: bumps of the difficulty.
+        bump_width: standard deviation of a bump, as a share of the unit box's diagonal.
+        candidates: uniform tasks of which the most suitable is proposed.
+        explore: share of uniform tasks after the first fit, in [0, 1].
+        lowest_return: return that is scaled to 0.
+        highest_return: return that is scaled to 1.
+        budget: environment steps of the run, to which `for_budget` fits window_episodes.
+    """
+
+    algorithm_version: ClassVar[int | None] = 1
+
+    window_episodes: int = 150
+    windows: int = 10
+    bumps: int = 50
+    bump_width: float = 0.15
+    candidates: int = 100
+    explore: float = 0.1
+    lowest_return: float = -150.0
+    highest_return: float = 350.0
+    budget: int = PAPER_STEPS
+
+    def __post_init__(self) -> None:
+        for name in ("window_episodes", "windows", "bumps", "candidates"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
+        if not self.bump_width > 0:
+            raise ValueError(f"bump_width = {self.bump_width}: expected a number over 0")
+        if not 0 <= self.explore <= 1:
+            raise ValueError(f"explore = {self.explore} is a share; expected it in [0, 1]")
+        if not self.lowest_return < self.highest_return:
+            raise ValueError(
+                f"lowest_return = {self.lowest_return}: expected a return below highest_return = "
+                f"{self.highest_return}"
+            )
+        for_budget(self.window_episodes, self.budget)
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Place the bumps, and start with uniform tasks."""
+        super().start(space, knowledge, rng)
+        self._box = UnitBox(space)
+        self._window = for_budget(self.window_episodes, self.budget)
+        self.centres_ = rng.random((self.bumps, self._box.size))
+        self.history_: deque[tuple[Task, float]] = deque(maxlen=self._window * self.windows)
+        self.episodes_ = 0
+        self.weights_: Array | None = None
+        self.ability_ = 0.0
+
+    def sample(self) -> Task:
+        """Return a task (d,) that suits the ability, or a uniform one."""
+        if self.rng.random() < self.explore:
+            return self.space.sample(self.rng)
+        return self._suitable(self.rng)
+
+    def observe(self, episode: Episode) -> None:
+        """Store task and return; fit the model at the end of a window."""
+        scaled = (episode.episodic_return - self.lowest_return) / (self.highest_return - self.lowest_return)
+        self.history_.append((episode.task, min(max(scaled, 0.0), 1.0)))
+        self.episodes_ += 1
+        if self.episodes_ % self._window == 0:
+            self._fit()
+
+    def probe(self, count: int) -> Task:
+        """Return `count` tasks (count, d) that suit the ability."""
+        rng = self.probe_rng()
+        return np.stack([self._suitable(rng) for _ in range(count)])
+
+    def features(self, points: Array) -> Array:
+        """Return the heights (n, m) of the bumps at `points` (n, f) of the unit box, less their means."""
+        from scipy.spatial.distance import cdist  # imported here: drivers start sooner without it
+        from scipy.special import ndtr
+
+        width = self.bump_width * np.sqrt(self._box.size)
+        heights = np.exp(-cdist(points, self.centres_, "sqeuclidean") / (2 * width**2))
+        inside = ndtr((1 - self.centres_) / width) - ndtr(-self.centres_ / width)
+        means = (width * np.sqrt(2 * np.pi) * inside).prod(axis=1)
+        return np.asarray(heights - means, dtype=np.float64)
+
+    def difficulty(self, tasks: Task) -> Array:
+        """Return the difficulties (n,) of `tasks` (n, d), in units of ability; 0 before the first fit."""
+        if self.weights_ is None:
+            return np.zeros(len(tasks))
+        return np.asarray(self.features(self._box.normalise(tasks)) @ self.weights_, dtype=np.float64)
+
+    def _suitable(self, rng: np.random.Generator) -> Task:
+        if self.weights_ is None:
+            return self.space.sample(rng)
+        tasks = self.space.sample(rng, self.candidates)
+        task: Task = tasks[np.abs(self.difficulty(tasks) - self.ability_).argmin()]
+        return task
+
+    def _fit(self) -> None:
+        tasks = np.stack([task for task, _ in self.history_])
+        responses = np.array([response for _, response in self.history_])
+        windows = np.arange(len(responses)) // self._window
+        abilities, self.weights_ = ResponseModel().fit(
+            self.features(self._box.normalise(tasks)), windows, responses
+        )
+        self.ability_ = float(abilities[-1])
+        latest = tasks[-self._window :]
+        scalars = {
+            "ability": self.ability_,
+            "mean_difficulty": float(self.difficulty(latest).mean()),
+            "mean_response": float(responses[-self._window :].mean()),
+        }
+        self.log(TeacherUpdate(gaussians=(cloud_gaussian(self.space, latest),), scalars=scalars))

@@ -1,0 +1,155 @@
+"""ProCuRL-Target, a proximal curriculum with task correlations (Tzannetos et al. 2024)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
+from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
+from tma_ray.teachers.currot import Performance
+from tma_ray.teachers.lp_acrl import softmax
+from tma_ray.teachers.numerics import UnitBox, cloud_gaussian, draw_in_proportion
+
+Array = NDArray[np.float64]
+
+MOST_EPISODES = 2_000
+"""Latest episodes that the values are estimated from, which bounds the time of an update."""
+
+
+def similarity(points: Array, targets: Array, reach: float) -> Array:
+    """Return exp(-distance / reach) (m, n) of each of m `targets` (m, f) from n `points` (n, f)."""
+    from scipy.spatial.distance import cdist  # imported here: drivers start sooner without it
+
+    return np.asarray(np.exp(-cdist(targets, points) / reach), dtype=np.float64)
+
+
+def proximity(values: Array, target_values: Array, similarities: Array) -> Array:
+    """Return the score (n,) of n tasks: their progress and that of the target that goes with it best.
+
+    The score of a task c is max over targets t of V(c) (1 - V(c)) V(t) (1 - V(t)) k(c, t): it is high for
+    tasks neither too easy nor too hard that resemble such a target.
+
+    Args:
+        values: values V of the tasks (n,), in [0, 1]; 1 is optimal.
+        target_values: values of the targets (m,).
+        similarities: k of each target and task (m, n).
+    """
+    of_targets = ((target_values * (1 - target_values))[:, None] * similarities).max(axis=0)
+    return np.asarray(values * (1 - values) * of_targets, dtype=np.float64)
+
+
+@dataclass
+class ProCuRLTarget(Teacher):
+    """Samples a pool of tasks by the softmax of their proximity to the student and to the target tasks.
+
+    A task is near to the student if its value, the expected return scaled to [0, 1], is neither 0 nor 1; its
+    score is `proximity`. Values are kernel averages of the returns since the last update. Before the first
+    update all scores are 0, so that tasks are uniform.
+
+    Sources: Tzannetos et al. 2024 (arXiv:2405.02481) for the score, read in a summary; the authors' code for
+    this benchmark (``teachers_tma/proxcorl.py``) for pool, targets, kernel, softmax and intervals.
+
+    Attributes:
+        beta: weight of the scores in the softmax (authors' code: 110 by default).
+        pool_size: tasks to choose from, uniform ones.
+        target_samples: draws of the target distribution, which is uniform, as in the authors' code.
+        reach: distance in the unit box over which the similarity of tasks falls to 1 / e (authors' code: 1 in
+            units of the task, which is a third and a sixth of the ranges of Stump Tracks).
+        kernel_width: standard deviation of the kernel of the values, as a share of the unit box's diagonal.
+        lowest_return: return of value 0 (authors' code).
+        highest_return: return of value 1 (authors' code).
+        first_update: environment steps before the values are first estimated.
+        update_every: environment steps between two estimates; every second one comes with a new pool.
+        budget: environment steps of the run, to which `for_budget` fits first_update and update_every.
+    """
+
+    algorithm_version: ClassVar[int | None] = 1
+
+    beta: float = 110.0
+    pool_size: int = 1000
+    target_samples: int = 250
+    reach: float = 0.25
+    kernel_width: float = 0.1
+    lowest_return: float = -150.0
+    highest_return: float = 350.0
+    first_update: int = 500_000
+    update_every: int = 1_000_000
+    budget: int = PAPER_STEPS
+
+    def __post_init__(self) -> None:
+        for name in ("beta", "reach", "kernel_width"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} = {getattr(self, name)}: expected a number over 0")
+        for name in ("pool_size", "target_samples", "first_update", "update_every"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
+        if not self.lowest_return < self.highest_return:
+            raise ValueError(
+                f"lowest_return = {self.lowest_return}: expected a return below highest_return = "
+                f"{self.highest_return}"
+            )
+        for_budget(self.update_every, self.budget)
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Start with a pool of which all tasks are equally likely."""
+        super().start(space, knowledge, rng)
+        self._box = UnitBox(space)
+        self.tasks_: list[Task] = []
+        self.returns_: list[float] = []
+        self.updates_ = 0
+        self.next_update_ = for_budget(self.first_update, self.budget)
+        self.pool_ = rng.random((self.pool_size, self._box.size))
+        self.chances_ = np.full(self.pool_size, 1 / self.pool_size)
+
+    def sample(self) -> Task:
+        """Return a task (d,) of the pool."""
+        task: Task = self._box.denormalise(self.pool_[draw_in_proportion(self.chances_, self.rng)])
+        return task
+
+    def observe(self, episode: Episode) -> None:
+        """Store the episode; score the pool when that is due."""
+        self.tasks_.append(episode.task)
+        self.returns_.append(episode.episodic_return)
+        if episode.step < self.next_update_:
+            return
+        every = for_budget(self.update_every, self.budget)
+        self.next_update_ += every * ((episode.step - self.next_update_) // every + 1)
+        self._update()
+
+    def probe(self, count: int) -> Task:
+        """Return `count` tasks (count, d) of the pool."""
+        rng = self.probe_rng()
+        places = [draw_in_proportion(self.chances_, rng) for _ in range(count)]
+        return self._box.denormalise(self.pool_[places])
+
+    def _update(self) -> None:
+        self.updates_ += 1
+        if self.updates_ % 2 == 0:
+            self.pool_ = self.rng.random(self.pool_.shape)
+        targets = self.rng.random((self.target_samples, self._box.size))
+        known = self._box.normalise(np.stack(self.tasks_[-MOST_EPISODES:]))
+        returns = np.array(self.returns_[-MOST_EPISODES:])
+        performance = Performance(known, returns, self.kernel_width * np.sqrt(self._box.size))
+        values = self._value(performance(self.pool_))
+        target_values = self._value(performance(targets))
+        scores = proximity(values, target_values, similarity(self.pool_, targets, self.reach))
+        self.chances_ = softmax(scores, 1 / self.beta)
+        self.tasks_, self.returns_ = [], []
+        self._log(values, float(target_values.mean()), float(returns.mean()))
+
+    def _value(self, returns: Array) -> Array:
+        return np.clip((returns - self.lowest_return) / (self.highest_return - self.lowest_return), 0.0, 1.0)
+
+    def _log(self, values: Array, target_value: float, mean_return: float) -> None:
+        scalars = {
+            "mean_value": float(self.chances_ @ values),
+            "target_value": target_value,
+            "mean_return": mean_return,
+            "tasks_in_use": float(1 / (self.chances_**2).sum()),
+        }
+        gaussian = cloud_gaussian(self.space, self._box.denormalise(self.pool_), self.chances_)
+        self.log(TeacherUpdate(gaussians=(gaussian,), scalars=scalars))

@@ -1,0 +1,186 @@
+"""SPGL, self-paced Gaussian curriculum learning in closed form (Ardakani and Song 2026)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
+from tma_ray.teachers.base import PAPER_STEPS, for_budget
+from tma_ray.teachers.spdl import SPDL, FullGaussian
+
+Array = NDArray[np.float64]
+
+RIDGE = 1.0
+"""Weight of the prior that returns do not depend on the task, in episodes."""
+
+
+def quadratic_fit(points: Array, returns: Array) -> tuple[Array, Array]:
+    """Return gradient (f,) and curvature (f, f) at 0 of the quadratic function that fits `returns` best.
+
+    Ridge regression, of which the constant term is free.
+
+    Args:
+        points: n points (n, f), in coordinates in which they have unit scale.
+        returns: their returns (n,).
+    """
+    size = points.shape[1]
+    rows, columns = np.triu_indices(size)
+    features = np.hstack([points, points[:, rows] * points[:, columns]])
+    features -= features.mean(axis=0)
+    gram = features.T @ features + RIDGE * np.eye(features.shape[1])
+    weights = np.linalg.solve(gram, features.T @ (returns - returns.mean()))
+    curvature = np.zeros((size, size))
+    curvature[rows, columns] = weights[size:]
+    return weights[:size], curvature + curvature.T
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedForm:
+    """Gaussians that are best for a quadratic model of returns, seen from the current distribution.
+
+    The Gaussian q with a `weight` maximises E_q[J] - penalty KL(q || target) - weight KL(q || current), where
+    J has the gradient g and the curvature H at 0, and the current distribution is the standard one. Its
+    precision is (penalty P + weight I - H) / (penalty + weight), and its mean that precision's inverse times
+    (penalty P m + g) / (penalty + weight), with P the precision and m the mean of the target.
+
+    Attributes:
+        gradient: g (f,).
+        curvature: H (f, f).
+        target: distribution that the penalty pulls towards.
+        penalty: weight of the divergence from the target, at least 0.
+    """
+
+    gradient: Array
+    curvature: Array
+    target: FullGaussian
+    penalty: float
+
+    def best(self, weight: float) -> FullGaussian | None:
+        """Return the best Gaussian; None if the objective has no maximum, as returns grow without bound."""
+        size, total = len(self.gradient), self.penalty + weight
+        inverse = np.linalg.inv(self.target.factor)
+        pull = self.penalty * inverse.T @ inverse
+        precision = pull + weight * np.eye(size) - self.curvature
+        if total <= 0 or np.linalg.eigvalsh(precision)[0] <= 0:
+            return None
+        covariance = np.linalg.inv(precision)
+        mean = covariance @ (pull @ self.target.mean + self.gradient)
+        factor: Array = np.linalg.cholesky(total * (covariance + covariance.T) / 2)
+        return FullGaussian(mean, factor)
+
+    def divergence(self, weight: float) -> float:
+        """Return KL(best || current) in nats, infinite where there is no best; it falls with `weight`."""
+        best = self.best(weight)
+        if best is None:
+            return np.inf
+        return best.divergence(FullGaussian(np.zeros_like(best.mean), np.eye(len(best.mean))))
+
+
+SMALLEST_WEIGHT = 1e-12
+"""Weight of the divergence from the current distribution that counts as none."""
+
+
+def closed_form_update(
+    current: FullGaussian,
+    target: FullGaussian,
+    contexts: Array,
+    returns: Array,
+    penalty: float,
+    most_divergence: float,
+) -> FullGaussian:
+    """Return the Gaussian that maximises E[J] - penalty * KL(new || target) within a step from `current`.
+
+    J is a quadratic model of the returns. The best Gaussian is in closed form for every weight of the
+    divergence from `current`; of these weights the least is taken that keeps the bound, by bisection.
+
+    Args:
+        current: distribution that the contexts were drawn from.
+        target: distribution that the penalty pulls towards.
+        contexts: points (n, f).
+        returns: their returns (n,).
+        penalty: weight of the divergence from the target, at least 0.
+        most_divergence: bound of KL(new || current) in nats.
+    """
+    from scipy.optimize import bisect  # imported here: who only names a teacher starts sooner without it
+
+    with threadpool_limits(limits=1):  # so that where a teacher runs does not change what it finds
+        gradient, curvature = quadratic_fit(current.whiten(contexts), returns)
+        problem = ClosedForm(gradient, curvature, target.seen_from(current), penalty)
+        weight = SMALLEST_WEIGHT
+        if problem.divergence(weight) > most_divergence:
+            high = 1.0
+            while problem.divergence(high) > most_divergence:
+                high *= 2
+            ends = np.log(SMALLEST_WEIGHT), np.log(high)
+            found = bisect(lambda log: problem.divergence(np.exp(log)) - most_divergence, *ends, xtol=1e-10)
+            weight = min(high, float(np.exp(found)) * (1 + 1e-9))
+        best = problem.best(weight)
+        assert best is not None, "a step within the bound has a maximum"
+        return best.placed_in(current)
+
+
+@dataclass
+class SPGL(SPDL):
+    """Gaussian that moves from an initial to a target distribution in closed form, at the pace of returns.
+
+    As SPDL, but what an update maximises is a quadratic model of the episodic returns, so that the best
+    Gaussian is known and nothing is searched for; the student is not asked for values.
+
+    Sources: Ardakani and Song 2026 (arXiv:2603.23755) say that the update of Gaussian distributions is in
+    closed form and takes the place of numerical optimisation. Its formula could not be read: the one here is
+    derived from the objective of Klink et al. 2020, with the divergence of a step measured as KL(new || old).
+    All hyper-parameters are ours.
+
+    Attributes:
+        first_update: environment steps before the first update.
+        update_every: environment steps between two updates.
+        updates_without_penalty: first updates with a penalty of 0.
+        penalty_share: penalty as a share of the mean return.
+        most_divergence: bound on KL(new || old) of an update, in nats.
+        budget: environment steps of the run, to which `for_budget` fits first_update and update_every.
+    """
+
+    algorithm_version: ClassVar[int | None] = 1
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+
+    penalty_share: float = 0.25
+    most_divergence: float = 0.2
+    budget: int = PAPER_STEPS
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for_budget(self.update_every, self.budget)
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Start at the initial Gaussian."""
+        super().start(space, knowledge, rng)
+        self.tasks_: list[Task] = []
+        self.returns_: list[float] = []
+        self.next_update_ = for_budget(self.first_update, self.budget)
+
+    def observe(self, episode: Episode) -> None:
+        """Store the episode; update the Gaussian when that is due, and forget the episodes."""
+        self.tasks_.append(episode.task)
+        self.returns_.append(episode.episodic_return)
+        if episode.step < self.next_update_:
+            return
+        every = for_budget(self.update_every, self.budget)
+        self.next_update_ += every * ((episode.step - self.next_update_) // every + 1)
+        self._update(self._box.normalise(np.stack(self.tasks_)), np.array(self.returns_))
+        self.tasks_, self.returns_ = [], []
+
+    def _update(self, contexts: Array, returns: Array) -> None:
+        old, performance = self.distribution_, float(returns.mean())
+        penalty = self._penalty(performance)
+        self.distribution_ = closed_form_update(
+            old, self._target, contexts, returns, penalty, self.most_divergence
+        )
+        self.updates_ += 1
+        step = self.distribution_.divergence(old)
+        self._log({"alpha": penalty, "mean_return": performance, "step_divergence": step})

@@ -1,0 +1,171 @@
+"""TRACED: ACCEL with a transition error and co-learnability in its score (Cho et al. 2025)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from tma_ray.tasks import Episode, ExpertKnowledge, TaskSpace, Trajectory
+from tma_ray.teachers.accel import ACCEL
+from tma_ray.teachers.prioritised_replay import Score
+
+Array = NDArray[np.float64]
+
+RIDGE = 1.0
+"""Weight of the prior that observations do not change, in steps."""
+
+
+@dataclass
+class TransitionModel:
+    """Linear model of the change of observations, learned as episodes come.
+
+    The prediction is a ridge regression on observation and action; an episode counts `memory` times as much
+    as the one after it.
+
+    Attributes:
+        memory: factor in (0, 1].
+        steps: weighted number of steps learned from.
+        gram: second moments of the inputs (p, p); None before the first episode.
+        moments: products of inputs and changes (p, o).
+        squares: squared changes (o,).
+    """
+
+    memory: float
+    steps: float = 0.0
+    gram: Array | None = field(init=False, default=None)
+    moments: Array | None = field(init=False, default=None)
+    squares: Array | None = field(init=False, default=None)
+
+    def error(self, trajectory: Trajectory) -> float:
+        """Return the mean squared error of the predictions for an episode, and learn from it afterwards.
+
+        Errors are relative to the mean squared change of each part of the observation so far, this episode
+        included: a model that predicts no change has an error of about 1, and a part that never changes has
+        0.
+        """
+        observations = trajectory.observations.astype(np.float64)
+        constant = np.ones((len(trajectory.rewards), 1))
+        inputs = np.hstack([constant, observations[:-1], trajectory.actions])
+        changes = np.diff(observations, axis=0)
+        with threadpool_limits(limits=1):  # so that where a teacher runs does not change what it finds
+            errors = (changes - self.predict(inputs)) ** 2
+            self._learn(inputs, changes)
+        assert self.squares is not None, "it has just learned"
+        scale = self.squares / self.steps
+        shares = np.divide(errors.mean(axis=0), scale, out=np.zeros_like(scale), where=scale > 0)
+        return float(shares.mean())
+
+    def predict(self, inputs: Array) -> Array | float:
+        """Return the expected changes (t, o) for `inputs` (t, p), 0 before the first episode."""
+        if self.gram is None or self.moments is None:
+            return 0.0
+        weights = np.linalg.solve(self.gram + RIDGE * np.eye(len(self.gram)), self.moments)
+        return np.asarray(inputs @ weights, dtype=np.float64)
+
+    def _learn(self, inputs: Array, changes: Array) -> None:
+        gram, moments, squares = inputs.T @ inputs, inputs.T @ changes, (changes**2).sum(axis=0)
+        if self.gram is not None and self.moments is not None and self.squares is not None:
+            gram += self.memory * self.gram
+            moments += self.memory * self.moments
+            squares += self.memory * self.squares
+        self.steps = len(inputs) + self.memory * self.steps
+        self.gram, self.moments, self.squares = gram, moments, squares
+
+
+@dataclass
+class TRACED(ACCEL):
+    """ACCEL whose score adds the error of a transition model, and what a task does for others.
+
+    The difficulty of a task is its positive value loss plus alpha times the mean error of the transitions of
+    its episode under a model that is learned online. The co-learnability of the tasks replayed in round k is
+    the mean, over the tasks replayed in round k + 1, of the difficulty that each had before less the one it
+    has then. Tasks are replayed by the rank of difficulty plus beta times co-learnability, with chances in
+    proportion to 1 / rank.
+
+    Sources: Cho et al. 2025 (arXiv:2506.19997) for difficulty, co-learnability and priority, read in others'
+    restatements of the paper, never in the authors' code. The model of transitions (theirs is a recurrent
+    network), the scale of its errors, and alpha and beta are ours.
+
+    Attributes:
+        error_weight: weight of the transition error (paper: alpha).
+        co_learnability_weight: weight of co-learnability (paper: beta).
+        round_size: replays of a round (paper: 4 workers on BipedalWalker).
+        memory: factor by which the transition model forgets with each episode, in (0, 1].
+    """
+
+    algorithm_version: ClassVar[int | None] = 1
+
+    temperature: float = 1.0
+    error_weight: float = 1.0
+    co_learnability_weight: float = 1.0
+    round_size: int = 4
+    memory: float = 0.99
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.score is not Score.POSITIVE_VALUE_LOSS:
+            raise ValueError(
+                f"score = {self.score}: expected positive_value_loss, to which TRACED adds its own terms"
+            )
+        if self.error_weight < 0 or self.co_learnability_weight < 0:
+            raise ValueError(
+                f"error_weight = {self.error_weight} and co_learnability_weight = "
+                f"{self.co_learnability_weight}: expected at least 0"
+            )
+        if self.round_size < 1:
+            raise ValueError(f"round_size = {self.round_size}: expected at least 1 replay")
+        if not 0 < self.memory <= 1:
+            raise ValueError(f"memory = {self.memory}: expected a factor over 0, at most 1")
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Start with an empty buffer and a model that knows nothing."""
+        super().start(space, knowledge, rng)
+        self.transitions_ = TransitionModel(self.memory)
+        self.difficulties_ = np.zeros(self.buffer_.capacity)
+        self.co_learnability_ = np.zeros(self.buffer_.capacity)
+        self.previous_round_: list[int] = []
+        self.round_: list[int] = []
+        self.drops_: list[float] = []
+
+    def estimate(self, trajectory: Trajectory, values: Array, best: float, mastered: bool) -> float:
+        """Return the difficulty of a task; arguments as of `PrioritisedReplay.estimate`."""
+        loss = super().estimate(trajectory, values, best, mastered)
+        return loss + self.error_weight * self.transitions_.error(trajectory)
+
+    def count_in(self, episode: Episode, values: Array) -> int | None:
+        """Score the task of `episode` with `values` of its states; return its place in the buffer, if any."""
+        replayed = self.replayed_ is not None
+        place = super().count_in(episode, values)
+        if place is None:
+            return None
+        before, self.difficulties_[place] = self.difficulties_[place], self.buffer_.scores[place]
+        if replayed:
+            self._set_priority(place)
+            self.round_.append(place)
+            self.drops_.append(float(before - self.difficulties_[place]))
+            if len(self.drops_) == self.round_size:
+                self._end_round()
+        else:
+            self._forget(place)
+        return place
+
+    def _end_round(self) -> None:
+        """Give the tasks of the previous round their co-learnability."""
+        for place in self.previous_round_:
+            self.co_learnability_[place] = np.mean(self.drops_)
+            self._set_priority(place)
+        self.previous_round_, self.round_, self.drops_ = self.round_, [], []
+
+    def _forget(self, place: int) -> None:
+        """Forget the task whose place another one has taken."""
+        self.co_learnability_[place] = 0.0
+        self.previous_round_ = [one for one in self.previous_round_ if one != place]
+        self.round_ = [one for one in self.round_ if one != place]
+
+    def _set_priority(self, place: int) -> None:
+        gain = self.co_learnability_weight * self.co_learnability_[place]
+        self.buffer_.scores[place] = self.difficulties_[place] + gain
