@@ -71,8 +71,8 @@ class ClosedForm:
             return None
         covariance = np.linalg.inv(precision)
         mean = covariance @ (pull @ self.target.mean + self.gradient)
-        factor: Array = np.linalg.cholesky(total * (covariance + covariance.T) / 2)
-        return FullGaussian(mean, factor)
+        factor = np.linalg.cholesky(total * (covariance + covariance.T) / 2)
+        return FullGaussian(mean, np.asarray(factor, dtype=np.float64))
 
     def divergence(self, weight: float) -> float:
         """Return KL(best || current) in nats, infinite where there is no best; it falls with `weight`."""
