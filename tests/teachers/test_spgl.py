@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from simulated_play import SPACES, play, started
 
+from tma_ray.tasks import Episode
 from tma_ray.teachers import make_teacher
 from tma_ray.teachers.spdl import FullGaussian
-from tma_ray.teachers.spgl import closed_form_update, quadratic_fit
+from tma_ray.teachers.spgl import SPGL, closed_form_update, quadratic_fit
 
 Array = NDArray[np.float64]
 
@@ -101,6 +102,18 @@ def test_it_walks_from_the_easy_corner_to_the_target_as_returns_rise() -> None:
     assert divergences[-1] < 0.2 * divergences[0]
     assert (after > before).all()
     assert max(update.scalars.get("step_divergence", 0.0) for update in updates) <= 0.2 * (1 + 1e-6)
+
+
+def test_it_does_not_shrink_to_a_point_on_the_best_of_hopeless_tasks() -> None:
+    """Returns below 0 leave no penalty that would pull it to the target."""
+    teacher = started("spgl", SPACES["stump_tracks"], first_update=1, update_every=1)
+    assert isinstance(teacher, SPGL)
+    for step in range(0, 8_000, 40):
+        tasks = teacher.probe(40)
+        teacher.tasks_ = list(tasks[:-1])
+        teacher.returns_ = [-500 - 100 * float(((task - 1) ** 2).sum()) for task in tasks[:-1]]
+        teacher.observe(Episode(tasks[-1], -500.0, False, 40, np.zeros(1, np.float32), 0.0, step + 40))
+    assert np.linalg.svd(teacher.distribution_.factor)[1].min() >= 0.99e-3
 
 
 def test_updates_are_scaled_by_the_square_root_of_the_budget() -> None:

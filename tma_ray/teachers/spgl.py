@@ -125,6 +125,20 @@ def closed_form_update(
         return best.placed_in(current)
 
 
+LEAST_STD = 1e-3
+"""Least standard deviation of the distribution in any direction, as a share of the ranges: tasks that are
+alike tell nothing of returns."""
+
+
+def widened(gaussian: FullGaussian) -> FullGaussian:
+    """Return `gaussian` with `LEAST_STD` in every direction that has less."""
+    variances, axes = np.linalg.eigh(gaussian.factor @ gaussian.factor.T)
+    if variances[0] >= LEAST_STD**2:
+        return gaussian
+    factor = np.linalg.cholesky((axes * np.maximum(variances, LEAST_STD**2)) @ axes.T)
+    return FullGaussian(gaussian.mean, np.asarray(factor, dtype=np.float64))
+
+
 @dataclass
 class SPGL(SPDL):
     """Gaussian that moves from an initial to a target distribution in closed form, at the pace of returns.
@@ -178,9 +192,8 @@ class SPGL(SPDL):
     def _update(self, contexts: Array, returns: Array) -> None:
         old, performance = self.distribution_, float(returns.mean())
         penalty = self._penalty(performance)
-        self.distribution_ = closed_form_update(
-            old, self._target, contexts, returns, penalty, self.most_divergence
-        )
+        bound = self.most_divergence
+        self.distribution_ = widened(closed_form_update(old, self._target, contexts, returns, penalty, bound))
         self.updates_ += 1
         step = self.distribution_.divergence(old)
         self._log({"alpha": penalty, "mean_return": performance, "step_divergence": step})
