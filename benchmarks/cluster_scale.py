@@ -30,7 +30,6 @@ from scheduler import SETTINGS, Method, RayWithoutDeath, Substitute
 from tma_ray.campaign.cluster.base import Head
 from tma_ray.campaign.cluster.joined import connect
 from tma_ray.campaign.executors import ray_executor
-from tma_ray.campaign.executors.cohorts import AnyNode
 from tma_ray.campaign.progress import ProgressView, Snapshot
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.results import Committer, PartFile, RunWriter, Store, Table
@@ -123,8 +122,7 @@ class Driver:
 
         view = ProgressView(Console(file=io.StringIO()))
         committer = Committer.open(self._root)
-        places = AnyNode(SETTINGS, self._head)
-        executor = ray_executor.RayExecutor(committer.store, SETTINGS, self._head, places)
+        executor = ray_executor.RayExecutor(committer.store, SETTINGS, self._head)
         ended = Scheduler(committer, executor, SETTINGS, view).execute(runs, stop)
         seconds, used = time.perf_counter() - start, self._process.cpu_times()
         memory.append((Substitute.launched - before, self._process.memory_info().rss))

@@ -24,7 +24,7 @@ import ray
 from rich.console import Console
 
 from tma_ray.campaign.cluster.joined import connect
-from tma_ray.campaign.executors import cohorts, ray_executor
+from tma_ray.campaign.executors import ray_executor
 from tma_ray.campaign.executors.actors import SeedActor
 from tma_ray.campaign.progress import ProgressView
 from tma_ray.campaign.scheduler import Scheduler
@@ -100,8 +100,7 @@ def execute(runs: list[RunSpec], root: str) -> dict[str, float]:
     view = ProgressView(Console(file=io.StringIO()))
     start, used = time.perf_counter(), time.process_time()
     committer, head = Committer.open(root), connect(None).head
-    places = cohorts.AnyNode(SETTINGS, head)
-    executor = ray_executor.RayExecutor(committer.store, SETTINGS, head, places)
+    executor = ray_executor.RayExecutor(committer.store, SETTINGS, head)
     ended = Scheduler(committer, executor, SETTINGS, view).execute(runs, lambda: False)
     seconds, used = time.perf_counter() - start, time.process_time() - used
     assert ended.done == len(runs)
@@ -121,7 +120,7 @@ def trivial(count: int) -> dict[str, Any]:
         tempfile.TemporaryDirectory() as root,
         mock.patch.object(ray_executor, "SeedActor", Substitute),
         mock.patch.object(ray_executor, "ray", RayWithoutDeath()),
-        mock.patch.object(cohorts, "capacity", return_value=PLAYERS),
+        mock.patch.object(ray_executor, "capacity", return_value=PLAYERS),
     ):
         first = execute(runs, root)
         again = execute(runs, root)

@@ -48,15 +48,21 @@ def parameters_of(part: Callable[..., Any]) -> dict[str, Parameter]:
 @cache
 def _parameters(part: Callable[..., Any]) -> dict[str, Parameter]:
     """See `parameters_of`; a plan of many cells asks for the same parts again and again."""
+    is_record = dataclasses.is_dataclass(part)
     try:
-        hints = get_type_hints(part if dataclasses.is_dataclass(part) else _constructor(part))
+        function = part if is_record or not isinstance(part, type) else part.__init__  # type: ignore[misc]
+        hints = get_type_hints(function)
     except NameError:
         hints = {}
-    return {
-        name: Parameter(hints.get(name, Any), _default(part, name, parameter.default))
+    found = {
+        name: Parameter(hints.get(name, Any), parameter.default)
         for name, parameter in inspect.signature(part).parameters.items()
         if parameter.kind in (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     }
+    for field in dataclasses.fields(part) if is_record else ():  # type: ignore[arg-type]
+        if field.name in found and field.default_factory is not dataclasses.MISSING:
+            found[field.name] = found[field.name]._replace(default=field.default_factory())
+    return found
 
 
 def parse_settings(
@@ -90,7 +96,10 @@ def parse_settings(
     values = {}
     for key, value in [*parsed.items(), *(given or {}).items()]:
         if key == PRESET and presets:
-            values[key] = _preset(presets, value)
+            if value not in presets:
+                hint = nearest(str(value), presets)
+                raise ValueError(f"unknown preset {value!r}: {hint}known: {', '.join(presets)}")
+            values[key] = value
             continue
         checked = converted(key, value, _known(known, key, kind).annotation, kind)
         if key in values and values[key] != checked:
@@ -112,11 +121,12 @@ def differing(part: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, 
     defaults = {name: parameter.default for name, parameter in parameters_of(part).items()}
     complete = defaults | dict(values)
     presets: Mapping[str, Mapping[str, Any]] = getattr(part, "presets", {})
-    ways: list[tuple[dict[str, Any], Mapping[str, Any]]] = [({}, defaults)]
-    ways += [({PRESET: preset}, defaults | dict(expanded)) for preset, expanded in presets.items()]
-    named, others = min(
-        ((named, _others(complete, base)) for named, base in ways), key=lambda way: len(way[1])
-    )
+    ways: list[tuple[dict[str, Any], dict[str, Any]]] = []
+    for preset in (None, *presets):
+        base = defaults | dict(presets[preset] if preset else {})
+        others = {key: value for key, value in complete.items() if plain(value) != plain(base[key])}
+        ways.append(({PRESET: preset} if preset else {}, others))
+    named, others = min(ways, key=lambda way: len(way[1]))
     return named | others
 
 
@@ -222,29 +232,6 @@ def _known(known: Mapping[str, Parameter], key: str, kind: str) -> Parameter:
         listed = ", ".join(known) or "none"
         raise ValueError(f"unknown {kind} {key!r}: {nearest(key, known)}known: {listed}")
     return known[key]
-
-
-def _preset(presets: Mapping[str, Mapping[str, Any]], name: Any) -> str:
-    if name not in presets:
-        raise ValueError(f"unknown preset {name!r}: {nearest(str(name), presets)}known: {', '.join(presets)}")
-    return str(name)
-
-
-def _others(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if plain(value) != plain(defaults[key])}
-
-
-def _default(part: Callable[..., Any], name: str, default: Any) -> Any:
-    """Return a parameter's default; that of a dataclass's field may come from a factory."""
-    if dataclasses.is_dataclass(part):
-        field = {field.name: field for field in dataclasses.fields(part)}[name]
-        if field.default_factory is not dataclasses.MISSING:
-            return field.default_factory()
-    return default
-
-
-def _constructor(part: Callable[..., Any]) -> Callable[..., Any]:
-    return part.__init__ if isinstance(part, type) else part  # type: ignore[misc]
 
 
 def _expected(annotation: Any) -> str:

@@ -15,7 +15,6 @@ from small_runs import SCHEDULE, STUDENTS, data_files, rows
 from tma_ray.campaign import Campaign
 from tma_ray.campaign.cluster.joined import connect
 from tma_ray.campaign.execution import run_campaign
-from tma_ray.campaign.executors.cohorts import AnyNode
 from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.monitor import overview
 from tma_ray.campaign.progress import ProgressView, Snapshot
@@ -157,7 +156,7 @@ def test_a_stopped_campaign_leaves_checkpoints_and_continues_wherever_its_teache
     committer = Committer(Store.open(tmp_path / "root"))
     inline = settings(teachers=TeacherPlacement.INLINE)
     head = connect(None).head
-    executor = RayExecutor(committer.store, inline, head, AnyNode(inline, head))
+    executor = RayExecutor(committer.store, inline, head)
     scheduler = Scheduler(committer, executor, inline, quiet())
     checkpoints = tmp_path / "root" / "checkpoints"
     ended = scheduler.execute(what.plan().runs, lambda: any(checkpoints.rglob("index.json")))

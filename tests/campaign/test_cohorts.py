@@ -23,7 +23,6 @@ from tma_ray.campaign.cluster.joined import connect
 from tma_ray.campaign.executors import actors
 from tma_ray.campaign.executors.cohorts import (
     Cohorts,
-    Room,
     compilation,
     kinds_of,
     learner_resources,
@@ -217,16 +216,16 @@ def test_nodes_hold_full_cohorts_or_fewer_players() -> None:
     gpu, cpu = Settings(device="cuda"), Settings(cohort=4)
     shared = Resources(1.0, 1.0, 20.0)
     node = {"CPU": 16.0, "GPU": 1.0, "memory": 100.0 * GIB}
-    assert room_of(node, gpu, shared) == Room(1, 48)
-    assert room_of({**node, "CPU": 8.0}, gpu, shared) == Room(1, 28), "as many as the cores hold"
-    assert room_of({**node, "CPU": 32.0, "GPU": 2.0}, gpu, shared) == Room(2, 48)
-    assert room_of({**node, "memory": 30.0 * GIB}, gpu, shared) == Room(1, 20)
-    assert room_of({"CPU": 16.0, "memory": 100.0 * GIB}, gpu, shared) == Room(0, 0)
+    assert room_of(node, gpu, shared) == (1, 48)
+    assert room_of({**node, "CPU": 8.0}, gpu, shared) == (1, 28), "as many as the cores hold"
+    assert room_of({**node, "CPU": 32.0, "GPU": 2.0}, gpu, shared) == (2, 48)
+    assert room_of({**node, "memory": 30.0 * GIB}, gpu, shared) == (1, 20)
+    assert room_of({"CPU": 16.0, "memory": 100.0 * GIB}, gpu, shared) == (0, 0)
     alone = Resources(1.0, 0.0, 2.0)
-    assert room_of(node, cpu, alone) == Room(8, 4)
-    assert room_of({**node, "CPU": 2.0}, cpu, alone) == Room(1, 4)
-    assert room_of({**node, "CPU": 1.5}, cpu, alone) == Room(1, 2)
-    assert room_of({**node, "CPU": 1.0}, cpu, alone) == Room(0, 0)
+    assert room_of(node, cpu, alone) == (8, 4)
+    assert room_of({**node, "CPU": 2.0}, cpu, alone) == (1, 4)
+    assert room_of({**node, "CPU": 1.5}, cpu, alone) == (1, 2)
+    assert room_of({**node, "CPU": 1.0}, cpu, alone) == (0, 0)
 
 
 def test_runs_of_equal_shapes_and_settings_are_of_one_kind() -> None:

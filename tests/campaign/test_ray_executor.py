@@ -18,7 +18,6 @@ from small_runs import data_files, rows
 from test_campaign import campaign, idle, lingering, quiet, settings
 
 from tma_ray.campaign.executors import actors, ray_executor
-from tma_ray.campaign.executors.cohorts import AnyNode
 from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.failures import HeadLostError
 from tma_ray.campaign.scheduler import Scheduler
@@ -111,7 +110,7 @@ def threads(monkeypatch: pytest.MonkeyPatch, dying: list[str]) -> Iterator[None]
 def scheduler(root: Path, head: Head | None = None, **changes: Any) -> Scheduler:
     chosen = settings(teachers=TeacherPlacement.INLINE, poll_seconds=0.05, **changes)
     committer, seen = Committer.open(root), head or Head()
-    executor = RayExecutor(committer.store, chosen, seen, AnyNode(chosen, seen))
+    executor = RayExecutor(committer.store, chosen, seen)
     return Scheduler(committer, executor, chosen, quiet())
 
 
@@ -170,7 +169,7 @@ def test_a_lost_head_ends_the_campaign_and_its_runs_are_recorded_as_lost(tmp_pat
 
 def test_an_executor_takes_as_many_runs_as_nodes_hold(tmp_path: Path) -> None:
     chosen, head = replace(settings(), autoscaling=False), Head()
-    executor = RayExecutor(Committer.open(tmp_path).store, chosen, head, AnyNode(chosen, head))
+    executor = RayExecutor(Committer.open(tmp_path).store, chosen, head)
     waiting = deque(campaign(idle("random"), seeds=(0, 1, 2, 3, 4)).plan().runs)
     taken = [executor.take(waiting) for _ in range(5)]
     assert [spec is not None for spec in taken] == [True, True, True, False, False], "one more waits"

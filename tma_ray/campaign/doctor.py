@@ -7,9 +7,6 @@ import platform
 import shutil
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
-
 from tma_ray import __version__
 from tma_ray.benchmark import BENCHMARK_VERSION
 from tma_ray.campaign.settings import GIB
@@ -17,22 +14,22 @@ from tma_ray.commands.exits import installed_version
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.results import SCHEMA_VERSION
 from tma_ray.runs.placement import LIBRARIES, cpu_model
-from tma_ray.terminal import terminal
 
 CPU_FEATURES = {"avx2": "AVX2", "avx512f": "AVX-512", "avx512_bf16": "AVX-512 BF16", "amx_bf16": "AMX BF16"}
 """Extensions that matter to matrix products, by their names in /proc/cpuinfo."""
 
 
 def examine(root: Path) -> dict[str, str]:
-    """Return the findings by topic.
-
-    Args:
-        root: folder on whose disk results would be.
-    """
+    """Return the findings by topic; results would be on the disk of `root`."""
     import torch
 
     from tma_ray.physics import engine_in_use
 
+    description, features = Path("/proc/cpuinfo"), "features unknown"
+    if description.exists():
+        flags = set(description.read_text().split())
+        found = [name for flag, name in CPU_FEATURES.items() if flag in flags]
+        features = ", ".join(found) or "without vector extensions that matter here"
     libraries = [f"{library} {installed_version(library)}" for library in (*LIBRARIES, "ray", "pyarrow")]
     engine = engine_in_use()
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / GIB
@@ -44,7 +41,7 @@ def examine(root: Path) -> dict[str, str]:
         "benchmark": f"version {BENCHMARK_VERSION}, physics {PHYSICS_VERSION}, schema {SCHEMA_VERSION}",
         "libraries": ", ".join(libraries),
         "physics engine": f"{engine.name}: {engine.reason}",
-        "CPU": f"{cpu_model()}, {os.cpu_count()} cores, {_cpu_features()}",
+        "CPU": f"{cpu_model()}, {os.cpu_count()} cores, {features}",
         "memory": f"{memory:.1f} GiB",
         "GPU": ", ".join(map(torch.cuda.get_device_name, gpus)) or "none that torch can use",
         "Ray": f"would join {address} (RAY_ADDRESS)"
@@ -52,20 +49,3 @@ def examine(root: Path) -> dict[str, str]:
         else "would start on this machine; no RAY_ADDRESS",
         "free disk": f"{shutil.disk_usage(place).free / GIB:.1f} GiB at {place}",
     }
-
-
-def show(root: Path, console: Console | None = None) -> None:
-    """Print the findings of `examine`."""
-    table = Table(box=None, show_header=False, pad_edge=False)
-    for topic, finding in examine(root).items():
-        table.add_row(topic, finding)
-    terminal(console).print(table)
-
-
-def _cpu_features() -> str:
-    description = Path("/proc/cpuinfo")
-    if not description.exists():
-        return "features unknown"
-    flags = set(description.read_text().split())
-    found = [name for flag, name in CPU_FEATURES.items() if flag in flags]
-    return ", ".join(found) or "without vector extensions that matter here"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
 
 from tma_ray.campaign.cluster.base import BEGUN, GRACE_SECONDS, leaving_without_head
-from tma_ray.campaign.cluster.joined import Connection, connect
+from tma_ray.campaign.cluster.joined import connect
 from tma_ray.campaign.cluster.local import OwnProcesses
-from tma_ray.campaign.executors.cohorts import AnyNode, Cohorts, Kind, check_room, kinds_of
+from tma_ray.campaign.executors.cohorts import Cohorts, check_room, kinds_of
 from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.failures import StopSignals
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
@@ -81,34 +80,20 @@ def execute_plan(
                 check_installation()
             check_storage_access(store)
             warm_nodes(plan.runs, connection.shipped)
-        return _schedule(plan, store, settings, kinds, connection, view or ProgressView())
+        committer = Committer(store)
+        with Lease(store, lease_holder(plan.name)) as lease, ExitStack() as stack:
+            if plan.cell_rows:
+                committer.write_cells(plan.name, plan.cell_rows)
+            committer.sweep()
+            progress = PublishedProgress(view or ProgressView(), HeartbeatWriter(store, lease.holder))
+            cohorts = Cohorts(settings, head, plan.runs, kinds) if settings.width else None
+            executor = RayExecutor(store, settings, head, cohorts)
+            scheduler = Scheduler(committer, executor, settings, progress, lease.keep)
 
+            def conclude() -> None:
+                scheduler.abandon()
+                lease.release()
 
-def _schedule(
-    plan: Plan,
-    store: Store,
-    settings: Settings,
-    kinds: Mapping[str, Kind],
-    connection: Connection,
-    view: View,
-) -> Snapshot:
-    """Execute `plan` while holding the lease on the root."""
-    head = connection.head
-    committer = Committer(store)
-    with Lease(store, lease_holder(plan.name)) as lease:
-        if plan.cell_rows:
-            committer.write_cells(plan.name, plan.cell_rows)
-        committer.sweep()
-        progress = PublishedProgress(view, HeartbeatWriter(store, lease.holder))
-        places = Cohorts(settings, head, plan.runs, kinds) if settings.width else AnyNode(settings, head)
-        executor = RayExecutor(store, settings, head, places)
-        scheduler = Scheduler(committer, executor, settings, progress, lease.keep)
-
-        def conclude() -> None:
-            scheduler.abandon()
-            lease.release()
-
-        with ExitStack() as stack:
             signals = stack.enter_context(StopSignals())
             if connection.is_own:  # a cluster is waited for
                 watch = leaving_without_head(head, plan.name, BEGUN, grace=GRACE_SECONDS, conclude=conclude)

@@ -8,7 +8,6 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from types import FrameType, TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
@@ -84,14 +83,6 @@ FIRST_PAUSE, LONGEST_PAUSE = 1.0, 300.0
 """Pause after a run's first loss, doubled with every other, and its bound, s."""
 
 
-@dataclass
-class _History:
-    """Losses of a run, and the nodes on which they were."""
-
-    losses: int = 0
-    nodes: list[str] = field(default_factory=list)
-
-
 class Retries:
     """Runs that wait for another attempt after a loss.
 
@@ -106,7 +97,8 @@ class Retries:
     def __init__(self, most_losses: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._most_losses = most_losses
         self._clock = clock
-        self._histories: dict[str, _History] = {}
+        self._lost_on: dict[str, list[str]] = {}
+        """Node of each loss of a run, empty where it is unknown."""
         self._pausing: list[tuple[float, RunSpec]] = []
 
     def __len__(self) -> int:
@@ -119,13 +111,11 @@ class Retries:
 
     def add_loss(self, spec: RunSpec, node: str) -> bool:
         """Add a run that was lost on `node`, empty if unknown; return False if it is given up."""
-        history = self._histories.setdefault(spec.run_id, _History())
-        history.losses += 1
-        if node and node not in history.nodes:
-            history.nodes.append(node)
-        if history.losses > self._most_losses:
+        self._lost_on.setdefault(spec.run_id, []).append(node)
+        losses = self.losses(spec.run_id)
+        if losses > self._most_losses:
             return False
-        pause = min(FIRST_PAUSE * 2 ** (history.losses - 1), LONGEST_PAUSE)
+        pause = min(FIRST_PAUSE * 2 ** (losses - 1), LONGEST_PAUSE)
         self._pausing.append((self._clock() + pause, spec))
         return True
 
@@ -138,11 +128,11 @@ class Retries:
 
     def losses(self, run_id: str) -> int:
         """Return the number of losses of a run."""
-        return self._histories[run_id].losses if run_id in self._histories else 0
+        return len(self._lost_on.get(run_id, ()))
 
     def nodes_to_avoid(self, run_id: str) -> tuple[str, ...]:
         """Return the nodes on which a run was lost."""
-        return tuple(self._histories[run_id].nodes) if run_id in self._histories else ()
+        return tuple(dict.fromkeys(node for node in self._lost_on.get(run_id, ()) if node))
 
 
 LOG_SECONDS = 60.0

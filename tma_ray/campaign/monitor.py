@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
-from typing import Generic, NoReturn, TypeVar
+from typing import Any, NoReturn
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -23,15 +23,12 @@ from tma_ray.results import (
     Heartbeat,
     Manifest,
     Results,
-    RunProgress,
     RunStatus,
     Store,
     Table,
     TrialFile,
 )
 from tma_ray.terminal import terminal
-
-T = TypeVar("T")
 
 CELL = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
 """Columns of the parts of a cell."""
@@ -97,8 +94,7 @@ class Observer:
         self._store = Store.open(root)
         self._results: Results | None = None
         self._steps: dict[str, tuple[Manifest, int]] = {}
-        self._outcomes = _Kept(self._store, Table.ATTEMPTS, _last_outcomes)
-        self._cells = _Kept(self._store, Table.CELLS, lambda results: results.table(Table.CELLS).to_pylist())
+        self._kept: dict[Table, tuple[object, list[dict[str, Any]]]] = {}
 
     def look(self, now: float) -> Overview:
         """Return the state of the runs at `now`, s since 1970.
@@ -109,83 +105,54 @@ class Observer:
         self._results = results = Results(self._store, self._results)
         heartbeat = Heartbeat.load(self._store)
         running = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else None
-        steps, outcomes = self._published_steps(results), self._outcomes.of(results)
-        states = {
-            manifest.run.run_id: _state(
-                manifest,
-                steps.get(manifest.run.run_id, 0),
-                outcomes.get(manifest.run.run_id),
-                running,
-            )
+        unfinished = {
+            manifest.run.run_id: manifest
             for manifest in results.runs()
+            if manifest.status is not RunStatus.DONE
         }
+        outcomes: dict[str, tuple[int, str]] = {}
+        columns = ["run_id", "attempt", "outcome"]
+        for row in self._rows(Table.ATTEMPTS, unfinished, unfinished, columns):
+            latest = row["attempt"], row["outcome"]
+            outcomes[row["run_id"]] = max(outcomes.get(row["run_id"], (-1, "")), latest)
+        steps, states = self._published_steps(unfinished), {}
+        for manifest in results.runs():
+            run_id, state, speed = manifest.run.run_id, manifest.status.value, 0.0
+            step = steps.get(run_id, manifest.run.steps)
+            if manifest.status is RunStatus.RUNNING:
+                progress = running.get(run_id) if running else None
+                if running is None or outcomes.get(run_id, (-1, ""))[0] == manifest.attempt:
+                    state = INTERRUPTED
+                elif progress is not None:
+                    step, speed = max(step, progress.step), progress.steps_per_second
+            states[run_id] = RunState(run_id, state, step, manifest.run.steps, speed, manifest.error)
         campaigns: dict[str, dict[tuple[str, ...], list[RunState]]] = {}
-        for row in self._cells.of(results):
+        for row in self._rows(Table.CELLS, unfinished):
             cells = campaigns.setdefault(row["campaign"], {})
-            state = states.get(row["run_id"], RunState(row["run_id"], WAITING, 0, 0))
-            cells.setdefault(tuple(row[name] for name in CELL), []).append(state)
+            found = states.get(row["run_id"], RunState(row["run_id"], WAITING, 0, 0))
+            cells.setdefault(tuple(row[name] for name in CELL), []).append(found)
         return Overview(campaigns, heartbeat, TrialFile.load(self._store))
 
-    def _published_steps(self, results: Results) -> dict[str, int]:
+    def _rows(self, table: Table, unfinished: Collection[str], *which: Any) -> list[dict[str, Any]]:
+        """Return rows of a table as they were read last, until one of its files or a run's state changes."""
+        assert self._results is not None
+        seen = self._store.stamps(f"{TABLES}/{table}"), list(unfinished)
+        if table not in self._kept or self._kept[table][0] != seen:
+            self._kept[table] = seen, self._results.table(table, *which).to_pylist()
+        return self._kept[table][1]
+
+    def _published_steps(self, unfinished: Mapping[str, Manifest]) -> dict[str, int]:
         """Return the step of the last published episode of every unfinished run."""
-        unfinished = _unfinished(results)
+        assert self._results is not None
         new = [
             run for run, manifest in unfinished.items() if self._steps.get(run, (None, 0))[0] is not manifest
         ]
         if new:
-            rows = results.table(Table.EPISODES, new, ["run_id", "step"])
+            rows = self._results.table(Table.EPISODES, new, ["run_id", "step"])
             grouped = rows.group_by("run_id").aggregate([("step", "max")]).to_pylist()
             found = {row["run_id"]: row["step_max"] for row in grouped}
             self._steps |= {run: (unfinished[run], found.get(run, 0)) for run in new}
         return {run: self._steps[run][1] for run in unfinished}
-
-
-class _Kept(Generic[T]):
-    """Rows about runs as `read` returned them, until a file of their table or a run's state changes."""
-
-    def __init__(self, store: Store, table: Table, read: Callable[[Results], T]) -> None:
-        self._store, self._folder, self._read = store, f"{TABLES}/{table}", read
-        self._found: tuple[object, T] | None = None
-
-    def of(self, results: Results) -> T:
-        seen = self._store.stamps(self._folder), list(_unfinished(results))
-        if self._found is None or self._found[0] != seen:
-            self._found = seen, self._read(results)
-        return self._found[1]
-
-
-def _state(
-    manifest: Manifest,
-    step: int,
-    outcome: tuple[int, str] | None,
-    running: Mapping[str, RunProgress] | None,
-) -> RunState:
-    """Return the state of a run; `running` is None where no campaign is."""
-    state, speed = manifest.status.value, 0.0
-    ended = running is None or (outcome is not None and outcome[0] == manifest.attempt)
-    progress = running.get(manifest.run.run_id) if running else None
-    if manifest.status is RunStatus.RUNNING and ended:
-        state = INTERRUPTED
-    elif manifest.status is RunStatus.RUNNING and progress is not None:
-        step, speed = max(step, progress.step), progress.steps_per_second
-    if manifest.status is RunStatus.DONE:
-        step = manifest.run.steps
-    return RunState(manifest.run.run_id, state, step, manifest.run.steps, speed, manifest.error)
-
-
-def _last_outcomes(results: Results) -> dict[str, tuple[int, str]]:
-    """Number and outcome of the last recorded attempt at every unfinished run."""
-    last: dict[str, tuple[int, str]] = {}
-    columns = ["run_id", "attempt", "outcome"]
-    for row in results.table(Table.ATTEMPTS, _unfinished(results), columns).to_pylist():
-        last[row["run_id"]] = max(last.get(row["run_id"], (-1, "")), (row["attempt"], row["outcome"]))
-    return last
-
-
-def _unfinished(results: Results) -> dict[str, Manifest]:
-    return {
-        manifest.run.run_id: manifest for manifest in results.runs() if manifest.status is not RunStatus.DONE
-    }
 
 
 COUNTED = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAITING)
@@ -193,7 +160,7 @@ MOST_ERRORS, MOST_NAMES = 5, 3
 """Kinds of errors, and runs of each, that are named; the others are counted."""
 
 MIN_NAME_WIDTH = 32
-"""Of the first column, in characters."""
+"""Width of the first column, in characters."""
 
 WATCH_SECONDS = 5.0
 """Time between two looks of a status that is watched, s."""
@@ -202,10 +169,7 @@ WATCH_SECONDS = 5.0
 def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:
     """Print the state of the campaigns of a root and the reasons of failures; return True if runs failed.
 
-    Args:
-        root: folder or URI of a results root.
-        cells: a line for every cell instead of one for every experiment, which joins its teachers.
-        console: console to print to.
+    With `cells` every cell has a line instead of every experiment, which joins its teachers.
     """
     now = time.time()
     found = overview(root, now)
@@ -224,7 +188,13 @@ def watch_status(root: str | Path, cells: bool = False, console: Console | None 
 
 
 def _page(root: str | Path, found: Overview, cells: bool, now: float) -> Group:
-    trial = [Text(line) for line in _trial_lines(found.trial)]
+    trial: list[Text] = []
+    if found.trial is not None:
+        design, looks = found.trial.design, ", ".join(map(str, found.trial.design["looks"]))
+        state = f"ended ({found.trial.ended})" if found.trial.ended else "under way"
+        against = f"Trial of {design['teacher']} against {design['release']}"
+        trial.append(Text(f"{against}: {state}; looks after {looks} seeds"))
+        trial += [Text(f"  {look.said}") for look in found.trial.looks]
     if not found.campaigns:
         return Group(*trial, Text(f"{root} holds no campaign yet."))
     parts: list[RenderableType] = [Text(_sign_of_life(found.heartbeat, now))]
@@ -233,24 +203,19 @@ def _page(root: str | Path, found: Overview, cells: bool, now: float) -> Group:
     parts += trial
     for campaign, by_cell in found.campaigns.items():
         runs = _distinct(chain.from_iterable(by_cell.values()))
+        done = sum(run.state == RunStatus.DONE for run in runs)
+        speed = sum(run.steps_per_second for run in runs)
+        budget = max((run.steps for run in runs), default=0)  # also of those that have not been started
+        left = sum((run.steps or budget) - run.step for run in runs if run.state != RunStatus.FAILED)
+        eta = f", {speed:,.0f} steps/s, about {duration(left / speed)} left" if speed else ""
+        headline = f"\ncampaign {campaign}: {done}/{len(runs)} runs done{eta}"
         groups: dict[str, list[RunState]] = {}
         for cell, members in by_cell.items():
             name = " · ".join(part for part in (cell if cells else cell[:4]) if part)
             groups.setdefault(name, []).extend(members)
-        parts += [Text(f"\ncampaign {campaign}: {_headline(runs)}", style="bold"), _grid(groups)]
+        parts += [Text(headline, style="bold"), _grid(groups)]
         parts += [Text(line) for line in _failures(root, runs)]
     return Group(*parts)
-
-
-def _trial_lines(trial: TrialFile | None) -> Iterator[str]:
-    """Yield where a trial stands: what it is of, and a line a look."""
-    if trial is None:
-        return
-    design = trial.design
-    looks = ", ".join(map(str, design["looks"]))
-    state = f"ended ({trial.ended})" if trial.ended else "under way"
-    yield f"Trial of {design['teacher']} against {design['release']}: {state}; looks after {looks} seeds"
-    yield from (f"  {look.said}" for look in trial.looks)
 
 
 def _sign_of_life(heartbeat: Heartbeat | None, now: float) -> str:
@@ -262,16 +227,6 @@ def _sign_of_life(heartbeat: Heartbeat | None, now: float) -> str:
     at = datetime.fromtimestamp(heartbeat.at, UTC).strftime("%Y-%m-%d %H:%M UTC")
     how = "left" if heartbeat.ended else "had its last heartbeat"
     return f"No campaign is running. The last one, {heartbeat.holder}, {how} {age} ({at})."
-
-
-def _headline(runs: Sequence[RunState]) -> str:
-    """Return the number of runs done, the speed of the others, and the time left."""
-    done = sum(run.state == RunStatus.DONE for run in runs)
-    speed = sum(run.steps_per_second for run in runs)
-    budget = max((run.steps for run in runs), default=0)  # also of those that have not been started
-    left = sum((run.steps or budget) - run.step for run in runs if run.state != RunStatus.FAILED)
-    eta = f", {speed:,.0f} steps/s, about {duration(left / speed)} left" if speed else ""
-    return f"{done}/{len(runs)} runs done{eta}"
 
 
 def _grid(groups: dict[str, list[RunState]]) -> Grid:
@@ -314,12 +269,7 @@ def _distinct(runs: Sequence[RunState] | Iterator[RunState]) -> list[RunState]:
 
 
 def show_history(run: str, root: str | Path, console: Console | None = None) -> None:
-    """Print the history of a run, from any machine that sees its results root.
-
-    Args:
-        run: its id, or the beginning of that of no other run.
-        root: folder or URI of a results root.
-        console: console to print to.
+    """Print the history of a run, given by its id or the beginning of that of no other run.
 
     Raises:
         ValueError: no such run, or several.

@@ -100,11 +100,7 @@ LONGEST_HOURS = 100_000.0
 
 
 def parse_hours(text: str) -> float:
-    """Return a time such as 8h, 30min or 8 in hours.
-
-    Raises:
-        ValueError: it is none.
-    """
+    """Return a time such as 8h, 30min or 8 in hours."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(h|min)?", text.strip())
     hours = float(found[1]) / (60 if found[2] == "min" else 1) if found else 0.0
     if not 0 < hours < LONGEST_HOURS:
@@ -113,11 +109,7 @@ def parse_hours(text: str) -> float:
 
 
 def parse_points(text: str) -> float:
-    """Return a margin in points.
-
-    Raises:
-        ValueError: it is none.
-    """
+    """Return a margin in points."""
     points = float(text) if re.fullmatch(r"\d+(\.\d+)?", text.strip()) else 0.0
     if not 0 < points < 100:
         raise refused(text, "expected points of mastered tasks, over 0 and under 100")
@@ -131,14 +123,11 @@ def parse_seeds(text: str) -> tuple[int, ...]:
         >>> parse_seeds("3"), parse_seeds("8-10"), parse_seeds("0,5")
         ((0, 1, 2), (8, 9, 10), (0, 5))
     """
-    numbers = tuple(map(int, re.findall(r"\d{1,19}", text, re.ASCII)))
-    seeds: Sequence[int] = ()
-    if re.fullmatch(r"\d{1,19}-\d{1,19}", text, re.ASCII):
-        seeds = range(numbers[0], numbers[1] + 1)
-    elif re.fullmatch(r"\d{1,19}(,\d{1,19})+", text, re.ASCII):
-        seeds = numbers
-    elif re.fullmatch(r"\d{1,19}", text, re.ASCII):
-        seeds = range(numbers[0])
+    is_known = re.fullmatch(r"\d{1,19}(-\d{1,19}|(,\d{1,19})+)?", text, re.ASCII)
+    numbers = tuple(map(int, re.findall(r"\d+", text))) if is_known else (0,)
+    seeds: Sequence[int] = range(numbers[0])
+    if len(numbers) > 1:
+        seeds = numbers if "," in text else range(numbers[0], numbers[1] + 1)
     if not seeds or seeds[-1] > SEED.most:
         raise refused(text, "expected a number (4), a range (8-11) or a list (0,5)")
     if len(seeds) > MOST_SEEDS or len(set(seeds)) < len(seeds):
@@ -169,11 +158,7 @@ def parse_device(text: str) -> str:
 
 
 def parse_results(text: str) -> str:
-    """Return a results root to write to: a folder, there or to be made, or an address.
-
-    Raises:
-        ValueError: it cannot be one.
-    """
+    """Return a results root to write to: a folder, there or to be made, or an address."""
     if "://" not in root(text):
         Store.open(text).check_place()
     return text
@@ -461,10 +446,29 @@ def campaign_defaults(campaign: CampaignSpec) -> dict[str, str]:
 
 
 def chosen_campaign(campaign: CampaignSpec, options: CampaignOptions) -> CampaignSpec:
-    """Return `campaign` with what the flags replace: each combination of the values given."""
+    """Return `campaign` with each combination of the values that the flags give, equal cells once."""
+    choices: dict[str, Sequence[Any] | None] = {
+        "environment": (options.environment,) if options.environment else None,
+        "challenge": options.challenges,
+        "embodiment": options.embodiments,
+        "student": options.students,
+        "teacher": options.teachers,
+        "expert_knowledge": parse_levels(options.expert_knowledge) if options.expert_knowledge else None,
+        "test_set": (options.test_set,) if options.test_set else None,
+        "space": (options.space,) if options.space else None,
+    }
+    cells = list(campaign.cells)
+    for name, chosen in choices.items():
+        if chosen is not None:
+            cells = [replace(cell, **{name: each}) for cell in cells for each in chosen]
+    unique: list[Cell] = []
+    for cell in cells:
+        changed = replace(cell, environment=environment_name(cell.environment, options))
+        if changed not in unique:
+            unique.append(changed)
     return replace(
         campaign,
-        cells=_replace_cells(campaign.cells, options),
+        cells=tuple(unique),
         seeds=options.seeds if options.seeds is not None else campaign.seeds,
         schedule=replace_schedule(campaign.schedule, options),
         independent_levels=campaign.independent_levels or options.independent_levels,
@@ -519,27 +523,3 @@ def replace_schedule(schedule: Schedule, options: ScheduleOptions) -> Schedule:
     """Return `schedule` with what the flags replace."""
     given = {name: getattr(options, name) for name in SCHEDULE}
     return replace(schedule, **{name: number for name, number in given.items() if number is not None})
-
-
-def _replace_cells(cells: Sequence[Cell], options: CampaignOptions) -> tuple[Cell, ...]:
-    """Return each cell with each combination of the given values; equal cells once."""
-    choices: dict[str, Sequence[Any] | None] = {
-        "environment": (options.environment,) if options.environment else None,
-        "challenge": options.challenges,
-        "embodiment": options.embodiments,
-        "student": options.students,
-        "teacher": options.teachers,
-        "expert_knowledge": parse_levels(options.expert_knowledge) if options.expert_knowledge else None,
-        "test_set": (options.test_set,) if options.test_set else None,
-        "space": (options.space,) if options.space else None,
-    }
-    result = list(cells)
-    for name, chosen in choices.items():
-        if chosen is not None:
-            result = [replace(cell, **{name: each}) for cell in result for each in chosen]
-    result = [replace(cell, environment=environment_name(cell.environment, options)) for cell in result]
-    unique: list[Cell] = []
-    for cell in result:
-        if cell not in unique:
-            unique.append(cell)
-    return tuple(unique)

@@ -107,7 +107,7 @@ class CampaignSpec:
             for seed in self.seeds:
                 spec = replace(first, seed=seed)
                 runs.setdefault(spec.run_id, spec)
-                rows.append({**cell_row(self.name, cell, spec), "seed": seed, "run_id": spec.run_id})
+                rows.append(cell_row(self.name, cell, spec))
         size = f"{counted(len(self.cells), 'cell')} x {counted(len(self.seeds), 'seed')}"
         return Plan(self.name, size, tuple(runs.values()), tuple(rows))
 
@@ -151,6 +151,8 @@ def cell_row(experiment: str, cell: Cell, spec: RunSpec) -> dict[str, Any]:
         "student": spec.student,
         "teacher": spec.teacher,
         "expert_knowledge": cell.expert_knowledge.value,
+        "seed": spec.seed,
+        "run_id": spec.run_id,
     }
 
 
@@ -172,6 +174,14 @@ def matrix_cells(
     Raises:
         UnknownNameError: no such teacher.
     """
+    kept: Sequence[str] = matrix.teachers or teachers
+    if matrix.teachers and teachers:
+        kept = [
+            given if given != base_name(given) else teacher
+            for teacher in matrix.teachers
+            for given in teachers
+            if base_name(given) == base_name(teacher)
+        ]
     return tuple(
         Cell(
             matrix.environment,
@@ -186,7 +196,7 @@ def matrix_cells(
         for embodiment in matrix.embodiments
         for student in matrix.students
         for level in matrix.levels
-        for teacher in _kept(matrix, teachers)
+        for teacher in kept
         if knows_enough(TEACHERS.get(teacher), level)
     )
 
@@ -240,19 +250,6 @@ def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
     ordered = sorted(runs.values(), key=lambda placed: placed[0])
     size = f"{sum(len(campaign.cells) for campaign in campaigns)} cells, {len(rows)} with their seeds"
     return Plan(name, size, tuple(spec for _, spec in ordered), tuple(rows))
-
-
-def _kept(matrix: Matrix, teachers: Sequence[str]) -> Sequence[str]:
-    if not matrix.teachers:
-        return teachers
-    if not teachers:
-        return matrix.teachers
-    return [
-        given if given != base_name(given) else teacher
-        for teacher in matrix.teachers
-        for given in teachers
-        if base_name(given) == base_name(teacher)
-    ]
 
 
 QUICKSTART = CampaignSpec(

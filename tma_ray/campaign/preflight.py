@@ -6,7 +6,7 @@ import importlib
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -33,8 +33,16 @@ def check_installation() -> None:
     Raises:
         ConnectionError: a node has other versions; the message names it and them.
     """
+
+    def installed() -> str:  # sent whole: one of this module could only be found where tma_ray is
+        from importlib.metadata import version
+
+        import tma_ray  # noqa: F401
+
+        return version("tma_ray")
+
     here = version("tma_ray")
-    task = ray.remote(num_cpus=0, max_retries=0)(_finder())
+    task = ray.remote(num_cpus=0, max_retries=0)(installed)
     asked = {_ask(node["NodeID"], task): node["NodeManagerAddress"] for node in working_nodes()}
     for answer, address in asked.items():
         try:
@@ -57,19 +65,6 @@ def _ask(node: str, task: Any, *arguments: Any) -> Any:
 
 def _cause(error: RayError) -> Exception:
     return error.cause if isinstance(error, RayTaskError) else error
-
-
-def _finder() -> Callable[[], str]:
-    """Return a function that Ray sends whole: one of this module could only be found where tma_ray is."""
-
-    def installed() -> str:
-        from importlib.metadata import version
-
-        import tma_ray  # noqa: F401
-
-        return version("tma_ray")
-
-    return installed
 
 
 def check_feasible(resources: Resources) -> None:
@@ -154,7 +149,14 @@ def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, A
         ValueError: the files are larger than `MOST_BYTES`.
     """
     files = {path: code for each in sources if not each.installed for path, code in each.files.items()}
-    _check_size(files)
+    total = sum(map(len, files.values()))
+    if total > MOST_BYTES:
+        largest = max(files, key=lambda path: len(files[path]))
+        raise ValueError(
+            f"the plug-ins' files are {total / 2**20:.0f} MiB ({largest}: {len(files[largest]) / 2**20:.0f} "
+            f"MiB), more than the {MOST_BYTES / 2**20:.0f} MiB that are shipped to workers; install them on "
+            f"the nodes, or read large data from a path that all nodes have"
+        )
     if not files:
         yield None
         return
@@ -175,17 +177,6 @@ def use_shipped() -> None:
     root = next(iter(shipped.__path__))
     if root not in sys.path:
         sys.path.insert(0, root)
-
-
-def _check_size(files: dict[str, bytes]) -> None:
-    total = sum(map(len, files.values()))
-    if total > MOST_BYTES:
-        largest = max(files, key=lambda path: len(files[path]))
-        raise ValueError(
-            f"the plug-ins' files are {total / 2**20:.0f} MiB ({largest}: {len(files[largest]) / 2**20:.0f} "
-            f"MiB), more than the {MOST_BYTES / 2**20:.0f} MiB that are shipped to workers; install them on "
-            f"the nodes, or read large data from a path that all nodes have"
-        )
 
 
 _tried: set[tuple[str, object]] = set()
@@ -225,15 +216,9 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     for (node, recipe), spec in due.items():
         if (node, recipe) not in _tried:
             tasks[node].append(spec.to_dict())
-    _try_on(tasks, contents(specs), shipped)
-    _tried.update(due)
-
-
-def _try_on(tasks: Mapping[str, Sequence[dict[str, Any]]], files: Mapping[str, bytes], shipped: bool) -> None:
-    """Try the specs of each node there, with the files that they read."""
     # One call a process: it would keep the plug-ins that it has imported. One process a node: starting
     # takes a process longer than trying.
-    task = ray.remote(max_calls=1, num_cpus=0)(_try_all)
+    task, files = ray.remote(max_calls=1, num_cpus=0)(_try_all), contents(specs)
     try:
         ray.get([_ask(node, task, planned, files) for node, planned in tasks.items()])
     except RayError as error:
@@ -244,6 +229,7 @@ def _try_on(tasks: Mapping[str, Sequence[dict[str, Any]]], files: Mapping[str, b
         raise ValueError(
             f"a plug-in or environment does not work on the workers: {type(cause).__name__}: {cause}{hint}"
         ) from error
+    _tried.update(due)
 
 
 def _try_all(specs: Sequence[dict[str, Any]], files: Mapping[str, bytes]) -> None:

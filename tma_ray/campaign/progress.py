@@ -81,32 +81,18 @@ class Snapshot:
     running: Sequence[ActiveRun]
     learners: Sequence[LearnerProgress] = ()
 
-    @property
-    def steps_per_second(self) -> float:
-        """Environment steps per second of all running runs together."""
-        return sum(run.status.steps_per_second for run in self.running)
-
-    @property
-    def steps_left(self) -> int:
-        """Environment steps left of waiting and running runs."""
-        return self.waiting_steps + sum(run.steps - run.status.step for run in self.running)
-
-    @property
-    def seconds_left(self) -> float:
-        """Time left at the present speed, s; infinite while that is 0."""
-        return self.steps_left / self.steps_per_second if self.steps_per_second else math.inf
-
     def headline(self) -> str:
-        """Return the campaign in one line."""
+        """Return the campaign in one line, with the time left at the present speed."""
         parts = [f"{self.done}/{self.total} runs done"]
         parts += [f"{self.failed} failed"] if self.failed else []
         parts += [f"{self.stopped} stopped"] if self.stopped else []
         parts += [f"{self.waiting} waiting"] if self.waiting else []
         if self.running:
-            share = 1 - self.steps_left / self.total_steps
-            parts += [f"{len(self.running)} running", f"{share:.0%} of {self.total_steps:,} steps"]
-            parts += [f"{self.steps_per_second:,.0f} steps/s"]
-            parts += [f"about {duration(self.seconds_left)} left"] if math.isfinite(self.seconds_left) else []
+            left = self.waiting_steps + sum(run.steps - run.status.step for run in self.running)
+            speed = sum(run.status.steps_per_second for run in self.running)
+            share = f"{1 - left / self.total_steps:.0%} of {self.total_steps:,} steps"
+            parts += [f"{len(self.running)} running", share, f"{speed:,.0f} steps/s"]
+            parts += [f"about {duration(left / speed)} left"] if speed else []
         return ", ".join(parts)
 
 
@@ -160,14 +146,27 @@ class ProgressView:
 
     def update(self, snapshot: Snapshot) -> None:
         """Show the latest snapshot."""
-        if self._live is not None:
-            if not self._started:
-                self._live.start()
-                self._started = True
-            self._live.update(_table(snapshot), refresh=True)
-        elif time.monotonic() - self._last_line >= self._line_seconds:
-            self._write(snapshot)
-            self._last_line = time.monotonic()
+        if self._live is None:
+            if time.monotonic() - self._last_line >= self._line_seconds:
+                self._write(snapshot)
+                self._last_line = time.monotonic()
+            return
+        table = Table(box=None, pad_edge=False)
+        for heading in ("run", "step", "of", "steps/s", "episodic return"):
+            table.add_column(heading, justify="left" if heading == "run" else "right")
+        for run in snapshot.running[:MOST_ROWS]:
+            status = run.status
+            episodic_return = "" if math.isnan(status.episodic_return) else f"{status.episodic_return:.1f}"
+            numbers = f"{status.step:,}", f"{run.steps:,}", f"{status.steps_per_second:,.0f}"
+            table.add_row(run.run_id, *numbers, episodic_return)
+        hidden = len(snapshot.running) - MOST_ROWS
+        more = [Text(f"and {hidden} more running")] if hidden > 0 else []
+        learners = [Text(learner_line(learner)) for learner in snapshot.learners]
+        if not self._started:
+            self._live.start()
+            self._started = True
+        shown = Group(Text(snapshot.headline(), style="bold"), *learners, table, *more)
+        self._live.update(shown, refresh=True)
 
     def close(self, snapshot: Snapshot) -> None:
         """Show the last snapshot and leave the terminal as it was."""
@@ -179,23 +178,3 @@ class ProgressView:
 
     def _write(self, snapshot: Snapshot) -> None:
         self._console.print(snapshot.headline(), highlight=False, soft_wrap=True)
-
-
-def _table(snapshot: Snapshot) -> Group:
-    table = Table(box=None, pad_edge=False)
-    for heading in ("run", "step", "of", "steps/s", "episodic return"):
-        table.add_column(heading, justify="left" if heading == "run" else "right")
-    for run in snapshot.running[:MOST_ROWS]:
-        status = run.status
-        episodic_return = "" if math.isnan(status.episodic_return) else f"{status.episodic_return:.1f}"
-        table.add_row(
-            run.run_id,
-            f"{status.step:,}",
-            f"{run.steps:,}",
-            f"{status.steps_per_second:,.0f}",
-            episodic_return,
-        )
-    hidden = len(snapshot.running) - MOST_ROWS
-    more = [Text(f"and {hidden} more running")] if hidden > 0 else []
-    learners = [Text(learner_line(learner)) for learner in snapshot.learners]
-    return Group(Text(snapshot.headline(), style="bold"), *learners, table, *more)

@@ -7,23 +7,15 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tma_ray.campaign.costs import estimate
-from tma_ray.campaign.options import (
-    SCHEDULE,
-    CampaignOptions,
-    ExecutionOptions,
-    chosen_nodes,
-    chosen_settings,
-)
+from tma_ray.campaign.options import SCHEDULE, CampaignOptions, ExecutionOptions
 from tma_ray.campaign.plan import Plan, cell_row
 from tma_ray.campaign.script import run_plan
 from tma_ray.commands.texts import counted
 from tma_ray.decoding import DamagedFileError
-from tma_ray.results import SIMULATED, Inspector, Results, RunRecord, RunStatus, Store, Table, check_usable
+from tma_ray.results import SIMULATED, Inspector, Results, RunStatus, Table
 from tma_ray.runs import Cell, RunSpec, effective_spec
 from tma_ray.runs.inputs import fetch, import_plugins
 from tma_ray.tasks import KnowledgeLevel
-from tma_ray.terminal import terminal
 
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
 """Fields of a spec in which another teacher may differ."""
@@ -37,14 +29,7 @@ BY_PART = ("plugins", "algorithm_versions", "inputs")
 
 @dataclass(frozen=True)
 class _Setting:
-    """Cells of a release that differ in their teachers and seeds only.
-
-    Attributes:
-        experiment: name of the experiment that they belong to.
-        level: expert knowledge offered.
-        template: spec of one of their runs.
-        seeds: seeds of all of them, rising.
-    """
+    """Cells of a release that differ in teachers and seeds only: the spec of one, and the seeds of all."""
 
     experiment: str
     level: KnowledgeLevel
@@ -76,7 +61,19 @@ def like_plan(
         ValueError: a challenge, seed or campaign that the release does not have, a teacher that cannot run,
             or a release that this version cannot repeat.
     """
-    settings = _chosen(_settings(released, core), challenges, seeds)
+    settings = _settings(released, core)
+    known = dict.fromkeys(setting.template.challenge for setting in settings)
+    for challenge in challenges:
+        if challenge not in known:
+            raise ValueError(f"the release has no challenge {challenge!r}; it has {', '.join(known)}")
+    settings = [each for each in settings if not challenges or each.template.challenge in challenges]
+    there = sorted({seed for setting in settings for seed in setting.seeds})
+    for seed in seeds:
+        if seed not in there:
+            raise ValueError(f"the release has no seed {seed}; it has {', '.join(map(str, there))}")
+    if seeds:
+        settings = [replace(each, seeds=tuple(s for s in each.seeds if s in seeds)) for each in settings]
+        settings = [each for each in settings if each.seeds]
     planned = [
         (place, spec, row)
         for setting in settings
@@ -116,16 +113,6 @@ def trial_plan(
     return Plan(name, size, tuple(spec for spec, _ in planned), tuple(row for _, row in planned))
 
 
-def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[RunSpec, dict[str, Any]]]:
-    """Yield the spec of each seed of a cell, and its row in the table of cells."""
-    cell = _cell(setting, teacher)
-    spec = effective_spec(cell, 0, setting.template.schedule)
-    first = _checked(replace(spec, test_set=setting.template.test_set), setting, released)
-    for seed in setting.seeds:
-        spec = replace(first, seed=seed)
-        yield spec, {**cell_row(setting.experiment, cell, spec), "seed": seed, "run_id": spec.run_id}
-
-
 def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
     """Return the settings of a release's cells, in the order of its experiments' names."""
     specs = {manifest.run.run_id: manifest.run.spec for manifest in released.runs()}
@@ -149,73 +136,49 @@ def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
     found: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for row in cells if not core else [row for row in cells if row["campaign"] in core]:
         found.setdefault(tuple(row[name] for name in names), []).append(row)
-    return [
-        _Setting(
-            key[0],
-            KnowledgeLevel(key[-1]),
-            _template(specs[min(row["run_id"] for row in rows)], released),
-            tuple(sorted({row["seed"] for row in rows})),
-        )
-        for key, rows in sorted(found.items())
-    ]
+    settings = []
+    for key, rows in sorted(found.items()):
+        text = specs[min(row["run_id"] for row in rows)]
+        try:
+            template = RunSpec.from_json(text, f"a spec of {released.store}")
+        except DamagedFileError:
+            raise
+        except ValueError as error:
+            raise ValueError(f"{released.store} cannot be repeated: {error}") from error
+        seeds = tuple(sorted({row["seed"] for row in rows}))
+        settings.append(_Setting(key[0], KnowledgeLevel(key[-1]), template, seeds))
+    return settings
 
 
-def _template(spec: str, released: Results) -> RunSpec:
-    try:
-        return RunSpec.from_json(spec, f"a spec of {released.store}")
-    except DamagedFileError:
-        raise
-    except ValueError as error:
-        raise ValueError(f"{released.store} cannot be repeated: {error}") from error
+def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[RunSpec, dict[str, Any]]]:
+    """Yield the spec of each seed of a cell, and its row in the table of cells.
 
-
-def _chosen(
-    settings: Sequence[_Setting], challenges: Collection[str], seeds: Collection[int]
-) -> list[_Setting]:
-    known = dict.fromkeys(setting.template.challenge for setting in settings)
-    for challenge in challenges:
-        if challenge not in known:
-            raise ValueError(f"the release has no challenge {challenge!r}; it has {', '.join(known)}")
-    kept = [each for each in settings if not challenges or each.template.challenge in challenges]
-    if not seeds:
-        return kept
-    there = sorted({seed for setting in kept for seed in setting.seeds})
-    for seed in seeds:
-        if seed not in there:
-            raise ValueError(f"the release has no seed {seed}; it has {', '.join(map(str, there))}")
-    narrowed = (replace(each, seeds=tuple(s for s in each.seeds if s in seeds)) for each in kept)
-    return [each for each in narrowed if each.seeds]
-
-
-def _cell(setting: _Setting, teacher: str) -> Cell:
-    spec = setting.template
-    return Cell(
-        environment=spec.environment,
-        challenge=spec.challenge,
-        embodiment=spec.embodiment,
-        student=spec.student,
+    Raises:
+        ValueError: they differ from the runs of the release in more than the teacher; the message says how.
+    """
+    there = setting.template
+    cell = Cell(
+        environment=there.environment,
+        challenge=there.challenge,
+        embodiment=there.embodiment,
+        student=there.student,
         teacher=teacher,
         expert_knowledge=setting.level,
     )
-
-
-def _checked(spec: RunSpec, setting: _Setting, released: Results) -> RunSpec:
-    """Return `spec` if it differs from the runs of the release in its teacher only.
-
-    Raises:
-        ValueError: it does not; the message names what differs.
-    """
-    ours, theirs = _without_teacher(spec), _without_teacher(setting.template)
+    first = replace(effective_spec(cell, 0, there.schedule), test_set=there.test_set)
+    ours, theirs = _without_teacher(first), _without_teacher(there)
     differing = [name for name in sorted({*ours, *theirs}) if ours.get(name) != theirs.get(name)]
     if differing:
         said = "; ".join(
-            f"{name}: {_short(theirs.get(name))} there, {_short(ours.get(name))} here" for name in differing
+            f"{name}: {theirs.get(name)!r:.60} there, {ours.get(name)!r:.60} here" for name in differing
         )
         raise ValueError(
-            f"this version cannot repeat {released.store} ({setting.template.challenge}): {said}. Use the "
-            f"version of tma_ray that it was made with, or another release"
+            f"this version cannot repeat {released.store} ({there.challenge}): {said}. Use the version of "
+            f"tma_ray that it was made with, or another release"
         )
-    return spec
+    for seed in setting.seeds:
+        spec = replace(first, seed=seed)
+        yield spec, cell_row(setting.experiment, cell, spec)
 
 
 def _without_teacher(spec: RunSpec) -> dict[str, Any]:
@@ -224,10 +187,6 @@ def _without_teacher(spec: RunSpec) -> dict[str, Any]:
         parts = content.get(name, {}).items()
         content[name] = {part: value for part, value in parts if part.partition(".")[0] != "teacher"}
     return content
-
-
-def _short(value: Any) -> str:
-    return f"{value!r:.60}"
 
 
 DECIDED = (
@@ -240,8 +199,7 @@ DECIDED = (
         "environment_option",
         "test_set",
     ),
-    *SCHEDULE,
-    "independent_levels",
+    *(*SCHEDULE, "independent_levels"),
 )
 """Options whose values the release has."""
 
@@ -249,17 +207,11 @@ DECIDED = (
 def run_like(name: str, place: str, core: Collection[str], options: CampaignOptions) -> int:
     """Run the cells and seeds of a release that the options choose; return the exit code.
 
-    Args:
-        name: campaign's name in the results.
-        place: folder or address of the release.
-        core: campaigns of the release to repeat; empty for all.
-        options: choice of teachers, challenges and seeds, and the execution.
+    See `like_plan` and `run_plan` for further errors.
 
     Raises:
-        ValueError: no teacher, an option whose value the release has, or what `like_plan` refuses.
+        ValueError: no teacher, or an option whose value the release has.
         ResultsRootError: `place` is not a results root.
-        ConnectionError: no cluster answers.
-        RootInUseError: another campaign is running on the results root.
     """
     given = [f"--{name.replace('_', '-')}" for name in DECIDED if getattr(options, name)]
     if given:
@@ -268,19 +220,9 @@ def run_like(name: str, place: str, core: Collection[str], options: CampaignOpti
         )
     if not options.teachers:
         raise ValueError("which teachers? Name them with --teachers, as in --teachers mine:Teacher")
-    plan = like_plan(
-        name,
-        Results.open(place),
-        options.teachers,
-        core,
-        options.challenges or (),
-        options.seeds or (),
-    )
-    if not options.dry_run:
-        check_usable(Store.open(options.results))
-    cost = estimate(plan, chosen_settings(options), nodes=chosen_nodes(options))
-    terminal().print(cost.describe(), highlight=False, soft_wrap=True)
-    return run_plan(plan, str(options.results), options, cost.throughputs)
+    challenges, seeds = options.challenges or (), options.seeds or ()
+    plan = like_plan(name, Results.open(place), options.teachers, core, challenges, seeds)
+    return run_plan(plan, str(options.results), options, told=True)
 
 
 NAME = "rerun"
@@ -297,12 +239,7 @@ def rerun(root: str, names: Sequence[str], options: ExecutionOptions, *, failed:
 
 
 def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
-    """Return the plan of unfinished runs of a root.
-
-    Args:
-        root: folder or URI of a results root.
-        names: ids of runs, or unambiguous prefixes of them.
-        failed: True for all runs that failed.
+    """Return the plan of unfinished runs of a root: by ids or beginnings of them, and all that `failed`.
 
     Raises:
         ValueError: nothing is named, no such run, one that is done, or a plug-in that was edited since:
@@ -320,22 +257,20 @@ def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
     for manifest, found in Inspector(results.store).inspect_all(whole):
         if not found.damage:
             raise ValueError(f"run {manifest.run.run_id} is done: there is nothing to run again")
-    specs = tuple(_spec(manifest.run) for manifest in chosen.values())
+    specs = []
+    for run_id, manifest in chosen.items():
+        spec = RunSpec.from_json(manifest.run.spec, f"the spec of run {run_id}")
+        if spec.run_id != run_id:
+            raise ValueError(
+                f"the spec of run {run_id} is not its own: its manifest was edited or is damaged"
+            )
+        try:
+            import_plugins(spec, *spec.plugins)
+        except ValueError as error:
+            raise ValueError(
+                f"run {run_id}: {error}; with an edited plug-in, start the campaign's own command"
+            ) from error
+        specs.append(spec)
     for spec in specs:
         fetch(results.store, spec)
-    return Plan(NAME, f"{counted(len(chosen), 'run')} again", specs, ())
-
-
-def _spec(run: RunRecord) -> RunSpec:
-    spec = RunSpec.from_json(run.spec, f"the spec of run {run.run_id}")
-    if spec.run_id != run.run_id:
-        raise ValueError(
-            f"the spec of run {run.run_id} is not its own: its manifest was edited or is damaged"
-        )
-    try:
-        import_plugins(spec, *spec.plugins)
-    except ValueError as error:
-        raise ValueError(
-            f"run {run.run_id}: {error}; with an edited plug-in, start the campaign's own command"
-        ) from error
-    return spec
+    return Plan(NAME, f"{counted(len(chosen), 'run')} again", tuple(specs), ())

@@ -112,21 +112,19 @@ class Scheduler:
             self._running[spec.run_id] = _Running(spec, number, datetime.now(UTC))
 
     def _poll(self, seconds: float) -> None:
-        """Commit what the executor reports within some time, and show the progress."""
+        """Commit what the executor reports within `seconds`, and show the progress."""
         events = self._executor.poll(seconds, last=not (self._waiting or self._retries))
         self._committer.keep_lease()
         for event in events:
             if isinstance(event, Report):
-                self._publish(self._running[event.record.run_id], event)
+                running = self._running[event.record.run_id]
+                before, running.report = running.report, event
+                if event.parts is not None and (before is None or event.parts != before.parts):
+                    record = running.spec.record()
+                    self._committer.call(Committer.publish, record, running.number, event.parts)
             else:
                 self._conclude(self._running.pop(event.run_id), event)
         self._view.update(self._snapshot())
-
-    def _publish(self, running: _Running, report: Report) -> None:
-        """Publish the result files of a checkpoint, unless that was done already."""
-        before, running.report = running.report, report
-        if report.parts is not None and (before is None or report.parts != before.parts):
-            self._committer.call(Committer.publish, running.spec.record(), running.number, report.parts)
 
     def _conclude(self, running: _Running, ending: Ending) -> None:
         """Commit the outcome of an attempt that has ended."""
@@ -161,7 +159,7 @@ class Scheduler:
             self._fail(running, f"it was lost {self._retries.losses(loss.run_id)} times, last: {loss.reason}")
 
     def _stop(self) -> None:
-        """Request checkpoints of all runs and waits for them, for the grace period at most."""
+        """Request checkpoints of all runs and wait for them, for the grace period at most."""
         self._executor.stop()
         deadline = time.monotonic() + self._settings.grace_seconds
         while self._running and time.monotonic() < deadline:

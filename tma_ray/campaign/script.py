@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from cyclopts import App
 
 from tma_ray import command_line
-from tma_ray.campaign.costs import confirm, long_cost, terminal_question
+from tma_ray.campaign.costs import confirm, estimate, long_cost, terminal_question
 from tma_ray.campaign.failures import HeadLostError, OutageError
 from tma_ray.campaign.options import (
     CampaignOptions,
@@ -23,7 +23,6 @@ from tma_ray.campaign.options import (
 )
 from tma_ray.campaign.plan import CampaignSpec, Plan
 from tma_ray.campaign.settings import Settings
-from tma_ray.campaign.speeds import Kind, Throughput
 from tma_ray.commands.exits import FAILED, RAY_LOST
 from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.commands.texts import counted
@@ -70,15 +69,16 @@ def execute(campaign: CampaignSpec, options: CampaignOptions) -> int:
     return run_plan(chosen_campaign(campaign, options).plan(), str(options.results), options)
 
 
-def run_plan(
-    plan: Plan, results: str, options: ExecutionOptions, known: Mapping[Kind, Throughput] | None = None
-) -> int:
-    """Print the size of `plan` and run it with the options for execution.
+def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool = False) -> int:
+    """Print the size of `plan` and run it with the options for execution; return the exit code, as `main`.
 
     More than an hour on this machine has to be confirmed, on a cluster beforehand (``--yes``).
 
-    Returns:
-        The exit code, as of `main`.
+    Args:
+        plan: runs to execute.
+        results: results root to write to.
+        options: options for execution.
+        told: True to print the whole cost, of short plans, too.
 
     Raises:
         ValueError: an address that cannot be a cluster's, or over an hour that was not confirmed.
@@ -86,15 +86,20 @@ def run_plan(
         Exception: errors of `execute_plan`.
     """
     console, settings, address = terminal(), chosen_settings(options), chosen_address(options)
-    if options.dry_run:
-        check_usable(Store.open(results))
+    store, known = Store.open(results), None
+    if options.dry_run or told:
+        check_usable(store)
     nodes = chosen_nodes(options)
+    if told:
+        whole = estimate(plan, settings, nodes=nodes)
+        known = whole.throughputs
+        console.print(whole.describe(), highlight=False, soft_wrap=True)
     console.print(plan.describe(), highlight=False, soft_wrap=True)
     if options.start_from and not options.dry_run:
-        store, source = Store.open(results), Store.open(options.start_from)
+        source = Store.open(options.start_from)
         console.print(f"{counted(start_from(store, source), 'run')} copied from {source}", highlight=False)
     cost = long_cost(plan, results, settings, known, nodes)
-    if cost is not None and known is None:
+    if cost is not None and not told:
         console.print(f"cost: {cost.summary()}", highlight=False, soft_wrap=True)
     if options.dry_run:
         return 0

@@ -22,7 +22,6 @@ PLENTY: Final = float(sys.maxsize)
 AUTOSCALING_QUEUE = 64
 """Runs that wait on an autoscaling cluster: with one only, nodes would come one after the other."""
 
-
 COHORT_WIDTH = CohortSettings.width
 """Slots of a cohort on a GPU, unless another number is asked for."""
 
@@ -72,12 +71,7 @@ class Resources:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Nodes that a cost is estimated for.
-
-    Attributes:
-        resources: amounts of each node by Ray's names: "CPU", "GPU" and "memory", the last in bytes.
-        place: name of them all, for messages.
-    """
+    """Nodes that a cost is for: Ray's resources of each (memory in bytes), and a name of them all."""
 
     resources: tuple[Mapping[str, float], ...]
     place: str
@@ -145,26 +139,21 @@ class Settings:
         if self.cohort is not None:
             WIDTH.check("cohort", self.cohort)
         kind = self.device.partition(":")[0]
-        self._check_cohort(kind) if self.width else self._check_alone(kind)
-
-    def _check_cohort(self, kind: str) -> None:
-        if kind not in ("cpu", "cuda"):
+        if self.width and kind not in ("cpu", "cuda"):
             raise ValueError(
                 f"device = {self.device!r}: a cohort learns on 'cpu' or 'cuda'; add '--cohort off'"
             )
-        if self.resources.gpus or self.player.gpus:
+        if self.width and (self.resources.gpus or self.player.gpus):
             raise ValueError(
                 "a run in a cohort occupies no GPU, its learner has one: leave out '--gpus-per-run', or add "
                 "'--cohort off' for runs that learn alone"
             )
-
-    def _check_alone(self, kind: str) -> None:
-        if self.resources.gpus and kind == "cpu":
+        if not self.width and self.resources.gpus and kind == "cpu":
             raise ValueError(
                 f"device = 'cpu', but each run occupies {self.resources.gpus:g} GPUs: add '--device cuda', "
                 f"or leave out '--gpus-per-run'"
             )
-        if kind == "cuda" and not self.resources.gpus:
+        if not self.width and kind == "cuda" and not self.resources.gpus:
             raise ValueError(
                 f"device = {self.device!r}, but no GPU is reserved for a run: add '--gpus-per-run 0.25' for "
                 f"four runs on each GPU, or 1 for one; without '--cohort off' they share one in a cohort"

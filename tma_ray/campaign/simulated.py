@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from tma_ray.benchmark import BENCHMARK_VERSION
 from tma_ray.part_names import base_name
@@ -64,7 +63,17 @@ class SimulatedRoot:
         ]
         records = [_record(run, episodes) for run in self._planned]
         rows = [
-            _cell(cell, run, record)
+            {
+                "experiment": cell.challenge.name,
+                "environment": ENVIRONMENT,
+                "challenge": cell.challenge.name,
+                "embodiment": STUDENT,
+                "student": STUDENT,
+                "teacher": run.teacher,
+                "expert_knowledge": cell.level.value,
+                "seed": run.seed,
+                "run_id": record.run_id,
+            }
             for run, record in zip(self._planned, records, strict=True)
             for cell in cells
             if (cell.challenge.name, cell.teacher, cell.effective_level)
@@ -86,7 +95,20 @@ class SimulatedRoot:
         if not self._committer.done([record.run_id]):
             attempt = self._committer.start(record)
             writer = RunWriter(self._committer.store, record.run_id, attempt)
-            writer.add(Table.EVALUATIONS, list(_evaluations(run, record.steps)))
+            tests = find_simulated_challenge(run.challenge).tests()
+            rows = [
+                {
+                    "step": round(record.steps * point / len(run.returns)),
+                    "test_set": tests.name,
+                    "task_index": index,
+                    "task": task,
+                    "episodic_return": round(FRACTION * value) / FRACTION,
+                    "length": EPISODE_STEPS,
+                }
+                for point, returns in enumerate(run.returns, start=1)
+                for index, (task, value) in enumerate(zip(tests.tasks, returns, strict=True))
+            ]
+            writer.add(Table.EVALUATIONS, rows)
             self._committer.finish(record, attempt, writer.finish())
 
 
@@ -110,34 +132,13 @@ def played_runs(results: Results, run_ids: Collection[str] | None = None) -> lis
 
 
 def _record(run: SimulatedRun, episodes: int) -> RunRecord:
-    spec = _spec(run, episodes)
-    text = json.dumps(spec, sort_keys=True)
-    readable = re.sub(r"[^0-9a-zA-Z]+", "_", base_name(run.teacher)).strip("_")
-    return RunRecord(
-        run_id=f"simulated-{readable}-s{run.seed}-{spec_digest(text)[:12]}",
-        spec=text,
-        environment=ENVIRONMENT,
-        challenge=run.challenge,
-        embodiment=STUDENT,
-        student=STUDENT,
-        teacher=run.teacher,
-        expert_knowledge=run.level.value,
-        test_set=spec["test_set"]["name"],
-        steps=spec["schedule"]["steps"],
-        seed=run.seed,
-        physics_version=NO_PHYSICS_VERSION,
-        benchmark_version=BENCHMARK_VERSION,
-    )
-
-
-def _spec(run: SimulatedRun, episodes: int) -> dict[str, Any]:
-    """Return all that determines the run, under the names of a `RunSpec`."""
+    """Return a run with all that determines it, under the names of a `RunSpec`."""
     challenge = find_simulated_challenge(run.challenge)
     tests = challenge.tests()
     plugin = TEACHERS.plugin(run.teacher)
     version = TEACHERS.algorithm_version(run.teacher)
     steps = EPISODE_STEPS * episodes
-    return {
+    spec = {
         "engine": SIMULATED,
         "environment": ENVIRONMENT,
         "environment_options": {"embodiment": STUDENT},
@@ -165,31 +166,20 @@ def _spec(run: SimulatedRun, episodes: int) -> dict[str, Any]:
         "algorithm_versions": {"student": SIMULATION_VERSION}
         | ({"teacher": version} if version is not None else {}),
     }
-
-
-def _cell(cell: SimulatedCell, run: SimulatedRun, record: RunRecord) -> dict[str, Any]:
-    return {
-        "experiment": cell.challenge.name,
-        "environment": ENVIRONMENT,
-        "challenge": cell.challenge.name,
-        "embodiment": STUDENT,
-        "student": STUDENT,
-        "teacher": run.teacher,
-        "expert_knowledge": cell.level.value,
-        "seed": run.seed,
-        "run_id": record.run_id,
-    }
-
-
-def _evaluations(run: SimulatedRun, steps: int) -> Iterable[dict[str, Any]]:
-    tests = find_simulated_challenge(run.challenge).tests()
-    for point, returns in enumerate(run.returns, start=1):
-        for index, (task, value) in enumerate(zip(tests.tasks, returns, strict=True)):
-            yield {
-                "step": round(steps * point / len(run.returns)),
-                "test_set": tests.name,
-                "task_index": index,
-                "task": task,
-                "episodic_return": round(FRACTION * value) / FRACTION,
-                "length": EPISODE_STEPS,
-            }
+    text = json.dumps(spec, sort_keys=True)
+    readable = re.sub(r"[^0-9a-zA-Z]+", "_", base_name(run.teacher)).strip("_")
+    return RunRecord(
+        run_id=f"simulated-{readable}-s{run.seed}-{spec_digest(text)[:12]}",
+        spec=text,
+        environment=ENVIRONMENT,
+        challenge=run.challenge,
+        embodiment=STUDENT,
+        student=STUDENT,
+        teacher=run.teacher,
+        expert_knowledge=run.level.value,
+        test_set=tests.name,
+        steps=steps,
+        seed=run.seed,
+        physics_version=NO_PHYSICS_VERSION,
+        benchmark_version=BENCHMARK_VERSION,
+    )

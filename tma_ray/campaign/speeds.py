@@ -24,7 +24,6 @@ from statistics import mean
 from typing import Any, Final
 
 import numpy as np
-from gymnasium import Space
 from rich.progress import Progress
 
 from tma_ray.campaign.settings import Settings
@@ -130,22 +129,25 @@ def known_speeds(
 ) -> Mapping[Kind, Throughput]:
     """Return the speeds of kinds of runs here: those of the table, scaled to this machine, others measured.
 
-    Args:
-        examples: a run of each kind.
-        settings: resources and placement of the runs.
-        at_once: number of runs at the same time.
-
     Raises:
         ValueError: a kind of run fails.
     """
-    listed = {kind: row for kind, spec in examples.items() if (row := _listed(spec, settings)) is not None}
+    elsewhere = not settings.width and settings.device != "cpu" and is_available(settings.device)
+    listed: dict[Kind, Throughput] = {}
+    for kind, spec in examples.items():
+        student, body = spec.student, base_name(spec.embodiment)
+        if elsewhere or "environment" in spec.plugins or body not in embodiment_names():
+            continue  # the table says nothing of it
+        student = base_name(student) if settings.width else student
+        row = _table().get((student, body)) or _table().get((student, DEFAULT_BODY))
+        if row is not None:
+            scale = machine_speed(at_once) / REFERENCE_ROUNDS
+            each = _shared(replace(row, label=label_of(spec)), spec, settings)
+            learner = each.learner * (scale if settings.device == "cpu" else 1.0)
+            listed[kind] = replace(
+                each, training=scale * each.training, playing=scale * each.playing, learner=learner
+            )
     missing = {kind: spec for kind, spec in examples.items() if kind not in listed}
-    scale = machine_speed(at_once) / REFERENCE_ROUNDS if listed else 1.0
-    for kind, each in listed.items():
-        learner = each.learner * (scale if settings.device == "cpu" else 1.0)
-        listed[kind] = replace(
-            each, training=scale * each.training, playing=scale * each.playing, learner=learner
-        )
     return {**listed, **measured_speeds(missing, settings)}
 
 
@@ -156,8 +158,8 @@ def measured_speeds(
 ) -> Mapping[Kind, Throughput]:
     """Return the speeds of kinds of runs, measured here one after the other; of cohorts see `LEARNERS`.
 
-    Takes some seconds for each, and half a minute where kernels are compiled first; shows the progress. The
-    measurement has a process of its own, which leaves nothing of torch or a GPU in this one.
+    Each takes some seconds, and half a minute where kernels are compiled first. The measurement has a process
+    of its own, which leaves nothing of torch or a GPU in this one.
 
     Raises:
         ValueError: a kind of run fails; the message has the end of its error.
@@ -259,12 +261,8 @@ def measure(spec: RunSpec, settings: Settings) -> Throughput:
         steps = sum(row["length"] for row in evaluation(student))
         playing = steps / (clock() - began)
         evaluation.close()
-    return Throughput(label_of(spec), training, playing, transition_bytes(observations, actions))
-
-
-def transition_bytes(observations: Space[Any], actions: Space[Any]) -> int:
-    """Return the size of a transition in a replay buffer, whose observations are stored once."""
-    return 4 * (math.prod(observations.shape or ()) + math.prod(actions.shape or ()) + 2)
+    numbers = math.prod(observations.shape or ()) + math.prod(actions.shape or ()) + 2
+    return Throughput(label_of(spec), training, playing, 4 * numbers)
 
 
 @cache
@@ -277,19 +275,6 @@ def _table() -> Mapping[tuple[str, str], Throughput]:
         )
         for row in csv.DictReader(text.splitlines())
     }
-
-
-def _listed(spec: RunSpec, settings: Settings) -> Throughput | None:
-    """Return the speed of runs like `spec` as the table has it, None if it says nothing of them."""
-    student, body = spec.student, base_name(spec.embodiment)
-    if "environment" in spec.plugins or body not in embodiment_names():
-        return None
-    if settings.width:
-        student = base_name(student)
-    row = _table().get((student, body)) or _table().get((student, DEFAULT_BODY))
-    if row is None or (not settings.width and settings.device != "cpu" and is_available(settings.device)):
-        return None
-    return _shared(replace(row, label=label_of(spec)), spec, settings)
 
 
 def _shared(alone: Throughput, spec: RunSpec, settings: Settings) -> Throughput:

@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from threading import Timer
 
-from tma_ray.campaign.costs import Cost, confirm, estimate, terminal_question, unfinished
+from tma_ray.campaign.costs import Cost, estimate, unfinished
 from tma_ray.campaign.options import TrialOptions, chosen_address, chosen_nodes, chosen_settings
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import executed
@@ -29,9 +29,7 @@ Judge = Callable[[], bool]
 def trial_cost(plans: Sequence[Plan], options: TrialOptions) -> Cost | None:
     """Return the cost of all looks but for what is done; None if nothing is left.
 
-    Args:
-        plans: runs until each look, those of the looks before included.
-        options: options of the command.
+    Each of `plans` has the runs until a look, those of the looks before included.
 
     Raises:
         ResultsRootError: the results root belongs to something else.
@@ -42,24 +40,8 @@ def trial_cost(plans: Sequence[Plan], options: TrialOptions) -> Cost | None:
     return estimate(replace(plans[-1], runs=left), chosen_settings(options), nodes=chosen_nodes(options))
 
 
-def confirm_trial(cost: Cost | None, options: TrialOptions) -> None:
-    """Return if a trial of this cost shall be started.
-
-    Raises:
-        ValueError: it shall not, or nobody can be asked.
-    """
-    if cost is not None and min(cost.wall_hours, options.budget or cost.wall_hours) > 1:
-        confirm(CAMPAIGN, cost, yes=options.yes, ask=terminal_question(chosen_address(options)))
-
-
 def affordable_look(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions) -> int | None:
-    """Return the number of the last look that the budget holds, from 0 on; None for all.
-
-    Args:
-        plans: runs until each look, those of the looks before included.
-        cost: result of `trial_cost`.
-        options: options of the command.
-    """
+    """Return the number of the last look that the budget holds, from 0 on; None for all; see `trial_cost`."""
     if cost is None or not options.budget:
         return None
     settings, results, nodes = chosen_settings(options), str(options.results), chosen_nodes(options)
@@ -76,12 +58,6 @@ def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, j
 
     A look begins only if what it lacks fits into the budget; one that takes longer than expected is stopped
     there, with checkpoints, and the same command continues it.
-
-    Args:
-        plans: runs until each look, those of the looks before included.
-        cost: result of `trial_cost`.
-        options: its options, with budget, h; None for as long as it takes.
-        judge: function called after each look.
 
     Returns:
         The exit code, as of `script.main`.
@@ -133,11 +109,7 @@ def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
 
 
 def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[matrix.SimulatedCell]:
-    """Return the cells of a trial on simulated students.
-
-    Args:
-        teacher: canonical name.
-        places: environment, challenge, body, student and level of expert knowledge of each.
+    """Return the cells of a trial on simulated students, which are the `places` of its design.
 
     Raises:
         ValueError: a challenge beyond the limits that the teacher declares.
@@ -150,18 +122,9 @@ def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[mat
 
 
 def simulate_looks(
-    cells: Sequence[matrix.SimulatedCell],
-    looks: Sequence[Sequence[int]],
-    options: TrialOptions,
-    judge: Judge,
+    cells: Sequence[matrix.SimulatedCell], looks: Sequence[Sequence[int]], options: TrialOptions, judge: Judge
 ) -> int:
-    """Run a trial on simulated students, as `run_looks`.
-
-    Args:
-        cells: cells, of `simulated_cells`.
-        looks: seeds of every cell until each look.
-        options: options with results and jobs.
-        judge: function called after each look.
+    """Run a trial on simulated students, as `run_looks`: `looks` are the seeds of every cell until each.
 
     Raises:
         ProcessLostError: a process was killed; the same call continues.

@@ -93,20 +93,13 @@ def app() -> App:
 
 
 def _prepare() -> None:
-    """Make what lies in the current folder known as plug-ins, once nothing hides a package of ours."""
-    from tma_ray.registry import search_current_folder
-
-    _refuse_shadow()
-    search_current_folder()
-    warnings.showwarning = _show_warning
-
-
-def _refuse_shadow() -> None:
-    """Refuse what Python finds in the place of the package `analysis`, which lies next to this one.
+    """Make what lies in the current folder known as plug-ins, once nothing hides a package of ours.
 
     Raises:
-        RefusedError: the message names it.
+        RefusedError: something lies in the place of the package `analysis`, which is next to this one.
     """
+    from tma_ray.registry import search_current_folder
+
     found = find_spec("analysis")
     place = Path([found.origin, *(found.submodule_search_locations or ())][-1] or "") if found else None
     if place and place.resolve() != Path(__file__).resolve().parents[2] / "analysis":
@@ -114,6 +107,8 @@ def _refuse_shadow() -> None:
             f"{place} hides the package 'analysis' of tma_ray: rename it, or take its folder from PYTHONPATH "
             f"and start the command elsewhere"
         )
+    search_current_folder()
+    warnings.showwarning = _show_warning
 
 
 def _version() -> str:

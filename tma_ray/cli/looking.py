@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import Annotated, Literal, get_args
 
 from tma_ray.cli.options import Folder, Json, Root, RunResults
-from tma_ray.cli.records import any_failed, print_json, status_record
+from tma_ray.cli.records import print_json, status_record
 from tma_ray.command_line import choice, command, value
 from tma_ray.commands.exits import FAILED
 from tma_ray.commands.texts import counted
 from tma_ray.commands.values import named
-
-if TYPE_CHECKING:
-    from analysis.baselines import Baseline
 
 DAMAGED = 1
 
@@ -36,12 +34,13 @@ def status(root: Root, /, *, cells: bool = False, watch: bool = False, json: Jso
         cells: print a line for every cell
         watch: print it again every few seconds, until Ctrl-C
     """
-    if json:
-        record = status_record(root)
-        print_json("status", record)
-        return FAILED if any_failed(record) else 0
-    from tma_ray.campaign.monitor import show_status, watch_status
+    from tma_ray.campaign.monitor import overview, show_status, watch_status
 
+    if json:
+        now = time.time()
+        found = overview(root, now)
+        print_json("status", status_record(root, found, now))
+        return FAILED if found.failed else 0
     if watch:
         watch_status(root, cells)
     return FAILED if show_status(root, cells) else 0
@@ -83,6 +82,7 @@ def verify(root: Root, /, *, complete: bool = False, json: Json = False) -> int:
     """
     from analysis.baselines import as_baseline
     from analysis.baselines import verify as verify_release
+    from analysis.baselines.verification import lacking
     from tma_ray.results import Store, verify_root
 
     baseline = as_baseline(root)
@@ -95,7 +95,7 @@ def verify(root: Root, /, *, complete: bool = False, json: Json = False) -> int:
     else:
         found = verify_root(Store.open(root))
         runs, files, damage, unlisted = found.runs, len(found.files), found.damage, found.unlisted
-    lacks = _lacking(baseline) if complete and not damage else []
+    lacks = lacking(baseline) if baseline and complete and not damage else []
     if json:
         record = {"root": root, "whole": not damage, "runs": runs, "files": files}
         rest = {"damage": [asdict(each) for each in damage], "unlisted": unlisted, "lacking": lacks}
@@ -108,12 +108,6 @@ def verify(root: Root, /, *, complete: bool = False, json: Json = False) -> int:
         if complete and not damage:
             print(f"it is incomplete: {len(lacks)} things are missing" if lacks else "it is complete")
     return DAMAGED if damage or lacks else 0
-
-
-def _lacking(baseline: Baseline | None) -> list[str]:
-    from analysis.baselines.verification import lacking
-
-    return lacking(baseline) if baseline is not None else []
 
 
 @command()
@@ -144,12 +138,19 @@ def doctor(*, results: Folder = Path("results"), json: Json = False) -> int:
     Args:
         results: folder of results, whose disk is examined
     """
-    from tma_ray.campaign.doctor import examine, show
+    from rich.table import Table
 
+    from tma_ray.campaign.doctor import examine
+    from tma_ray.terminal import terminal
+
+    topics = examine(results)
     if json:
-        print_json("doctor", {"topics": examine(results)})
-    else:
-        show(results)
+        print_json("doctor", {"topics": topics})
+        return 0
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for topic, finding in topics.items():
+        table.add_row(topic, finding)
+    terminal().print(table)
     return 0
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -36,10 +36,6 @@ class SceneOptions:
     seed: Seed = 0
     steps: Count = 1000
     every: Count = 2
-
-    def given(self) -> dict[str, Any]:
-        """Return the options as settings of `tma_ray.viewing`."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 @command()
@@ -91,7 +87,7 @@ def render(
     from tma_ray.viewing.rendering import EpisodeSettings
     from tma_ray.viewing.rendering import render as draw
 
-    episode = draw(EpisodeSettings(**scene.given(), task=task), output)
+    episode = draw(EpisodeSettings(**vars(scene), task=task), output)
     success = "mastered" if episode.success else "not mastered"
     end = f"ended after {episode.steps}" if episode.ended else f"left after {episode.steps}"
     print(f"{output}: {end} steps, return {episode.episodic_return:.1f}, {success}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from enum import Enum
@@ -16,10 +15,9 @@ from tma_ray.commands.texts import OBEYED
 if TYPE_CHECKING:
     import pandas as pd
 
-    from analysis.data.frames import Frames
     from tma_ray.benchmark import Experiment
+    from tma_ray.campaign.monitor import Overview
     from tma_ray.campaign.options import ExperimentOptions
-    from tma_ray.results import Heartbeat
 
 KEYS: Mapping[str, Mapping[str, str]] = {
     "status": {
@@ -103,37 +101,25 @@ def json_value(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def status_record(root: str | Path) -> dict[str, Any]:
-    """Return the state of every run of a root, by campaign and cell."""
-    from tma_ray.campaign.monitor import overview
-
-    now = time.time()
-    found = overview(root, now)
-    campaigns = [
-        {
-            "name": name,
-            "cells": [
-                {**dict(zip(CELL, cell, strict=True)), "runs": [asdict(run) for run in runs]}
-                for cell, runs in cells.items()
-            ],
-        }
-        for name, cells in found.campaigns.items()
-    ]
-    trial = found.trial and {
-        name: value for name, value in asdict(found.trial).items() if name in ("design", "looks", "ended")
-    }
+def status_record(root: str | Path, found: Overview, now: float) -> dict[str, Any]:
+    """Return the state of every run of a root at `now`, by campaign and cell."""
+    heartbeat = found.heartbeat
     return {
         "root": root,
-        "heartbeat": _heartbeat(found.heartbeat, now),
-        "campaigns": campaigns,
-        "trial": trial,
+        "heartbeat": heartbeat
+        and {"holder": heartbeat.holder, "at": heartbeat.at, "alive": heartbeat.alive(now)},
+        "campaigns": [
+            {
+                "name": name,
+                "cells": [
+                    {**dict(zip(CELL, cell, strict=True)), "runs": [asdict(run) for run in runs]}
+                    for cell, runs in cells.items()
+                ],
+            }
+            for name, cells in found.campaigns.items()
+        ],
+        "trial": found.trial and {name: asdict(found.trial)[name] for name in ("design", "looks", "ended")},
     }
-
-
-def any_failed(status: Mapping[str, Any]) -> bool:
-    """True if a run of a `status_record` has failed."""
-    cells = (cell for campaign in status["campaigns"] for cell in campaign["cells"])
-    return any(run["state"] == "failed" for cell in cells for run in cell["runs"])
 
 
 def ranking_record(sources: Sequence[str | Path], share: float, measure: str) -> dict[str, Any]:
@@ -147,7 +133,9 @@ def ranking_record(sources: Sequence[str | Path], share: float, measure: str) ->
     runs = runs_after(frames, share, training=False)
     table = ranked(runs, measure)
     return {
-        **_of_sources(sources, frames),
+        "root": sources[0],
+        "roots": list(sources),
+        "warnings": list(frames.notes),
         "share": share,
         "measure": measure,
         "rows": _rows(table),
@@ -163,24 +151,23 @@ def claims_record(sources: Sequence[str | Path]) -> dict[str, Any]:
 
     frames = read(sources)
     verdicts, notes = root_verdicts(frames)
-    claims = [
-        {
-            "text": verdict.claim.text,
-            "source": verdict.claim.source,
-            "standing": verdict.standing,
-            "findings": [
-                {"standing": finding.standing, "evidence": finding.evidence} for finding in verdict.findings
-            ],
-        }
-        for verdict in verdicts
-    ]
-    record = _of_sources(sources, frames)
-    return {**record, "warnings": [*record["warnings"], *notes], "claims": claims}
-
-
-def _of_sources(sources: Sequence[str | Path], frames: Frames) -> dict[str, Any]:
-    """Return the results that were read, and the limits of their data."""
-    return {"root": sources[0], "roots": list(sources), "warnings": list(frames.notes)}
+    return {
+        "root": sources[0],
+        "roots": list(sources),
+        "warnings": [*frames.notes, *notes],
+        "claims": [
+            {
+                "text": verdict.claim.text,
+                "source": verdict.claim.source,
+                "standing": verdict.standing,
+                "findings": [
+                    {"standing": finding.standing, "evidence": finding.evidence}
+                    for finding in verdict.findings
+                ],
+            }
+            for verdict in verdicts
+        ],
+    }
 
 
 def plan_record(experiment: Experiment, options: ExperimentOptions) -> dict[str, Any]:
@@ -196,17 +183,13 @@ def plan_record(experiment: Experiment, options: ExperimentOptions) -> dict[str,
     return {
         "experiment": experiment.name,
         "tier": options.tier,
-        "parts": [asdict(part) for part in planned_experiments(plan)],
+        "parts": planned_experiments(plan),
         "cost": {
-            "hours": cost.hours,
-            "core_hours": cost.core_hours,
-            "gpu_hours": cost.gpu_hours,
-            "at_once": cost.at_once,
-            "wall_hours": cost.wall_hours,
-            "bound": cost.sharing.bound_by if cost.sharing else None,
-            "disk_gib": cost.disk_gib,
-            "checkpoint_gib": cost.checkpoint_gib,
-            "memory_gib": cost.memory_gib,
+            name: getattr(cost, name)
+            for name in (
+                *("hours", "core_hours", "gpu_hours", "at_once", "wall_hours", "bound"),
+                *("disk_gib", "checkpoint_gib", "memory_gib"),
+            )
         },
         "detectable": _rows(detectable_differences(plan.cell_rows, plan.largest_budget)),
     }
@@ -229,12 +212,6 @@ def baselines_record() -> dict[str, Any]:
         for baseline in baselines()
     ]
     return {"baselines": rows}
-
-
-def _heartbeat(heartbeat: Heartbeat | None, now: float) -> dict[str, Any] | None:
-    if heartbeat is None:
-        return None
-    return {"holder": heartbeat.holder, "at": heartbeat.at, "alive": heartbeat.alive(now)}
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -26,7 +26,7 @@ from tma_ray.command_line import choice, command, value, values
 from tma_ray.commands.values import SHARE, expanded, named
 
 if TYPE_CHECKING:
-    from analysis.pages.videos import Video, WantedVideo
+    from analysis.pages.videos import Video
     from analysis.tracking.points import Tracker
 
 RELOAD_SECONDS, LOOK_SECONDS = 30, 10.0
@@ -103,34 +103,28 @@ def changes(sources: Sequence[str | Path], seconds: float = LOOK_SECONDS) -> Ite
 
 def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
     """Render what the report wants to show; what cannot be rendered is named and left out."""
-    from analysis.baselines.catalogue import read
-    from analysis.comparisons.measured import measure
-    from analysis.pages.videos import wanted_videos
-
-    frames = read(sources)
-    for wanted in wanted_videos(frames, measure(frames)):
-        folder.mkdir(parents=True, exist_ok=True)
-        try:
-            yield _video(str(frames.results_of(wanted.run_id).store), wanted, folder)
-        except ValueError as error:  # no policy was saved, or its world cannot be drawn
-            _warn([f"no video of {wanted.run_id}: {error}"])
-
-
-def _video(root: str, wanted: WantedVideo, folder: Path) -> Video:
     from importlib.util import find_spec
 
-    from analysis.pages.videos import Video
+    from analysis.baselines.catalogue import read
+    from analysis.comparisons.measured import measure
+    from analysis.pages.videos import Video, wanted_videos
     from tma_ray.runs.saved_policies import find_policy
     from tma_ray.runs.spec import evaluation_seeds
     from tma_ray.viewing.rendering import EpisodeSettings, render
 
-    ending = ".mp4" if find_spec("av") else ".gif"
-    file = folder / f"{wanted.name}{ending}"
-    world = evaluation_seeds(find_policy(wanted.run_id, root).spec.test_set)[wanted.task_index]
-    settings = EpisodeSettings(
-        policy=wanted.run_id, results=root, task=wanted.task, seed=world, steps=LONGEST, every=EVERY[ending]
-    )
-    return Video(wanted, file, render(settings, file).episodic_return)
+    frames, ending = read(sources), ".mp4" if find_spec("av") else ".gif"
+    for wanted in wanted_videos(frames, measure(frames)):
+        folder.mkdir(parents=True, exist_ok=True)
+        run, task, file = wanted.run_id, wanted.task, folder / f"{wanted.name}{ending}"
+        root = str(frames.results_of(run).store)
+        try:
+            seed = evaluation_seeds(find_policy(run, root).spec.test_set)[wanted.task_index]
+            settings = EpisodeSettings(
+                policy=run, results=root, task=task, seed=seed, steps=LONGEST, every=EVERY[ending]
+            )
+            yield Video(wanted, file, render(settings, file).episodic_return)
+        except ValueError as error:  # no policy was saved, or its world cannot be drawn
+            _warn([f"no video of {run}: {error}"])
 
 
 @command()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -171,15 +170,20 @@ def quickstart(*, options: CampaignOptions = CampaignOptions()) -> int:
         return execute(QUICKSTART, options)
     check_usable(Store.open(options.results))
     plan, settings = chosen_campaign(QUICKSTART, options).plan(), chosen_settings(options)
-    stages = _Stages(3)
-    print(stages.begin("compilation (once)", "Compiling the physics: about half a minute, once per machine"))
+    stages, starts = ("compilation (once)", "training", "report"), [time.monotonic()]
+    print("[1/3] Compiling the physics: about half a minute, once per machine")
     cost = estimate(plan, settings, find_speeds=measured_speeds, nodes=chosen_nodes(options))
-    print(stages.begin("training", f"Training: {cost.summary()}; Ctrl-C stops, the same command continues"))
+    starts.append(time.monotonic())
+    print(f"[2/3] Training: {cost.summary()}; Ctrl-C stops, the same command continues")
     if code := execute(QUICKSTART, options):
         return code
-    print(stages.begin("report", "Writing the report: a few seconds"))
+    starts.append(time.monotonic())
+    print("[3/3] Writing the report: a few seconds")
     page = write_report(options.results, Path("report") if "://" in str(options.results) else None)
-    print(stages.summary())
+    print("\nWhere the time went:")
+    for stage, start, end in zip(stages, starts, (*starts[1:], time.monotonic()), strict=True):
+        seconds = round(end - start)
+        print(f"  {stage:{len(stages[0])}}  {seconds // 60} min {seconds % 60:02} s")
     print(f"Next: open {page} in a browser, then type\n  tma-ray ranking {options.results}")
     return 0
 
@@ -288,25 +292,3 @@ def simulate(
         simulated.write(frame, output)
     simulated.show(frame)
     return 0
-
-
-class _Stages:
-    """Stages of a command that follow one another: announced, numbered and timed."""
-
-    def __init__(self, number: int, clock: Callable[[], float] = time.monotonic) -> None:
-        self._number, self._clock = number, clock
-        self._begun: list[tuple[str, float]] = []
-
-    def begin(self, name: str, announcement: str) -> str:
-        """Return the line that announces the next stage."""
-        self._begun.append((name, self._clock()))
-        return f"[{len(self._begun)}/{self._number}] {announcement}"
-
-    def summary(self) -> str:
-        """Return the duration of each stage; the last ends now."""
-        stages, starts = zip(*self._begun, strict=True)
-        ends = (*starts[1:], self._clock())
-        taken = [(name, round(end - start)) for name, start, end in zip(stages, starts, ends, strict=True)]
-        width = max(map(len, stages))
-        lines = (f"  {name:{width}}  {seconds // 60} min {seconds % 60:02} s" for name, seconds in taken)
-        return "\n".join(("", "Where the time went:", *lines))

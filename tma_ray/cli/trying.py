@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tma_ray.campaign.options import EXECUTION_DEFAULTS, TrialOptions
+from tma_ray.campaign.options import EXECUTION_DEFAULTS, TrialOptions, chosen_address
 from tma_ray.cli.options import Name
 from tma_ray.command_line import command
 from tma_ray.commands.exits import RefusedError
@@ -18,7 +18,6 @@ from tma_ray.results import Results, Store, TrialFile, TrialLook, check_usable, 
 from tma_ray.terminal import terminal
 
 if TYPE_CHECKING:
-    from analysis.baselines import Baseline
     from analysis.data.frames import Frames
     from analysis.trials.design import Design, Released
     from analysis.trials.standing import Look
@@ -49,7 +48,9 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     from analysis.baselines import find_baseline
     from analysis.trials.design import MARGIN, Design, Released, make_design, newest_release
     from analysis.trials.wording import plan_lines
-    from tma_ray.teachers import canonical_teacher
+    from tma_ray.campaign.repeating import trial_plan
+    from tma_ray.campaign.trials import CAMPAIGN, simulated_cells
+    from tma_ray.teachers import TEACHERS, canonical_teacher
 
     store = Store.open(options.results)
     check_usable(store)
@@ -64,7 +65,16 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         cells = options.cells or tuple(cell.name for cell in before.cells)
         margin = options.margin or before.margin
     design, released = make_design(teacher, baseline, frames, margin, cells), Released.of(frames)
-    design, plans = _planned(design, baseline, simulated=options.simulated)
+    places, plans = [cell.place for cell in design.cells], []
+    if options.simulated:
+        simulated_cells(teacher, places)  # refuses what the teacher cannot teach
+        plugin = TEACHERS.plugin(teacher)
+        design = replace(design, runs=plugin.digest if plugin else "")
+    else:
+        results = Results(baseline.store())
+        plans = [trial_plan(CAMPAIGN, results, teacher, places, design.seeds[:each]) for each in design.looks]
+        names = "\n".join(spec.run_id for spec in plans[-1].runs)
+        design = replace(design, runs=hashlib.sha256(names.encode()).hexdigest())
     if before and before.differing(design):
         raise RefusedError(
             f"{store} holds another trial, whose design is fixed ({'; '.join(before.differing(design))}): "
@@ -76,30 +86,12 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     return _started(options, _Trial(store, design, released, frames), plans)
 
 
-def _planned(design: Design, baseline: Baseline, *, simulated: bool) -> tuple[Design, list[Plan]]:
-    """Return the design with the digest of its runs, and these of each look; none of simulated students."""
-    from tma_ray.campaign.repeating import trial_plan
-    from tma_ray.campaign.trials import CAMPAIGN, simulated_cells
-    from tma_ray.teachers import TEACHERS
-
-    places = [cell.place for cell in design.cells]
-    if simulated:
-        simulated_cells(design.teacher, places)  # refuses what the teacher cannot teach
-        plugin = TEACHERS.plugin(design.teacher)
-        return replace(design, runs=plugin.digest if plugin else ""), []
-    results = Results(baseline.store())
-    plans = [
-        trial_plan(CAMPAIGN, results, design.teacher, places, design.seeds[:seeds]) for seeds in design.looks
-    ]
-    names = "\n".join(spec.run_id for spec in plans[-1].runs)
-    return replace(design, runs=hashlib.sha256(names.encode()).hexdigest()), plans
-
-
 def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
     """Tell the cost and run the looks."""
+    from tma_ray.campaign.costs import confirm, terminal_question
     from tma_ray.campaign.trials import (
+        CAMPAIGN,
         affordable_look,
-        confirm_trial,
         run_looks,
         simulate_looks,
         simulated_cells,
@@ -112,7 +104,8 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
         terminal().print("at most, " + cost.describe(), highlight=False, soft_wrap=True)
     if options.dry_run:
         return 0
-    confirm_trial(cost, options)
+    if cost is not None and min(cost.wall_hours, options.budget or cost.wall_hours) > 1:
+        confirm(CAMPAIGN, cost, yes=options.yes, ask=terminal_question(chosen_address(options)))
     trial.affordable = affordable_look(plans, cost, options)
     check_quickly(trial.design.teacher)
     if TrialFile.load(trial.store) is None:
@@ -151,6 +144,8 @@ class _Trial:
     def judge(self) -> bool:
         """Tell the verdicts of a new look, and write them; return True if the trial ends."""
         from analysis.data.frames import frames_of
+        from analysis.pages.page import page_folder
+        from analysis.pages.trial import write_trial
         from analysis.trials.design import ended_runs
         from analysis.trials.standing import looks_at
         from analysis.trials.wording import look_line
@@ -163,20 +158,13 @@ class _Trial:
             terminal().print(look.said, highlight=False, soft_wrap=True)
         ended = self.looks[-1].ending if self.looks else ""
         TrialFile(self.design.to_dict(), said, str(ended)).save(self.store)
-        self._write_page(own)
-        return bool(ended)
-
-    def _write_page(self, own: Frames) -> None:
-        """Write the page into the root, also into one in an object store."""
-        from analysis.pages.page import page_folder
-        from analysis.pages.trial import write_trial
-
-        with tempfile.TemporaryDirectory() as place:
+        with tempfile.TemporaryDirectory() as place:  # for a root in an object store
             aside = Path(place) if self.store.is_object_store else None
             folder = page_folder(str(self.store), aside, PAGE, "page")
             write_trial(folder, self.design, self.released, self.looks, self.frames, own)
             for file in aside.iterdir() if aside else ():
                 self.store.write_bytes(f"{PAGE}/{file.name}", file.read_bytes())
+        return bool(ended)
 
     def conclude(self) -> None:
         """Print the verdict of a trial that has ended, and what comes next."""

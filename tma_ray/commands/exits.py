@@ -43,31 +43,29 @@ def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> 
     """
     interrupts = Interrupts()
     with redirect_stdout(VisibleStream(sys.stdout)), redirect_stderr(VisibleStream(sys.stderr)):
-        return _ended(name, command, interrupts, debug)
-
-
-def _ended(name: str, command: Callable[[], int], interrupts: Interrupts, debug: bool) -> int:
-    try:
-        with interrupts.raised():
-            code = command()
-            sys.stdout.flush()
-        return INTERRUPTED if interrupts.came else code
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    except BrokenPipeError:
-        _discard_output()
-        return BROKEN_PIPE
-    except (ValueError, OSError, MemoryError, RefusedError) as error:
-        if interrupts.came:
+        try:
+            with interrupts.raised():
+                code = command()
+                sys.stdout.flush()
+            return INTERRUPTED if interrupts.came else code
+        except KeyboardInterrupt:
             return INTERRUPTED
-        if debug:
-            traceback.print_exception(error)
-        sys.stderr.write(f"{name}: {sentence(error)}\n")
-        return REFUSED
-    except Exception:
-        if interrupts.came:  # an error that a library raised instead
-            return INTERRUPTED
-        raise
+        except BrokenPipeError:
+            # Python ends without a write to the closed pipe; a stream may have no descriptor.
+            with suppress(OSError, ValueError), Path(os.devnull).open("w") as nowhere:
+                os.dup2(nowhere.fileno(), sys.stdout.fileno())
+            return BROKEN_PIPE
+        except (ValueError, OSError, MemoryError, RefusedError) as error:
+            if interrupts.came:
+                return INTERRUPTED
+            if debug:
+                traceback.print_exception(error)
+            sys.stderr.write(f"{name}: {sentence(error)}\n")
+            return REFUSED
+        except Exception:
+            if interrupts.came:  # an error that a library raised instead
+                return INTERRUPTED
+            raise
 
 
 def sentence(error: BaseException) -> str:
@@ -77,15 +75,6 @@ def sentence(error: BaseException) -> str:
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror.lower()}"
     return str(error) or type(error).__name__
-
-
-def _discard_output() -> None:
-    """Redirect the output, so that Python can end without a write to a closed pipe."""
-    with (
-        suppress(OSError, ValueError),
-        Path(os.devnull).open("w") as nowhere,
-    ):  # a stream without a descriptor
-        os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
 def installed_version(package: str) -> str:

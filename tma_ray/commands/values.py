@@ -124,11 +124,7 @@ SCHEMES: Final = ("s3", "gs", "gcs", "abfs", "abfss", "hdfs", "viewfs", "file", 
 
 
 def root(text: str) -> str:
-    """Return a results root: a folder, which need not exist, or an address.
-
-    Raises:
-        ValueError: a text that cannot be one.
-    """
+    """Return a results root: a folder, which need not exist, or an address."""
     check_visible(text, "a folder, s3://bucket/folder or gs://bucket/folder")
     if "://" not in text:
         folder(text)
@@ -144,11 +140,7 @@ def root(text: str) -> str:
 
 
 def folder(text: str) -> Path:
-    """Return a folder, which need not exist.
-
-    Raises:
-        ValueError: a text that cannot be one.
-    """
+    """Return a folder, which need not exist."""
     if "://" in text:
         raise refused(text, "expected a folder of this machine")
     mode = _mode(text, "a folder")
@@ -158,11 +150,7 @@ def folder(text: str) -> Path:
 
 
 def new_file(text: str) -> Path:
-    """Return a file to write.
-
-    Raises:
-        ValueError: a text that cannot be one.
-    """
+    """Return a file to write."""
     mode = _mode(text, "a file")
     if mode is not None and stat.S_ISDIR(mode):
         raise refused(text, "it is a folder; expected a file")
@@ -206,21 +194,13 @@ _LONGEST_LICENCE: Final = 200
 
 
 def check_visible(text: str, expected: str) -> None:
-    """Refuse an empty text, and control characters.
-
-    Raises:
-        ValueError: the message names what was `expected`.
-    """
+    """Refuse an empty text, and control characters; `expected` describes the text, as "the name of a run"."""
     if not text.strip() or min(text) < " ":
         raise refused(text, f"expected {expected}")
 
 
 def named(expected: str) -> Callable[[str], str]:
-    """Return a parser of texts that are not empty.
-
-    Args:
-        expected: description of the text for refusals, as "the name of a run".
-    """
+    """Return a parser of texts that are not empty; see `check_visible`."""
 
     def parse(text: str) -> str:
         check_visible(text, expected)
@@ -231,9 +211,6 @@ def named(expected: str) -> Callable[[str], str]:
 
 def licence(text: str) -> str:
     """Return a licence: an SPDX expression without parentheses.
-
-    Raises:
-        ValueError: another text.
 
     Examples:
         >>> licence("CC-BY-4.0"), licence("MIT OR Apache-2.0")

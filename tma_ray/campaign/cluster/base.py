@@ -78,6 +78,7 @@ def working_nodes() -> list[dict[str, Any]]:
 
 
 PROBE_SECONDS = 5.0
+"""Longest wait for a connection to an address, s."""
 
 _HOST = re.compile(r"[\w.-]+|[0-9a-fA-F:.]*:[0-9a-fA-F:.]+(%\w+)?")
 """A name, an address of IPv4, or one of IPv6."""
@@ -164,14 +165,8 @@ def leaving_without_head(
     """End this process with a message and `RAY_LOST` if Ray's head is lost while the block runs.
 
     A call of Ray waits for a head that is gone until Ray itself ends the process, after 60 s and without a
-    word, and cannot be interrupted.
-
-    Args:
-        head: head that is watched.
-        name: name of the campaign, for the message.
-        advice: advice at the end of the message.
-        grace: time in which the block can notice the loss and end by itself, s.
-        conclude: called last; may call nothing of Ray.
+    word, and cannot be interrupted. The block has `grace` s to notice the loss and end by itself; `conclude`
+    is called last and may call nothing of Ray.
     """
     done = threading.Event()
 
@@ -181,20 +176,16 @@ def leaving_without_head(
                 continue
             reason = head.lost(PATIENCE_SECONDS)
             if reason is not None and not done.is_set():
-                _leave(head, f"{name}: {reason}; {advice}\n", conclude)
+                try:
+                    head.abandon()
+                    conclude()
+                finally:
+                    sys.stderr.write(f"{name}: {reason}; {advice}\n")
+                    sys.stderr.flush()
+                    os._exit(RAY_LOST)
 
     threading.Thread(target=watch, name="watch-over-ray-head", daemon=True).start()
     try:
         yield
     finally:
         done.set()
-
-
-def _leave(head: Watched, message: str, conclude: Callable[[], None]) -> None:
-    try:
-        head.abandon()
-        conclude()
-    finally:
-        sys.stderr.write(message)
-        sys.stderr.flush()
-        os._exit(RAY_LOST)

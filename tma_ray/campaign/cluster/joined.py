@@ -39,7 +39,7 @@ PATIENCE_SETTING: Final = "gcs_rpc_server_reconnect_timeout_s"
 """After so many s without the head Ray ends every process of the cluster, this one without a word."""
 
 HASTE_SECONDS: Final = 15.0
-"""How long before that the campaign ends by itself, s: without a head, leaving Ray takes some 8 s."""
+"""Time before that at which the campaign ends by itself, s: without a head, leaving Ray takes some 8 s."""
 
 NOTEWORTHY_SECONDS: Final = 10.0
 """Silence of a head that is worth a message, s."""
@@ -48,7 +48,7 @@ LOG_SECONDS: Final = 60.0
 """Time between two messages about a head that does not answer, s."""
 
 ANSWER_SECONDS: Final = 10
-"""How long a head has to list its nodes, s."""
+"""Time in which a head has to list its nodes, s."""
 
 ALIVE: Final = 0
 """State of a node in the head's list that is there."""
@@ -161,9 +161,6 @@ def nodes_to_come(heads: Collection[str], *, gpus: bool) -> list[dict[str, float
     Args:
         heads: addresses of its head.
         gpus: True if runs use GPUs: for others the autoscaler starts no nodes with some.
-
-    Returns:
-        The resources of each node; none where no such autoscaler is found.
     """
     for process in psutil.process_iter(["cmdline"]):
         flags = dict(part.split("=", 1) for part in process.info["cmdline"] or () if "=" in part)
@@ -217,7 +214,8 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connec
     if address is not None:
         check_address(address)
     if ray.is_initialized():
-        return _existing()
+        is_own = bool(_own) and _own[0].is_connected()
+        return Connection(_own[0] if is_own else JoinedHead(), shipped=False, is_own=is_own)
     _own.clear()
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     # Ray would print the traceback of every run that a campaign no longer waits for.
@@ -233,10 +231,3 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connec
         except (ConnectionError, AuthenticationError) as error:
             raise ConnectionError(connection_advice(address or "local", str(error))) from error
     return Connection(JoinedHead(), shipped=True, is_own=False)
-
-
-def _existing() -> Connection:
-    """Return the connection that this process has already."""
-    if _own and _own[0].is_connected():
-        return Connection(_own[0], shipped=False, is_own=True)
-    return Connection(JoinedHead(), shipped=False, is_own=False)

@@ -9,9 +9,7 @@ import secrets
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from functools import cache
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -42,6 +40,10 @@ LONGEST_PLACE: Final = (103 if sys.platform == "darwin" else 107) - len(
     f"/{PREFIX}12345678/ray/session_2026-01-01_00-00-00_123456_1234567/sockets/plasma_store"
 )
 """Longest path of the folder that holds ours, in bytes: systems bound the paths of sockets."""
+
+
+TOKEN: Final = secrets.token_hex(32)
+"""Token of this process's Rays: one for all, since Ray keeps the first that it reads."""
 
 
 class OwnProcesses:
@@ -119,26 +121,30 @@ class LocalHead:
 
     def __init__(self, options: dict[str, Any]) -> None:
         # Ray asks for a token even here, and would write one into the user's home.
-        os.environ.setdefault("RAY_AUTH_TOKEN", _own_token())
+        os.environ.setdefault("RAY_AUTH_TOKEN", TOKEN)
         self._processes, self._left = OwnProcesses(), False
         self._address, folder = "", private_folder()
         if folder is not None:
             options = {**options, "_temp_dir": str(folder / "ray")}
             atexit.register(self._clean, folder)
+        # Where it forms no clusters (macOS, Windows), Ray takes the loopback address for its node's, and all
+        # its servers listen there alone. It has no option for that, and replaces such an address.
+        before, ray_constants.ENABLE_RAY_CLUSTER = ray_constants.ENABLE_RAY_CLUSTER, False
         try:
-            with _loopback():
-                ray.init(
-                    address="local",
-                    include_dashboard=False,
-                    object_store_memory=OBJECT_STORE_BYTES,
-                    _system_config={"enable_metrics_collection": False},
-                    **options,
-                )
+            ray.init(
+                address="local",
+                include_dashboard=False,
+                object_store_memory=OBJECT_STORE_BYTES,
+                _system_config={"enable_metrics_collection": False},
+                **options,
+            )
         except Exception as error:
             self._processes.abandon()
             if isinstance(error, OSError | ValueError | AuthenticationError):
                 raise
             raise HeadLostError(f"the campaign's own Ray did not start: {error}") from error
+        finally:
+            ray_constants.ENABLE_RAY_CLUSTER = before
         self._processes.look()
         self._nodes, self._address = living_nodes(), ray.get_runtime_context().gcs_address
 
@@ -180,12 +186,6 @@ class LocalHead:
             _remove(folder)
 
 
-@cache
-def _own_token() -> str:
-    """Return the token of this process's Rays: one for all, since Ray keeps the first that it reads."""
-    return secrets.token_hex(32)
-
-
 def private_folder() -> Path | None:
     """Return a new folder of this user alone in which Ray's can be; None leaves the choice to Ray.
 
@@ -198,27 +198,19 @@ def private_folder() -> Path | None:
     if len(os.fsencode(place)) > LONGEST_PLACE:
         place = Path("/tmp")  # noqa: S108  # a new folder is made there
     for folder in place.glob(f"{PREFIX}*"):
+        # Those of others, in use, or with what neither we nor Ray have put there stay.
         with suppress(OSError):
-            _remove_abandoned(folder)
+            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if os.fstat(descriptor).st_uid == os.getuid() and (folder / MARK).is_file():
+                    _remove(folder)
+            finally:
+                os.close(descriptor)
     folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=place))
     fcntl.flock(os.open(folder, os.O_RDONLY), fcntl.LOCK_EX)
     (folder / MARK).touch()
     return folder
-
-
-def _remove_abandoned(folder: Path) -> None:
-    """Remove a folder of `private_folder` whose process has ended.
-
-    Raises:
-        OSError: it is somebody else's, is in use, or holds what neither we nor Ray have put there.
-    """
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.fstat(descriptor).st_uid == os.getuid() and (folder / MARK).is_file():
-            _remove(folder)
-    finally:
-        os.close(descriptor)
 
 
 def _remove(folder: Path) -> None:
@@ -227,18 +219,3 @@ def _remove(folder: Path) -> None:
         shutil.rmtree(folder / "ray")
     (folder / MARK).unlink()
     folder.rmdir()
-
-
-@contextmanager
-def _loopback() -> Iterator[None]:
-    """Has a Ray that is started in the block take the loopback address for that of its node.
-
-    Ray does so by itself where it forms no clusters (macOS, Windows), and then lets all its servers listen
-    there alone. It has no option for it, and replaces an address of this kind that it is given.
-    """
-    before = ray_constants.ENABLE_RAY_CLUSTER
-    ray_constants.ENABLE_RAY_CLUSTER = False
-    try:
-        yield
-    finally:
-        ray_constants.ENABLE_RAY_CLUSTER = before

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar, cast
+from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 import psutil
 import ray
@@ -33,12 +33,7 @@ NODE_LABEL = "ray.io/node-id"
 
 
 def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
-    """Return Ray's strategy of choosing the node of an actor.
-
-    Args:
-        node: Ray's id of the required node, empty for any.
-        avoid: nodes that are used only if the others are full.
-    """
+    """Return Ray's strategy for a required node, by id, or for any if the others than `avoid` are full."""
     if node:
         return NodeAffinitySchedulingStrategy(node, soft=False)
     others: Any = NotIn
@@ -46,14 +41,7 @@ def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
 
 
 def launcher(kind: type, resources: Resources, strategy: Any, concurrent_calls: int) -> Any:
-    """Return a factory of actors of class `kind`, called by ``remote``; Ray does not restart them.
-
-    Args:
-        kind: class of the actor.
-        resources: resources that it occupies.
-        strategy: strategy of `node_strategy`.
-        concurrent_calls: largest number of calls that it answers at once.
-    """
+    """Return a factory of actors of class `kind`, called by ``remote``; Ray does not restart them."""
     remote: Any = ray.remote(kind)
     return remote.options(
         num_cpus=resources.cpus,
@@ -189,18 +177,6 @@ TURN_POLL = 5.0
 """Time between two looks at whether a learner is stuck, s."""
 
 
-class Opened(NamedTuple):
-    """A learner that listens.
-
-    Attributes:
-        learner: address on its node.
-        node: Ray's id of the node.
-    """
-
-    learner: Learner
-    node: str
-
-
 class LearnerActor:
     """Ray actor of a cohort's learner, created by `launch` and killed by the driver."""
 
@@ -221,8 +197,8 @@ class LearnerActor:
         """Return the handle of a new learner on a node, by Ray's id; without one, Ray chooses."""
         return launcher(cls, resources, node_strategy(node), LEARNER_CALLS).remote(settings)
 
-    def open(self) -> Opened:
-        """Return the address once players can connect.
+    def open(self) -> tuple[Learner, str]:
+        """Return the address and Ray's id of the node once players can connect.
 
         Raises:
             MemoryError: the device has too little memory.
@@ -232,7 +208,7 @@ class LearnerActor:
             pass
         if self._failure is not None:
             raise self._failure
-        return Opened(self._learner, ray.get_runtime_context().get_node_id())
+        return self._learner, ray.get_runtime_context().get_node_id()
 
     def serve(self) -> None:
         """Wait for the end, which only a failure brings; any number of calls may wait.
@@ -251,17 +227,28 @@ class LearnerActor:
         """Return the progress of the learner; None before it listens."""
         if self._server is None:
             return None
-        updates, busy = self._rates()
-        used, total = self._memory()
+        account, now = dict(self._server.account), time.monotonic()
+        self._samples.append((now, account["updates of runs"], account["waiting"]))
+        while len(self._samples) > 2 and self._samples[1][0] < now - WINDOW_SECONDS:
+            self._samples.popleft()
+        before, updates, waiting = self._samples[0]
+        seconds = now - before
+        if self._settings.device == "cpu":
+            used, total = psutil.Process().memory_info().rss, psutil.virtual_memory().total
+        else:
+            import torch
+
+            free, total = torch.cuda.mem_get_info()
+            used = total - free
         return LearnerProgress(
             host=platform.node(),
             device=self._settings.device,
             width=self._settings.width,
             runs=self._server.runs,
-            updates_per_second=updates,
-            busy=busy,
-            memory_gib=used,
-            memory_total_gib=total,
+            updates_per_second=(account["updates of runs"] - updates) / seconds if seconds else 0.0,
+            busy=1 - min(1.0, (account["waiting"] - waiting) / seconds) if seconds else 0.0,
+            memory_gib=used / GIB,
+            memory_total_gib=total / GIB,
         )
 
     def _work(self) -> None:
@@ -278,35 +265,9 @@ class LearnerActor:
             short = isinstance(error, (MemoryError, OutOfMemoryError))
             self._failure = MemoryError(str(error).partition("\n")[0]) if short else error
 
-    def _rates(self) -> tuple[float, float]:
-        """Return updates of runs per second, and the share of time in which there was work."""
-        account, now = dict(self._server.account), time.monotonic()
-        self._samples.append((now, account["updates of runs"], account["waiting"]))
-        while len(self._samples) > 2 and self._samples[1][0] < now - WINDOW_SECONDS:
-            self._samples.popleft()
-        before, updates, waiting = self._samples[0]
-        seconds = now - before
-        if not seconds:
-            return 0.0, 0.0
-        idle = min(1.0, (account["waiting"] - waiting) / seconds)
-        return (account["updates of runs"] - updates) / seconds, 1 - idle
-
-    def _memory(self) -> tuple[float, float]:
-        """Return memory in use and in total, GiB: of the GPU, or of this process and the machine."""
-        if self._settings.device == "cpu":
-            return psutil.Process().memory_info().rss / GIB, psutil.virtual_memory().total / GIB
-        import torch
-
-        free, total = torch.cuda.mem_get_info()
-        return (total - free) / GIB, total / GIB
-
 
 def wait_for_end(thread: threading.Thread, turned_at: Callable[[], float | None]) -> None:
-    """Wait for the end of a learner's thread.
-
-    Args:
-        thread: thread of the learner.
-        turned_at: returns the monotonic time at which it last looked for requests, s; None before the first.
+    """Wait for the end of a learner's thread, which last looked for requests at the time `turned_at()`, s.
 
     Raises:
         TimeoutError: the same updates have taken longer than `LONGEST_TURN`.

@@ -1,4 +1,4 @@
-"""Places of runs: on any node, or with the learner of a cohort."""
+"""Cohorts on Ray: their learners, and the runs that learn with each."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ from collections import Counter, deque
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import ray
 from ray.exceptions import ActorUnavailableError, RayError
 
-from tma_ray.campaign.cluster.base import Head, capacity, living_nodes, offers
+from tma_ray.campaign.cluster.base import Head, living_nodes, offers
 from tma_ray.campaign.executors.actors import LearnerActor, reason_for_loss
 from tma_ray.campaign.settings import GIB, Resources, Settings
 from tma_ray.envs import make_environment
 from tma_ray.part_names import base_name
 from tma_ray.results import LearnerProgress
 from tma_ray.runs.inputs import arguments, import_plugins
-from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Learner
 from tma_ray.students.base import checked_spaces
@@ -29,14 +28,7 @@ from tma_ray.students.players import COHORT_STUDENTS, CohortSettings
 
 
 class Kind(NamedTuple):
-    """All on which the shapes and the settings of a stacked learner depend.
-
-    Attributes:
-        student: name of its algorithm.
-        observation: length of an observation.
-        action: length of an action.
-        hyperparameters: hyper-parameters of the student, as text.
-    """
+    """All on which the shapes and the settings of a stacked learner depend: algorithm, lengths, settings."""
 
     student: str
     observation: int
@@ -61,55 +53,37 @@ def kinds_of(specs: Sequence[RunSpec]) -> dict[str, Kind]:
             )
         recipe = spec.environment, repr(sorted(spec.environment_options.items())), *spec.inputs.items()
         if recipe not in sizes:
-            sizes[recipe] = _sizes(spec)
+            import_plugins(spec, "environment")
+            environment = make_environment(spec.environment, **arguments(spec, "environment"))
+            observations, actions = checked_spaces(environment.observation_space, environment.action_space)
+            environment.close()
+            sizes[recipe] = observations.shape[0], actions.shape[0]
         kinds[spec.run_id] = Kind(student, *sizes[recipe], repr(sorted(spec.student_hyperparameters.items())))
     return kinds
-
-
-def _sizes(spec: RunSpec) -> tuple[int, int]:
-    import_plugins(spec, "environment")
-    environment = make_environment(spec.environment, **arguments(spec, "environment"))
-    observations, actions = checked_spaces(environment.observation_space, environment.action_space)
-    environment.close()
-    return observations.shape[0], actions.shape[0]
 
 
 PROCESS_GIB = {"cpu": 1.0, "cuda": 4.0}
 """Memory of a learner's process without replay, GiB."""
 
 ROW_BYTES = 4.2
-"""Of a stored transition for each of its numbers, of which observations are stored once."""
-
-
-class Room(NamedTuple):
-    """Room of one node.
-
-    Attributes:
-        learners: number of learners that fit.
-        players: number of players that fit next to each.
-    """
-
-    learners: int
-    players: int
+"""Size of a stored transition for each of its numbers, of which observations are stored once."""
 
 
 def learner_resources(settings: Settings, specs: Iterable[RunSpec], kinds: Mapping[str, Kind]) -> Resources:
     """Return the resources of the learner of a full cohort of `specs`: on a GPU the whole GPU."""
-    replays = [_replay_bytes(spec, kinds[spec.run_id]) for spec in specs]
+    replays = []
+    for spec in specs:
+        rows = min(int(spec.student_hyperparameters.get("buffer_size", 0)), spec.schedule.steps)
+        kind = kinds[spec.run_id]
+        replays.append(ROW_BYTES * rows * (kind.observation + kind.action + 2))
     device = settings.device.partition(":")[0]
     copies = 1 if device == "cuda" else 2  # a checkpoint's, and the learner's own where that is no GPU's
     replay = copies * settings.width * max(replays, default=0.0) / GIB
     return Resources(1.0, float(device == "cuda"), PROCESS_GIB[device] + replay)
 
 
-def room_of(node: Mapping[str, float], settings: Settings, learner: Resources) -> Room:
-    """Return the room of a node with these resources for cohorts: full ones, or fewer players on few cores.
-
-    Args:
-        node: Ray's amount of each resource.
-        settings: settings of the campaign.
-        learner: resources of each learner.
-    """
+def room_of(node: Mapping[str, float], settings: Settings, learner: Resources) -> tuple[int, int]:
+    """Return the numbers of learners that a node with these resources holds, and of players next to each."""
     player = settings.player
     whole = Resources(
         learner.cpus + settings.width * player.cpus,
@@ -120,16 +94,11 @@ def room_of(node: Mapping[str, float], settings: Settings, learner: Resources) -
     if not learner.gpus:
         learners = min(learners, max(1, whole.fit_into(node)))
     if not learners:
-        return Room(0, 0)
+        return 0, 0
     cores = node.get("CPU", 0.0) / learners - learner.cpus
     memory = node.get("memory", 0.0) / learners / GIB - learner.memory_gib
     by_memory = memory / player.memory_gib if player.memory_gib else math.inf
-    return Room(learners, int(min(settings.width, cores / player.cpus + 1e-9, by_memory + 1e-9)))
-
-
-def _replay_bytes(spec: RunSpec, kind: Kind) -> float:
-    size = min(int(spec.student_hyperparameters.get("buffer_size", 0)), spec.schedule.steps)
-    return ROW_BYTES * size * (kind.observation + kind.action + 2)
+    return learners, int(min(settings.width, cores / player.cpus + 1e-9, by_memory + 1e-9))
 
 
 def check_room(settings: Settings, specs: Sequence[RunSpec], kinds: Mapping[str, Kind]) -> None:
@@ -140,7 +109,7 @@ def check_room(settings: Settings, specs: Sequence[RunSpec], kinds: Mapping[str,
     """
     learner = learner_resources(settings, specs, kinds)
     nodes = [node["Resources"] for node in living_nodes()]
-    if any(room_of(node, settings, learner).players for node in nodes):
+    if any(room_of(node, settings, learner)[1] for node in nodes):
         return
     raise ValueError(
         f"no node can hold the learner of a cohort, of {learner.cpus:g} CPUs, {learner.gpus:g} GPUs and "
@@ -150,89 +119,11 @@ def check_room(settings: Settings, specs: Sequence[RunSpec], kinds: Mapping[str,
     )
 
 
-@dataclass(frozen=True)
-class Place:
-    """Place of one run.
-
-    Attributes:
-        placement: settings of its execution.
-        node: Ray's id of the node that it has to be on; empty: Ray chooses.
-    """
-
-    placement: Placement
-    node: str = ""
-
-
-class Places(Protocol):
-    """Places of a campaign's runs."""
-
-    def take(self, waiting: deque[RunSpec]) -> tuple[RunSpec, Place] | None:
-        """Take out of `waiting` a run that can start now; return None if none can."""
-        ...
-
-    def leave(self, run_id: str) -> None:
-        """Free the place of a run that has ended, however it did."""
-        ...
-
-    def lost_without_fault(self, run_id: str) -> bool:
-        """Return True if a run that has not left yet was lost through no fault of its own."""
-        ...
-
-    def look(self, *, over: bool) -> Sequence[LearnerProgress]:
-        """Look after the learners of cohorts, and return how they are; `over`: no run is to come."""
-        ...
-
-    def close(self) -> None:
-        """End all learners."""
-        ...
-
-
-class AnyNode:
-    """Places of runs that learn alone: as many as the nodes hold, and some more.
-
-    The more keep a demand in the queue that an autoscaler can see.
-
-    Args:
-        settings: settings of the campaign.
-        head: head of the Ray that this process is connected to.
-    """
-
-    def __init__(self, settings: Settings, head: Head) -> None:
-        self._settings, self._head = settings, head
-        self._taken: set[str] = set()
-
-    def take(self, waiting: deque[RunSpec]) -> tuple[RunSpec, Place] | None:
-        """Return the first run, if there is room; see `Places`."""
-        if not waiting:
-            return None
-        holds = capacity(self._settings.resources, self._head.nodes()) + self._settings.queued
-        if len(self._taken) >= holds:
-            return None
-        spec = waiting.popleft()
-        self._taken.add(spec.run_id)
-        return spec, Place(self._settings.placement)
-
-    def leave(self, run_id: str) -> None:
-        """Free a place; see `Places`."""
-        self._taken.discard(run_id)
-
-    def lost_without_fault(self, run_id: str) -> bool:  # noqa: ARG002  # of nobody
-        """Return False: every run has a process of its own."""
-        return False
-
-    def look(self, *, over: bool) -> Sequence[LearnerProgress]:  # noqa: ARG002
-        """Return an empty sequence: every run is its own learner."""
-        return ()
-
-    def close(self) -> None:
-        """Do nothing: every run is its own learner."""
-
-
 AUTOSCALING_LEARNERS = 4
 """Learners that wait for nodes of an autoscaling cluster."""
 
 LONGEST_LOOK = 5.0
-"""Of the time between two looks at a learner so much counts at most, s: the driver may have slept itself."""
+"""Longest time that counts between two looks at a learner, s: the driver may have slept itself."""
 
 logger = logging.getLogger(__name__)
 
@@ -270,10 +161,10 @@ class _Cohort:
 
 
 class Cohorts:
-    """Places of runs that learn in cohorts: one learner per GPU, or per so many runs on a CPU, see `Places`.
+    """Learners of cohorts and the runs of each: one learner per GPU, or per so many runs on a CPU.
 
     A learner that is lost is replaced; its runs lose their connection, and continue with another.
-    Where memory does not suffice, learners with half as many slots take over.
+    Where memory does not suffice, learners with half as many slots follow.
 
     Args:
         settings: settings of the campaign.
@@ -298,30 +189,34 @@ class Cohorts:
         self._resources: Resources = learner_resources(settings, specs, self._kinds)
         self._compiled = compilation(specs) if self._resources.gpus else False
 
-    def take(self, waiting: deque[RunSpec]) -> tuple[RunSpec, Place] | None:
-        """Return a run and its place with a learner that listens; see `Places`."""
+    def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
+        """Remove from `waiting` a run that a listening learner has a slot for; None without one."""
         for cohort in self._cohorts:
             number = None if cohort.learner is None else cohort.choose(waiting, self._kinds)
             if number is not None:
                 spec = waiting[number]
                 del waiting[number]
                 cohort.runs[spec.run_id] = self._kinds[spec.run_id]
-                return spec, Place(replace(self._settings.placement, learner=cohort.learner), cohort.node)
+                return spec
         self._grow(len(waiting))
         return None
 
+    def learner_of(self, run_id: str) -> tuple[Learner | None, str]:
+        """Return the learner of a run that was taken, and Ray's id of the node that both have to be on."""
+        return next((each.learner, each.node) for each in self._cohorts if run_id in each.runs)
+
     def leave(self, run_id: str) -> None:
-        """Free a place; see `Places`."""
+        """Free the slot of a run that has ended, however it did."""
         self._blameless.discard(run_id)
         for cohort in self._cohorts:
             cohort.runs.pop(run_id, None)
 
     def lost_without_fault(self, run_id: str) -> bool:
-        """Return True if memory did not suffice for the learner of the run; see `Places`."""
+        """Return True if memory did not suffice for the learner of a run that has not left yet."""
         return run_id in self._blameless
 
     def look(self, *, over: bool) -> Sequence[LearnerProgress]:
-        """Update the state of the learners: listening, ended, progress; see `Places`."""
+        """Update the state of the learners: listening, ended, progress; `over`: no run is to come."""
         for cohort in list(self._cohorts):
             if not self._lives(cohort) or (over and not cohort.runs):
                 self._end(cohort)
@@ -331,7 +226,7 @@ class Cohorts:
         return [cohort.progress for cohort in self._cohorts if cohort.progress is not None]
 
     def close(self) -> None:
-        """End all learners; see `Places`."""
+        """End all learners."""
         for cohort in list(self._cohorts):
             self._end(cohort)
 
@@ -354,9 +249,9 @@ class Cohorts:
         """Return a node with room for a learner, "" for one to come, and how many players it holds then."""
         taken = Counter(cohort.node for cohort in self._cohorts)
         for node in self._head.nodes():
-            room = room_of(node["Resources"], self._settings, self._resources)
-            if taken[node["NodeID"]] < room.learners and room.players:
-                return node["NodeID"], room.players
+            learners, players = room_of(node["Resources"], self._settings, self._resources)
+            if taken[node["NodeID"]] < learners and players:
+                return node["NodeID"], players
         if self._settings.autoscaling and taken[""] < AUTOSCALING_LEARNERS:
             return "", self._settings.width
         return None
@@ -367,9 +262,10 @@ class Cohorts:
         with suppress(RayError, MemoryError):  # its end says the same, and is dealt with there
             cohort.learner, node = ray.get(cohort.opened)
             if not cohort.node:
-                here = (each for each in self._head.nodes() if each["NodeID"] == node)
-                rooms = [room_of(each["Resources"], self._settings, self._resources) for each in here]
-                cohort.node, cohort.places = node, rooms[0].players if rooms else cohort.places
+                cohort.node = node
+                for each in self._head.nodes():
+                    if each["NodeID"] == node:
+                        cohort.places = room_of(each["Resources"], self._settings, self._resources)[1]
 
     def _poll(self, cohort: _Cohort) -> None:
         now = time.monotonic()
@@ -387,7 +283,16 @@ class Cohorts:
     def _lives(self, cohort: _Cohort) -> bool:
         """Return True if a learner is at work, or may be although it does not answer; else log the reason."""
         if not _come(cohort.ended):
-            return not self._hangs(cohort)
+            if cohort.unanswered < self._settings.unreachable_seconds:
+                return True
+            logger.warning(
+                "the learner of a cohort on %s has not answered for %.0f s: it is killed, and its %d runs "
+                "resume from their checkpoints beside another",
+                cohort.progress.host if cohort.progress else "its node",
+                cohort.unanswered,
+                len(cohort.runs),
+            )
+            return False
         try:
             ray.get(cohort.ended)
         except ActorUnavailableError as error:
@@ -401,20 +306,6 @@ class Cohorts:
         except RayError as error:
             _warn(cohort, error)
         return False
-
-    def _hangs(self, cohort: _Cohort) -> bool:
-        """Return True if a living learner has not answered for too long, and log that."""
-        if cohort.unanswered < self._settings.unreachable_seconds:
-            return False
-        host = cohort.progress.host if cohort.progress else "its node"
-        logger.warning(
-            "the learner of a cohort on %s has not answered for %.0f s: it is killed, and its %d runs resume "
-            "from their checkpoints beside another",
-            host,
-            cohort.unanswered,
-            len(cohort.runs),
-        )
-        return True
 
     def _narrow(self, cohort: _Cohort, error: MemoryError) -> None:
         """Halve the width of learners to come, so that the runs of this one can go on."""

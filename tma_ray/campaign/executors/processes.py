@@ -12,7 +12,7 @@ import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -76,15 +76,6 @@ def cohort(settings: CohortSettings) -> Iterator[Learner]:
         yield process.learner
 
 
-@dataclass
-class _Running:
-    """An attempt that has a process."""
-
-    process: Any
-    connection: Connection
-    stop: Any
-
-
 class LocalExecutor:
     """Executor of attempts in processes of this machine, each a fresh one; see `Executor`.
 
@@ -103,7 +94,8 @@ class LocalExecutor:
         self, store: Store, placement: Placement, processes: int, cohort: CohortSettings | None = None
     ) -> None:
         self._store, self._placement, self._processes, self._cohort = store, placement, processes, cohort
-        self._running: dict[str, _Running] = {}
+        self._running: dict[Connection, tuple[str, Any, Any]] = {}
+        """Id, process and stop event of each attempt, by the connection to its process."""
         self._learner: LearnerProcess | None = None
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
@@ -120,33 +112,38 @@ class LocalExecutor:
         with _one_thread():
             process.start()
         theirs.close()
-        self._running[spec.run_id] = _Running(process, ours, stop)
+        self._running[ours] = spec.run_id, process, stop
 
     def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:  # noqa: ARG002
         """Return the reports and endings of processes; see `Executor`."""
-        runs = {running.connection: run_id for run_id, running in self._running.items()}
-        if not runs:
+        if not self._running:
             time.sleep(seconds)
         events: list[Report | Ending] = []
-        for connection in wait(list(runs), seconds) if runs else ():
+        for connection in wait(list(self._running), seconds) if self._running else ():
             assert isinstance(connection, Connection)
-            events.append(self._receive(runs[connection], connection))
+            run_id, process, _ = self._running[connection]
+            try:
+                events.append(connection.recv())
+            except (EOFError, OSError):  # the process is dead
+                process.join()
+                reason = f"its process ended with exit code {process.exitcode}"
+                events.append(Ending(run_id, AttemptOutcome.LOST, reason=reason))
             if isinstance(events[-1], Ending):
-                running = self._running.pop(runs[connection])
+                del self._running[connection]
                 connection.close()
-                running.process.join()
+                process.join()
         return events
 
     def stop(self) -> None:
         """Request a checkpoint of every attempt; see `Executor`."""
-        for running in self._running.values():
-            running.stop.set()
+        for _, _, stop in self._running.values():
+            stop.set()
 
     def close(self) -> None:
         """Kill all processes."""
-        for running in self._running.values():
-            running.process.kill()
-            running.process.join()
+        for _, process, _ in self._running.values():
+            process.kill()
+            process.join()
         if self._learner is not None:
             self._learner.close()
 
@@ -159,16 +156,6 @@ class LocalExecutor:
             self._learner = None
         self._learner = self._learner or LearnerProcess(self._cohort)
         return self._learner.learner
-
-    def _receive(self, run_id: str, connection: Connection) -> Report | Ending:
-        try:
-            message: Report | Ending = connection.recv()
-        except (EOFError, OSError):  # the process is dead
-            process = self._running[run_id].process
-            process.join()
-            reason = f"its process ended with exit code {process.exitcode}"
-            return Ending(run_id, AttemptOutcome.LOST, reason=reason)
-        return message
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import ray
@@ -18,10 +18,10 @@ from ray.exceptions import (
     RayTaskError,
 )
 
-from tma_ray.campaign.cluster.base import Head
+from tma_ray.campaign.cluster.base import Head, capacity
 from tma_ray.campaign.executors.actors import SeedActor, node_strategy, reason_for_loss
 from tma_ray.campaign.executors.base import LOSSES, Ending
-from tma_ray.campaign.executors.cohorts import Place, Places
+from tma_ray.campaign.executors.cohorts import Cohorts
 from tma_ray.campaign.failures import HeadLostError, Silence
 from tma_ray.campaign.settings import Settings
 from tma_ray.commands.texts import visible
@@ -50,17 +50,19 @@ class _Running:
 class RayExecutor:
     """Executor of attempts as Ray actors, each a fresh one; see `Executor`.
 
+    Runs that learn alone are as many as the nodes hold, and some more, whose demand an autoscaler sees.
+
     Args:
         store: results root.
         settings: resources and placement of every run.
         head: head of the Ray that this process is connected to.
-        places: places at which runs can start.
+        cohorts: cohorts in which the runs learn; None if each learns alone.
     """
 
-    def __init__(self, store: Store, settings: Settings, head: Head, places: Places) -> None:
-        self._store, self._settings, self._head, self._places = store, settings, head, places
+    def __init__(self, store: Store, settings: Settings, head: Head, cohorts: Cohorts | None = None) -> None:
+        self._store, self._settings, self._head, self._cohorts = store, settings, head, cohorts
         self._silence = Silence(settings.unreachable_seconds)
-        self._taken: dict[str, Place] = {}
+        self._taken: set[str] = set()
         self._running: dict[Any, _Running] = {}
         self._pending: list[Report | Ending] = []
         self._connected = True
@@ -68,22 +70,27 @@ class RayExecutor:
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
         """Return a run that has a place now; see `Executor`."""
-        found = self._places.take(waiting)
-        if found is None:
+        if self._cohorts is not None:
+            return self._cohorts.take(waiting)
+        holds = capacity(self._settings.resources, self._head.nodes()) + self._settings.queued
+        if not waiting or len(self._taken) >= holds:
             return None
-        spec, self._taken[found[0].run_id] = found
-        return spec
+        self._taken.add(waiting[0].run_id)
+        return waiting.popleft()
 
     def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:
         """Create the actor of an attempt; see `Executor`."""
-        place = self._taken.pop(spec.run_id)
+        placement, node = self._settings.placement, ""
+        if self._cohorts is not None:
+            learner, node = self._cohorts.learner_of(spec.run_id)
+            placement = replace(placement, learner=learner)
         actor = SeedActor.launch(
             self._settings.each,
-            node_strategy(place.node, avoid),
+            node_strategy(node, avoid),
             spec.to_dict(),
             self._store,
             number,
-            place.placement,
+            placement,
             self._settings.teachers,
         )
         result = actor.run.remote()
@@ -104,7 +111,8 @@ class RayExecutor:
         except HeadLostError:
             self._connected = False  # no call of Ray may follow: it would start another one
             raise
-        self.learners = self._places.look(over=last)
+        if self._cohorts is not None:
+            self.learners = self._cohorts.look(over=last)
         for result in ended:
             self._end(self._running.pop(result))
         self._collect_reports(self._running.values())
@@ -127,15 +135,11 @@ class RayExecutor:
         if self._connected:
             for running in self._running.values():
                 ray.kill(running.actor)
-            self._places.close()
+            if self._cohorts is not None:
+                self._cohorts.close()
 
     def _collect_reports(self, attempts: Collection[_Running], seconds: float = 0.0) -> None:
-        """Receive reports that were requested, and request the next.
-
-        Args:
-            attempts: attempts whose reports they are.
-            seconds: longest wait for those that are on their way, s.
-        """
+        """Receive reports that were requested, waiting for `seconds` at most, and request the next."""
         asked = [running.asked for running in attempts if running.asked is not None]
         ready = set(ray.wait(asked, num_returns=len(asked), timeout=seconds)[0]) if asked else set()
         for running in attempts:
@@ -176,11 +180,13 @@ class RayExecutor:
 
     def _loss(self, running: _Running, error: Exception) -> Ending:
         self._silence.end(running.run_id)
-        without_fault = self._places.lost_without_fault(running.run_id)
+        without_fault = self._cohorts is not None and self._cohorts.lost_without_fault(running.run_id)
         reason = reason_for_loss(error)
         return Ending(running.run_id, AttemptOutcome.LOST, reason=reason, without_fault=without_fault)
 
     def _leave(self, running: _Running, ending: Ending) -> None:
         self._pending.append(ending)
-        self._places.leave(running.run_id)
+        self._taken.discard(running.run_id)
+        if self._cohorts is not None:
+            self._cohorts.leave(running.run_id)
         ray.kill(running.actor)
