@@ -24,7 +24,7 @@ from rich.console import Console
 
 from tma_ray.campaign import Campaign
 from tma_ray.campaign.cluster.joined import connect
-from tma_ray.campaign.execution import run_campaign
+from tma_ray.campaign.execution import execute_plan
 from tma_ray.campaign.executors.actors import RemoteTeacher
 from tma_ray.campaign.progress import ProgressView
 from tma_ray.campaign.settings import Settings, TeacherPlacement
@@ -60,7 +60,9 @@ def steps_per_second(student: str, steps: int, where: str) -> tuple[float, int]:
             run_locally(one.plan().runs[0], Committer.open(root))
         else:
             view = ProgressView(Console(file=io.StringIO()))
-            run_campaign(one, root, Settings(teachers=TeacherPlacement(where), poll_seconds=0.1), view=view)
+            execute_plan(
+                one.plan(), root, Settings(teachers=TeacherPlacement(where), poll_seconds=0.1), view=view
+            )
         results = Results.open(root)
         (attempt,) = results.table(Table.ATTEMPTS).to_pylist()
         return attempt["env_steps_per_second"], len(results.table(Table.EPISODES))

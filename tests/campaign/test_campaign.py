@@ -14,7 +14,7 @@ from small_runs import SCHEDULE, STUDENTS, data_files, rows
 
 from tma_ray.campaign import Campaign
 from tma_ray.campaign.cluster.joined import connect
-from tma_ray.campaign.execution import run_campaign
+from tma_ray.campaign.execution import execute_plan
 from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.monitor import overview
 from tma_ray.campaign.progress import ProgressView, Snapshot
@@ -63,7 +63,7 @@ def quiet() -> ProgressView:
 
 
 def execute(what: Campaign, root: Path, **changes: Any) -> Snapshot:
-    return run_campaign(what, root, settings(**changes), view=quiet())
+    return execute_plan(what.plan(), root, settings(**changes), view=quiet())
 
 
 def alone(what: Campaign, root: Path) -> dict[str, bytes]:

@@ -124,8 +124,8 @@ def test_a_body_in_a_file_reaches_the_workers(address: str, folder: Path) -> Non
 def test_a_script_that_starts_its_campaign_on_import_is_refused_before_anything_starts(
     address: str, folder: Path
 ) -> None:
-    call = f"run_campaign(campaign, 'results', address='{address}')\n"
-    imports = "from tma_ray.campaign.execution import run_campaign\n"
+    call = f"execute_plan(campaign.plan(), 'results', address='{address}')\n"
+    imports = "from tma_ray.campaign.execution import execute_plan\n"
     (folder / "script.py").write_text(SCRIPT + imports + call)
     done = start("script.py", cwd=folder)
     assert done.returncode != 0

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign.preflight import FOLDER, MOST_BYTES, runtime_environment
+from tma_ray.campaign.cluster.base import FOLDER, MOST_BYTES, runtime_environment
 from tma_ray.plugin_source import PluginSource
 
 OWN = PluginSource("lab.maze", {"lab/__init__.py": b"", "lab/maze.py": b"x = 1"}, installed=False)

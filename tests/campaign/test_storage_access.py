@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tma_ray.campaign import preflight
+from tma_ray.campaign import execution
 from tma_ray.campaign.cluster.base import working_nodes
 from tma_ray.results import ResultsRootError, Store
 
@@ -16,14 +16,14 @@ pytestmark = pytest.mark.usefixtures("cluster")
 
 def other_disk(store: Store, probe: str | None) -> bool:
     """Answer as a worker on a machine with a disk of its own."""
-    return preflight.can_access(Store.open(f"{store.base} of another machine"), probe)
+    return execution.can_access(Store.open(f"{store.base} of another machine"), probe)
 
 
 def as_two(monkeypatch: pytest.MonkeyPatch) -> None:
     """Add a node of which Ray knows nothing: what is asked of it, this machine answers."""
     nodes: list[dict[str, Any]] = working_nodes()
     others = [node | {"NodeID": "e" * len(node["NodeID"])} for node in nodes]
-    monkeypatch.setattr(preflight, "working_nodes", lambda: nodes + others)
+    monkeypatch.setattr(execution, "working_nodes", lambda: nodes + others)
 
 
 @pytest.mark.slow
@@ -31,7 +31,7 @@ def test_a_folder_that_all_nodes_see_is_used_and_nothing_is_left_in_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     as_two(monkeypatch)
-    preflight.check_storage_access(Store.open(tmp_path / "root"))
+    execution.check_storage_access(Store.open(tmp_path / "root"))
     assert not [path for path in (tmp_path / "root").rglob("*") if path.is_file()]
 
 
@@ -39,11 +39,11 @@ def test_a_folder_of_one_machine_is_refused_on_several(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     as_two(monkeypatch)
-    monkeypatch.setattr(preflight, "can_access", other_disk)
+    monkeypatch.setattr(execution, "can_access", other_disk)
     with pytest.raises(ResultsRootError, match=r"does not see this machine's .*root: choose a folder"):
-        preflight.check_storage_access(Store.open(tmp_path / "root"))
+        execution.check_storage_access(Store.open(tmp_path / "root"))
 
 
 def test_one_machine_is_not_asked(tmp_path: Path) -> None:
-    preflight.check_storage_access(Store.open(tmp_path / "root"))
+    execution.check_storage_access(Store.open(tmp_path / "root"))
     assert not (tmp_path / "root").exists()

@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mistakes import Mistake, commands, fill, flags, mistakes, valid_rest
 
-from tma_ray.campaign import costs, execution, single
+from tma_ray.campaign import costs, execution, script
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
@@ -65,7 +65,7 @@ def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mappi
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     monkeypatch.setattr(costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
-    monkeypatch.setattr(single, "run_locally", lambda *_: AttemptOutcome.DONE)
+    monkeypatch.setattr(script, "run_locally", lambda *_: AttemptOutcome.DONE)
     monkeypatch.setattr(execution, "execute_plan", _checked_plan)
     for name in ("empty", "foreign", "home", "checkout/.git", "busy/tmp"):
         (tmp_path / name).mkdir(parents=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 from tma_ray.campaign.options import SCHEDULE, CampaignOptions, ExecutionOptions
 from tma_ray.campaign.plan import Plan, cell_row
-from tma_ray.campaign.script import run_plan
+from tma_ray.campaign.script import SINGLE_RUNS, run_plan
 from tma_ray.commands.texts import counted
 from tma_ray.decoding import DamagedFileError
 from tma_ray.results import SIMULATED, Inspector, Results, RunStatus, Table
@@ -19,9 +19,6 @@ from tma_ray.tasks import KnowledgeLevel
 
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
 """Fields of a spec in which another teacher may differ."""
-
-SINGLE_RUNS = "single_runs"
-"""Name of the experiment of runs that belong to no campaign."""
 
 BY_PART = ("plugins", "algorithm_versions", "inputs")
 """Fields of a spec with an entry for each of its parts."""

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import os
+import platform
+import shutil
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
+from tma_ray import __version__
 from tma_ray.cli.options import Folder, Json, Root, RunResults
 from tma_ray.cli.records import print_json, status_record
 from tma_ray.command_line import choice, command, value
-from tma_ray.commands.exits import FAILED
+from tma_ray.commands.exits import FAILED, installed_version
 from tma_ray.commands.texts import counted
 from tma_ray.commands.values import named
 
 DAMAGED = 1
+
+CPU_FEATURES = {"avx2": "AVX2", "avx512f": "AVX-512", "avx512_bf16": "AVX-512 BF16", "amx_bf16": "AMX BF16"}
+"""Extensions that matter to matrix products, by their names in /proc/cpuinfo."""
 
 Shell = Literal["bash", "zsh", "fish"]
 
@@ -138,12 +145,39 @@ def doctor(*, results: Folder = Path("results"), json: Json = False) -> int:
     Args:
         results: folder of results, whose disk is examined
     """
+    import torch
     from rich.table import Table
 
-    from tma_ray.campaign.doctor import examine
+    from tma_ray.benchmark import BENCHMARK_VERSION
+    from tma_ray.physics import PHYSICS_VERSION, engine_in_use
+    from tma_ray.results import SCHEMA_VERSION
+    from tma_ray.runs.placement import LIBRARIES, cpu_model
     from tma_ray.terminal import terminal
 
-    topics = examine(results)
+    description, features = Path("/proc/cpuinfo"), "features unknown"
+    if description.exists():
+        flags = set(description.read_text().split())
+        found = [name for flag, name in CPU_FEATURES.items() if flag in flags]
+        features = ", ".join(found) or "without vector extensions that matter here"
+    libraries = [f"{library} {installed_version(library)}" for library in (*LIBRARIES, "ray", "pyarrow")]
+    engine = engine_in_use()
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
+    gpus = range(torch.cuda.device_count() if torch.cuda.is_available() else 0)
+    address = os.environ.get("RAY_ADDRESS")
+    place = next(path for path in (results.absolute(), *results.absolute().parents) if path.exists())
+    topics = {
+        "tma_ray": f"{__version__}, Python {platform.python_version()}, {platform.platform(terse=True)}",
+        "benchmark": f"version {BENCHMARK_VERSION}, physics {PHYSICS_VERSION}, schema {SCHEMA_VERSION}",
+        "libraries": ", ".join(libraries),
+        "physics engine": f"{engine.name}: {engine.reason}",
+        "CPU": f"{cpu_model()}, {os.cpu_count()} cores, {features}",
+        "memory": f"{memory:.1f} GiB",
+        "GPU": ", ".join(map(torch.cuda.get_device_name, gpus)) or "none that torch can use",
+        "Ray": f"would join {address} (RAY_ADDRESS)"
+        if address
+        else "would start on this machine; no RAY_ADDRESS",
+        "free disk": f"{shutil.disk_usage(place).free / 2**30:.1f} GiB at {place}",
+    }
     if json:
         print_json("doctor", {"topics": topics})
         return 0

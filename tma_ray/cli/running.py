@@ -59,7 +59,7 @@ def run(*, options: RunOptions = RunOptions()) -> int:
         tma-ray run --student ppo:learning_rate=1e-4:hidden_units=64x64 --steps 200k
         tma-ray run --student ppo --space stump_height=0:0.3 --steps 200k
     """
-    from tma_ray.campaign.single import run_single
+    from tma_ray.campaign.script import run_single
 
     return run_single(options)
 

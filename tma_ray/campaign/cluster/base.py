@@ -1,18 +1,22 @@
-"""The head of a Ray as a campaign watches it, its address, and its nodes."""
+"""The head of a Ray as a campaign watches it, its address, its nodes, and files that are shipped to them."""
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import socket
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Final, Protocol
 
 from tma_ray.campaign.settings import GIB, Resources
 from tma_ray.commands.exits import RAY_LOST
+from tma_ray.plugin_source import PluginSource
 
 
 class Watched(Protocol):
@@ -75,6 +79,57 @@ def working_nodes() -> list[dict[str, Any]]:
     """
     nodes = living_nodes()
     return [node for node in nodes if node["Resources"].get("CPU")] or nodes
+
+
+FOLDER = "tma_ray_plugins"
+"""Folder of the shipped files, which a worker finds as a package of that name."""
+
+MOST_BYTES = 20 * 2**20
+"""Largest size of shipped files, in bytes: larger data belongs on the nodes or in storage."""
+
+
+@contextmanager
+def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, Any] | None]:
+    """Context manager of a Ray runtime environment that brings plug-ins to every worker of a job.
+
+    The files are copied first: what is edited while a campaign runs does not reach its workers.
+    Installed packages are not shipped; every node needs them by itself.
+
+    Returns:
+        The `runtime_env` of `ray.init`, None if there is nothing to ship.
+
+    Raises:
+        ValueError: the files are larger than `MOST_BYTES`.
+    """
+    files = {path: code for each in sources if not each.installed for path, code in each.files.items()}
+    total = sum(map(len, files.values()))
+    if total > MOST_BYTES:
+        largest = max(files, key=lambda path: len(files[path]))
+        raise ValueError(
+            f"the plug-ins' files are {total / 2**20:.0f} MiB ({largest}: {len(files[largest]) / 2**20:.0f} "
+            f"MiB), more than the {MOST_BYTES / 2**20:.0f} MiB that are shipped to workers; install them on "
+            f"the nodes, or read large data from a path that all nodes have"
+        )
+    if not files:
+        yield None
+        return
+    with tempfile.TemporaryDirectory() as place:
+        for path, code in files.items():
+            file = Path(place, FOLDER, path)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(code)
+        yield {"py_modules": [str(Path(place, FOLDER))]}
+
+
+def use_shipped() -> None:
+    """Put the shipped files first on the search path of this worker."""
+    try:
+        shipped = importlib.import_module(FOLDER)
+    except ModuleNotFoundError:  # nothing was shipped: all is installed, or Ray was connected before
+        return
+    root = next(iter(shipped.__path__))
+    if root not in sys.path:
+        sys.path.insert(0, root)
 
 
 PROBE_SECONDS = 5.0

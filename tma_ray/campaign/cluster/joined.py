@@ -21,10 +21,15 @@ from ray._private.state import state
 from ray._raylet import GcsClient  # type: ignore[attr-defined]  # compiled
 from ray.exceptions import AuthenticationError, RayError
 
-from tma_ray.campaign.cluster.base import Head, check_address, connection_advice, living_nodes
+from tma_ray.campaign.cluster.base import (
+    Head,
+    check_address,
+    connection_advice,
+    living_nodes,
+    runtime_environment,
+)
 from tma_ray.campaign.cluster.local import LocalHead
 from tma_ray.campaign.failures import HeadLostError
-from tma_ray.campaign.preflight import runtime_environment
 from tma_ray.campaign.settings import PLENTY, Nodes
 from tma_ray.commands.texts import counted
 from tma_ray.plugin_source import PluginSource

@@ -17,7 +17,7 @@ import psutil
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeLabelSchedulingStrategy, NotIn
 
-from tma_ray.campaign.preflight import use_shipped
+from tma_ray.campaign.cluster.base import use_shipped
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
 from tma_ray.results import LearnerProgress, PartFile, Store, leave_pandas_out
 from tma_ray.runs.attempt import Attempt, Report
