@@ -23,7 +23,7 @@ import numpy as np
 from rich.console import Console
 
 from tma_ray.campaign import Campaign
-from tma_ray.campaign.cluster.joined import connect
+from tma_ray.campaign.cluster.heads import connect
 from tma_ray.campaign.execution import execute_plan
 from tma_ray.campaign.executors.actors import RemoteTeacher
 from tma_ray.campaign.progress import ProgressView

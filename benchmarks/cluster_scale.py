@@ -28,7 +28,7 @@ from rich.console import Console
 from scheduler import SETTINGS, Method, RayWithoutDeath, Substitute
 
 from tma_ray.campaign.cluster.base import Head
-from tma_ray.campaign.cluster.joined import connect
+from tma_ray.campaign.cluster.heads import connect
 from tma_ray.campaign.executors import ray_executor
 from tma_ray.campaign.progress import ProgressView, Snapshot
 from tma_ray.campaign.scheduler import Scheduler

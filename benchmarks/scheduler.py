@@ -23,7 +23,7 @@ from unittest import mock
 import ray
 from rich.console import Console
 
-from tma_ray.campaign.cluster.joined import connect
+from tma_ray.campaign.cluster.heads import connect
 from tma_ray.campaign.executors import ray_executor
 from tma_ray.campaign.executors.actors import SeedActor
 from tma_ray.campaign.progress import ProgressView

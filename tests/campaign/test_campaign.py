@@ -13,7 +13,7 @@ from rich.console import Console
 from small_runs import SCHEDULE, STUDENTS, data_files, rows
 
 from tma_ray.campaign import Campaign
-from tma_ray.campaign.cluster.joined import connect
+from tma_ray.campaign.cluster.heads import connect
 from tma_ray.campaign.execution import execute_plan
 from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.monitor import overview

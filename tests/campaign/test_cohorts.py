@@ -19,7 +19,7 @@ from small_runs import STUDENTS, data_files, rows
 from test_campaign import campaign, corridor, execute, idle, lingering, quiet, settings
 
 from tma_ray.campaign import execution
-from tma_ray.campaign.cluster.joined import connect
+from tma_ray.campaign.cluster.heads import connect
 from tma_ray.campaign.executors import actors
 from tma_ray.campaign.executors.cohorts import (
     Cohorts,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 
-from tma_ray.campaign.cluster.local import OwnProcesses
+from tma_ray.campaign.cluster.heads import OwnProcesses
 
 
 def test_children_of_the_node_manager_may_end_and_the_node_manager_may_not(tmp_path: Path) -> None:

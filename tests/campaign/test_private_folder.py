@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign.cluster.local import LONGEST_PLACE, MARK, private_folder
+from tma_ray.campaign.cluster.heads import LONGEST_PLACE, MARK, private_folder
 
 
 @pytest.fixture(autouse=True)
@@ -17,7 +17,7 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A short one: sockets have to fit."""
     monkeypatch.delenv("RAY_TMPDIR", raising=False)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("tma_ray.campaign.cluster.local.LONGEST_PLACE", len(str(tmp_path)))
+    monkeypatch.setattr("tma_ray.campaign.cluster.heads.LONGEST_PLACE", len(str(tmp_path)))
     return tmp_path
 
 
@@ -25,9 +25,9 @@ def abandoned(place: Path) -> Path:
     """Return the folder of a process that was killed."""
     code = (
         f"import os, tempfile; tempfile.tempdir = {str(place)!r}\n"
-        "from tma_ray.campaign.cluster import local\n"
-        f"local.LONGEST_PLACE = {len(str(place))}\n"
-        "folder = local.private_folder()\n"
+        "from tma_ray.campaign.cluster import heads\n"
+        f"heads.LONGEST_PLACE = {len(str(place))}\n"
+        "folder = heads.private_folder()\n"
         "(folder / 'ray' / 'logs').mkdir(parents=True)\n"
         "print(folder, flush=True); os._exit(1)"
     )
@@ -81,7 +81,7 @@ def test_what_is_not_ours_is_left_where_it_is(temporary: Path, trap: str) -> Non
 def test_a_place_with_too_long_a_path_for_sockets_is_not_used(
     temporary: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tma_ray.campaign.cluster.local.LONGEST_PLACE", LONGEST_PLACE)
+    monkeypatch.setattr("tma_ray.campaign.cluster.heads.LONGEST_PLACE", LONGEST_PLACE)
     long = temporary / ("long" * 10)
     long.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(long))

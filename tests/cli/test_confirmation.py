@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from tma_ray.campaign import Campaign, cells_of, costs
-from tma_ray.campaign.cluster import joined
-from tma_ray.campaign.cluster.joined import nodes_to_come
+from tma_ray.campaign.cluster import heads
+from tma_ray.campaign.cluster.heads import nodes_to_come
 from tma_ray.campaign.costs import confirm, estimate, long_cost
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import GIB, Nodes, Settings
@@ -65,7 +65,7 @@ def test_a_campaign_on_a_cluster_is_refused_at_once_with_the_clusters_cost(
     for stream in (sys.stdin, sys.stdout):
         monkeypatch.setattr(stream, "isatty", lambda: True)
     nodes = Nodes((NODE, NODE), "on the cluster's 2 nodes")
-    monkeypatch.setattr(joined, "cluster_nodes", lambda *_, **__: nodes)
+    monkeypatch.setattr(heads, "cluster_nodes", lambda *_, **__: nodes)
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"127.0.0.1:{server.getsockname()[1]}"
         for command in (["campaign"], ["experiment", "full_benchmark"]):

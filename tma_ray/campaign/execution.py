@@ -23,8 +23,7 @@ from tma_ray.campaign.cluster.base import (
     use_shipped,
     working_nodes,
 )
-from tma_ray.campaign.cluster.joined import connect
-from tma_ray.campaign.cluster.local import OwnProcesses
+from tma_ray.campaign.cluster.heads import OwnProcesses, connect
 from tma_ray.campaign.executors.cohorts import Cohorts, check_room, kinds_of
 from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.failures import StopSignals

@@ -507,7 +507,7 @@ def chosen_nodes(options: ExecutionOptions) -> Nodes | None:
     address = chosen_address(options)
     if address is None or options.dry_run:
         return None
-    from tma_ray.campaign.cluster.joined import cluster_nodes
+    from tma_ray.campaign.cluster.heads import cluster_nodes
 
     check_address(address)
     gpus = chosen_settings(options).device != "cpu"
