@@ -110,14 +110,8 @@ def estimate(
 ) -> Cost:
     """Return the estimated cost of `plan` at the speeds of this machine.
 
-    Teachers are left out, which cost milliseconds an episode.
-
-    Args:
-        plan: runs to execute.
-        settings: resources and placement of the runs.
-        known: speeds of kinds of runs, as of another `Cost`.
-        find_speeds: finder of the speeds that are not in `known`; by default `known_speeds`.
-        nodes: nodes that execute it; None for this machine.
+    Teachers are left out, which cost milliseconds an episode. `known` has speeds of another `Cost`; others
+    are found by `find_speeds`, `known_speeds` by default. Without `nodes` this machine executes the plan.
     """
     nodes = nodes or this_machine()
     counts: Counter[Kind] = Counter()

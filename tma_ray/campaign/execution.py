@@ -63,14 +63,7 @@ def execute_plan(
 ) -> Snapshot:
     """Execute the runs of `plan` that a results root lacks; return the numbers of runs by outcome.
 
-    Bad input is refused before the first step.
-
-    Args:
-        plan: runs to execute.
-        results: a folder, or a URI such as ``s3://bucket/folder``.
-        settings: resources and placement.
-        address: address of a Ray cluster; None starts one on this machine.
-        view: display of the progress.
+    Bad input is refused before the first step. Without an address, a Ray is started on this machine.
 
     Raises:
         ValueError: an unknown name, missing knowledge, impossible resources.
@@ -237,11 +230,7 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
 
     What is compiled on the way stays in the nodes' caches, so that actors do not all compile at once. On
     its own node the driver itself tries what needs no plug-in. Nodes that join later compile when they
-    start their first run.
-
-    Args:
-        specs: the runs.
-        shipped: True if this connection to Ray brought the plug-ins to the workers.
+    start their first run. With `shipped` this connection to Ray brought the plug-ins to the workers.
 
     Raises:
         ValueError: a node cannot import a plug-in, or has another version of it.

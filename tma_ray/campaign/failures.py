@@ -32,11 +32,6 @@ class RetryingCommitter:
 
     Before every attempt it checks that the lease on the root is still held: a storage that was unavailable
     for long may have been given to another campaign meanwhile.
-
-    Args:
-        committer: committer of the results root.
-        keep_lease: function that renews the lease, and raises if another campaign holds it.
-        seconds: longest time for which one operation is retried, s.
     """
 
     def __init__(self, committer: Committer, keep_lease: Callable[[], None], seconds: float) -> None:
@@ -88,10 +83,6 @@ class Retries:
 
     Each loss of a run doubles the pause before its next attempt, so that what kills every attempt (too little
     memory, a broken mount) does not occupy the cluster.
-
-    Args:
-        most_losses: number of losses after which a run is given up.
-        clock: current time, s.
     """
 
     def __init__(self, most_losses: int, clock: Callable[[], float] = time.monotonic) -> None:
@@ -145,12 +136,7 @@ logger = logging.getLogger(__name__)
 
 
 class Silence:
-    """Runs that do not answer: an actor, or a node with many, may be unreachable for some time.
-
-    Args:
-        most_seconds: longest silence before a run counts as lost, s.
-        clock: current time, s.
-    """
+    """Runs that do not answer: an actor, or a node with many, may be unreachable for `most_seconds`."""
 
     def __init__(self, most_seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._most_seconds = most_seconds

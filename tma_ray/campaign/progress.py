@@ -130,12 +130,7 @@ class PublishedProgress:
 
 
 class ProgressView:
-    """View with a live table on a terminal, else a line now and then.
-
-    Args:
-        console: console to print to.
-        line_seconds: time between two lines without a terminal, s.
-    """
+    """View with a live table on a terminal, else a line now and then."""
 
     def __init__(self, console: Console | None = None, line_seconds: float = 15.0) -> None:
         self._console = terminal(console)

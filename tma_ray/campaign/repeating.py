@@ -89,12 +89,7 @@ def trial_plan(
 ) -> Plan:
     """Return the runs of `teacher` on cells of a release with other seeds, one cell after the other.
 
-    Args:
-        name: name of the campaign.
-        released: the release.
-        teacher: name in the teacher registry, or ``module:Name``.
-        places: environment, challenge, body, student and level of expert knowledge of each cell, in order.
-        seeds: seeds of every cell.
+    Places are environment, challenge, body, student and level of expert knowledge of each cell.
 
     Raises:
         ValueError: a teacher that cannot run, or a release that this version cannot repeat.

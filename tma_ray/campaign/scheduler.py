@@ -39,14 +39,8 @@ class Scheduler:
     """Scheduler of runs on an executor, as many at a time as it has room for.
 
     A lost run is resumed from its newest checkpoint by a new attempt. A run that raises is marked as failed,
-    with its traceback, and the others go on.
-
-    Args:
-        committer: committer of the results root.
-        executor: executor of the attempts, closed with the last run.
-        settings: retries and times.
-        view: view of the progress.
-        keep_lease: called before anything is published; raises if another campaign holds the root.
+    with its traceback, and the others go on. `keep_lease` is called before anything is published, and raises
+    if another campaign holds the root.
     """
 
     def __init__(
@@ -65,14 +59,9 @@ class Scheduler:
         self._done = self._failed = self._stopped = 0
 
     def execute(self, specs: Sequence[RunSpec], stop_requested: Callable[[], bool]) -> Snapshot:
-        """Execute all of `specs` whose results the root does not hold yet.
+        """Execute all of `specs` whose results the root lacks, in this order; return the counts of outcomes.
 
-        Args:
-            specs: runs to execute, in this order.
-            stop_requested: returns True once runs are to leave with a checkpoint and nothing new is to start.
-
-        Returns:
-            The final counts of runs by their outcome.
+        Once `stop_requested` returns True, runs leave with a checkpoint and nothing new starts.
 
         Raises:
             HeadLostError: Ray is gone; its runs are recorded as lost.

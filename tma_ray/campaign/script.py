@@ -87,13 +87,8 @@ def execute(campaign: CampaignSpec, options: CampaignOptions) -> int:
 def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool = False) -> int:
     """Print the size of `plan` and run it with the options for execution; return the exit code, as `main`.
 
-    More than an hour on this machine has to be confirmed, on a cluster beforehand (``--yes``).
-
-    Args:
-        plan: runs to execute.
-        results: results root to write to.
-        options: options for execution.
-        told: True to print the whole cost, of short plans, too.
+    More than an hour on this machine has to be confirmed, on a cluster beforehand (``--yes``). With `told`
+    the whole cost is printed, of short plans, too.
 
     Raises:
         ValueError: an address that cannot be a cluster's, or over an hour that was not confirmed.

@@ -42,12 +42,6 @@ class SimulatedRoot:
 
     Returns on test tasks are expected ones. Steps are those of episodes of average length.
 
-    Args:
-        root: a folder, or an ``s3://`` or ``gs://`` address; a new or empty one becomes a root.
-        cells: cells that are run.
-        seeds: seeds of each cell.
-        episodes: number of episodes of each run.
-
     Raises:
         ResultsRootError: something else lies there.
     """
@@ -113,12 +107,7 @@ class SimulatedRoot:
 
 
 def played_runs(results: Results, run_ids: Collection[str] | None = None) -> list[SimulatedRun]:
-    """Return the runs of simulated students that are done in a results root or a release, by id.
-
-    Args:
-        results: results root or release of simulated runs.
-        run_ids: ids of the wanted runs; all by default.
-    """
+    """Return the runs of simulated students that are done in a results root or a release, by id."""
     records = {each.run.run_id: each.run for each in results.runs() if each.status is RunStatus.DONE}
     columns = ["run_id", "step", "task_index", "episodic_return"]
     table = results.table(Table.EVALUATIONS, run_ids, columns).to_pandas().sort_values(columns[:3])

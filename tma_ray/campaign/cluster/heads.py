@@ -134,9 +134,6 @@ class LocalHead:
     All its servers listen on the loopback address only, those for metrics are not started, and every
     request needs a token that only its processes know. Its files are in a folder of this user alone.
 
-    Args:
-        options: further options of `ray.init`.
-
     Raises:
         HeadLostError: Ray gave up while it started; nothing of it is left.
     """
@@ -347,10 +344,7 @@ def patience_of_ray() -> float:
 def cluster_nodes(address: str, *, gpus: bool, autoscaling: bool) -> Nodes:
     """Return the nodes of a cluster, without joining it.
 
-    Args:
-        address: "host:port" of its head, or "auto".
-        gpus: True if runs use GPUs.
-        autoscaling: True for the nodes to which it may grow, where this machine is its head and knows them.
+    With `autoscaling` they are those to which it may grow, where this machine is its head and knows them.
 
     Raises:
         ConnectionError: no cluster answers at `address`, or it has another token.
@@ -416,10 +410,6 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connec
     """Join the cluster at `address`, or start a Ray on this machine if that is None.
 
     An existing connection of this process is used as it is; the address is checked all the same.
-
-    Args:
-        address: address of a cluster, or "auto".
-        plugins: sources of plug-ins to ship to the workers.
 
     Raises:
         ConnectionError: no cluster answers at `address`, or it has another token; nothing is started.

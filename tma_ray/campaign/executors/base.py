@@ -48,23 +48,13 @@ class Executor(Protocol):
         ...
 
     def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:
-        """Start an attempt at a run that `take` returned.
-
-        Args:
-            spec: run to execute.
-            number: number of the attempt.
-            avoid: nodes that are used only if the others are full.
-        """
+        """Start attempt `number` at a run that `take` returned, on nodes to `avoid` only if others are full."""
         ...
 
     def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:
         """Return new reports and endings, after at most `seconds` if there are none.
 
-        The last report of an attempt that trained comes before its ending.
-
-        Args:
-            seconds: longest time to wait for an ending, s.
-            last: True if no further run will be started.
+        The last report of an attempt that trained comes before its ending. With `last` no run will follow.
 
         Raises:
             HeadLostError: the cluster is gone, with all attempts.

@@ -165,13 +165,6 @@ class Cohorts:
 
     A learner that is lost is replaced; its runs lose their connection, and continue with another.
     Where memory does not suffice, learners with half as many slots follow.
-
-    Args:
-        settings: settings of the campaign.
-        head: head of the Ray that this process is connected to.
-        specs: all runs that may come.
-        kinds: kinds of runs by their ids.
-        learner_type: class of the actors.
     """
 
     def __init__(

@@ -80,12 +80,6 @@ class LocalExecutor:
     """Executor of attempts in processes of this machine, each a fresh one; see `Executor`.
 
     A learner that has died is replaced when the next attempt starts.
-
-    Args:
-        store: results root.
-        placement: placement of every run.
-        processes: number of attempts at a time.
-        cohort: settings of the cohort in which the runs learn; None if each learns alone.
     """
 
     learners: Sequence[LearnerProgress] = ()

@@ -51,12 +51,6 @@ class RayExecutor:
     """Executor of attempts as Ray actors, each a fresh one; see `Executor`.
 
     Runs that learn alone are as many as the nodes hold, and some more, whose demand an autoscaler sees.
-
-    Args:
-        store: results root.
-        settings: resources and placement of every run.
-        head: head of the Ray that this process is connected to.
-        cohorts: cohorts in which the runs learn; None if each learns alone.
     """
 
     def __init__(self, store: Store, settings: Settings, head: Head, cohorts: Cohorts | None = None) -> None:
