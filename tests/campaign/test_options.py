@@ -10,7 +10,7 @@ from rich.console import Console
 
 from tma_ray.campaign import Campaign, cells_of
 from tma_ray.campaign.cluster.base import check_address
-from tma_ray.campaign.options import CampaignOptions, chosen_address, chosen_campaign, parse_seeds
+from tma_ray.campaign.options import CampaignOptions, chosen_campaign, parse_seeds
 from tma_ray.campaign.progress import ActiveRun, ProgressView, Snapshot, duration
 from tma_ray.campaign.script import script
 from tma_ray.campaign.settings import Resources, Settings
@@ -175,7 +175,7 @@ def test_a_campaign_that_cannot_start_says_what_to_change(
 
 def test_the_address_comes_from_the_environment_and_local_wins(monkeypatch: pytest.MonkeyPatch) -> None:
     def address(*arguments: str) -> str | None:
-        return chosen_address(options(*arguments))
+        return options(*arguments).chosen_address()
 
     monkeypatch.setenv("RAY_ADDRESS", "10.0.0.5:6379")  # as Ray sets it for a job
     assert address() == "10.0.0.5:6379"

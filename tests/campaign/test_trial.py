@@ -59,9 +59,9 @@ def looks(
     def run(budget: float | None, ends: list[bool]) -> list[int]:
         asked: list[int] = []
 
-        def executed(plan: Plan, *_: object) -> tuple[int, str]:
+        def executed(plan: Plan, *_: object) -> int:
             asked.append(len(plan.runs))
-            return 0, "done"
+            return 0
 
         monkeypatch.setattr(trials, "executed", executed)
         options = TrialOptions(results=str(tmp_path), local=True, budget=budget)

@@ -11,10 +11,7 @@ from tma_ray.benchmark import Experiment, Matrix, Size, select
 from tma_ray.campaign.costs import estimate
 from tma_ray.campaign.options import (
     ExperimentOptions,
-    chosen_nodes,
-    chosen_settings,
     parse_levels,
-    replace_schedule,
 )
 from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns
 from tma_ray.campaign.script import run_plan
@@ -54,7 +51,7 @@ def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
             )
         default = size.teachers or experiment.teachers
         matrices = tuple(matrix.taught_by(default) for matrix in matrices)
-    campaigns = matrix_campaigns(matrices, options.teachers or (), replace_schedule(schedule, options))
+    campaigns = matrix_campaigns(matrices, options.teachers or (), options.schedule(schedule))
     return joined_plan(
         "_".join(filter(None, (experiment.name, options.stage))),
         [replace(campaign, independent_levels=options.independent_levels) for campaign in campaigns],
@@ -145,7 +142,7 @@ def show_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
         table.add_row(name, *(f"{count:,}" for count in counts), style="bold" if part is together else None)
     console.print(f"{experiment.title}, tier {options.tier}\n", highlight=False)
     console.print(table)
-    nodes = chosen_nodes(options) if options.address else None
-    cost = estimate(plan, chosen_settings(options), nodes=nodes)
+    nodes = options.nodes() if options.address else None
+    cost = estimate(plan, options.settings(), nodes=nodes)
     console.print(cost.describe(), highlight=False, soft_wrap=True)
     return plan

@@ -235,6 +235,11 @@ class ScheduleOptions:
     probe_size: Steps = None
     training_window: Steps = None
 
+    def schedule(self, schedule: Schedule) -> Schedule:
+        """Return `schedule` with what the flags replace."""
+        given = {name: getattr(self, name) for name in SCHEDULE}
+        return replace(schedule, **{name: number for name, number in given.items() if number is not None})
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
@@ -254,6 +259,10 @@ class CellOptions:
         tuple[tuple[str, str], ...], values(parse_assignment, "NAME=VALUE", **WHAT)
     ] = ()
     test_set: Annotated[str | None, value(named("the name of a test set"), "NAME", **WHAT)] = None
+
+    def environment_name(self, name: str) -> str:
+        """Return the name of an environment with the options that the command line adds to it."""
+        return name + "".join(join_name("", {key: text}) for key, text in self.environment_option)
 
 
 @Parameter(name="*")
@@ -356,6 +365,42 @@ class ExecutionOptions:
     def __post_init__(self) -> None:
         if self.local and self.address:
             raise ValueError("argument --address: not allowed with --local, which is a Ray on this machine")
+
+    def settings(self) -> Settings:
+        """Return the settings of a campaign's execution that the flags ask for."""
+        given = {"cpus": self.cpus_per_run, "memory_gib": self.memory_per_run}
+        own = {name: number for name, number in given.items() if number is not None}
+        return Settings(
+            resources=Resources(**own, gpus=self.gpus_per_run),
+            player=replace(PLAYER, **own),
+            device=self.device,
+            cohort=self.cohort,
+            teachers=self.teacher_placement,
+            checkpoint_seconds=self.checkpoint_seconds,
+            outage_seconds=self.outage_seconds,
+            unreachable_seconds=self.unreachable_seconds,
+            autoscaling=self.autoscaling,
+        )
+
+    def chosen_address(self) -> str | None:
+        """Return the cluster's address, None for a Ray on this machine."""
+        return None if self.local else self.address or os.environ.get("RAY_ADDRESS") or None
+
+    def nodes(self) -> Nodes | None:
+        """Return the nodes of the cluster that would execute a campaign; None for this machine or a dry run.
+
+        Raises:
+            ValueError: an address that cannot be a cluster's.
+            ConnectionError: no cluster answers there, or it has another token.
+        """
+        address = self.chosen_address()
+        if address is None or self.dry_run:
+            return None
+        from tma_ray.campaign.cluster.heads import cluster_nodes
+
+        check_address(address)
+        gpus = self.settings().device != "cpu"
+        return cluster_nodes(address, gpus=gpus, autoscaling=self.autoscaling)
 
 
 @Parameter(name="*")
@@ -463,63 +508,13 @@ def chosen_campaign(campaign: CampaignSpec, options: CampaignOptions) -> Campaig
             cells = [replace(cell, **{name: each}) for cell in cells for each in chosen]
     unique: list[Cell] = []
     for cell in cells:
-        changed = replace(cell, environment=environment_name(cell.environment, options))
+        changed = replace(cell, environment=options.environment_name(cell.environment))
         if changed not in unique:
             unique.append(changed)
     return replace(
         campaign,
         cells=tuple(unique),
         seeds=options.seeds if options.seeds is not None else campaign.seeds,
-        schedule=replace_schedule(campaign.schedule, options),
+        schedule=options.schedule(campaign.schedule),
         independent_levels=campaign.independent_levels or options.independent_levels,
     )
-
-
-def chosen_settings(options: ExecutionOptions) -> Settings:
-    """Return the settings of a campaign's execution that the flags ask for."""
-    given = {"cpus": options.cpus_per_run, "memory_gib": options.memory_per_run}
-    own = {name: number for name, number in given.items() if number is not None}
-    return Settings(
-        resources=Resources(**own, gpus=options.gpus_per_run),
-        player=replace(PLAYER, **own),
-        device=options.device,
-        cohort=options.cohort,
-        teachers=options.teacher_placement,
-        checkpoint_seconds=options.checkpoint_seconds,
-        outage_seconds=options.outage_seconds,
-        unreachable_seconds=options.unreachable_seconds,
-        autoscaling=options.autoscaling,
-    )
-
-
-def chosen_address(options: ExecutionOptions) -> str | None:
-    """Return the cluster's address, None for a Ray on this machine."""
-    return None if options.local else options.address or os.environ.get("RAY_ADDRESS") or None
-
-
-def chosen_nodes(options: ExecutionOptions) -> Nodes | None:
-    """Return the nodes of the cluster that would execute a campaign; None for this machine, and a dry run.
-
-    Raises:
-        ValueError: an address that cannot be a cluster's.
-        ConnectionError: no cluster answers there, or it has another token.
-    """
-    address = chosen_address(options)
-    if address is None or options.dry_run:
-        return None
-    from tma_ray.campaign.cluster.heads import cluster_nodes
-
-    check_address(address)
-    gpus = chosen_settings(options).device != "cpu"
-    return cluster_nodes(address, gpus=gpus, autoscaling=options.autoscaling)
-
-
-def environment_name(name: str, options: CellOptions) -> str:
-    """Return the name of an environment with the options that the command line adds to it."""
-    return name + "".join(join_name("", {key: text}) for key, text in options.environment_option)
-
-
-def replace_schedule(schedule: Schedule, options: ScheduleOptions) -> Schedule:
-    """Return `schedule` with what the flags replace."""
-    given = {name: getattr(options, name) for name in SCHEDULE}
-    return replace(schedule, **{name: number for name, number in given.items() if number is not None})

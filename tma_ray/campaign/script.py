@@ -17,13 +17,8 @@ from tma_ray.campaign.options import (
     ExecutionOptions,
     RunOptions,
     campaign_defaults,
-    chosen_address,
     chosen_campaign,
-    chosen_nodes,
-    chosen_settings,
-    environment_name,
     parse_levels,
-    replace_schedule,
 )
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot
@@ -95,11 +90,11 @@ def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool 
         ConnectionError: nothing listens at the address.
         Exception: errors of `execute_plan`.
     """
-    console, settings, address = terminal(), chosen_settings(options), chosen_address(options)
+    console, settings, address = terminal(), options.settings(), options.chosen_address()
     store, known = Store.open(results), None
     if options.dry_run or told:
         check_usable(store)
-    nodes = chosen_nodes(options)
+    nodes = options.nodes()
     if told:
         whole = estimate(plan, settings, nodes=nodes)
         known = whole.throughputs
@@ -115,39 +110,44 @@ def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool 
         return 0
     if cost is not None:
         confirm(plan.name, cost, yes=options.yes, ask=terminal_question(address))
-    code, sentence = executed(plan, results, settings, address)
-    if sentence:
-        console.print(sentence, highlight=False, soft_wrap=True)
+    code = executed(plan, results, settings, address)
+    if not code:
+        page = " -o report" if "://" in results else ""
+        following = f"'tma-ray report {results}{page}' writes a page, 'tma-ray ranking {results}' a table."
+        console.print(f"Next: {following}", highlight=False, soft_wrap=True)
     return code
 
 
-def executed(plan: Plan, results: str, settings: Settings, address: str | None) -> tuple[int, str]:
-    """Execute `plan`; return the exit code, and a sentence on the end and the next command, empty if told."""
+def executed(plan: Plan, results: str, settings: Settings, address: str | None) -> int:
+    """Execute `plan`; return the exit code, and say why it ended before all runs were done."""
     from tma_ray.campaign.execution import execute_plan
 
     try:
         ended = execute_plan(plan, results, settings, address)
     except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had
-        return INTERRUPTED, ""
+        return INTERRUPTED
     except OutageError as error:
         sys.stderr.write(f"{plan.name}: {error}\n")
-        return FAILED, ""
+        return FAILED
     except HeadLostError as error:
         sys.stderr.write(f"{plan.name}: {error}; the same command continues where it was\n")
-        return RAY_LOST, ""
+        return RAY_LOST
     if ended.done == ended.total:
-        page = " -o report" if "://" in results else ""
-        return 0, (
-            f"Next: 'tma-ray report {results}{page}' writes a page, 'tma-ray ranking {results}' a table."
-        )
-    if ended.done + ended.failed < ended.total:
-        return INTERRUPTED, (
-            f"Stopped; the same command continues where it was. 'tma-ray status {results}' shows how far."
-        )
-    return FAILED, (
-        f"{counted(ended.failed, 'run')} failed. Next: 'tma-ray status {results}' says why, "
-        f"'tma-ray rerun {results} --failed' repeats them."
+        return 0
+    code, sentence = (
+        FAILED,
+        (
+            f"{counted(ended.failed, 'run')} failed. Next: 'tma-ray status {results}' says why, "
+            f"'tma-ray rerun {results} --failed' repeats them."
+        ),
     )
+    if ended.done + ended.failed < ended.total:
+        code, sentence = (
+            INTERRUPTED,
+            (f"Stopped; the same command continues where it was. 'tma-ray status {results}' shows how far."),
+        )
+    terminal().print(sentence, highlight=False, soft_wrap=True)
+    return code
 
 
 SINGLE_RUNS = "single_runs"
@@ -162,7 +162,7 @@ def run_single(options: RunOptions) -> int:
     """
     (level,) = parse_levels([options.expert_knowledge])
     cell = Cell(
-        environment=environment_name(options.environment, options),
+        environment=options.environment_name(options.environment),
         challenge=options.challenge,
         embodiment=options.embodiment,
         student=options.student,
@@ -171,7 +171,7 @@ def run_single(options: RunOptions) -> int:
         test_set=options.test_set,
         space=options.space or {},
     )
-    schedule = replace_schedule(Schedule(), options)
+    schedule = options.schedule(Schedule())
     plan = CampaignSpec(SINGLE_RUNS, (cell,), (options.seed,), schedule).plan()
     placement = Placement(options.device, options.threads, options.checkpoint_seconds)
     check_available(options.device)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from threading import Timer
 
 from tma_ray.campaign.costs import Cost, estimate, unfinished
-from tma_ray.campaign.options import TrialOptions, chosen_address, chosen_nodes, chosen_settings
+from tma_ray.campaign.options import TrialOptions
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import executed
 from tma_ray.campaign.simulated import SimulatedRoot
@@ -37,14 +37,14 @@ def trial_cost(plans: Sequence[Plan], options: TrialOptions) -> Cost | None:
     left = unfinished(plans[-1], str(options.results))
     if not left:
         return None
-    return estimate(replace(plans[-1], runs=left), chosen_settings(options), nodes=chosen_nodes(options))
+    return estimate(replace(plans[-1], runs=left), options.settings(), nodes=options.nodes())
 
 
 def affordable_look(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions) -> int | None:
     """Return the number of the last look that the budget holds, from 0 on; None for all; see `trial_cost`."""
     if cost is None or not options.budget:
         return None
-    settings, results, nodes = chosen_settings(options), str(options.results), chosen_nodes(options)
+    settings, results, nodes = options.settings(), str(options.results), options.nodes()
     lacking = (replace(plan, runs=unfinished(plan, results)) for plan in plans)
     hours = [
         estimate(plan, settings, cost.throughputs, nodes=nodes).wall_hours if plan.runs else 0.0
@@ -62,13 +62,13 @@ def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, j
     Returns:
         The exit code, as of `script.main`.
     """
-    console, settings, results = terminal(), chosen_settings(options), str(options.results)
+    console, settings, results = terminal(), options.settings(), str(options.results)
     deadline = time.monotonic() + 3600 * options.budget if options.budget else None
     for plan in plans:
         left = replace(plan, runs=unfinished(plan, results))
         if left.runs:
             known = cost.throughputs if cost else None
-            hours = estimate(left, settings, known, nodes=chosen_nodes(options)).wall_hours
+            hours = estimate(left, settings, known, nodes=options.nodes()).wall_hours
             if deadline is not None and time.monotonic() + 3600 * hours > deadline:
                 console.print(
                     f"The budget does not hold the next look, {hours:.1f} h for {len(left.runs)} runs. The "
@@ -78,10 +78,8 @@ def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, j
                 )
                 return 0
             with _stopped_at(deadline, results):
-                code, sentence = executed(plan, results, settings, chosen_address(options))
+                code = executed(plan, results, settings, options.chosen_address())
             if code:
-                if sentence:
-                    console.print(sentence, highlight=False, soft_wrap=True)
                 return code
         if judge():
             break

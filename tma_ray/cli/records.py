@@ -175,11 +175,10 @@ def plan_record(experiment: Experiment, options: ExperimentOptions) -> dict[str,
     from analysis.comparisons.planning import detectable_differences
     from tma_ray.campaign.costs import estimate
     from tma_ray.campaign.experiments import experiment_plan, planned_experiments
-    from tma_ray.campaign.options import chosen_nodes, chosen_settings
 
     plan = experiment_plan(experiment, options)
-    nodes = chosen_nodes(options) if options.address else None
-    cost = estimate(plan, chosen_settings(options), nodes=nodes)
+    nodes = options.nodes() if options.address else None
+    cost = estimate(plan, options.settings(), nodes=nodes)
     return {
         "experiment": experiment.name,
         "tier": options.tier,

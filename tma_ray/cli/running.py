@@ -161,7 +161,7 @@ def quickstart(*, options: CampaignOptions = CampaignOptions()) -> int:
     """
     from analysis.pages.report import write_report
     from tma_ray.campaign.costs import estimate
-    from tma_ray.campaign.options import chosen_campaign, chosen_nodes, chosen_settings
+    from tma_ray.campaign.options import chosen_campaign
     from tma_ray.campaign.script import execute
     from tma_ray.campaign.speeds import measured_speeds
     from tma_ray.results import Store, check_usable
@@ -169,10 +169,10 @@ def quickstart(*, options: CampaignOptions = CampaignOptions()) -> int:
     if options.dry_run:
         return execute(QUICKSTART, options)
     check_usable(Store.open(options.results))
-    plan, settings = chosen_campaign(QUICKSTART, options).plan(), chosen_settings(options)
+    plan, settings = chosen_campaign(QUICKSTART, options).plan(), options.settings()
     stages, starts = ("compilation (once)", "training", "report"), [time.monotonic()]
     print("[1/3] Compiling the physics: about half a minute, once per machine")
-    cost = estimate(plan, settings, find_speeds=measured_speeds, nodes=chosen_nodes(options))
+    cost = estimate(plan, settings, find_speeds=measured_speeds, nodes=options.nodes())
     starts.append(time.monotonic())
     print(f"[2/3] Training: {cost.summary()}; Ctrl-C stops, the same command continues")
     if code := execute(QUICKSTART, options):

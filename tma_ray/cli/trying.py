@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tma_ray.campaign.options import EXECUTION_DEFAULTS, TrialOptions, chosen_address
+from tma_ray.campaign.options import EXECUTION_DEFAULTS, TrialOptions
 from tma_ray.cli.options import Name
 from tma_ray.command_line import command
 from tma_ray.commands.exits import RefusedError
@@ -105,7 +105,7 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
     if options.dry_run:
         return 0
     if cost is not None and min(cost.wall_hours, options.budget or cost.wall_hours) > 1:
-        confirm(CAMPAIGN, cost, yes=options.yes, ask=terminal_question(chosen_address(options)))
+        confirm(CAMPAIGN, cost, yes=options.yes, ask=terminal_question(options.chosen_address()))
     trial.affordable = affordable_look(plans, cost, options)
     check_quickly(trial.design.teacher)
     if TrialFile.load(trial.store) is None:

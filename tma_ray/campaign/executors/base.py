@@ -48,7 +48,7 @@ class Executor(Protocol):
         ...
 
     def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:
-        """Start attempt `number` at a run that `take` returned, on nodes to `avoid` only if others are full."""
+        """Start attempt `number` at a run that `take` returned; nodes to `avoid` come last."""
         ...
 
     def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:
