@@ -21,7 +21,7 @@ from synthetic_results import SyntheticCampaign
 from analysis import load
 from analysis.baselines import BaselineError, find_baseline, release, verify
 from analysis.commands.rankings import show_ranking
-from tma_ray.campaign.monitor import overview, show_status
+from tma_ray.campaign.progress import overview, show_status
 from tma_ray.results import (
     Committer,
     DamagedFileWarning,

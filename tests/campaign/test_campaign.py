@@ -16,8 +16,7 @@ from tma_ray.campaign import Campaign
 from tma_ray.campaign.cluster.heads import connect
 from tma_ray.campaign.execution import execute_plan
 from tma_ray.campaign.executors.ray_executor import RayExecutor
-from tma_ray.campaign.monitor import overview
-from tma_ray.campaign.progress import ProgressView, Snapshot
+from tma_ray.campaign.progress import ProgressView, Snapshot, overview
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
 from tma_ray.results import Committer, Lease, Results, RootInUseError, RunStatus, Store, Table

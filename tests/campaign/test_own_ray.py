@@ -17,7 +17,7 @@ import pytest
 from small_runs import rows
 from test_interrupts import start, wait_for_a_checkpoint
 
-from tma_ray.campaign.monitor import overview
+from tma_ray.campaign.progress import overview
 from tma_ray.commands.exits import RAY_LOST
 from tma_ray.results import Table
 

@@ -14,10 +14,9 @@ from rich.console import Console
 from small_runs import SCHEDULE, rows
 from test_campaign import campaign, execute, idle, lingering, settings
 
-from tma_ray.campaign import monitor
+from tma_ray.campaign import progress
 from tma_ray.campaign.execution import execute_plan
-from tma_ray.campaign.monitor import Observer, overview
-from tma_ray.campaign.progress import Snapshot
+from tma_ray.campaign.progress import Observer, Snapshot, overview
 from tma_ray.campaign.repeating import rerun_plan
 from tma_ray.campaign.settings import TeacherPlacement
 from tma_ray.results import (
@@ -49,7 +48,7 @@ class Printed(Console):
 
 def shown(root: Path, *, cells: bool = False) -> str:
     console = Printed()
-    monitor.show_status(root, cells, console)
+    progress.show_status(root, cells, console)
     return console.text
 
 
@@ -118,17 +117,17 @@ def test_thousands_of_failures_stay_readable(tmp_path: Path) -> None:
 def test_history_holds_attempts_messages_and_the_traceback(one_failed: Path) -> None:
     done, failed = sorted(Results.open(one_failed).runs(), key=lambda manifest: manifest.status)
     console = Printed()
-    monitor.show_history(failed.run.run_id[:-3], one_failed, console)
+    progress.show_history(failed.run.run_id[:-3], one_failed, console)
     assert "attempt 0: failed" in console.text
     assert "FileNotFoundError" in console.text
     assert "in sample" in console.text, "the traceback names the function"
     console = Printed()
-    monitor.show_history(done.run.run_id, one_failed, console)
+    progress.show_history(done.run.run_id, one_failed, console)
     assert f"from step 0 of {SCHEDULE.steps:,}" in console.text
     assert "checkpoint of" in console.text
     assert console.text.rstrip().endswith("done")
     with pytest.raises(ValueError, match="unknown run 'other'"):
-        monitor.show_history("other", one_failed)
+        progress.show_history("other", one_failed)
 
 
 def test_a_plan_again_holds_what_failed_or_is_named(one_failed: Path) -> None:

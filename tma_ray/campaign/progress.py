@@ -1,19 +1,36 @@
-"""Progress of a campaign, as its driver shows it: live on a terminal, in plain lines elsewhere."""
+"""Progress of campaigns, live from their drivers, and from any machine that sees a results root without Ray."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from datetime import UTC, datetime
+from itertools import chain
+from pathlib import Path
+from typing import Any, NoReturn, Protocol
 
-from rich.console import Console, Group
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
-from rich.table import Table
+from rich.table import Table as Grid
 from rich.text import Text
 
-from tma_ray.results import HeartbeatWriter, LearnerProgress, RunProgress
+from tma_ray.results import (
+    LOGS,
+    TABLES,
+    Heartbeat,
+    HeartbeatWriter,
+    LearnerProgress,
+    Manifest,
+    Results,
+    RunProgress,
+    RunStatus,
+    Store,
+    Table,
+    TrialFile,
+)
 from tma_ray.runs.placement import Status
 from tma_ray.terminal import terminal
 
@@ -146,7 +163,7 @@ class ProgressView:
                 self._write(snapshot)
                 self._last_line = time.monotonic()
             return
-        table = Table(box=None, pad_edge=False)
+        table = Grid(box=None, pad_edge=False)
         for heading in ("run", "step", "of", "steps/s", "episodic return"):
             table.add_column(heading, justify="left" if heading == "run" else "right")
         for run in snapshot.running[:MOST_ROWS]:
@@ -173,3 +190,269 @@ class ProgressView:
 
     def _write(self, snapshot: Snapshot) -> None:
         self._console.print(snapshot.headline(), highlight=False, soft_wrap=True)
+
+
+CELL = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
+"""Columns of the parts of a cell."""
+
+INTERRUPTED = "interrupted"
+"""State of a run that has been started and is not done, and whose last attempt or campaign has ended."""
+
+WAITING = "waiting"
+"""State of a run of a campaign that has not been started."""
+
+
+@dataclass(frozen=True)
+class RunState:
+    """One run of a campaign.
+
+    Attributes:
+        run_id: its id.
+        state: done, running, failed, interrupted or waiting.
+        step: environment steps that are published or in the campaign's last heartbeat.
+        steps: its budget; 0 if it was never started.
+        steps_per_second: speed of the last heartbeat, 1/s; 0 of a run that is not running.
+        error: traceback or reason of a failure.
+    """
+
+    run_id: str
+    state: str
+    step: int
+    steps: int
+    steps_per_second: float = 0.0
+    error: str | None = None
+
+
+@dataclass(frozen=True)
+class Overview:
+    """The campaigns of a results root.
+
+    Attributes:
+        campaigns: runs by campaign and by cell, whose name is the tuple of its parts.
+        heartbeat: last heartbeat in the root, None if there never was one.
+        trial: trial of the campaign, None if it is of none.
+    """
+
+    campaigns: Mapping[str, Mapping[tuple[str, ...], list[RunState]]]
+    heartbeat: Heartbeat | None
+    trial: TrialFile | None = None
+
+    @property
+    def failed(self) -> bool:
+        """True if a run has failed."""
+        cells = chain.from_iterable(campaign.values() for campaign in self.campaigns.values())
+        return any(run.state == RunStatus.FAILED for run in chain.from_iterable(cells))
+
+
+def overview(root: str | Path, now: float) -> Overview:
+    """Return the state of the runs of a root at `now`, s since 1970."""
+    return Observer(root).look(now)
+
+
+class Observer:
+    """Reader of a root's state that reads again only what has changed."""
+
+    def __init__(self, root: str | Path) -> None:
+        self._store = Store.open(root)
+        self._results: Results | None = None
+        self._steps: dict[str, tuple[Manifest, int]] = {}
+        self._kept: dict[Table, tuple[object, list[dict[str, Any]]]] = {}
+
+    def look(self, now: float) -> Overview:
+        """Return the state of the runs at `now`, s since 1970.
+
+        Raises:
+            ResultsRootError: the root does not exist, or is one of another version.
+        """
+        self._results = results = Results(self._store, self._results)
+        heartbeat = Heartbeat.load(self._store)
+        running = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else None
+        unfinished = {
+            manifest.run.run_id: manifest
+            for manifest in results.runs()
+            if manifest.status is not RunStatus.DONE
+        }
+        outcomes: dict[str, tuple[int, str]] = {}
+        columns = ["run_id", "attempt", "outcome"]
+        for row in self._rows(Table.ATTEMPTS, unfinished, unfinished, columns):
+            latest = row["attempt"], row["outcome"]
+            outcomes[row["run_id"]] = max(outcomes.get(row["run_id"], (-1, "")), latest)
+        steps, states = self._published_steps(unfinished), {}
+        for manifest in results.runs():
+            run_id, state, speed = manifest.run.run_id, manifest.status.value, 0.0
+            step = steps.get(run_id, manifest.run.steps)
+            if manifest.status is RunStatus.RUNNING:
+                progress = running.get(run_id) if running else None
+                if running is None or outcomes.get(run_id, (-1, ""))[0] == manifest.attempt:
+                    state = INTERRUPTED
+                elif progress is not None:
+                    step, speed = max(step, progress.step), progress.steps_per_second
+            states[run_id] = RunState(run_id, state, step, manifest.run.steps, speed, manifest.error)
+        campaigns: dict[str, dict[tuple[str, ...], list[RunState]]] = {}
+        for row in self._rows(Table.CELLS, unfinished):
+            cells = campaigns.setdefault(row["campaign"], {})
+            found = states.get(row["run_id"], RunState(row["run_id"], WAITING, 0, 0))
+            cells.setdefault(tuple(row[name] for name in CELL), []).append(found)
+        return Overview(campaigns, heartbeat, TrialFile.load(self._store))
+
+    def _rows(self, table: Table, unfinished: Collection[str], *which: Any) -> list[dict[str, Any]]:
+        """Return rows of a table as they were read last, until one of its files or a run's state changes."""
+        assert self._results is not None
+        seen = self._store.stamps(f"{TABLES}/{table}"), list(unfinished)
+        if table not in self._kept or self._kept[table][0] != seen:
+            self._kept[table] = seen, self._results.table(table, *which).to_pylist()
+        return self._kept[table][1]
+
+    def _published_steps(self, unfinished: Mapping[str, Manifest]) -> dict[str, int]:
+        """Return the step of the last published episode of every unfinished run."""
+        assert self._results is not None
+        new = [
+            run for run, manifest in unfinished.items() if self._steps.get(run, (None, 0))[0] is not manifest
+        ]
+        if new:
+            rows = self._results.table(Table.EPISODES, new, ["run_id", "step"])
+            grouped = rows.group_by("run_id").aggregate([("step", "max")]).to_pylist()
+            found = {row["run_id"]: row["step_max"] for row in grouped}
+            self._steps |= {run: (unfinished[run], found.get(run, 0)) for run in new}
+        return {run: self._steps[run][1] for run in unfinished}
+
+
+COUNTED = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAITING)
+MOST_ERRORS, MOST_NAMES = 5, 3
+"""Kinds of errors, and runs of each, that are named; the others are counted."""
+
+MIN_NAME_WIDTH = 32
+"""Width of the first column, in characters."""
+
+WATCH_SECONDS = 5.0
+"""Time between two looks of a status that is watched, s."""
+
+
+def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:
+    """Print the state of the campaigns of a root and the reasons of failures; return True if runs failed.
+
+    With `cells` every cell has a line instead of every experiment, which joins its teachers.
+    """
+    now = time.time()
+    found = overview(root, now)
+    terminal(console).print(_page(root, found, cells, now), highlight=False)
+    return found.failed
+
+
+def watch_status(root: str | Path, cells: bool = False, console: Console | None = None) -> NoReturn:
+    """Show the state of the campaigns of a root every few seconds, until Ctrl-C."""
+    observer = Observer(root)
+    with Live(console=terminal(console), auto_refresh=False) as live:
+        while True:
+            now = time.time()
+            live.update(_page(root, observer.look(now), cells, now), refresh=True)
+            time.sleep(WATCH_SECONDS)
+
+
+def _page(root: str | Path, found: Overview, cells: bool, now: float) -> Group:
+    trial: list[Text] = []
+    if found.trial is not None:
+        design, looks = found.trial.design, ", ".join(map(str, found.trial.design["looks"]))
+        state = f"ended ({found.trial.ended})" if found.trial.ended else "under way"
+        against = f"Trial of {design['teacher']} against {design['release']}"
+        trial.append(Text(f"{against}: {state}; looks after {looks} seeds"))
+        trial += [Text(f"  {look.said}") for look in found.trial.looks]
+    if not found.campaigns:
+        return Group(*trial, Text(f"{root} holds no campaign yet."))
+    parts: list[RenderableType] = [Text(_sign_of_life(found.heartbeat, now))]
+    if found.heartbeat is not None and found.heartbeat.alive(now):
+        parts += [Text(learner_line(learner)) for learner in found.heartbeat.learners]
+    parts += trial
+    for campaign, by_cell in found.campaigns.items():
+        runs = _distinct(chain.from_iterable(by_cell.values()))
+        done = sum(run.state == RunStatus.DONE for run in runs)
+        speed = sum(run.steps_per_second for run in runs)
+        budget = max((run.steps for run in runs), default=0)  # also of those that have not been started
+        left = sum((run.steps or budget) - run.step for run in runs if run.state != RunStatus.FAILED)
+        eta = f", {speed:,.0f} steps/s, about {duration(left / speed)} left" if speed else ""
+        headline = f"\ncampaign {campaign}: {done}/{len(runs)} runs done{eta}"
+        groups: dict[str, list[RunState]] = {}
+        for cell, members in by_cell.items():
+            name = " · ".join(part for part in (cell if cells else cell[:4]) if part)
+            groups.setdefault(name, []).extend(members)
+        parts += [Text(headline, style="bold"), _grid(groups)]
+        parts += [Text(line) for line in _failures(root, runs)]
+    return Group(*parts)
+
+
+def _sign_of_life(heartbeat: Heartbeat | None, now: float) -> str:
+    if heartbeat is None:
+        return "No campaign has given a sign of life here."
+    age = f"{duration(max(0.0, now - heartbeat.at))} ago"
+    if heartbeat.alive(now):
+        return f"Running: {heartbeat.holder}; last heartbeat {age}."
+    at = datetime.fromtimestamp(heartbeat.at, UTC).strftime("%Y-%m-%d %H:%M UTC")
+    how = "left" if heartbeat.ended else "had its last heartbeat"
+    return f"No campaign is running. The last one, {heartbeat.holder}, {how} {age} ({at})."
+
+
+def _grid(groups: dict[str, list[RunState]]) -> Grid:
+    """Return a line for every group, with columns for the states that occur."""
+    members = {name: _distinct(runs) for name, runs in groups.items()}
+    counts = {name: Counter(run.state for run in runs) for name, runs in members.items()}
+    states = [state for state in COUNTED if any(count[state] for count in counts.values())]
+    grid = Grid(box=None, pad_edge=False)
+    grid.add_column("environment · challenge · body · student", min_width=MIN_NAME_WIDTH)
+    for name in (*states, "steps", "steps/s"):
+        grid.add_column(str(name), justify="right", no_wrap=True)
+    for name, runs in members.items():
+        speed = sum(run.steps_per_second for run in runs)
+        numbers = [str(counts[name][state] or "") for state in states]
+        grid.add_row(name, *numbers, f"{sum(run.step for run in runs):,}", f"{speed:,.0f}" if speed else "")
+    return grid
+
+
+def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
+    """Yield the errors, the most frequent first, and the commands to see and repeat their runs."""
+    kinds: dict[str, list[str]] = {}
+    for run in runs:
+        if run.state == RunStatus.FAILED:
+            lines = (run.error or "").strip().splitlines()
+            kinds.setdefault(lines[-1] if lines else "no message", []).append(run.run_id)
+    ordered = sorted(kinds.items(), key=lambda kind: -len(kind[1]))
+    for error, names in ordered[:MOST_ERRORS]:
+        more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+        yield f"failed: {error}\n  {', '.join(names[:MOST_NAMES])}{more}"
+    if len(ordered) > MOST_ERRORS:
+        yield f"and {len(ordered) - MOST_ERRORS} other errors"
+    if ordered:
+        yield f"Traceback: tma-ray logs {ordered[0][1][0]} --results {root}"
+        yield f"Once mended: tma-ray rerun {root} --failed"
+
+
+def _distinct(runs: Sequence[RunState] | Iterator[RunState]) -> list[RunState]:
+    """Return every run once: cells may share them."""
+    return list({run.run_id: run for run in runs}.values())
+
+
+def show_history(run: str, root: str | Path, console: Console | None = None) -> None:
+    """Print the history of a run, given by its id or the beginning of that of no other run.
+
+    Raises:
+        ValueError: no such run, or several.
+    """
+    console, results = terminal(console), Results.open(root)
+    manifest = results.find(run)
+    run_id = manifest.run.run_id
+    console.print(Text(f"{run_id}: {manifest.status}", style="bold"))
+    for row in sorted(
+        results.table(Table.ATTEMPTS, [run_id]).to_pylist(), key=lambda attempt: attempt["attempt"]
+    ):
+        console.print(
+            f"attempt {row['attempt']}: {row['outcome']} after {duration(row['wall_seconds'])} "
+            f"on {row['host'] or 'an unknown host'}, from {row['started_at']:%Y-%m-%d %H:%M:%S} UTC on",
+            highlight=False,
+        )
+    logged = False
+    for path in sorted(results.store.files(f"{LOGS}/{run_id}")):
+        console.print(Text(f"\n{path}", style="bold"))
+        text = results.store.read_bytes(path).decode(errors="replace").rstrip()
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        logged = True
+    if manifest.error and not logged:
+        console.print(manifest.error.rstrip(), markup=False, highlight=False, soft_wrap=True)

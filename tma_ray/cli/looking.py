@@ -41,7 +41,7 @@ def status(root: Root, /, *, cells: bool = False, watch: bool = False, json: Jso
         cells: print a line for every cell
         watch: print it again every few seconds, until Ctrl-C
     """
-    from tma_ray.campaign.monitor import overview, show_status, watch_status
+    from tma_ray.campaign.progress import overview, show_status, watch_status
 
     if json:
         now = time.time()
@@ -64,7 +64,7 @@ def logs(
     Args:
         run: ID of a run, or an unambiguous beginning of it
     """
-    from tma_ray.campaign.monitor import show_history
+    from tma_ray.campaign.progress import show_history
 
     show_history(run, results)
     return 0

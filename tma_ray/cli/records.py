@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from tma_ray.benchmark import Experiment
-    from tma_ray.campaign.monitor import Overview
     from tma_ray.campaign.options import ExperimentOptions
+    from tma_ray.campaign.progress import Overview
 
 KEYS: Mapping[str, Mapping[str, str]] = {
     "status": {
