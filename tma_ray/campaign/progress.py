@@ -1,4 +1,4 @@
-"""Progress of campaigns, live from their drivers, and from any machine that sees a results root without Ray."""
+"""Progress of campaigns, live from their drivers, and from any machine that sees a results root."""
 
 from __future__ import annotations
 
