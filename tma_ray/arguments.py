@@ -1,4 +1,4 @@
-"""Checks of the arguments of public functions."""
+"""Checks of the arguments of public functions: errors say the name, its value, and what was expected."""
 
 from __future__ import annotations
 
@@ -25,11 +25,7 @@ _IN_WORDS: Final[dict[type, str]] = {
 
 
 def check_kind(name: str, value: object, kind: type | tuple[type, ...], expected: str) -> None:
-    """Refuse an argument of another type.
-
-    Raises:
-        TypeError: the message holds the argument's `name`, its value and what was `expected`.
-    """
+    """Refuse an argument of another type by a TypeError."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {value!r:.60}: expected {expected}")
 
@@ -41,8 +37,8 @@ def check_fields(record: Any) -> None:
     have checks of their own.
 
     Raises:
-        TypeError: the message holds the field's name, its value and what was expected.
-        ValueError: the same, where a number was expected.
+        TypeError: a value of another type where no number was expected.
+        ValueError: a value that is not a number.
     """
     for name, (kinds, expected) in _kinds_of_fields(record.__class__).items():
         value = getattr(record, name)
@@ -67,21 +63,13 @@ def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
 
 
 def check_names(name: str, value: object) -> None:
-    """Refuse a text where a list of texts is expected: its characters would be the entries.
-
-    Raises:
-        TypeError: errors of `check_kind`, also for an object that is not iterable.
-    """
+    """Refuse a text by a TypeError where a list of texts is expected: its characters would be the entries."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise TypeError(f"{name} = {value!r:.60}: expected several, as in [{value!r:.60}]")
 
 
 def check_known(kind: str, name: object, known: Iterable[str], has: str) -> None:
-    """Refuse a name that is not among `known`.
-
-    Raises:
-        ValueError: the message holds the nearest match, `has` and all names.
-    """
+    """Refuse a name that is not among `known`: a ValueError with the nearest match, `has` and all names."""
     known = list(known)
     if name not in known:
         hint = nearest(str(name), known)
@@ -89,30 +77,18 @@ def check_known(kind: str, name: object, known: Iterable[str], has: str) -> None
 
 
 def check_finite(name: str, value: Any) -> None:
-    """Refuse an argument that is not a finite number.
-
-    Raises:
-        ValueError: the message holds the argument's `name` and its value.
-    """
+    """Refuse an argument that is not a finite number by a ValueError."""
     if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         raise ValueError(f"{name} = {value!r:.60}: expected a finite number")
 
 
 def check_whole(name: str, value: object, least: int) -> None:
-    """Refuse an argument that is not a whole number of at least `least`.
-
-    Raises:
-        ValueError: the message holds the argument's `name` and its value.
-    """
+    """Refuse an argument that is not a whole number of at least `least` by a ValueError."""
     if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
         raise ValueError(f"{name} = {value!r:.60}: expected a whole number of at least {least}")
 
 
 def check_pair(name: str, value: object, expected: str) -> None:
-    """Refuse an argument that is not a sequence of two values.
-
-    Raises:
-        ValueError: the message holds the argument's `name`, its value and what was `expected`.
-    """
+    """Refuse an argument that is not a sequence of two values by a ValueError."""
     if not isinstance(value, Sequence) or len(value) != 2:
         raise ValueError(f"{name} = {value!r:.60}: expected {expected}")

@@ -80,12 +80,9 @@ class UsageError(ValueError):
 
 
 def value(parse: Parse, metavar: str, **settings: Any) -> Parameter:
-    """Return the annotation of an option or argument with one value; of several the last counts.
+    """Return the annotation of an option or argument with one value of a kind of `METAVARS`; the last counts.
 
-    Args:
-        parse: function that reads the text of a value, or raises ValueError.
-        metavar: kind of the value, of `METAVARS`.
-        settings: further settings of `cyclopts.Parameter`.
+    The function `parse` reads the text of a value, or raises ValueError.
     """
 
     def convert(_type: Any, tokens: Sequence[Token]) -> Any:
@@ -121,11 +118,7 @@ def _parameter(convert: Callable[..., Any], parse: Parse, metavar: str, settings
 
 
 class HelpFormatter(PlainFormatter):
-    """Plain text in two columns, with the default of each option that has one.
-
-    Args:
-        defaults: defaults that are told otherwise than by their values, by the names of options.
-    """
+    """Plain text in two columns, with each option's default, of its value or as `defaults` tells it."""
 
     def __init__(self, defaults: Mapping[str, str] | None = None) -> None:
         super().__init__()
@@ -164,12 +157,7 @@ def command(
     """Return the decorator of a function that makes it a command line; its docstring is the help.
 
     Positional-only parameters are arguments, keyword-only ones options; it returns the exit code. Its
-    docstring may end in examples.
-
-    Args:
-        name: last word of the command; by default the function's name.
-        defaults: see `HelpFormatter`.
-        settings: further settings of `cyclopts.App`.
+    docstring may end in examples. The name is the function's by default; see `HelpFormatter` for `defaults`.
     """
 
     def decorate(function: Callable[..., int]) -> App:
@@ -214,13 +202,9 @@ def _settings(defaults: Mapping[str, str] | None = None) -> dict[str, Any]:
 def run(
     app: App, words: Sequence[str], name: str | None = None, before: Callable[[], None] | None = None
 ) -> int:
-    """Run what a command line asks for; return its exit code, see `tma_ray.commands.exits`.
+    """Run what a command line asks for, `before` first; return its exit code, see `tma_ray.commands.exits`.
 
-    Args:
-        app: command line.
-        words: its words without the program; ``--debug`` among them prints tracebacks of refusals, too.
-        name: word before a refusal; by default the program's.
-        before: preparation that follows the reading of the words.
+    Refusals follow the `name`, by default the program's; ``--debug`` prints their tracebacks, too.
     """
 
     def execute() -> int:

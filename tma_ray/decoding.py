@@ -68,11 +68,7 @@ def check_file(path: str | os.PathLike[str], most_bytes: int = MOST_BYTES) -> No
 
 
 def check_size(where: str | os.PathLike[str], size: int, most_bytes: int = MOST_BYTES) -> None:
-    """Refuse a file of more than `most_bytes`.
-
-    Raises:
-        DamagedFileError: it has more.
-    """
+    """Refuse a file of more than `most_bytes` by a DamagedFileError."""
     if size > most_bytes:
         raise DamagedFileError(
             f"{where} is damaged: it has {size:,} bytes, more than the {most_bytes:,} that are read"
@@ -87,16 +83,11 @@ def read_file(path: str | os.PathLike[str], most_bytes: int = MOST_BYTES) -> byt
 
 
 def decode_json(data: bytes | str, kind: type[T], where: str) -> T:
-    """Return the JSON in `data` as a `kind`; fields that it does not declare are ignored.
-
-    Args:
-        data: UTF-8 text.
-        kind: a dataclass, or any other type that msgspec knows; numbers are never made of text.
-        where: name of the file, for the message.
+    """Return the JSON in `data` as a `kind` that msgspec knows; fields that it does not declare are ignored.
 
     Raises:
         DamagedFileError: no JSON, or a field that is missing, of another type or out of bounds; the message
-            names the file and the field.
+            names the file, by `where`, and the field.
     """
     try:
         return cast("T", _decoder(cast("Hashable", kind)).decode(data))

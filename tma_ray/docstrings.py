@@ -9,11 +9,7 @@ from pathlib import Path
 
 
 def docstring_of(module: str, name: str) -> str | None:
-    """Return the docstring of the class or function `name` of a module.
-
-    Returns:
-        Docstring; None if the module does not define it itself.
-    """
+    """Return the docstring of the class or function `name` of a module; None if it does not define that."""
     for node in _definitions(module):
         if node.name == name:
             return ast.get_docstring(node) or ""

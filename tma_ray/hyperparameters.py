@@ -74,13 +74,8 @@ def parse_settings(
     """Return settings of `part` as typed values, with its preset expanded.
 
     Explicit values take precedence over those of a preset. Lists count as tuples and whole numbers as
-    floats, so that values may come from JSON.
-
-    Args:
-        part: dataclass, or any class or function with annotated parameters, that the settings are for.
-        text: settings as they follow a name.
-        given: further settings, as values.
-        kind: name of a setting in messages.
+    floats, so that values may come from JSON. Settings are `text` that follows a name, and `given` values;
+    messages call one a `kind`.
 
     Raises:
         ValueError: an unknown key or preset (the message has the nearest known one), a value of another

@@ -11,13 +11,7 @@ from typing import Any
 def import_later(
     package: str, modules: Mapping[str, str], parts: Mapping[str, str] | None = None
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return the functions `__getattr__` and `__dir__` of a package.
-
-    Args:
-        package: its ``__name__``.
-        modules: names that it exports, with the modules that define them.
-        parts: names under which it exports whole modules, with these.
-    """
+    """Return `__getattr__` and `__dir__` of a package: names by their modules, and `parts` that are modules."""
     parts = parts or {}
 
     def get(name: str) -> Any:

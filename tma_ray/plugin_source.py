@@ -8,6 +8,7 @@ import importlib.util
 import sys
 import sysconfig
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +17,9 @@ from tma_ray.decoding import read_file
 
 OURS = "tma_ray"
 """What every machine of a campaign has installed, and whose version is part of every run already."""
+
+MAIN_GUARDS = ("__name__ == '__main__'", "'__main__' == __name__")
+"""Conditions of what runs only when a file is started as a script, as `ast.unparse` writes them."""
 
 INSTALLED = frozenset({"site-packages", "dist-packages"})
 """Folders that hold installed packages, wherever they lie."""
@@ -142,23 +146,18 @@ class _Collector:
                     self.add(imported)
 
     def _roots_of(self, top: str) -> list[Path]:
+        """Return the folders with the top-level module or package that are followed: several for a namespace."""
         if top not in self.roots:
-            folders = [] if top == OURS else _folders_of(top)
+            found = None
+            if top != OURS:
+                with suppress(ImportError, ValueError):  # no such module, or one without a spec
+                    found = importlib.util.find_spec(top)
+            places = list(found.submodule_search_locations or ()) if found else []
+            if found and not places and found.has_location and found.origin:
+                places = [found.origin]
+            folders = [Path(place).absolute().parent for place in places]
             self.roots[top] = [folder for folder in folders if top == self._top or not _is_installed(folder)]
         return self.roots[top]
-
-
-def _folders_of(top: str) -> list[Path]:
-    """Return the folders that hold the top-level module or package `top`: several for a namespace."""
-    try:
-        found = importlib.util.find_spec(top)
-    except (ImportError, ValueError):  # no such module, or one without a spec
-        return []
-    if found is None:
-        return []
-    if found.submodule_search_locations:
-        return [Path(location).absolute().parent for location in found.submodule_search_locations]
-    return [Path(found.origin).absolute().parent] if found.has_location and found.origin else []
 
 
 def _is_installed(folder: Path) -> bool:
@@ -183,11 +182,7 @@ def _imported_part(code: bytes) -> bytes:
     end = len(lines)
     for node in reversed(ast.parse(code).body):
         start = min([node.lineno, *(part.lineno for part in getattr(node, "decorator_list", ()))]) - 1
-        if isinstance(node, ast.If) and not node.orelse and _is_main_guard(node.test):
+        if isinstance(node, ast.If) and not node.orelse and ast.unparse(node.test) in MAIN_GUARDS:
             del lines[start:end]  # with the comments that follow
         end = start
     return b"".join(lines)
-
-
-def _is_main_guard(test: ast.expr) -> bool:
-    return ast.unparse(test).replace('"', "'") in ("__name__ == '__main__'", "'__main__' == __name__")

@@ -42,9 +42,5 @@ def terminal(console: Console | None = None, **settings: Any) -> Console:
 
     Names of teachers, experiments and folders come from outside: rich would read ``[red]x`` as a colour and
     ``[/x]`` as an error, and print escape sequences. Colours are styles, or `rich.text.Text`.
-
-    Args:
-        console: console of the caller, with settings of its own.
-        settings: settings of `rich.console.Console`.
     """
     return console or _Terminal(markup=False, emoji=False, **settings)

@@ -32,13 +32,5 @@ __all__ = [
 
 __getattr__, __dir__ = import_later(
     __name__,
-    {
-        "Campaign": "tma_ray.campaign.script",
-        "CampaignSpec": "tma_ray.campaign.plan",
-        "Plan": "tma_ray.campaign.plan",
-        "cells_of": "tma_ray.campaign.plan",
-        "joined_plan": "tma_ray.campaign.plan",
-        "matrix_campaigns": "tma_ray.campaign.plan",
-        "matrix_cells": "tma_ray.campaign.plan",
-    },
+    dict.fromkeys(__all__, "tma_ray.campaign.plan") | {"Campaign": "tma_ray.campaign.script"},
 )

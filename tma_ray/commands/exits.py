@@ -34,12 +34,7 @@ def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> 
     """Run a command; return its exit code, and print refusals as a sentence on standard error.
 
     Control characters in what it prints are replaced, except those of rich. Errors that no user can cause are
-    raised.
-
-    Args:
-        name: name of the command, before the sentence.
-        command: function that returns the exit code.
-        debug: True to print the traceback of a refusal, too.
+    raised; `debug` prints the traceback of a refusal, too.
     """
     interrupts = Interrupts()
     with redirect_stdout(VisibleStream(sys.stdout)), redirect_stderr(VisibleStream(sys.stderr)):

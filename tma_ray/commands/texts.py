@@ -14,13 +14,7 @@ OBEYED: Final = re.compile(
 
 
 def counted(number: int, one: str, many: str | None = None) -> str:
-    """Return a number with its noun: "1 run", "1,200 runs".
-
-    Args:
-        number: number of things.
-        one: noun in the singular.
-        many: noun in the plural, if that is not `one` with an s.
-    """
+    """Return a number with its noun: "1 run", "1,200 runs"; `many` is a plural other than with an s."""
     return f"{number:,} {one if number == 1 else many or f'{one}s'}"
 
 
@@ -38,12 +32,7 @@ def visible(text: str) -> str:
 
 
 class VisibleStream:
-    """Stream that writes texts as `visible` returns them.
-
-    Args:
-        stream: output or error stream; rich writes to it directly, so that its own colours stay
-            (`tma_ray.terminal`).
-    """
+    """Stream that writes texts as `visible` returns them; rich writes, in colours, to the stream within."""
 
     def __init__(self, stream: Any) -> None:
         self.rich_proxied_file = stream
