@@ -11,7 +11,7 @@ from typing import Any
 def import_later(
     package: str, modules: Mapping[str, str], parts: Mapping[str, str] | None = None
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return `__getattr__` and `__dir__` of a package: names by their modules, and `parts` that are modules."""
+    """Return `__getattr__` and `__dir__` of a package: names by their modules, `parts` that are modules."""
     parts = parts or {}
 
     def get(name: str) -> Any:

@@ -146,7 +146,7 @@ class _Collector:
                     self.add(imported)
 
     def _roots_of(self, top: str) -> list[Path]:
-        """Return the folders with the top-level module or package that are followed: several for a namespace."""
+        """Return the followed folders with a top-level module or package: several for a namespace."""
         if top not in self.roots:
             found = None
             if top != OURS:
