@@ -134,23 +134,19 @@ def test_runs_that_are_done_do_not_count(tmp_path: Path) -> None:
         assert (cost.hours if cost else 0.0) == pytest.approx(left)
 
 
-def test_the_answer_decides() -> None:
+def test_the_answer_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     cost = long_cost(plan_of("sac", 20_000_000), "nowhere", Settings())
     assert cost is not None
-    asked: list[str] = []
-
-    def answer(text: str) -> object:
-        def ask(question: str) -> str:
-            asked.append(question)
-            return text
-
-        return ask
-
     confirm("campaign 'x'", cost, yes=True)
-    confirm("campaign 'x'", cost, yes=False, ask=answer("y"))  # type: ignore[arg-type]
-    assert "core-hours" in asked[0]
-    for text in ("", "n", "what?"):
-        with pytest.raises(ValueError, match="not started"):
-            confirm("campaign 'x'", cost, yes=False, ask=answer(text))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="pass --yes"):
         confirm("campaign 'x'", cost, yes=False)
+    for stream in (sys.stdin, sys.stdout):
+        monkeypatch.setattr(stream, "isatty", lambda: True)
+    asked: list[str] = []
+    answers = iter(("y", "", "n", "what?"))
+    monkeypatch.setattr("builtins.input", lambda question: asked.append(question) or next(answers))
+    confirm("campaign 'x'", cost, yes=False)
+    assert "core-hours" in asked[0]
+    for _ in range(3):
+        with pytest.raises(ValueError, match="not started"):
+            confirm("campaign 'x'", cost, yes=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from tma_ray.campaign.plan import Plan
@@ -227,8 +227,10 @@ def unfinished(plan: Plan, results: str) -> tuple[RunSpec, ...]:
     return tuple(spec for spec in plan.runs if spec.run_id not in done)
 
 
-def confirm(name: str, cost: Cost, *, yes: bool, ask: Callable[[str], str] | None = None) -> None:
-    """Return if a campaign of such a cost is to be started: `yes`, or the user says so to the question `ask`.
+def confirm(name: str, cost: Cost, *, yes: bool, address: str | None = None) -> None:
+    """Return if a campaign of such a cost is to be started: `yes`, or the user says so at the terminal.
+
+    With the address of a cluster nobody is asked: ``ray submit --tmux`` gives a terminal that nobody watches.
 
     Raises:
         ValueError: it is not to be started, or nobody can be asked.
@@ -236,19 +238,10 @@ def confirm(name: str, cost: Cost, *, yes: bool, ask: Callable[[str], str] | Non
     if yes:
         return
     remedy = "choose a smaller budget, as with --steps 500k or --seeds 3, or pass --yes to start it"
-    if ask is None:
+    if address is not None or not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise ValueError(f"{name} would take {cost.summary()}: {remedy}")
-    if ask(f"Start {name}? It takes {cost.summary()}. [y/N] ").strip().lower() not in ("y", "yes"):
+    if input(f"Start {name}? It takes {cost.summary()}. [y/N] ").strip().lower() not in ("y", "yes"):
         raise ValueError(f"not started; {remedy}")
-
-
-def terminal_question(address: str | None = None) -> Callable[[str], str] | None:
-    """Return a function that asks at the terminal, None without one.
-
-    A campaign with the address of a cluster asks nobody: ``ray submit --tmux`` gives it a terminal that
-    nobody watches.
-    """
-    return input if address is None and sys.stdin.isatty() and sys.stdout.isatty() else None
 
 
 def _amount(hours: float) -> str:

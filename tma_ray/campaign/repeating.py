@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tma_ray.campaign.options import SCHEDULE, CampaignOptions, ExecutionOptions
+from tma_ray.campaign.options import SCHEDULE, CampaignOptions
 from tma_ray.campaign.plan import Plan, cell_row
 from tma_ray.campaign.script import SINGLE_RUNS, run_plan
 from tma_ray.commands.texts import counted
@@ -219,15 +219,6 @@ def run_like(name: str, place: str, core: Collection[str], options: CampaignOpti
 
 NAME = "rerun"
 """Name of a rerun, in place of a campaign's."""
-
-
-def rerun(root: str, names: Sequence[str], options: ExecutionOptions, *, failed: bool) -> int:
-    """Run unfinished runs of a root, from their checkpoints if they have some; see `rerun_plan`.
-
-    Raises:
-        ValueError: nothing is named, no such run, or a plug-in that was edited since.
-    """
-    return run_plan(rerun_plan(root, names, failed=failed), root, options)
 
 
 def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:

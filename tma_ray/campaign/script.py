@@ -10,7 +10,7 @@ from pathlib import Path
 from cyclopts import App
 
 from tma_ray import command_line
-from tma_ray.campaign.costs import confirm, estimate, long_cost, terminal_question
+from tma_ray.campaign.costs import confirm, estimate, long_cost
 from tma_ray.campaign.failures import HeadLostError, OutageError, StopSignals
 from tma_ray.campaign.options import (
     CampaignOptions,
@@ -48,20 +48,14 @@ class Campaign(CampaignSpec):
     def main(self, arguments: Sequence[str] | None = None) -> None:
         """Run the campaign as a script, with the options that all scripts share; exit with its code.
 
+        0: all runs are done; 1: some failed, or the results could not be written any more; 2: refused before
+        anything ran; 75: Ray died or was stopped, resumable; 130: stopped, resumable.
+
         Does nothing in a worker that imports the script for a plug-in that is defined in it.
         """
         if not importing_plugins():
-            raise SystemExit(main(self, arguments))
-
-
-def main(campaign: CampaignSpec, arguments: Sequence[str] | None = None) -> int:
-    """Run `campaign` as the command line says; return the exit code.
-
-    0: all runs are done; 1: some failed, or the results could not be written any more; 2: refused before
-    anything ran; 75: Ray died or was stopped, resumable; 130: stopped, resumable.
-    """
-    words = sys.argv[1:] if arguments is None else arguments
-    return command_line.run(script(campaign), words, campaign.name)
+            words = sys.argv[1:] if arguments is None else arguments
+            raise SystemExit(command_line.run(script(self), words, self.name))
 
 
 def script(campaign: CampaignSpec) -> App:
@@ -75,12 +69,12 @@ def script(campaign: CampaignSpec) -> App:
 
 
 def execute(campaign: CampaignSpec, options: CampaignOptions) -> int:
-    """Run what `options` choose of `campaign`; return the exit code as `main`."""
+    """Run what `options` choose of `campaign`; return the exit code."""
     return run_plan(chosen_campaign(campaign, options).plan(), str(options.results), options)
 
 
 def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool = False) -> int:
-    """Print the size of `plan` and run it with the options for execution; return the exit code, as `main`.
+    """Print the size of `plan` and run it with the options; return the exit code, as of `Campaign.main`.
 
     More than an hour on this machine has to be confirmed, on a cluster beforehand (``--yes``). With `told`
     the whole cost is printed, of short plans, too.
@@ -109,7 +103,7 @@ def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool 
     if options.dry_run:
         return 0
     if cost is not None:
-        confirm(plan.name, cost, yes=options.yes, ask=terminal_question(address))
+        confirm(plan.name, cost, yes=options.yes, address=address)
     code = executed(plan, results, settings, address)
     if not code:
         page = " -o report" if "://" in results else ""
@@ -178,7 +172,7 @@ def run_single(options: RunOptions) -> int:
     resources = Resources(placement.threads, gpus=float(placement.device != "cpu"))
     cost = long_cost(plan, str(options.results), Settings(resources, placement.device))
     if cost is not None:
-        confirm("the run", cost, yes=options.yes, ask=terminal_question())
+        confirm("the run", cost, yes=options.yes)
     committer = Committer.open(options.results)
     (spec,) = plan.runs
     console, holder = terminal(), lease_holder(SINGLE_RUNS)

@@ -54,13 +54,10 @@ def affordable_look(plans: Sequence[Plan], cost: Cost | None, options: TrialOpti
 
 
 def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, judge: Judge) -> int:
-    """Run what each look lacks and has it judged, until the trial ends or its budget does.
+    """Run what each look lacks and judge it, until the trial ends or its budget does; return the exit code.
 
     A look begins only if what it lacks fits into the budget; one that takes longer than expected is stopped
     there, with checkpoints, and the same command continues it.
-
-    Returns:
-        The exit code, as of `script.main`.
     """
     console, settings, results = terminal(), options.settings(), str(options.results)
     deadline = time.monotonic() + 3600 * options.budget if options.budget else None

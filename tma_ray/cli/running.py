@@ -205,9 +205,10 @@ def rerun(
         run: IDs of runs, or unambiguous beginnings of them
         failed: choose all runs that failed
     """
-    from tma_ray.campaign.repeating import rerun as run_again
+    from tma_ray.campaign.repeating import rerun_plan
+    from tma_ray.campaign.script import run_plan
 
-    return run_again(str(root), run, options, failed=failed)
+    return run_plan(rerun_plan(str(root), run, failed=failed), str(root), options)
 
 
 @command()

@@ -88,7 +88,7 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
 
 def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
     """Tell the cost and run the looks."""
-    from tma_ray.campaign.costs import confirm, terminal_question
+    from tma_ray.campaign.costs import confirm
     from tma_ray.campaign.trials import (
         CAMPAIGN,
         affordable_look,
@@ -105,7 +105,7 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
     if options.dry_run:
         return 0
     if cost is not None and min(cost.wall_hours, options.budget or cost.wall_hours) > 1:
-        confirm(CAMPAIGN, cost, yes=options.yes, ask=terminal_question(options.chosen_address()))
+        confirm(CAMPAIGN, cost, yes=options.yes, address=options.chosen_address())
     trial.affordable = affordable_look(plans, cost, options)
     check_quickly(trial.design.teacher)
     if TrialFile.load(trial.store) is None:

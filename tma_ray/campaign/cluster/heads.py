@@ -277,7 +277,9 @@ class JoinedHead:
     def __init__(self) -> None:
         host, _, port = ray.get_runtime_context().gcs_address.rpartition(":")
         self._address = (host.strip("[]"), int(port))
-        patience = patience_of_ray()
+        settings: dict[str, Any] = state.get_system_config()  # type: ignore[no-untyped-call]
+        own = settings.get(PATIENCE_SETTING) or os.environ.get(f"RAY_{PATIENCE_SETTING}")
+        patience = float(own or DEFAULT_PATIENCE)
         self._patience = max(patience - HASTE_SECONDS, patience / 2)
         self._nodes = living_nodes()
         self._answered, self._logged = time.monotonic(), -math.inf
@@ -331,14 +333,6 @@ class JoinedHead:
                 self._answered = time.monotonic()
             except Exception as error:  # of Ray's too, such as after a shutdown
                 logger.debug("the head of the Ray cluster does not answer: %s", error)
-
-
-def patience_of_ray() -> float:
-    """Return the time for which this cluster's processes wait for a lost head, s."""
-    settings: dict[str, Any] = state.get_system_config()  # type: ignore[no-untyped-call]
-    return float(
-        settings.get(PATIENCE_SETTING) or os.environ.get(f"RAY_{PATIENCE_SETTING}") or DEFAULT_PATIENCE
-    )
 
 
 def cluster_nodes(address: str, *, gpus: bool, autoscaling: bool) -> Nodes:

@@ -214,7 +214,13 @@ class Cohorts:
             if not self._lives(cohort) or (over and not cohort.runs):
                 self._end(cohort)
                 continue
-            self._open(cohort)
+            if cohort.learner is None and _come(cohort.opened):
+                with suppress(RayError, MemoryError):  # its end says the same, and is dealt with there
+                    cohort.learner, node = ray.get(cohort.opened)
+                    for each in self._head.nodes() if not cohort.node else ():
+                        if each["NodeID"] == node:
+                            cohort.places = room_of(each["Resources"], self._settings, self._resources)[1]
+                    cohort.node = node
             self._poll(cohort)
         return [cohort.progress for cohort in self._cohorts if cohort.progress is not None]
 
@@ -248,17 +254,6 @@ class Cohorts:
         if self._settings.autoscaling and taken[""] < AUTOSCALING_LEARNERS:
             return "", self._settings.width
         return None
-
-    def _open(self, cohort: _Cohort) -> None:
-        if cohort.learner is not None or not _come(cohort.opened):
-            return
-        with suppress(RayError, MemoryError):  # its end says the same, and is dealt with there
-            cohort.learner, node = ray.get(cohort.opened)
-            if not cohort.node:
-                cohort.node = node
-                for each in self._head.nodes():
-                    if each["NodeID"] == node:
-                        cohort.places = room_of(each["Resources"], self._settings, self._resources)[1]
 
     def _poll(self, cohort: _Cohort) -> None:
         now = time.monotonic()
