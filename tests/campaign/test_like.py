@@ -9,8 +9,8 @@ import pytest
 
 from tma_ray.benchmark import find_experiment
 from tma_ray.campaign import CampaignSpec, Plan, cells_of, costs, joined_plan, matrix_campaigns
+from tma_ray.campaign.costs import Throughput
 from tma_ray.campaign.repeating import like_plan
-from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 from tma_ray.results import Committer, Results, RunWriter, Table
 from tma_ray.runs import RunSpec, Schedule

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign import script, speeds
-from tma_ray.campaign.speeds import Throughput
+from tma_ray.campaign import costs, script
+from tma_ray.campaign.costs import Throughput
 from tma_ray.cli import main
 
 ROOT = Path(__file__).parents[2]
@@ -20,7 +20,7 @@ def code(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """What the campaign ends with; nothing is measured, trained or written."""
     codes = [0]
     measured = Throughput("any", 1e4, 1e4, 100)
-    monkeypatch.setattr(speeds, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, measured))
+    monkeypatch.setattr(costs, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, measured))
     monkeypatch.setattr(script, "execute", lambda campaign, options: codes[0])
     monkeypatch.setattr(
         "analysis.pages.report.write_report", lambda root, output: Path(root) / "report" / "index.html"

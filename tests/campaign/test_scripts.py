@@ -9,12 +9,11 @@ import pytest
 
 from tma_ray import cli
 from tma_ray.benchmark import EXPERIMENTS, find_experiment
-from tma_ray.campaign import Campaign, Plan, cells_of, experiments, joined_plan, matrix_campaigns, speeds
-from tma_ray.campaign.costs import Cost, estimate
+from tma_ray.campaign import Campaign, Plan, cells_of, costs, experiments, joined_plan, matrix_campaigns
+from tma_ray.campaign.costs import Cost, Throughput, estimate
 from tma_ray.campaign.experiments import experiment_plan
 from tma_ray.campaign.options import ExperimentOptions
 from tma_ray.campaign.settings import Resources, Settings
-from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 from tma_ray.command_line import read
 from tma_ray.runs import Schedule
@@ -161,7 +160,7 @@ def test_a_dry_run_says_size_and_cost_and_starts_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr(speeds, "machine_speed", lambda _: speeds.REFERENCE_ROUNDS)
+    monkeypatch.setattr(costs, "machine_speed", lambda _: costs.REFERENCE_ROUNDS)
     root = tmp_path / "root"
     arguments = ["--tier", "smoke", "--dry-run", "--challenges", "original", "--results", str(root)]
     assert main(["experiment", "stump_tracks_challenges", *arguments]) == 0
@@ -208,8 +207,8 @@ def test_costs_follow_from_measured_throughput() -> None:
 
 
 def test_throughput_counts_whole_updates(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(speeds, "MEASURED_SECONDS", 0.01)
+    monkeypatch.setattr(costs, "MEASURED_SECONDS", 0.01)
     (spec,) = Campaign("fast", cells_of(("random",), ("ppo",)), (0,), Schedule(steps=1_000)).plan().runs
-    measured = speeds.measure(spec, Settings())
+    measured = costs.measure(spec, Settings())
     assert measured.label == "ppo on stump_tracks classic_bipedal"
     assert 100 < measured.training < measured.playing

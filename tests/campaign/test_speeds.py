@@ -9,11 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign import Campaign, cells_of, speeds
-from tma_ray.campaign.costs import estimate
+from tma_ray.campaign import Campaign, cells_of, costs
+from tma_ray.campaign.costs import (
+    REFERENCE_ROUNDS,
+    Throughput,
+    estimate,
+    kind_of,
+    known_speeds,
+    measured_speeds,
+)
 from tma_ray.campaign.plan import QUICKSTART
 from tma_ray.campaign.settings import Settings
-from tma_ray.campaign.speeds import REFERENCE_ROUNDS, Throughput, kind_of, known_speeds, measured_speeds
 from tma_ray.embodiments import embodiment_names
 from tma_ray.runs import RunSpec, Schedule
 from tma_ray.students import STUDENTS
@@ -32,13 +38,13 @@ def speed_of(spec: RunSpec, settings: Settings | None = None) -> Throughput:
 @pytest.fixture
 def half_as_fast(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine of half the table's speed, on which nothing may be measured."""
-    monkeypatch.setattr(speeds, "machine_speed", lambda _: REFERENCE_ROUNDS / 2)
-    monkeypatch.setattr(speeds, "measure", lambda *_: pytest.fail("measured"))
+    monkeypatch.setattr(costs, "machine_speed", lambda _: REFERENCE_ROUNDS / 2)
+    monkeypatch.setattr(costs, "measure", lambda *_: pytest.fail("measured"))
 
 
 def test_the_table_names_students_and_bodies_that_ship() -> None:
-    table = speeds._table()
-    assert {("ppo", speeds.DEFAULT_BODY), ("sac", speeds.DEFAULT_BODY)} <= set(table)
+    table = costs._table()
+    assert {("ppo", costs.DEFAULT_BODY), ("sac", costs.DEFAULT_BODY)} <= set(table)
     assert {body for _, body in table} <= set(embodiment_names())
     assert {student for student, _ in table} <= set(STUDENTS.names())
     assert all(min(each.playing, each.training) > 0 for each in table.values())
@@ -46,26 +52,26 @@ def test_the_table_names_students_and_bodies_that_ship() -> None:
 
 @pytest.mark.usefixtures("half_as_fast")
 def test_speeds_of_the_table_are_scaled_to_this_machine() -> None:
-    listed = speeds._table()["ppo", "spider"]
+    listed = costs._table()["ppo", "spider"]
     found = speed_of(spec_of("ppo", "spider"))
     assert (found.training, found.playing) == (listed.training / 2, listed.playing / 2)
     assert found.label == "ppo on stump_tracks spider"
     wheel = speed_of(spec_of("sac", "wheel")).training
-    assert wheel == speeds._table()["sac", speeds.DEFAULT_BODY].training / 2, "of another body"
+    assert wheel == costs._table()["sac", costs.DEFAULT_BODY].training / 2, "of another body"
 
 
 @pytest.mark.usefixtures("half_as_fast")
 def test_a_cohort_has_the_speeds_of_both_of_its_halves() -> None:
     on_cpu = speed_of(spec_of("ppo"), Settings(cohort=4))
     on_gpu = speed_of(spec_of("sac:matmul_precision=high"), Settings(device="cuda"))
-    assert on_cpu.learner == speeds.LEARNERS["ppo", "cpu", "highest"] / 2
-    assert on_gpu.learner == speeds.LEARNERS["sac", "cuda", "high"], "of another device"
-    assert on_gpu.training == on_cpu.training == speeds.PLAYER[0] / 2
+    assert on_cpu.learner == costs.LEARNERS["ppo", "cpu", "highest"] / 2
+    assert on_gpu.learner == costs.LEARNERS["sac", "cuda", "high"], "of another device"
+    assert on_gpu.training == on_cpu.training == costs.PLAYER[0] / 2
 
 
 def test_the_measurement_of_this_machine_is_repeatable() -> None:
-    assert speeds.machine_speed(2) is speeds.machine_speed(2), "measured once for a process"
-    assert 0.2 < speeds.machine_speed(1) / speeds.machine_speed(2) < 5
+    assert costs.machine_speed(2) is costs.machine_speed(2), "measured once for a process"
+    assert 0.2 < costs.machine_speed(1) / costs.machine_speed(2) < 5
 
 
 @pytest.mark.slow
@@ -91,7 +97,7 @@ def test_the_bar_of_a_first_measurement_moves_with_each_kernel(
     def progress(_: int) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: shown.append((done, total))
 
-    monkeypatch.setattr(speeds, "_progress", progress)
+    monkeypatch.setattr(costs, "_progress", progress)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cold"))
     measured_speeds({"kind": QUICKSTART.plan().runs[0]}, Settings())
     shares = [done / total for done, total in shown]

@@ -14,12 +14,11 @@ import pytest
 from analysis.baselines import find_baseline
 from analysis.trials.design import make_design
 from tma_ray.campaign import trials
-from tma_ray.campaign.costs import Cost, estimate
+from tma_ray.campaign.costs import Cost, Throughput, estimate, kind_of
 from tma_ray.campaign.options import TrialOptions
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.repeating import trial_plan
 from tma_ray.campaign.settings import Settings
-from tma_ray.campaign.speeds import Throughput, kind_of
 from tma_ray.cli import main
 from tma_ray.results import Results, Store, TrialFile, TrialLook, create_root
 from tma_ray.teachers import TEACHERS

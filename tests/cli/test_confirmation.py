@@ -13,10 +13,9 @@ import pytest
 from tma_ray.campaign import Campaign, cells_of, costs
 from tma_ray.campaign.cluster import heads
 from tma_ray.campaign.cluster.heads import nodes_to_come
-from tma_ray.campaign.costs import confirm, estimate, long_cost
+from tma_ray.campaign.costs import Throughput, confirm, estimate, long_cost
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import GIB, Nodes, Settings
-from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 from tma_ray.results import Committer, RunWriter
 from tma_ray.runs import Schedule

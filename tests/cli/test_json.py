@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tma_ray.campaign import costs
-from tma_ray.campaign.speeds import Throughput
+from tma_ray.campaign.costs import Throughput
 from tma_ray.cli import main
 from tma_ray.cli.records import KEYS, json_value
 from tma_ray.results import RunStatus

@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 from mistakes import Mistake, commands, fill, flags, mistakes, valid_rest
 
 from tma_ray.campaign import costs, execution, script
+from tma_ray.campaign.costs import Throughput
 from tma_ray.campaign.progress import Snapshot
-from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 from tma_ray.command_line import METAVARS, arguments
 from tma_ray.commands import values

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tma_ray.campaign import costs
-from tma_ray.campaign.speeds import Throughput
+from tma_ray.campaign.costs import Throughput
 from tma_ray.cli import main
 
 COMMANDS = [

@@ -12,7 +12,7 @@ from blocks import ROOT
 from commands import TINY
 
 from tma_ray.campaign import costs
-from tma_ray.campaign.speeds import Throughput
+from tma_ray.campaign.costs import Throughput
 from tma_ray.cli import main
 
 LINKED = ("experiments", "docs", "cluster.yaml")

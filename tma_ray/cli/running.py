@@ -160,10 +160,9 @@ def quickstart(*, options: CampaignOptions = CampaignOptions()) -> int:
     report: some minutes in all. The same command continues.
     """
     from analysis.pages.report import write_report
-    from tma_ray.campaign.costs import estimate
+    from tma_ray.campaign.costs import estimate, measured_speeds
     from tma_ray.campaign.options import chosen_campaign
     from tma_ray.campaign.script import execute
-    from tma_ray.campaign.speeds import measured_speeds
     from tma_ray.results import Store, check_usable
 
     if options.dry_run:
