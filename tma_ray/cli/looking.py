@@ -197,32 +197,6 @@ def list_(kind: Annotated[str, choice(KINDS)] = "", /, *, json: Json = False) ->
     Args:
         kind: one kind only
     """
-    descriptions = {each: _descriptions(each) for each in ([kind] if kind else KINDS)}
-    if json:
-        kinds = {
-            each: [{"name": name, "description": text} for name, text in described.items()]
-            for each, described in descriptions.items()
-        }
-        print_json("list", {"kinds": kinds})
-        return 0
-    from rich.table import Table
-
-    from tma_ray.terminal import terminal
-
-    console = terminal()
-    for each, described in descriptions.items():
-        table = Table(box=None, show_header=False, padding=(0, 2, 0, 2), pad_edge=True)
-        table.add_column(no_wrap=True)
-        table.add_column()
-        for name, text in described.items():
-            table.add_row(name, text)
-        console.print(f"{each}:", highlight=False)
-        console.print(table, highlight=False, markup=False)
-    return 0
-
-
-def _descriptions(kind: str) -> Mapping[str, str]:
-    """Return the names of a kind, each with one line that describes it."""
     from tma_ray.benchmark import CHALLENGES, EXPERIMENTS, load_test_set, shipped_test_sets
     from tma_ray.embodiments import embodiment_names, load_embodiment
     from tma_ray.envs import ENVIRONMENTS
@@ -246,7 +220,28 @@ def _descriptions(kind: str) -> Mapping[str, str]:
         "test-sets": lambda: {name: test_set(name) for name in shipped_test_sets()},
         "experiments": lambda: {each.name: f"{each.title}." for each in EXPERIMENTS},
     }
-    return found[kind]()
+    descriptions = {each: found[each]() for each in ([kind] if kind else KINDS)}
+    if json:
+        kinds = {
+            each: [{"name": name, "description": text} for name, text in described.items()]
+            for each, described in descriptions.items()
+        }
+        print_json("list", {"kinds": kinds})
+        return 0
+    from rich.table import Table
+
+    from tma_ray.terminal import terminal
+
+    console = terminal()
+    for each, described in descriptions.items():
+        table = Table(box=None, show_header=False, padding=(0, 2, 0, 2), pad_edge=True)
+        table.add_column(no_wrap=True)
+        table.add_column()
+        for name, text in described.items():
+            table.add_row(name, text)
+        console.print(f"{each}:", highlight=False)
+        console.print(table, highlight=False, markup=False)
+    return 0
 
 
 @command()
