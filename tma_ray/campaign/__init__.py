@@ -20,17 +20,8 @@ if TYPE_CHECKING:
     )
     from tma_ray.campaign.script import Campaign
 
-__all__ = [
-    "Campaign",
-    "CampaignSpec",
-    "Plan",
-    "cells_of",
-    "joined_plan",
-    "matrix_campaigns",
-    "matrix_cells",
-]
+__all__ = ["Campaign", "CampaignSpec", "Plan", "cells_of", "joined_plan", "matrix_campaigns", "matrix_cells"]
 
 __getattr__, __dir__ = import_later(
-    __name__,
-    dict.fromkeys(__all__, "tma_ray.campaign.plan") | {"Campaign": "tma_ray.campaign.script"},
+    __name__, dict.fromkeys(__all__, "tma_ray.campaign.plan") | {"Campaign": "tma_ray.campaign.script"}
 )

@@ -9,10 +9,7 @@ from rich.table import Table
 
 from tma_ray.benchmark import Experiment, Matrix, Size, select
 from tma_ray.campaign.costs import estimate
-from tma_ray.campaign.options import (
-    ExperimentOptions,
-    parse_levels,
-)
+from tma_ray.campaign.options import ExperimentOptions, parse_levels
 from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns
 from tma_ray.campaign.script import run_plan
 from tma_ray.part_names import nearest

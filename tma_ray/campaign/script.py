@@ -26,15 +26,7 @@ from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.commands.exits import FAILED, RAY_LOST
 from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.commands.texts import counted
-from tma_ray.results import (
-    AttemptOutcome,
-    Committer,
-    HeartbeatWriter,
-    Lease,
-    Store,
-    check_usable,
-    start_from,
-)
+from tma_ray.results import AttemptOutcome, Committer, HeartbeatWriter, Lease, Store, check_usable, start_from
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
 from tma_ray.runs.inputs import importing_plugins
 from tma_ray.runs.placement import check_available

@@ -58,9 +58,7 @@ COMMANDS: Mapping[str, str] = {
 }
 """Modules and functions of commands, in the order of the help."""
 
-GROUPS: Mapping[str, str] = {
-    "baselines": "List, find and verify released results.",
-}
+GROUPS: Mapping[str, str] = {"baselines": "List, find and verify released results."}
 """Commands that consist of others, and their helps."""
 
 

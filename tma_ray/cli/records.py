@@ -62,14 +62,10 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "unlisted": "paths of files of tables and policies that belong to no run",
         "lacking": "gaps of a release that is to be complete (empty without --complete)",
     },
-    "list": {
-        "kinds": "by kind (teachers, students, …): list of name and description",
-    },
-    "doctor": {
-        "topics": "findings on this machine by topic",
-    },
+    "list": {"kinds": "by kind (teachers, students, …): list of name and description"},
+    "doctor": {"topics": "findings on this machine by topic"},
     "baselines list": {
-        "baselines": "list of name, engine, runs, teachers, licence, partial (what is missing) and place",
+        "baselines": "list of name, engine, runs, teachers, licence, partial (what is missing) and place"
     },
 }
 """Keys of the JSON of each command that prints some, and their meaning; keys are added, never taken away."""

@@ -101,11 +101,7 @@ def campaign(
 
 @command(defaults=EXPERIMENT_DEFAULTS)
 def plan(
-    experiment: ExperimentName,
-    /,
-    *,
-    options: ExperimentOptions = ExperimentOptions(),
-    json: Json = False,
+    experiment: ExperimentName, /, *, options: ExperimentOptions = ExperimentOptions(), json: Json = False
 ) -> int:
     """Print the size and the cost of an experiment of the benchmark.
 
