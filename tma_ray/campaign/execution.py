@@ -26,7 +26,7 @@ from tma_ray.campaign.cluster.base import (
 from tma_ray.campaign.cluster.heads import OwnProcesses, connect
 from tma_ray.campaign.executors.cohorts import Cohorts, check_room, kinds_of
 from tma_ray.campaign.executors.ray_executor import RayExecutor
-from tma_ray.campaign.failures import StopSignals
+from tma_ray.campaign.failures import stop_signals
 from tma_ray.campaign.plan import Plan, lease_holder
 from tma_ray.campaign.progress import ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.scheduler import Scheduler
@@ -111,11 +111,11 @@ def execute_plan(
                 scheduler.abandon()
                 lease.release()
 
-            signals = stack.enter_context(StopSignals())
+            stop = stack.enter_context(stop_signals())
             if connection.is_own:  # a cluster is waited for
                 watch = leaving_without_head(head, plan.name, BEGUN, grace=GRACE_SECONDS, conclude=conclude)
                 stack.enter_context(watch)
-            return scheduler.execute(plan.runs, lambda: signals.requested or lease.asked_to_stop())
+            return scheduler.execute(plan.runs, lambda: stop.is_set() or lease.asked_to_stop())
 
 
 def check_installation() -> None:

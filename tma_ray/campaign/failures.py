@@ -7,9 +7,10 @@ import math
 import signal
 import threading
 import time
-from collections.abc import Callable
-from types import FrameType, TracebackType
-from typing import Any, Concatenate, ParamSpec, Self, TypeVar
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Concatenate, ParamSpec, TypeVar
 
 from tma_ray.results import Committer, StorageError, Store, retry
 from tma_ray.runs.spec import RunSpec
@@ -170,36 +171,25 @@ class Silence:
         self._since.pop(run_id, None)
 
 
-class StopSignals:
-    """Context in which the first signal only sets `requested`; a second raises KeyboardInterrupt.
+@contextmanager
+def stop_signals() -> Iterator[threading.Event]:
+    """Context manager of an event that a first SIGINT or SIGTERM sets; a second raises KeyboardInterrupt.
 
     Enter it after `ray.init`, which installs handlers of its own. Outside of the main thread, where
     Python cannot handle signals, it changes nothing.
     """
+    requested = threading.Event()
 
-    SIGNALS = (signal.SIGINT, signal.SIGTERM)
-
-    def __init__(self) -> None:
-        self._requested = threading.Event()
-        self._before: dict[signal.Signals, Any] = {}
-
-    @property
-    def requested(self) -> bool:
-        """True if a stop was asked for."""
-        return self._requested.is_set()
-
-    def __enter__(self) -> Self:
-        if threading.current_thread() is threading.main_thread():
-            self._before = {number: signal.signal(number, self._handle) for number in self.SIGNALS}
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _handle(self, number: int, _frame: FrameType | None) -> None:
-        if self.requested:
+    def handle(number: int, _frame: FrameType | None) -> None:
+        if requested.is_set():
             raise KeyboardInterrupt(f"second signal {signal.Signals(number).name}")
-        self._requested.set()
+        requested.set()
+
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    handled = (signal.SIGINT, signal.SIGTERM) if in_main_thread else ()
+    before = {number: signal.signal(number, handle) for number in handled}
+    try:
+        yield requested
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

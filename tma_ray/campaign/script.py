@@ -11,7 +11,7 @@ from cyclopts import App
 
 from tma_ray import command_line
 from tma_ray.campaign.costs import confirm, estimate, long_cost
-from tma_ray.campaign.failures import HeadLostError, OutageError, StopSignals
+from tma_ray.campaign.failures import HeadLostError, OutageError, stop_signals
 from tma_ray.campaign.options import (
     CampaignOptions,
     ExecutionOptions,
@@ -176,10 +176,10 @@ def run_single(options: RunOptions) -> int:
             Snapshot(1, 0, 0, 0, 0, 0, schedule.steps, [ActiveRun(spec.run_id, schedule.steps, status)])
         )
 
-    with Lease(committer.store, holder) as lease, StopSignals() as signals:
+    with Lease(committer.store, holder) as lease, stop_signals() as stop:
         committer.write_cells(SINGLE_RUNS, plan.cell_rows)
         outcome = run_locally(
-            spec, committer, placement, lambda: signals.requested or lease.asked_to_stop(), show
+            spec, committer, placement, lambda: stop.is_set() or lease.asked_to_stop(), show
         )
     done = outcome is AttemptOutcome.DONE
     view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, schedule.steps, []))

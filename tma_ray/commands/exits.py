@@ -10,7 +10,7 @@ from contextlib import redirect_stderr, redirect_stdout, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from tma_ray.commands.interrupts import INTERRUPTED, Interrupts
+from tma_ray.commands.interrupts import INTERRUPTED, raised_interrupts
 from tma_ray.commands.texts import VisibleStream
 
 FAILED = 1
@@ -36,13 +36,13 @@ def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> 
     Control characters in what it prints are replaced, except those of rich. Errors that no user can cause are
     raised; `debug` prints the traceback of a refusal, too.
     """
-    interrupts = Interrupts()
+    interrupts: list[int] = []
     with redirect_stdout(VisibleStream(sys.stdout)), redirect_stderr(VisibleStream(sys.stderr)):
         try:
-            with interrupts.raised():
+            with raised_interrupts(interrupts):
                 code = command()
                 sys.stdout.flush()
-            return INTERRUPTED if interrupts.came else code
+            return INTERRUPTED if interrupts else code
         except KeyboardInterrupt:
             return INTERRUPTED
         except BrokenPipeError:
@@ -51,14 +51,14 @@ def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> 
                 os.dup2(nowhere.fileno(), sys.stdout.fileno())
             return BROKEN_PIPE
         except (ValueError, OSError, MemoryError, RefusedError) as error:
-            if interrupts.came:
+            if interrupts:
                 return INTERRUPTED
             if debug:
                 traceback.print_exception(error)
             sys.stderr.write(f"{name}: {sentence(error)}\n")
             return REFUSED
         except Exception:
-            if interrupts.came:  # an error that a library raised instead
+            if interrupts:  # an error that a library raised instead
                 return INTERRUPTED
             raise
 

@@ -54,37 +54,29 @@ def unblock_sigint() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
-class Interrupts:
-    """Context of Ctrl-C as KeyboardInterrupt, with a memory.
+@contextlib.contextmanager
+def raised_interrupts(came: list[int]) -> Iterator[None]:
+    """Context manager in which Ctrl-C raises KeyboardInterrupt, in the main thread, and is added to a list.
 
     Libraries turn a KeyboardInterrupt into errors of their own, or lose it where Python cannot raise it.
-
-    Attributes:
-        came: True if there was one.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
 
-    def __init__(self) -> None:
-        self.came = False
-
-    @contextlib.contextmanager
-    def raised(self) -> Iterator[None]:
-        """Raise KeyboardInterrupt on Ctrl-C within the block, in the main thread."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-        handler, hook = signal.signal(signal.SIGINT, self._raise), sys.unraisablehook
-        sys.unraisablehook = self._leave_if_lost
-        try:
-            yield
-        finally:
-            sys.unraisablehook = hook
-            signal.signal(signal.SIGINT, handler)
-
-    def _raise(self, _number: int, _frame: FrameType | None) -> None:
-        self.came = True
+    def interrupt(number: int, _frame: FrameType | None) -> None:
+        came.append(number)
         raise KeyboardInterrupt
 
-    def _leave_if_lost(self, lost: sys.UnraisableHookArgs) -> None:
+    def leave_if_lost(lost: sys.UnraisableHookArgs) -> None:
         if issubclass(lost.exc_type, KeyboardInterrupt):
             leave_at_once()
         sys.__unraisablehook__(lost)
+
+    handler, hook = signal.signal(signal.SIGINT, interrupt), sys.unraisablehook
+    sys.unraisablehook = leave_if_lost
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        signal.signal(signal.SIGINT, handler)
