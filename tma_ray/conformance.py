@@ -1,4 +1,8 @@
-"""Contracts of teachers, students, environments and bodies, as tests that their authors inherit."""
+"""Contracts of teachers, students, environments and bodies, as tests that their authors inherit.
+
+Every method is a promise; a failure says which, and what to do. pytest is needed to run a class, not to
+import it.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +39,6 @@ class BodyConformance:
 
         class TestHopper(BodyConformance):
             body = "hopper.toml"
-
-    Every method is a promise; a failure says which, and what to do. pytest is needed to run the class, not to
-    import it.
 
     Attributes:
         body: name of a body or path of its file, with parameters if wanted.
@@ -117,9 +118,6 @@ class EnvironmentConformance:
 
         class TestSwingUp(EnvironmentConformance):
             environment = "swing_up:SwingUp"
-
-    Every method is a promise; a failure says which, and what to do. pytest is needed to run the class, not to
-    import it.
 
     Attributes:
         environment: registered name, or ``module:Name``, with options if wanted.
@@ -277,9 +275,6 @@ class StudentConformance:
 
         class TestHillClimber(StudentConformance):
             student = "hill_climber:HillClimber"
-
-    Every method is a promise; a failure says which, and what to do. pytest is needed to run the class, not to
-    import it.
 
     Attributes:
         student: registered name, or ``module:Name``, with hyper-parameters if wanted.
