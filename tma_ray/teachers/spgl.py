@@ -75,7 +75,7 @@ class ClosedForm:
         return FullGaussian(mean, np.asarray(factor, dtype=np.float64))
 
     def divergence(self, weight: float) -> float:
-        """Return KL(best || current) in nats, infinite where there is no best; it falls with `weight`."""
+        """Return KL(best || current) in nats, infinite where nothing is best; it falls with `weight`."""
         best = self.best(weight)
         if best is None:
             return np.inf
