@@ -493,7 +493,7 @@ def long_cost(
     slowest = estimate(plan, settings, find_speeds=lambda kinds, *_: dict.fromkeys(kinds, SLOWEST))
     if slowest.wall_hours <= LONGEST_HOURS:
         return None
-    left = replace(plan, runs=unfinished(plan, results))
+    left = unfinished(plan, results)
     if not left.runs:
         return None
     cost = estimate(left, settings, known)
@@ -502,19 +502,15 @@ def long_cost(
     return estimate(left, settings, cost.throughputs, nodes=nodes) if nodes else cost
 
 
-def unfinished(plan: Plan, results: str) -> tuple[RunSpec, ...]:
-    """Return the runs of a plan that are not done in a results root.
-
-    Raises:
-        ResultsRootError: the root belongs to something else or to another version.
-    """
+def unfinished(plan: Plan, results: str) -> Plan:
+    """Return a plan of the runs that are not done in a results root; see `check_usable` for errors."""
     store = Store.open(results)
     check_usable(store)
     try:
         done = {each.run.run_id for each in Results(store).runs() if each.status is RunStatus.DONE}
     except ResultsRootError:  # nothing is there yet
-        return plan.runs
-    return tuple(spec for spec in plan.runs if spec.run_id not in done)
+        return plan
+    return replace(plan, runs=tuple(spec for spec in plan.runs if spec.run_id not in done))
 
 
 def confirm(name: str, cost: Cost, *, yes: bool, address: str | None = None) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from rich.table import Table
 
 from tma_ray.benchmark import Experiment, Matrix, Size, select
-from tma_ray.campaign.costs import estimate
+from tma_ray.campaign.costs import Cost, estimate
 from tma_ray.campaign.options import ExperimentOptions, parse_levels
 from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns
 from tma_ray.campaign.script import run_plan
@@ -90,16 +90,13 @@ def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptio
     return tuple(narrowed)
 
 
-COMBINED = ("embodiment", "student", "teacher", "expert_knowledge")
-"""Columns whose combinations count as cells of an experiment."""
-
-
 def planned_experiments(plan: Plan) -> list[dict[str, Any]]:
     """Return the size of each experiment of `plan`, in its order.
 
     Cells are combinations of body, student, teacher and level; asked are those with their seeds, as the paper
     counts runs; executed the runs that no earlier experiment has, with their steps.
     """
+    combined = ("embodiment", "student", "teacher", "expert_knowledge")
     rows: dict[str, list[dict[str, Any]]] = {}
     for row in plan.cell_rows:
         rows.setdefault(row["experiment"], []).append(row)
@@ -112,7 +109,7 @@ def planned_experiments(plan: Plan) -> list[dict[str, Any]]:
             {
                 "name": name,
                 "teachers": len({row["teacher"] for row in mine}),
-                "cells": len({tuple(row[column] for column in COMBINED) for row in mine}),
+                "cells": len({tuple(row[column] for column in combined) for row in mine}),
                 "asked": len(mine),
                 "executed": len(own),
                 "steps": sum(steps[run_id] for run_id in own),
@@ -121,13 +118,15 @@ def planned_experiments(plan: Plan) -> list[dict[str, Any]]:
     return parts
 
 
-def show_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
-    """Print the size and cost of the part of `experiment` that the options choose; return its plan.
-
-    Raises:
-        ValueError: a cell that cannot run.
-    """
+def plan_and_cost(experiment: Experiment, options: ExperimentOptions) -> tuple[Plan, Cost]:
+    """Return the runs of `experiment_plan` and their cost: on a cluster if the options name its address."""
     plan = experiment_plan(experiment, options)
+    nodes = options.nodes() if options.address else None
+    return plan, estimate(plan, options.settings(), nodes=nodes)
+
+
+def show_plan(title: str, plan: Plan, cost: Cost) -> None:
+    """Print the size of each experiment of a plan, and its cost."""
     console, parts = terminal(), planned_experiments(plan)
     table = Table("experiment", box=None, pad_edge=False, header_style="bold")
     for heading in ("teachers", "cells", "with seeds", "executed", "steps"):
@@ -137,9 +136,6 @@ def show_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
     for part in (*parts, together):
         name, *counts = part.values()
         table.add_row(name, *(f"{count:,}" for count in counts), style="bold" if part is together else None)
-    console.print(f"{experiment.title}, tier {options.tier}\n", highlight=False)
+    console.print(f"{title}\n", highlight=False)
     console.print(table)
-    nodes = options.nodes() if options.address else None
-    cost = estimate(plan, options.settings(), nodes=nodes)
     console.print(cost.describe(), highlight=False, soft_wrap=True)
-    return plan

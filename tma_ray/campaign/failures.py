@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Concatenate, ParamSpec, TypeVar
 
-from tma_ray.results import Committer, StorageError, Store, retry
+from tma_ray.results import Committer, StorageError, retry
 from tma_ray.runs.spec import RunSpec
 
 
@@ -39,11 +39,6 @@ class RetryingCommitter:
         self._committer = committer
         self._keep_lease = keep_lease
         self._seconds = seconds
-
-    @property
-    def store(self) -> Store:
-        """The storage of the results root."""
-        return self._committer.store
 
     def keep_lease(self) -> None:
         """Renew the lease, with the retries and errors of `call`."""

@@ -95,15 +95,11 @@ def parse_space(text: str) -> dict[str, tuple[float, float]]:
     return space
 
 
-LONGEST_HOURS = 100_000.0
-"""Number of hours from which on a budget is a slip."""
-
-
 def parse_hours(text: str) -> float:
     """Return a time such as 8h, 30min or 8 in hours."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(h|min)?", text.strip())
     hours = float(found[1]) / (60 if found[2] == "min" else 1) if found else 0.0
-    if not 0 < hours < LONGEST_HOURS:
+    if not 0 < hours < 100_000:  # more is a slip
         raise refused(text, "expected a time such as 8h or 30min")
     return hours
 
@@ -137,11 +133,7 @@ def parse_seeds(text: str) -> tuple[int, ...]:
 
 
 def parse_levels(given: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
-    """Return levels of expert knowledge by their names.
-
-    Raises:
-        ValueError: one that does not exist.
-    """
+    """Return levels of expert knowledge by their names."""
     unknown = [level for level in given if level not in list(KnowledgeLevel)]
     if unknown:
         raise ValueError(

@@ -217,10 +217,6 @@ def run_like(name: str, place: str, core: Collection[str], options: CampaignOpti
     return run_plan(plan, str(options.results), options, told=True)
 
 
-NAME = "rerun"
-"""Name of a rerun, in place of a campaign's."""
-
-
 def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
     """Return the plan of unfinished runs of a root: by ids or beginnings of them, and all that `failed`.
 
@@ -256,4 +252,4 @@ def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
         specs.append(spec)
     for spec in specs:
         fetch(results.store, spec)
-    return Plan(NAME, f"{counted(len(chosen), 'run')} again", tuple(specs), ())
+    return Plan("rerun", f"{counted(len(chosen), 'run')} again", tuple(specs), ())

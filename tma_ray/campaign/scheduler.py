@@ -51,6 +51,7 @@ class Scheduler:
         view: View,
         keep_lease: Callable[[], None] = lambda: None,
     ) -> None:
+        self._store = committer.store
         self._committer = RetryingCommitter(committer, keep_lease, settings.outage_seconds)
         self._executor, self._settings, self._view = executor, settings, view
         self._waiting: deque[RunSpec] = deque()
@@ -120,7 +121,7 @@ class Scheduler:
         record, number = running.spec.record(), running.number
         if ending.outcome is AttemptOutcome.DONE:
             self._committer.call(Committer.finish, record, number, ending.files)
-            Checkpoints(self._committer.store, record.run_id, number).drop()
+            Checkpoints(self._store, record.run_id, number).drop()
             self._done += 1
         if ending.without_fault and running.report is None:  # it has not begun: there is nothing to record
             self._committer.call(Committer.withdraw, record.run_id, number)

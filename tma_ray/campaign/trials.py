@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import replace
+from contextlib import closing, contextmanager, suppress
 from threading import Timer
 
 from tma_ray.campaign.costs import Cost, estimate, unfinished
@@ -35,9 +33,7 @@ def trial_cost(plans: Sequence[Plan], options: TrialOptions) -> Cost | None:
         ResultsRootError: the results root belongs to something else.
     """
     left = unfinished(plans[-1], str(options.results))
-    if not left:
-        return None
-    return estimate(replace(plans[-1], runs=left), options.settings(), nodes=options.nodes())
+    return estimate(left, options.settings(), nodes=options.nodes()) if left.runs else None
 
 
 def affordable_look(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions) -> int | None:
@@ -45,7 +41,7 @@ def affordable_look(plans: Sequence[Plan], cost: Cost | None, options: TrialOpti
     if cost is None or not options.budget:
         return None
     settings, results, nodes = options.settings(), str(options.results), options.nodes()
-    lacking = (replace(plan, runs=unfinished(plan, results)) for plan in plans)
+    lacking = (unfinished(plan, results) for plan in plans)
     hours = [
         estimate(plan, settings, cost.throughputs, nodes=nodes).wall_hours if plan.runs else 0.0
         for plan in lacking
@@ -62,7 +58,7 @@ def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, j
     console, settings, results = terminal(), options.settings(), str(options.results)
     deadline = time.monotonic() + 3600 * options.budget if options.budget else None
     for plan in plans:
-        left = replace(plan, runs=unfinished(plan, results))
+        left = unfinished(plan, results)
         if left.runs:
             known = cost.throughputs if cost else None
             hours = estimate(left, settings, known, nodes=options.nodes()).wall_hours
@@ -91,7 +87,7 @@ def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
         return
 
     def stop() -> None:
-        with contextlib.suppress(NotRunningError):
+        with suppress(NotRunningError):
             ask_to_stop(Store.open(results))
 
     timer = Timer(max(deadline - time.monotonic(), 0.0), stop)

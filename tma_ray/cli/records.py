@@ -15,8 +15,8 @@ from tma_ray.commands.texts import OBEYED
 if TYPE_CHECKING:
     import pandas as pd
 
-    from tma_ray.benchmark import Experiment
-    from tma_ray.campaign.options import ExperimentOptions
+    from tma_ray.campaign.costs import Cost
+    from tma_ray.campaign.plan import Plan
     from tma_ray.campaign.progress import Overview
 
 KEYS: Mapping[str, Mapping[str, str]] = {
@@ -166,18 +166,14 @@ def claims_record(sources: Sequence[str | Path]) -> dict[str, Any]:
     }
 
 
-def plan_record(experiment: Experiment, options: ExperimentOptions) -> dict[str, Any]:
+def plan_record(experiment: str, tier: str, plan: Plan, cost: Cost) -> dict[str, Any]:
     """Return the size and the cost of the chosen part of an experiment."""
     from analysis.comparisons.planning import detectable_differences
-    from tma_ray.campaign.costs import estimate
-    from tma_ray.campaign.experiments import experiment_plan, planned_experiments
+    from tma_ray.campaign.experiments import planned_experiments
 
-    plan = experiment_plan(experiment, options)
-    nodes = options.nodes() if options.address else None
-    cost = estimate(plan, options.settings(), nodes=nodes)
     return {
-        "experiment": experiment.name,
-        "tier": options.tier,
+        "experiment": experiment,
+        "tier": tier,
         "parts": planned_experiments(plan),
         "cost": {
             name: getattr(cost, name)

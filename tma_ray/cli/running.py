@@ -109,15 +109,16 @@ def plan(
     machine, and the differences that its seeds can detect.
     """
     from analysis.commands.rankings import show_detectable_differences
-    from tma_ray.campaign.experiments import show_plan
+    from tma_ray.campaign.experiments import plan_and_cost, show_plan
     from tma_ray.results import Store, check_usable
 
     found = find_experiment(experiment)
     check_usable(Store.open(options.results))
+    plan, cost = plan_and_cost(found, options)
     if json:
-        print_json("plan", plan_record(found, options))
+        print_json("plan", plan_record(found.name, options.tier, plan, cost))
         return 0
-    plan = show_plan(found, options)
+    show_plan(f"{found.title}, tier {options.tier}", plan, cost)
     show_detectable_differences(plan.cell_rows, plan.largest_budget)
     return 0
 

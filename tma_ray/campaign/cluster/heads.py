@@ -38,7 +38,7 @@ from tma_ray.campaign.cluster.base import (
     living_nodes,
     runtime_environment,
 )
-from tma_ray.campaign.failures import HeadLostError
+from tma_ray.campaign.failures import LOG_SECONDS, HeadLostError
 from tma_ray.campaign.settings import PLENTY, Nodes
 from tma_ray.commands.texts import counted
 from tma_ray.plugin_source import PluginSource
@@ -255,9 +255,6 @@ HASTE_SECONDS: Final = 15.0
 NOTEWORTHY_SECONDS: Final = 10.0
 """Silence of a head that is worth a message, s."""
 
-LOG_SECONDS: Final = 60.0
-"""Time between two messages about a head that does not answer, s."""
-
 ANSWER_SECONDS: Final = 10
 """Time in which a head has to list its nodes, s."""
 
@@ -383,12 +380,10 @@ def nodes_to_come(heads: Collection[str], *, gpus: bool) -> list[dict[str, float
 
 @dataclass(frozen=True)
 class Connection:
-    """A connection of this process to Ray.
+    """A connection of this process to Ray: its watched head, and two facts.
 
-    Attributes:
-        head: head of the cluster, watched.
-        shipped: True if the workers get the plug-ins; with an older connection they must have them already.
-        is_own: True if this process has started that Ray, so that its workers run in the same installation.
+    With an older connection no plug-ins are `shipped`: the workers must have them. The workers of a Ray that
+    `is_own`, started by this process, run in the same installation.
     """
 
     head: Head

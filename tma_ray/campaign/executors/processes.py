@@ -98,7 +98,13 @@ class LocalExecutor:
 
     def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:  # noqa: ARG002
         """Start the process of an attempt; see `Executor`."""
-        placement = replace(self._placement, learner=self.learner())
+        placement = self._placement
+        if self._cohort is not None:
+            if self._learner is not None and not self._learner.lives():
+                self._learner.close()
+                self._learner = None
+            self._learner = self._learner or LearnerProcess(self._cohort)
+            placement = replace(placement, learner=self._learner.learner)
         ours, theirs = _SPAWN.Pipe()
         stop = _SPAWN.Event()
         arguments = theirs, stop, spec.to_dict(), self._store, number, placement
@@ -140,16 +146,6 @@ class LocalExecutor:
             process.join()
         if self._learner is not None:
             self._learner.close()
-
-    def learner(self) -> Learner | None:
-        """Return the learner of the cohort, started if none is alive; None if runs learn alone."""
-        if self._cohort is None:
-            return self._placement.learner
-        if self._learner is not None and not self._learner.lives():
-            self._learner.close()
-            self._learner = None
-        self._learner = self._learner or LearnerProcess(self._cohort)
-        return self._learner.learner
 
 
 @contextmanager
