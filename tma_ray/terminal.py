@@ -44,3 +44,8 @@ def terminal(console: Console | None = None, **settings: Any) -> Console:
     ``[/x]`` as an error, and print escape sequences. Colours are styles, or `rich.text.Text`.
     """
     return console or _Terminal(markup=False, emoji=False, **settings)
+
+
+def say(text: str) -> None:
+    """Print a text as it is, without colours and line breaks of rich's."""
+    terminal().print(text, highlight=False, soft_wrap=True)

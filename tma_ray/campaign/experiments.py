@@ -14,7 +14,7 @@ from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns
 from tma_ray.campaign.script import run_plan
 from tma_ray.part_names import nearest
 from tma_ray.runs import Schedule
-from tma_ray.terminal import terminal
+from tma_ray.terminal import say, terminal
 
 
 def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> int:
@@ -138,4 +138,4 @@ def show_plan(title: str, plan: Plan, cost: Cost) -> None:
         table.add_row(name, *(f"{count:,}" for count in counts), style="bold" if part is together else None)
     console.print(f"{title}\n", highlight=False)
     console.print(table)
-    console.print(cost.describe(), highlight=False, soft_wrap=True)
+    say(cost.describe())

@@ -30,7 +30,7 @@ from tma_ray.results import AttemptOutcome, Committer, HeartbeatWriter, Lease, S
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
 from tma_ray.runs.inputs import importing_plugins
 from tma_ray.runs.placement import check_available
-from tma_ray.terminal import terminal
+from tma_ray.terminal import say
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool 
         ConnectionError: nothing listens at the address.
         Exception: errors of `execute_plan`.
     """
-    console, settings, address = terminal(), options.settings(), options.chosen_address()
+    settings, address = options.settings(), options.chosen_address()
     store, known = Store.open(results), None
     if options.dry_run or told:
         check_usable(store)
@@ -84,14 +84,14 @@ def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool 
     if told:
         whole = estimate(plan, settings, nodes=nodes)
         known = whole.throughputs
-        console.print(whole.describe(), highlight=False, soft_wrap=True)
-    console.print(plan.describe(), highlight=False, soft_wrap=True)
+        say(whole.describe())
+    say(plan.describe())
     if options.start_from and not options.dry_run:
         source = Store.open(options.start_from)
-        console.print(f"{counted(start_from(store, source), 'run')} copied from {source}", highlight=False)
+        say(f"{counted(start_from(store, source), 'run')} copied from {source}")
     cost = long_cost(plan, results, settings, known, nodes)
     if cost is not None and not told:
-        console.print(f"cost: {cost.summary()}", highlight=False, soft_wrap=True)
+        say(f"cost: {cost.summary()}")
     if options.dry_run:
         return 0
     if cost is not None:
@@ -100,7 +100,7 @@ def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool 
     if not code:
         page = " -o report" if "://" in results else ""
         following = f"'tma-ray report {results}{page}' writes a page, 'tma-ray ranking {results}' a table."
-        console.print(f"Next: {following}", highlight=False, soft_wrap=True)
+        say(f"Next: {following}")
     return code
 
 
@@ -120,20 +120,14 @@ def executed(plan: Plan, results: str, settings: Settings, address: str | None) 
         return RAY_LOST
     if ended.done == ended.total:
         return 0
-    code, sentence = (
-        FAILED,
-        (
-            f"{counted(ended.failed, 'run')} failed. Next: 'tma-ray status {results}' says why, "
-            f"'tma-ray rerun {results} --failed' repeats them."
-        ),
-    )
     if ended.done + ended.failed < ended.total:
-        code, sentence = (
-            INTERRUPTED,
-            (f"Stopped; the same command continues where it was. 'tma-ray status {results}' shows how far."),
-        )
-    terminal().print(sentence, highlight=False, soft_wrap=True)
-    return code
+        say(f"Stopped; the same command continues where it was. 'tma-ray status {results}' shows how far.")
+        return INTERRUPTED
+    say(
+        f"{counted(ended.failed, 'run')} failed. Next: 'tma-ray status {results}' says why, "
+        f"'tma-ray rerun {results} --failed' repeats them."
+    )
+    return FAILED
 
 
 SINGLE_RUNS = "single_runs"
@@ -167,7 +161,7 @@ def run_single(options: RunOptions) -> int:
         confirm("the run", cost, yes=options.yes)
     committer = Committer.open(options.results)
     (spec,) = plan.runs
-    console, holder = terminal(), lease_holder(SINGLE_RUNS)
+    holder = lease_holder(SINGLE_RUNS)
     view = PublishedProgress(ProgressView(), HeartbeatWriter(committer.store, holder))
 
     def show(status: Status) -> None:
@@ -183,7 +177,7 @@ def run_single(options: RunOptions) -> int:
         )
     done = outcome is AttemptOutcome.DONE
     view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, schedule.steps, []))
-    console.print(f"{spec.run_id}: {outcome} in {options.results}", highlight=False, soft_wrap=True)
+    say(f"{spec.run_id}: {outcome} in {options.results}")
     following = f"'tma-ray report {options.results}' writes a page" if done else "the same command continues"
-    console.print(f"Next: {following}.", highlight=False, soft_wrap=True)
+    say(f"Next: {following}.")
     return 0 if done else INTERRUPTED

@@ -14,7 +14,7 @@ from tma_ray.campaign.script import executed
 from tma_ray.campaign.simulated import SimulatedRoot
 from tma_ray.results import NotRunningError, Store, ask_to_stop
 from tma_ray.tasks import KnowledgeLevel
-from tma_ray.terminal import terminal
+from tma_ray.terminal import say
 from tma_ray.testing import EPISODES, find_simulated_challenge, matrix
 
 CAMPAIGN = "trial"
@@ -55,7 +55,7 @@ def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, j
     A look begins only if what it lacks fits into the budget; one that takes longer than expected is stopped
     there, with checkpoints, and the same command continues it.
     """
-    console, settings, results = terminal(), options.settings(), str(options.results)
+    settings, results = options.settings(), str(options.results)
     deadline = time.monotonic() + 3600 * options.budget if options.budget else None
     for plan in plans:
         left = unfinished(plan, results)
@@ -63,11 +63,9 @@ def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, j
             known = cost.throughputs if cost else None
             hours = estimate(left, settings, known, nodes=options.nodes()).wall_hours
             if deadline is not None and time.monotonic() + 3600 * hours > deadline:
-                console.print(
+                say(
                     f"The budget does not hold the next look, {hours:.1f} h for {len(left.runs)} runs. The "
-                    f"same command with another --budget continues.",
-                    highlight=False,
-                    soft_wrap=True,
+                    f"same command with another --budget continues."
                 )
                 return 0
             with _stopped_at(deadline, results):

@@ -15,7 +15,7 @@ from tma_ray.command_line import command
 from tma_ray.commands.exits import RefusedError
 from tma_ray.part_names import base_name
 from tma_ray.results import Results, Store, TrialFile, TrialLook, check_usable, create_root
-from tma_ray.terminal import terminal
+from tma_ray.terminal import say
 
 if TYPE_CHECKING:
     from analysis.data.frames import Frames
@@ -82,7 +82,7 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         )
     design = before or design
     for line in plan_lines(design, released):
-        terminal().print(line, highlight=False, soft_wrap=True)
+        say(line)
     return _started(options, _Trial(store, design, released, frames), plans)
 
 
@@ -101,7 +101,7 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
 
     cost = trial_cost(plans, options) if plans else None
     if cost:
-        terminal().print("at most, " + cost.describe(), highlight=False, soft_wrap=True)
+        say("at most, " + cost.describe())
     if options.dry_run:
         return 0
     if cost is not None and min(cost.wall_hours, options.budget or cost.wall_hours) > 1:
@@ -155,7 +155,7 @@ class _Trial:
         self.looks = looks_at(self.design, self.released, ended_runs(own), self.affordable)
         said = tuple(TrialLook(look.seeds, look_line(look)) for look in self.looks)
         for look in said[told:]:
-            terminal().print(look.said, highlight=False, soft_wrap=True)
+            say(look.said)
         ended = self.looks[-1].ending if self.looks else ""
         TrialFile(self.design.to_dict(), said, str(ended)).save(self.store)
         with tempfile.TemporaryDirectory() as place:  # for a root in an object store
@@ -176,4 +176,4 @@ class _Trial:
         following = f"tma-ray release {self.store} {name}-1 --lean --licence CC-BY-4.0"
         page = f"page: {self.store.where(f'{PAGE}/index.html')}"
         for line in (sentence(self.design, self.looks[-1]), page, f"Next: '{following}'"):
-            terminal().print(line, highlight=False, soft_wrap=True)
+            say(line)
