@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tma_ray.tasks import Episode, ExpertKnowledge, ScoredBox, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
-from tma_ray.teachers.numerics import UnitBox, draw_in_proportion
+from tma_ray.teachers.numerics import UnitBox, draw_in_proportion, softmax
 
 Array = NDArray[np.float64]
 
@@ -27,12 +27,6 @@ def split_evenly(dimensions: int, most_cells: int) -> tuple[int, ...]:
         if math.prod(counts) // counts[place] * (counts[place] + 1) > most_cells:
             return tuple(counts)
         counts[place] += 1
-
-
-def softmax(scores: Array, temperature: float) -> Array:
-    """Return the chances (k,) in proportion to exp(scores / temperature)."""
-    weights = np.exp((scores - scores.max()) / temperature)
-    return np.asarray(weights / weights.sum(), dtype=np.float64)
 
 
 @dataclass

@@ -23,6 +23,27 @@ def shares_of(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     return scores / total if total > 0 else np.full(len(scores), 1 / len(scores))
 
 
+def softmax(scores: NDArray[np.float64], temperature: float) -> NDArray[np.float64]:
+    """Return the chances (k,) in proportion to exp(scores / temperature)."""
+    weights = np.exp((scores - scores.max()) / temperature)
+    return np.asarray(weights / weights.sum(), dtype=np.float64)
+
+
+LOWEST_RETURN, HIGHEST_RETURN = -150.0, 350.0
+"""Bounds between which the original release scales returns on Stump Tracks, where a teacher wants that."""
+
+
+def scaled_returns(returns: NDArray[np.float64], lowest: float, highest: float) -> NDArray[np.float64]:
+    """Return `returns` (k,) with `lowest` as 0 and `highest` as 1, and what is beyond them as these.
+
+    Raises:
+        ValueError: `lowest` is not below `highest`.
+    """
+    if not lowest < highest:
+        raise ValueError(f"lowest_return = {lowest}: expected a return below highest_return = {highest}")
+    return np.clip((returns - lowest) / (highest - lowest), 0.0, 1.0)
+
+
 def draw_in_box(space: TaskSpace, box: NDArray[np.float64], rng: np.random.Generator) -> Task:
     """Return a uniform task (d,) of a `box` in `space`, given by its lower and upper corner (2, d)."""
     low, high = box

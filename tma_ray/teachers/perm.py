@@ -12,7 +12,13 @@ from threadpoolctl import threadpool_limits
 
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
-from tma_ray.teachers.numerics import UnitBox, cloud_gaussian
+from tma_ray.teachers.numerics import (
+    HIGHEST_RETURN,
+    LOWEST_RETURN,
+    UnitBox,
+    cloud_gaussian,
+    scaled_returns,
+)
 
 Array = NDArray[np.float64]
 
@@ -87,9 +93,9 @@ class PERM(Teacher):
     whose difficulty is nearest to the latest ability. Before the first fit tasks are uniform.
 
     Sources: Tio and Varakantham 2023 (arXiv:2306.13028) for the idea: latent ability and difficulty, inferred
-    from returns and parameters, and difficulty matched to ability. The equations of its variational
-    autoencoder, trained beforehand on other students, could not be read: this model, fitted as the run goes,
-    is derived from that idea, and its hyper-parameters are ours.
+    from returns and parameters, and difficulty matched to ability. Its equations could not be read; it trains
+    its model offline. This one is fitted as the run goes and derived from the idea; its hyper-parameters are
+    ours.
 
     Attributes:
         window_episodes: episodes of a window, after each of which the model is fitted.
@@ -111,8 +117,8 @@ class PERM(Teacher):
     bump_width: float = 0.15
     candidates: int = 100
     explore: float = 0.1
-    lowest_return: float = -150.0
-    highest_return: float = 350.0
+    lowest_return: float = LOWEST_RETURN
+    highest_return: float = HIGHEST_RETURN
     budget: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
@@ -123,11 +129,7 @@ class PERM(Teacher):
             raise ValueError(f"bump_width = {self.bump_width}: expected a number over 0")
         if not 0 <= self.explore <= 1:
             raise ValueError(f"explore = {self.explore} is a share; expected it in [0, 1]")
-        if not self.lowest_return < self.highest_return:
-            raise ValueError(
-                f"lowest_return = {self.lowest_return}: expected a return below highest_return = "
-                f"{self.highest_return}"
-            )
+        scaled_returns(np.empty(0), self.lowest_return, self.highest_return)
         for_budget(self.window_episodes, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
@@ -149,8 +151,7 @@ class PERM(Teacher):
 
     def observe(self, episode: Episode) -> None:
         """Store task and return; fit the model at the end of a window."""
-        scaled = (episode.episodic_return - self.lowest_return) / (self.highest_return - self.lowest_return)
-        self.history_.append((episode.task, min(max(scaled, 0.0), 1.0)))
+        self.history_.append((episode.task, episode.episodic_return))
         self.episodes_ += 1
         if self.episodes_ % self._window == 0:
             self._fit()
@@ -186,7 +187,8 @@ class PERM(Teacher):
 
     def _fit(self) -> None:
         tasks = np.stack([task for task, _ in self.history_])
-        responses = np.array([response for _, response in self.history_])
+        returns = np.array([episodic_return for _, episodic_return in self.history_])
+        responses = scaled_returns(returns, self.lowest_return, self.highest_return)
         windows = np.arange(len(responses)) // self._window
         abilities, self.weights_ = ResponseModel().fit(
             self.features(self._box.normalise(tasks)), windows, responses

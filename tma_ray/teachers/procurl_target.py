@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
 from tma_ray.teachers.currot import Performance
-from tma_ray.teachers.lp_acrl import softmax
-from tma_ray.teachers.numerics import UnitBox, cloud_gaussian, draw_in_proportion
+from tma_ray.teachers.numerics import (
+    HIGHEST_RETURN,
+    LOWEST_RETURN,
+    UnitBox,
+    cloud_gaussian,
+    draw_in_proportion,
+    scaled_returns,
+    softmax,
+)
 
 Array = NDArray[np.float64]
 
@@ -60,8 +67,8 @@ class ProCuRLTarget(Teacher):
         reach: distance in the unit box over which the similarity of tasks falls to 1 / e (authors' code: 1 in
             units of the task, which is a third and a sixth of the ranges of Stump Tracks).
         kernel_width: standard deviation of the kernel of the values, as a share of the unit box's diagonal.
-        lowest_return: return of value 0 (authors' code).
-        highest_return: return of value 1 (authors' code).
+        lowest_return: return of value 0 (original release).
+        highest_return: return of value 1 (original release).
         first_update: environment steps before the values are first estimated.
         update_every: environment steps between two estimates; every second one comes with a new pool.
         budget: environment steps of the run, to which `for_budget` fits first_update and update_every.
@@ -74,8 +81,8 @@ class ProCuRLTarget(Teacher):
     target_samples: int = 250
     reach: float = 0.25
     kernel_width: float = 0.1
-    lowest_return: float = -150.0
-    highest_return: float = 350.0
+    lowest_return: float = LOWEST_RETURN
+    highest_return: float = HIGHEST_RETURN
     first_update: int = 500_000
     update_every: int = 1_000_000
     budget: int = PAPER_STEPS
@@ -87,11 +94,7 @@ class ProCuRLTarget(Teacher):
         for name in ("pool_size", "target_samples", "first_update", "update_every"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
-        if not self.lowest_return < self.highest_return:
-            raise ValueError(
-                f"lowest_return = {self.lowest_return}: expected a return below highest_return = "
-                f"{self.highest_return}"
-            )
+        scaled_returns(np.empty(0), self.lowest_return, self.highest_return)
         for_budget(self.update_every, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
@@ -134,15 +137,14 @@ class ProCuRLTarget(Teacher):
         known = self._box.normalise(np.stack(self.tasks_[-MOST_EPISODES:]))
         returns = np.array(self.returns_[-MOST_EPISODES:])
         performance = Performance(known, returns, self.kernel_width * np.sqrt(self._box.size))
-        values = self._value(performance(self.pool_))
-        target_values = self._value(performance(targets))
+        bounds = self.lowest_return, self.highest_return
+        values, target_values = (
+            scaled_returns(performance(points), *bounds) for points in (self.pool_, targets)
+        )
         scores = proximity(values, target_values, similarity(self.pool_, targets, self.reach))
         self.chances_ = softmax(scores, 1 / self.beta)
         self.tasks_, self.returns_ = [], []
         self._log(values, float(target_values.mean()), float(returns.mean()))
-
-    def _value(self, returns: Array) -> Array:
-        return np.clip((returns - self.lowest_return) / (self.highest_return - self.lowest_return), 0.0, 1.0)
 
     def _log(self, values: Array, target_value: float, mean_return: float) -> None:
         scalars = {
