@@ -3,6 +3,10 @@
 A node is a set of namespaces. Its root is this machine's, with changes that stay its own (overlays). Its only
 network is one bridge, which lies in namespaces of its own, too: nothing is added to this machine's network,
 and all mounts end with the processes. Needs Linux, root, and the programs in `PROGRAMS`.
+
+By hand, until Enter is pressed::
+
+    python tests/clusters/bed.py head one two
 """
 
 from __future__ import annotations
@@ -103,7 +107,7 @@ class Node:
     def start_process(self, command: str, user: str = USER) -> subprocess.Popen[str]:
         """Start a command of the shell in the user's home; its output and errors are one stream."""
         return subprocess.Popen(
-            [*self._entering(user), command],
+            [*self._entering(user), "--command", command],
             env={"PATH": SEARCHED, "TERM": "xterm"}, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
@@ -124,8 +128,9 @@ class Node:
             user: whose command it is.
             timeout: s.
             code: exit code that it must have; None for any.
-            shown: True to print it, with its output, as `pytest -s` and failures show.
+            shown: True to print it with its output and duration, as `pytest -s` and failures show.
         """
+        start = time.monotonic()
         process = self.start_process(command, user)
         try:
             output, _ = process.communicate(timeout=timeout)
@@ -134,9 +139,15 @@ class Node:
             raise AssertionError(f"{self.name}$ {command}\n{process.communicate()[0]}") from None
         transcript = f"{self.name}$ {command}\n{output}"
         if shown:
-            sys.stdout.write(f"{time.strftime('%H:%M:%S')} {transcript}\n")
+            ended = f"{time.strftime('%H:%M:%S')}, after {time.monotonic() - start:.0f} s"
+            sys.stdout.write(f"{ended}: {transcript}\n")
         assert code is None or process.returncode == code, f"exit code {process.returncode}: {transcript}"
         return output
+
+    @property
+    def login(self) -> str:
+        """A command of the shell that opens a shell of the node's user, from this machine."""
+        return shlex.join(self._entering(USER))
 
     def write(self, path: str, text: str) -> None:
         """Write a file of root's."""
@@ -144,7 +155,7 @@ class Node:
 
     def _entering(self, user: str) -> list[str]:
         namespaces = ["--net", "--mount", "--pid", "--uts", "--ipc", "--root", "--wd=/"]
-        return ["nsenter", f"--target={self._init}", *namespaces, "su", "--login", user, "--command"]
+        return ["nsenter", f"--target={self._init}", *namespaces, "su", "--login", user]
 
 
 def wait_until(happened: Callable[[], object], seconds: float) -> None:
@@ -229,3 +240,23 @@ def bed_of(*names: str) -> Iterator[Bed]:
     finally:
         bed.close()
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def main(names: Sequence[str]) -> None:
+    """Make the nodes that are named, tell how to enter them, and take them away again.
+
+    Raises:
+        SystemExit: this machine lacks something.
+    """
+    reason = missing()
+    if reason or not names:
+        sys.exit(reason or "name the nodes, such as: head one two")
+    with bed_of(*names) as bed:
+        for node in bed.on(*names):
+            sys.stdout.write(f"{node.name}, {node.address}: {node.login}\n")
+        sys.stdout.write(f"/shared is {bed.shared}; Enter takes the nodes away\n")
+        sys.stdin.readline()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import re
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
 from bed import KERNELS, REPOSITORY, USER, VENV, Node
+from small_runs import data_files, rows
+
+from tma_ray.results import Table
+
+WHEELS = Path("/var/tmp/clusters-wheels")
+"""The package index of what has no way out of its network; kept for the next time."""
 
 PACKAGES = VENV / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
 
@@ -16,6 +26,16 @@ FLAGS = f"--teachers random,alp_gmm --seeds 2 --steps 20000 --checkpoint-seconds
 
 CAMPAIGN = f"experiments/quickstart.py {FLAGS}"
 """Four runs of some ten seconds."""
+
+
+def locked_packages(python: str) -> Path:
+    """Return a folder with the packages of both lock files for a Python, torch as the CPU build."""
+    (index,) = set(re.findall(r"--index-url \S+", (REPOSITORY / "cluster-local.yaml").read_text()))
+    download = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:",
+                f"--python-version={python}", f"--dest={WHEELS}"]  # fmt: skip
+    subprocess.run([*download, "--requirement", REPOSITORY / "cluster.lock"], check=True)
+    subprocess.run([*download, *index.split(), "--requirement", REPOSITORY / "torch.lock"], check=True)
+    return WHEELS
 
 
 def copy_checkout(folder: Path, wheel: Path) -> None:
@@ -40,3 +60,15 @@ def lend_environment(node: Node) -> None:
         f"echo 'export NUMBA_CACHE_DIR={KERNELS} PYTHONDONTWRITEBYTECODE=1' > /etc/profile.d/kernels.sh",
         user="root",
     )
+
+
+def tables(root: str | Path) -> dict[str, str]:
+    """Return the tables of a root, a folder or a URI, without that of attempts, which has hosts and times.
+
+    Returns:
+        the SHA-256 of each canonical data file, and the sorted rows of `Table.RUNS` and `Table.CELLS`.
+    """
+    found = {path: hashlib.sha256(data).hexdigest() for path, data in data_files(root).items()}
+    for table in (Table.RUNS, Table.CELLS):
+        found[table.value] = "\n".join(sorted(json.dumps(row, sort_keys=True) for row in rows(root, table)))
+    return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 
 from bed import REPOSITORY, VENV, Bed, Node
@@ -12,10 +11,10 @@ BUCKET = "bucket"
 PORT = 5000
 
 READ = f"""
-import base64, json, sys
-sys.path.insert(0, "{REPOSITORY}/tests/runs")
-from small_runs import data_files
-print(json.dumps({{path: base64.b64encode(data).decode() for path, data in data_files(sys.argv[1]).items()}}))
+import json, sys
+sys.path += ["{REPOSITORY}/tests/clusters", "{REPOSITORY}/tests/runs"]
+from checkout import tables
+print(json.dumps(tables(sys.argv[1])))
 """
 
 
@@ -51,8 +50,9 @@ class ObjectStore:
             f'{VENV}/bin/python -c \'import boto3; boto3.client("s3").create_bucket(Bucket="{BUCKET}")\''
         )
 
-    def data_files(self, root: str) -> dict[str, bytes]:
-        """Return the data files of a root in the bucket, see `small_runs.data_files`."""
+    def tables(self, root: str) -> dict[str, str]:
+        """Return the tables of a root in the bucket, see `checkout.tables`."""
         self._node.write("/tmp/read.py", READ)
         output = self._node.run(f"{VENV}/bin/python /tmp/read.py s3://{BUCKET}/{root}")
-        return {path: base64.b64decode(data) for path, data in json.loads(output.splitlines()[-1]).items()}
+        found: dict[str, str] = json.loads(output.splitlines()[-1])
+        return found

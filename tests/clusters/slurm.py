@@ -94,6 +94,16 @@ class Slurm:
         found = {key: re.search(rf"\b{key}=(\S+)", shown) for key in ("JobState", "ExitCode")}
         return " ".join(match[1] for match in found.values() if match)
 
+    def minutes(self, job: int) -> int:
+        """Return how many whole minutes the present life of a job has lasted."""
+        shown = self._head.run(f"squeue --noheader --jobs={job} --format=%M", shown=False)
+        *hours, minutes, _ = map(int, shown.strip().split(":"))
+        return sum(hours) * 60 + minutes
+
+    def limit(self, job: int, minutes: int) -> None:
+        """Change the time limit of a job, as its administrator."""
+        self._head.run(f"scontrol update JobId={job} TimeLimit={minutes}", user="root")
+
     def restarts(self, job: int) -> int:
         """Return how often a job was queued again."""
         found = re.search(r"\bRestarts=(\d+)", self._head.run(f"scontrol show job {job}", shown=False))
@@ -104,7 +114,7 @@ class Slurm:
         path = self.shared / "checkout" / f"tma-ray-{job}.log"
         return path.read_text() if path.exists() else ""
 
-    def ended(self, job: int, seconds: float = 900) -> str:
+    def ended(self, job: int, seconds: float = 1800) -> str:
         """Return the state of a job when it has ended for good."""
         wait_until(lambda: not re.match("PENDING|RUNNING|COMPLETING|REQUEUE", self.state(job)), seconds)
         return self.state(job)

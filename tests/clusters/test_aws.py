@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 from bed import REPOSITORY, VENV, Bed, bed_of, wait_until
-from checkout import CAMPAIGN, lend_environment
+from checkout import CAMPAIGN, lend_environment, tables
 from instances import Instances
 from launcher import Laptop
 from object_store import BUCKET, ObjectStore
-from small_runs import data_files
 
 SHORT = CAMPAIGN.replace("--steps 20000", "--steps 8000")
 
@@ -67,7 +66,7 @@ def test_the_head_starts_a_spot_worker_for_waiting_runs_and_down_ends_both(bed: 
     assert worker["InstanceType"] == "c7i.4xlarge"
     assert worker["IamInstanceProfile"]["Arn"].endswith("/tma-ray-worker")
     laptop.run(f"python {SHORT} --local --results /shared/undisturbed")
-    assert store.data_files("results") == data_files(bed.shared / "undisturbed")
+    assert store.tables("results") == tables(bed.shared / "undisturbed")
 
     laptop.run("ray down --yes cluster.yaml")
     wait_until(lambda: {each["State"]["Name"] for each in instances.seen.values()} == {"terminated"}, 60)

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-from bed import REPOSITORY, bed_of
-from checkout import CAMPAIGN, lend_environment
+from bed import bed_of
+from checkout import CAMPAIGN, lend_environment, locked_packages
 from launcher import FILE, Laptop
 from small_runs import rows
 
 from tma_ray.results import Table
-
-WHEELS = Path("/var/tmp/clusters-wheels")
-"""The package index of the machines, which have no way out of their bridge; kept for the next time."""
 
 PYTHON = "/usr/bin/python3"
 """The system's Python, all that the machines have."""
@@ -34,19 +30,9 @@ def system_python() -> str:
         return ""
 
 
-@pytest.fixture(scope="module")
-def wheels() -> Path:
-    """A folder with the packages of both lock files, torch as the CPU build."""
-    (index,) = set(re.findall(r"--index-url \S+", (REPOSITORY / FILE).read_text()))
-    download = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:",
-                f"--python-version={system_python()}", f"--dest={WHEELS}"]  # fmt: skip
-    subprocess.run([*download, "--requirement", REPOSITORY / "cluster.lock"], check=True)
-    subprocess.run([*download, *index.split(), "--requirement", REPOSITORY / "torch.lock"], check=True)
-    return WHEELS
-
-
 @pytest.mark.skipif(not system_python(), reason=f"{PYTHON} has no venv (Debian's python3-venv)")
-def test_machines_with_nothing_but_python_are_a_cluster_after_one_command(wheel: Path, wheels: Path) -> None:
+def test_machines_with_nothing_but_python_are_a_cluster_after_one_command(wheel: Path) -> None:
+    wheels = locked_packages(system_python())
     with bed_of("laptop", "head", "worker") as bed:
         (node,) = bed.on("laptop")
         head, worker = bed.on("head", "worker", paths=[f"read:{wheels}"])

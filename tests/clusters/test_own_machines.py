@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 from bed import Bed, Node, bed_of, wait_until
-from checkout import CAMPAIGN, SMALL, lend_environment
+from checkout import CAMPAIGN, SMALL, lend_environment, tables
 from launcher import FILE, Laptop
 from object_store import BUCKET, ObjectStore
-from small_runs import data_files, rows
+from small_runs import rows
 
 from tma_ray.results import Results, RunStatus, Table
 
@@ -43,10 +43,10 @@ def laptop(bed: Bed, wheel: Path, store: ObjectStore) -> Iterator[Laptop]:
 
 
 @pytest.fixture(scope="module")
-def undisturbed(laptop: Laptop, bed: Bed) -> dict[str, bytes]:
+def undisturbed(laptop: Laptop, bed: Bed) -> dict[str, str]:
     """Tables of `CAMPAIGN` as a single machine makes them."""
     laptop.run(f"python {CAMPAIGN} --local --results /shared/undisturbed")
-    return data_files(bed.shared / "undisturbed")
+    return tables(bed.shared / "undisturbed")
 
 
 def submitted(results: str, *flags: str) -> str:
@@ -75,18 +75,21 @@ def done(root: Path) -> int:
 
 
 def test_a_submitted_script_trains_on_several_machines(
-    laptop: Laptop, bed: Bed, undisturbed: dict[str, bytes]
+    laptop: Laptop, bed: Bed, undisturbed: dict[str, str]
 ) -> None:
     assert "4/4 runs done" in laptop.run(submitted("/shared/submitted"))
     root = bed.shared / "submitted"
-    assert data_files(root) == undisturbed
+    assert tables(root) == undisturbed
     assert len({row["host"] for row in rows(root, Table.ATTEMPTS)}) > 1
 
 
-def test_a_script_in_tmux_goes_on_alone_and_asks_nobody(laptop: Laptop, bed: Bed) -> None:
+def test_a_script_in_tmux_goes_on_alone_and_asks_nobody(
+    laptop: Laptop, bed: Bed, undisturbed: dict[str, str]
+) -> None:
     laptop.run(submitted("/shared/tmux", "--tmux"))
     root = bed.shared / "tmux"
     wait_until(lambda: done(root) == 4, 900)
+    assert tables(root) == undisturbed
 
     flags = "--tier lite --address auto --results /shared/long"
     laptop.run(f"ray submit {FILE} --tmux experiments/full_benchmark.py {flags}")
@@ -109,14 +112,14 @@ def test_a_job_brings_the_module_beside_its_script(laptop: Laptop, bed: Bed) -> 
 
 
 def test_results_in_an_object_store_are_those_of_a_folder(
-    laptop: Laptop, undisturbed: dict[str, bytes], store: ObjectStore
+    laptop: Laptop, undisturbed: dict[str, str], store: ObjectStore
 ) -> None:
     assert "4/4 runs done" in laptop.run(submitted(f"s3://{BUCKET}/results"))
-    assert store.data_files("results") == undisturbed
+    assert store.tables("results") == undisturbed
 
 
 def test_runs_of_a_worker_that_is_powered_off_go_on_elsewhere_and_it_is_replaced(
-    laptop: Laptop, bed: Bed, undisturbed: dict[str, bytes]
+    laptop: Laptop, bed: Bed, undisturbed: dict[str, str]
 ) -> None:
     root, one = bed.shared / "worker", bed.nodes["one"]
     campaign = laptop.start(f"{submitted('/shared/worker')} --autoscaling")
@@ -125,14 +128,14 @@ def test_runs_of_a_worker_that_is_powered_off_go_on_elsewhere_and_it_is_replaced
     output, _ = campaign.communicate(timeout=900)
     assert "4/4 runs done" in output
     assert "nfeasible" not in output, output
-    assert data_files(root) == undisturbed
+    assert tables(root) == undisturbed
     assert "lost" in {row["outcome"] for row in rows(root, Table.ATTEMPTS)}
     bed.on("one")
     laptop.wait_for_workers(len(WORKERS))
 
 
 def test_a_head_that_is_powered_off_is_made_again_and_the_same_command_resumes(
-    laptop: Laptop, bed: Bed, undisturbed: dict[str, bytes]
+    laptop: Laptop, bed: Bed, undisturbed: dict[str, str]
 ) -> None:
     root, head = bed.shared / "head", bed.nodes["head"]
     campaign = laptop.start(submitted("/shared/head"))
@@ -145,4 +148,4 @@ def test_a_head_that_is_powered_off_is_made_again_and_the_same_command_resumes(
     laptop.run(f"ray up --yes {FILE}")
     laptop.wait_for_workers(len(WORKERS))
     wait_until(lambda: "4/4 runs done" in laptop.run(submitted("/shared/head"), code=None), 300)
-    assert data_files(root) == undisturbed
+    assert tables(root) == undisturbed

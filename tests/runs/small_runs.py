@@ -106,7 +106,7 @@ def run(
     return run_locally(spec, Committer.open(root), placement, stop).value
 
 
-def rows(root: Path, table: Table) -> list[dict[str, Any]]:
+def rows(root: str | Path, table: Table) -> list[dict[str, Any]]:
     """Return the visible rows of a table."""
     return Results.open(root).table(table).to_pylist()
 
