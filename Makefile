@@ -45,7 +45,7 @@ test-slow: $(INSTALLED) ## all bodies, long physics, notebooks, pages of command
 test-chaos: $(INSTALLED) ## campaigns whose processes, nodes and storage are broken
 	$(PYTEST) -m chaos
 
-test-clusters: $(INSTALLED) ## launcher, Slurm and AWS's file on machines made of namespaces (as root on Linux: an hour)
+test-clusters: $(INSTALLED) ## launcher, Slurm, AWS's file and image, on machines made of namespaces (as root on Linux: two hours)
 	$(PYTEST) -m clusters
 
 attack: $(INSTALLED) ## a night of faults at random instants (INJECTIONS=3 of each kind: an hour, SEED=7: other instants)
