@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from students_support import Drift, digest, small_student, train
+from students_support import Drift, small_student, train
 
 OBSERVATIONS = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
 
@@ -24,17 +24,6 @@ def test_greedy_actions_equal_stable_baselines3(trained):
     assert actions.dtype == np.float32
     np.testing.assert_allclose(actions, expected, atol=1e-6)
     assert np.ptp(actions, axis=0).min() > 1e-3  # it does look at the observations
-
-
-def test_one_observation_or_many_give_the_same_actions(trained):
-    alone = np.concatenate([trained.act_greedily(row[None]) for row in OBSERVATIONS])
-    np.testing.assert_allclose(trained.act_greedily(OBSERVATIONS), alone, atol=1e-6)
-
-
-def test_greedy_acting_leaves_no_trace(trained, tmp_path):
-    before = digest(trained, tmp_path / "before")
-    trained.act_greedily(OBSERVATIONS)
-    assert digest(trained, tmp_path / "after") == before
 
 
 @pytest.mark.parametrize("name", ["ppo", "sac", "stock:ppo", "stock:sac"])

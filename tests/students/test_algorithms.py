@@ -1,6 +1,5 @@
 """Students by the names of stable-baselines3's and sb3-contrib's algorithms."""
 
-import json
 import sys
 
 import numpy as np
@@ -97,13 +96,6 @@ def test_only_values_with_an_entropy_bonus_have_one():
     np.testing.assert_allclose(bonuses, expected.numpy(), atol=0.05)
     assert not student("TD3").entropy_bonuses(OBSERVATIONS).any()
     assert not student("A2C").entropy_bonuses(OBSERVATIONS).any()
-
-
-@NAMES
-def test_defaults_survive_json(name):
-    values = json.loads(json.dumps(default_hyperparameters(name)))
-    assert check_hyperparameters(name, values) == check_hyperparameters(name)
-    assert values["gamma"] == 0.99
 
 
 @pytest.mark.parametrize(

@@ -9,18 +9,13 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBu
 from stock_models import ACTION, OBSERVATION, ppo, ppo_parameters, sac
 
 from tma_ray.students.hyperparameters import LogStd, PPOHyperparameters, SACHyperparameters
-from tma_ray.students.mlp.layout import Layout
-from tma_ray.students.mlp.network import FlatParameters, blocks_of, forward, split
+from tma_ray.students.mlp.network import FlatParameters, blocks_of
 from tma_ray.students.players.sac import LOG_STD_RANGE
 from tma_ray.students.ppo import PPOUpdate, Steps, losses
 from tma_ray.students.sac import (
     SQUASH_EPSILON,
     SACUpdate,
-    Transitions,
-    actor_loss,
-    critic_loss,
     in_range,
-    joined,
     squashed_draw,
 )
 
@@ -168,27 +163,6 @@ def total(parts, log_std, hyper: PPOHyperparameters) -> torch.Tensor:
     return parts.policy + hyper.value_coefficient * parts.value - hyper.entropy_coefficient * entropy
 
 
-def test_the_losses_of_stacked_runs_are_those_of_each_run():
-    """Values and gradients, in float64; what autograd gives for a run does not depend on its neighbours."""
-    hyper = PPOHyperparameters(hidden_units=(8, 6), entropy_coefficient=0.01)
-    layout = Layout((OBSERVATION, 8, 6, ACTION + 1))
-    parameters = random(3, layout.parameters, dtype=torch.float64).requires_grad_()
-    log_std = random(3, ACTION, dtype=torch.float64).requires_grad_()
-    shapes = ((20, OBSERVATION), (20, ACTION), (20,), (20,), (20,), (20,))
-    steps = Steps(*(0.3 * random(3, *shape, dtype=torch.float64) for shape in shapes))
-    stacked = losses(forward(split(parameters, layout), steps.observations), log_std, steps, hyper)
-    gradients = torch.autograd.grad(total(stacked, log_std, hyper).sum(), (parameters, log_std))
-    for run in range(3):
-        own = Steps(*(column[run] for column in steps))
-        outputs = forward(split(parameters[run], layout), own.observations)
-        alone = losses(outputs, log_std[run], own, hyper)
-        for part, whole in zip(alone, stacked, strict=True):
-            torch.testing.assert_close(part, whole[run], rtol=1e-12, atol=1e-12)
-        for gradient, whole in zip(gradients, (parameters, log_std), strict=True):
-            (expected,) = torch.autograd.grad(total(alone, log_std, hyper)[run], whole, retain_graph=True)
-            torch.testing.assert_close(gradient[run], expected[run], rtol=1e-10, atol=1e-12)
-
-
 @pytest.mark.parametrize("value_clip_range", [0.2, None])
 @pytest.mark.parametrize("runs", [(), (3,)], ids=["alone", "stacked"])
 def test_ppos_gradient_is_autograds(runs, value_clip_range):
@@ -205,37 +179,6 @@ def test_ppos_gradient_is_autograds(runs, value_clip_range):
     torch.testing.assert_close(parts.log_std_gradient, by_log_std, rtol=1e-10, atol=1e-14)
     assert parts.clipped.min() > 0  # both sides of the clipping are met
     assert parts.clipped.max() < 1
-
-
-def test_sacs_losses_of_stacked_runs_are_those_of_each_run():
-    actor_layout = Layout((OBSERVATION, 8, 6, 2 * ACTION))
-    critic_layout = Layout((OBSERVATION + ACTION, 8, 6, 1))
-    actor = (0.3 * random(3, actor_layout.parameters, dtype=torch.float64)).requires_grad_()
-    critics = [random(3, critic_layout.parameters, dtype=torch.float64).requires_grad_() for _ in range(2)]
-    batch = Transitions(*(torch.stack(column) for column in zip(*(columns() for _ in range(3)), strict=True)))
-    noise, targets = random(3, 50, ACTION, dtype=torch.float64), random(3, 50, 1, dtype=torch.float64)
-
-    def both(run=slice(None)) -> tuple[torch.Tensor, torch.Tensor]:
-        def network(parameters, layout):
-            return lambda inputs: forward(split(parameters[run], layout), inputs)
-
-        own = Transitions(*(column[run] for column in batch))
-        pair = joined([network(critic, critic_layout) for critic in critics])
-        draw = squashed_draw(network(actor, actor_layout)(own.observations), noise[run], LogStd.TANH)
-        return critic_loss(pair, own, targets[run]), actor_loss(pair, own.observations, draw, 0.2)
-
-    for index, trained in enumerate((critics, [actor])):
-        stacked = both()[index]
-        gradients = torch.autograd.grad(stacked.sum(), trained)
-        for run in range(3):
-            alone = both(run)[index]
-            torch.testing.assert_close(alone, stacked[run], rtol=1e-12, atol=1e-12)
-            for gradient, expected in zip(gradients, torch.autograd.grad(alone, trained), strict=True):
-                torch.testing.assert_close(gradient[run], expected[run], rtol=1e-10, atol=1e-12)
-
-
-def columns() -> tuple[torch.Tensor, ...]:
-    return tuple(transitions(torch.float64))[:5]
 
 
 @pytest.mark.parametrize("log_std", list(LogStd))

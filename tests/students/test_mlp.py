@@ -1,10 +1,15 @@
 """The multilayer perceptron: every way through it is the same function, and its gradients are autograd's."""
 
+from __future__ import annotations
+
+import copy
+
 import numpy as np
 import pytest
 import torch
 from torch import nn
 
+from tma_ray.optimisers import leave_compiler_out, take_step
 from tma_ray.students.mlp.acting import ArrayNetwork, RowNetwork
 from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.students.mlp.network import FlatParameters, Network, as_modules, blocks_of, forward, split
@@ -111,3 +116,24 @@ def test_trunks_side_by_side_are_two_networks_that_share_their_inputs():
         values = torch.tanh(values @ second[high, low].T + b2[high])
         torch.testing.assert_close(outputs[:, own], values @ last[own, high].T + b3[own])
     assert layout.trunks(2).sum() == 2 * (5 * 4 + 4 + 4 * 3 + 3) + 3 * 3 + 3
+
+
+leave_compiler_out()
+
+
+@pytest.mark.parametrize("kind", [torch.optim.Adam, torch.optim.RMSprop])
+def test_a_step_is_torchs_own_bit_for_bit_also_after_loading(kind: type[torch.optim.Optimizer]) -> None:
+    ours = torch.nn.Linear(5, 3)
+    theirs = copy.deepcopy(ours)
+    first, second = (kind(network.parameters(), lr=0.01) for network in (ours, theirs))
+    inputs = torch.randn(8, 5)
+    for step in range(6):
+        if step == 3:
+            first.load_state_dict(copy.deepcopy(second.state_dict()))
+        for network, optimiser in ((ours, first), (theirs, second)):
+            optimiser.zero_grad()
+            network(inputs).square().sum().backward()
+            take_step(optimiser) if optimiser is first else optimiser.step()
+        for parameter, expected in zip(ours.parameters(), theirs.parameters(), strict=True):
+            assert torch.equal(parameter, expected)
+    assert float(first.state[ours.weight]["step"]) == 6

@@ -30,7 +30,7 @@ def test_defaults_are_the_papers():
     assert (sac["steps_per_update"], sac["batch_size"], sac["buffer_size"]) == (10, 1000, 2_000_000)
 
 
-@pytest.mark.parametrize("name", ["ppo", "sac"])
+@pytest.mark.parametrize("name", ["ppo", "sac", "A2C", "CrossQ", "DDPG", "TD3", "TQC", "TRPO"])
 def test_defaults_survive_json(name):
     values = json.loads(json.dumps(default_hyperparameters(name)))
     assert values == default_hyperparameters(name)

@@ -39,6 +39,11 @@ def started(
     return teacher
 
 
+def ended(task: Task, episodic_return: float = 0.0, success: bool = False, step: int = 0) -> Episode:
+    """An episode of ten steps, of which a teacher learns its return and whether it was mastered."""
+    return Episode(task, episodic_return, success, 10, np.zeros(1, np.float32), 0.0, step)
+
+
 def play(teacher: Teacher, episodes: int, step: int = 0) -> list[Task]:
     """Play a student that gets better with time, best at the lower corner of the space.
 

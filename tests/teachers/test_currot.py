@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_play import SPACES
+from simulated_play import SPACES, ended
 
-from tma_ray.tasks import Episode, KnowledgeLevel, expert_knowledge
+from tma_ray.tasks import KnowledgeLevel, expert_knowledge
 from tma_ray.teachers import make_teacher
 from tma_ray.teachers.currot import Performance, Region, SuccessBuffer, assigned, moved
 
@@ -93,7 +93,7 @@ def test_the_curriculum_covers_what_can_be_mastered_and_no_more(level: Knowledge
         task = teacher.sample()
         gained = 300.0 if task[0] < 0.2 else 0.0
         tasks.append(task[0])
-        teacher.observe(Episode(task, gained, gained > 230, 10, np.zeros(1, np.float32), 0.0, 10 * index))
+        teacher.observe(ended(task, gained, gained > 230, 10 * index))
     if level is KnowledgeLevel.HIGH:
         assert np.quantile(tasks[:30], 0.9) < -0.6, "it starts from easy tasks"
     late = np.array(tasks[-500:])

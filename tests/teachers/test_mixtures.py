@@ -1,11 +1,22 @@
+"""Mixtures against scikit-learn's, and the teachers that draw tasks from them: ALP-GMM and Covar-GMM."""
+
 from __future__ import annotations
+
+import pickle
 
 import numpy as np
 import pytest
+from simulated_play import SPACES, ended, play, started
 from sklearn.mixture import GaussianMixture
 from threadpoolctl import threadpool_limits
 
-from tma_ray.teachers.mixtures import fit_mixture
+from tma_ray.tasks import KnowledgeLevel
+from tma_ray.teachers import make_teacher
+from tma_ray.teachers.alp_gmm import ALPGMM, AbsoluteLearningProgress, NearestReturn
+from tma_ray.teachers.covar_gmm import CovarGMM
+from tma_ray.teachers.mixtures import Mixture, fit_mixture
+
+STUMP_TRACKS = SPACES["stump_tracks"]
 
 
 @pytest.mark.parametrize(("columns", "most_components"), [(1, 6), (3, 6), (9, 3)])
@@ -29,3 +40,148 @@ def test_rows_that_coincide_are_fitted_and_can_be_drawn_from() -> None:
     mixture = fit_mixture(rows, 10, seed=0)
     drawn = [mixture.draw(index, np.random.default_rng(0)) for index in range(len(mixture))]
     assert any(np.allclose(point, rows[0], atol=0.01) for point in drawn)
+
+
+def test_nearest_return_equals_a_search_through_everything() -> None:
+    rng = np.random.default_rng(0)
+    history, tasks, returns = NearestReturn(2, rebuild_every=50), [], []
+    for index in range(230):
+        task = rng.random(2).astype(np.float32)
+        if tasks:
+            distances = np.linalg.norm(np.array(tasks) - task, axis=1)
+            assert history.nearest(task) == returns[int(np.argmin(distances))]
+        if index == 120:
+            history = pickle.loads(pickle.dumps(history))
+        tasks.append(task.astype(np.float64))
+        returns.append(float(rng.normal()))
+        history.add(task, returns[-1])
+
+
+def test_progress_is_the_absolute_difference_once_six_tasks_are_known() -> None:
+    progress = AbsoluteLearningProgress(1)
+    tasks = [np.array([x], np.float32) for x in (0, 1, 2, 3, 4, 5)]
+    assert [progress(task, 10.0) for task in tasks] == [0.0] * 6
+    assert progress(np.array([2.1], np.float32), -30.0) == 40.0
+
+
+def test_components_are_chosen_in_proportion_to_their_mean_progress() -> None:
+    teacher = started("alp_gmm", STUMP_TRACKS)
+    assert isinstance(teacher, ALPGMM)
+    teacher.explore = 0.0
+    tiny = np.tile(np.eye(3) * 1e-8, (3, 1, 1))
+    means = np.array([[0.5, 1.0, 30.0], [1.5, 3.0, 10.0], [2.5, 5.0, 0.0]])
+    teacher.mixture_ = Mixture(np.full(3, 1 / 3), means, tiny)
+    heights = np.array([teacher.sample()[0] for _ in range(4000)])
+    shares = [np.mean(np.abs(heights - height) < 0.1) for height in (0.5, 1.5, 2.5)]
+    np.testing.assert_allclose(shares, [0.75, 0.25, 0.0], atol=0.03)
+    means[:, -1] = 0.0
+    heights = np.array([teacher.sample()[0] for _ in range(3000)])
+    shares = [np.mean(np.abs(heights - height) < 0.1) for height in (0.5, 1.5, 2.5)]
+    np.testing.assert_allclose(shares, [1 / 3] * 3, atol=0.04)
+
+
+def test_bootstrap_is_uniform_unless_the_expert_knows_where_to_start() -> None:
+    uniform = np.stack(play(started("alp_gmm", STUMP_TRACKS, level=KnowledgeLevel.LOW), 150))
+    informed = np.stack(play(started("alp_gmm", STUMP_TRACKS, level=KnowledgeLevel.HIGH), 150))
+    assert uniform[:, 0].mean() == pytest.approx(1.5, abs=0.25)
+    assert informed[:, 0].max() < 1.2  # the easy task is the lower corner, its std a tenth of the range
+
+
+def test_it_follows_progress_and_logs_every_fit() -> None:
+    teacher = started("alp_gmm", STUMP_TRACKS, level=KnowledgeLevel.NONE)
+    for index in range(900):  # only low stumps can be learned
+        task = teacher.sample()
+        learnable = float(task[0]) < 1.0
+        gain = 0.5 * index if learnable else 0.0
+        teacher.observe(ended(task, -100 + gain))
+    updates = teacher.drain_updates()
+    assert len(updates) == 6
+    assert all(2 <= len(update.gaussians) <= 10 for update in updates)
+    assert np.mean(teacher.probe(200)[:, 0] < 1.2) > 0.6
+
+
+def covar_gmm(level: KnowledgeLevel = KnowledgeLevel.NONE) -> CovarGMM:
+    teacher = started("covar_gmm", STUMP_TRACKS, level=level)
+    assert isinstance(teacher, CovarGMM)
+    return teacher
+
+
+def with_covariances(*covariances: float) -> Mixture:
+    """One tight component per height 0, 1, 2... whose time and return covary as given."""
+    means = np.array([[height, 3.0, 0.5, 0.0] for height in range(len(covariances))])
+    blocks = np.tile(np.diag([1e-8, 1e-8, 0.1, 1e5]), (len(covariances), 1, 1))
+    blocks[:, 2, 3] = blocks[:, 3, 2] = covariances
+    return Mixture(np.full(len(covariances), 1 / len(covariances)), means, blocks)
+
+
+def test_rows_hold_the_task_its_time_in_the_batch_and_its_return() -> None:
+    teacher = covar_gmm()
+    tasks = []
+    for index in range(200):
+        tasks.append(teacher.sample())
+        teacher.observe(ended(tasks[-1], 3.0 * index))
+    rows = np.array(teacher.recent_)
+    np.testing.assert_array_equal(rows[:, :2], np.array(tasks[50:], dtype=np.float64))
+    np.testing.assert_allclose(rows[:, 2], np.arange(50, 200) % 150 / 150)
+    np.testing.assert_array_equal(rows[:, 3], 3.0 * np.arange(50, 200))
+
+
+def test_progress_is_the_covariance_of_time_and_return_among_a_components_rows() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(60) / 60
+    learning = np.column_stack([rng.normal([0, 0], 0.1, (60, 2)), time, 90 * time + rng.normal(0, 5, 60)])
+    forgetting = np.column_stack([rng.normal([3, 6], 0.1, (60, 2)), time, 2000 - 40 * time])
+    mixture = fit_mixture(np.concatenate([learning, forgetting]), 2, seed=0)
+    order = np.argsort(mixture.means[:, 0])
+    expected = [np.cov(rows[:, 2], rows[:, 3], bias=True)[0, 1] for rows in (learning, forgetting)]
+    assert expected[0] > 0 > expected[1]
+    absolute = CovarGMM().progress_of(mixture)[order]
+    positive = make_teacher("covar_gmm", {"progress": "positive"}).progress_of(mixture)[order]
+    np.testing.assert_allclose(absolute, np.abs(expected), rtol=1e-6)
+    np.testing.assert_allclose(positive, [expected[0], 0.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("progress", "expected"), [("absolute", [0.5, 0.125, 0.375]), ("positive", [0.8, 0.2, 0.0])]
+)
+def test_components_are_chosen_in_proportion_to_progress(progress: str, expected: list[float]) -> None:
+    teacher = make_teacher("covar_gmm", {"progress": progress, "explore": 0.0})
+    teacher.start(STUMP_TRACKS, covar_gmm().knowledge, np.random.default_rng(3))
+    teacher.mixture_ = with_covariances(40.0, 10.0, -30.0)
+    heights = np.array([teacher.sample()[0] for _ in range(4000)])
+    shares = [np.mean(np.abs(heights - height) < 0.1) for height in range(3)]
+    np.testing.assert_allclose(shares, expected, atol=0.03)
+
+
+def test_one_task_in_ten_is_uniform() -> None:
+    teacher = covar_gmm()
+    teacher.mixture_ = with_covariances(0.0, 10.0)
+    heights = np.array([teacher.sample()[0] for _ in range(4000)])
+    assert np.mean(np.abs(heights - 1) > 0.01) == pytest.approx(0.1, abs=4 * np.sqrt(0.09 / 4000))
+    assert np.abs(teacher.probe(1000)[:, 0] - 1).max() < 0.01
+
+
+@pytest.mark.slow
+def test_it_follows_forgetting_too_and_logs_every_fit() -> None:
+    teacher = covar_gmm()
+    for index in range(900):  # low stumps are forgotten, the others stay as they are
+        task = teacher.sample()
+        teacher.observe(ended(task, 200 - 0.3 * index if task[0] < 1 else -100.0))
+    updates = teacher.drain_updates()
+    assert len(updates) == 6
+    for update in updates:
+        assert 2 <= len(update.gaussians) <= 15
+        assert update.scalars["components"] == len(update.gaussians)
+    latest = teacher.mixture_
+    progress = np.abs(latest.covariances[:, -2, -1])
+    logged = [component.weight for component in updates[-1].gaussians]
+    np.testing.assert_allclose(logged, progress / progress.sum())
+    assert updates[-1].scalars["mean_progress"] == pytest.approx(latest.weights @ progress)
+    assert updates[-1].scalars["largest_progress"] == progress.max()
+    assert np.mean(teacher.probe(200)[:, 0] < 1.2) > 0.8
+
+
+def test_only_high_knowledge_changes_the_bootstrap() -> None:
+    teacher = covar_gmm(KnowledgeLevel.HIGH)
+    informed = np.stack([teacher.sample() for _ in range(200)])
+    assert informed[:, 0].max() < 1.2  # the easy task is the lower corner, its std a tenth of the range

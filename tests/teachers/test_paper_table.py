@@ -1,4 +1,4 @@
-"""What the paper's tables say of its teachers: hyper-parameters; and the knowledge that each teacher uses."""
+"""Hyper-parameters of the paper's tables, impossible ones, and the knowledge that each teacher uses."""
 
 from __future__ import annotations
 
@@ -103,3 +103,48 @@ def test_knowledge_is_used_or_refused_by_name(name: str) -> None:
                 effective_level(TEACHERS.get(name), name, given)
         else:
             assert effective_level(TEACHERS.get(name), name, given) is used
+
+
+IMPOSSIBLE: dict[str, dict[str, Any]] = {
+    "adr": {"shrink_at": 180.0, "queue_size": 0, "boundary_share": 1.1, "step": 0.0},
+    "alp_gmm": {"fit_every": 2, "most_components": 1, "explore": 1.5, "exploer": 0.1},
+    "covar_gmm": {"progress": "relative"},
+    "goal_gan": {
+        "noise": -0.1,
+        "train_every": 0,
+        "old_share": 1.2,
+        "rollouts": 0,
+        "least_success": 0.8,
+        "spacing": -1.0,
+        "iterations_per_task": 0.0,
+        "learning_rate": 0.0,
+    },
+    "setter_solver": {"update_every": 0, "noise": 1.5, "hidden_units": 0, "learning_rate": 0.0},
+    "spdl": {
+        "first_update": -1,
+        "update_every": 0,
+        "updates_without_penalty": -1,
+        "penalty_share": -0.1,
+        "most_divergence": 0.0,
+    },
+    "riac": {
+        "region_capacity": 3,
+        "split_attempts": 0,
+        "smallest_side": 0.0,
+        "explore": 0.95,
+        "mutate": -0.1,
+        "mutation_std": -1.0,
+    },
+    "doraemon": {"least_success": 1.0, "most_divergence": 0.0, "concentration": 1.0},
+    "sfl": {"rollouts": 1, "kept": 0, "buffer_share": 2.0},
+    "plr": {"temperature": 0.0, "replay_share": 1.5, "buffer_size": 0},
+    "accel": {"edits": 0, "edit_step": 0.0, "edit_share": -0.1},
+    "ramp": {"steps": 0},
+    "robust_plr": {"budget": 0},
+}
+
+
+@pytest.mark.parametrize(("name", "key"), [(name, key) for name, keys in IMPOSSIBLE.items() for key in keys])
+def test_impossible_hyperparameters_are_refused(name: str, key: str) -> None:
+    with pytest.raises(ValueError, match=key):
+        make_teacher(name, {key: IMPOSSIBLE[name][key]})

@@ -5,10 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
-from simulated_play import SPACES, started
+from simulated_play import SPACES, ended, started
 
-from tma_ray.tasks import Episode, KnowledgeLevel, Task, TeacherUpdate
-from tma_ray.teachers import effective_level, make_teacher
+from tma_ray.tasks import KnowledgeLevel, TeacherUpdate
 from tma_ray.teachers.setter_solver import SetterSolver
 
 STUMP_TRACKS = SPACES["stump_tracks"]
@@ -20,17 +19,13 @@ def setter_solver(**changes: float) -> SetterSolver:
     return teacher
 
 
-def episode(task: Task, success: bool) -> Episode:
-    return Episode(task, 0.0, success, 10, np.zeros(1, np.float32), 0.0, 0)
-
-
 @cache
 def taught(updates: int = 80) -> tuple[SetterSolver, list[TeacherUpdate]]:
     """A teacher whose student masters the lower half of all stumps, whatever their distance."""
     teacher = setter_solver(hidden_units=16, learning_rate=3e-3, update_every=50)
     for _ in range(50 * updates):
         task = teacher.sample()
-        teacher.observe(episode(task, bool(task[0] < 1.5)))
+        teacher.observe(ended(task, success=bool(task[0] < 1.5)))
     return teacher, teacher.drain_updates()
 
 
@@ -75,7 +70,7 @@ def test_what_was_solved_becomes_likely() -> None:
     losses = []
     for _ in range(15 * teacher.update_every):
         task = teacher.sample()
-        teacher.observe(episode(task, bool(np.all(STUMP_TRACKS.normalise(task) < 0.5))))
+        teacher.observe(ended(task, success=bool(np.all(STUMP_TRACKS.normalise(task) < 0.5))))
     losses = [update.scalars["validity_loss"] for update in teacher.drain_updates()]
     assert np.mean(losses[-3:]) < np.mean(losses[:3]) - 0.3
 
@@ -83,7 +78,7 @@ def test_what_was_solved_becomes_likely() -> None:
 def test_a_batch_without_success_leaves_validity_out() -> None:
     teacher = setter_solver(update_every=10)
     for _ in range(30):
-        teacher.observe(episode(teacher.sample(), False))
+        teacher.observe(ended(teacher.sample(), success=False))
     updates = teacher.drain_updates()
     assert len(updates) == 3
     for update in updates:
@@ -91,7 +86,7 @@ def test_a_batch_without_success_leaves_validity_out() -> None:
         assert all(np.isfinite(value) for value in update.scalars.values())
     assert all(torch.isfinite(weight).all() for weight in teacher.setter_.parameters())
     for _ in range(10):
-        teacher.observe(episode(teacher.sample(), True))
+        teacher.observe(ended(teacher.sample(), success=True))
     assert "validity_loss" in teacher.drain_updates()[0].scalars
 
 
@@ -106,19 +101,7 @@ def test_networks_change_every_so_many_episodes_only() -> None:
         )
 
     for _ in range(19):
-        teacher.observe(episode(teacher.sample(), True))
+        teacher.observe(ended(teacher.sample(), success=True))
     assert not changed()
-    teacher.observe(episode(teacher.sample(), True))
+    teacher.observe(ended(teacher.sample(), success=True))
     assert changed()
-
-
-def test_low_and_high_knowledge_are_the_same_to_it() -> None:
-    assert effective_level(SetterSolver, "setter_solver", KnowledgeLevel.HIGH) is KnowledgeLevel.LOW
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"update_every": 0}, {"noise": 1.5}, {"hidden_units": 0}, {"learning_rate": 0.0}]
-)
-def test_impossible_hyperparameters_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        make_teacher("setter_solver", wrong)

@@ -1,12 +1,14 @@
+"""SPDL: its schedule, and its updates of a Gaussian against textbook formulas and searches."""
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 from simulated_play import SPACES, play, started
 
 from tma_ray.tasks import Episode, KnowledgeLevel, Query, QueryKind
-from tma_ray.teachers import effective_level, make_teacher
-from tma_ray.teachers.spdl import LARGEST_PENALTY, MOST_CONTEXTS, SPDL
+from tma_ray.teachers.spdl import LARGEST_PENALTY, MOST_CONTEXTS, SPDL, FullGaussian, self_paced_update
 
 STUMP_TRACKS = SPACES["stump_tracks"]
 
@@ -117,7 +119,6 @@ def test_it_starts_at_the_initial_gaussian() -> None:
         placed.drain_updates()[0].gaussians[0].mean, placed.knowledge.initial.mean, rtol=1e-6
     )
     assert not np.allclose(placed.knowledge.initial.mean, informed.knowledge.initial.mean)
-    assert effective_level(SPDL, "spdl", KnowledgeLevel.LOW) is KnowledgeLevel.NONE
 
 
 def test_constant_dimensions_keep_their_value_and_variance() -> None:
@@ -132,16 +133,118 @@ def test_constant_dimensions_keep_their_value_and_variance() -> None:
         assert gaussian.covariance[1].tolist() == [0, teacher.knowledge.initial.variance[1], 0]
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"first_update": -1},
-        {"update_every": 0},
-        {"updates_without_penalty": -1},
-        {"penalty_share": -0.1},
-        {"most_divergence": 0.0},
-    ],
-)
-def test_impossible_hyperparameters_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        make_teacher("spdl", wrong)
+def random_gaussian(size: int, rng: np.random.Generator, spread: float = 0.3) -> FullGaussian:
+    factor = np.tril(spread * rng.normal(size=(size, size)) / np.sqrt(size), -1)
+    np.fill_diagonal(factor, spread * np.exp(0.3 * rng.normal(size=size)))
+    return FullGaussian(rng.random(size), factor)
+
+
+def density(gaussian: FullGaussian, points: np.ndarray) -> np.ndarray:
+    return np.exp(
+        multivariate_normal(gaussian.mean, gaussian.factor @ gaussian.factor.T).logpdf(points).reshape(-1)
+    )
+
+
+def objective(
+    new: FullGaussian,
+    old: FullGaussian,
+    target: FullGaussian,
+    points: np.ndarray,
+    values: np.ndarray,
+    alpha: float,
+) -> float:
+    weights = np.exp(new.seen_from(old).log_ratio(old.whiten(points)))
+    return float(np.mean(weights * (values - values.mean()))) - alpha * new.divergence(target)
+
+
+@pytest.mark.parametrize("size", [1, 2, 7])
+def test_divergence_equals_the_textbook_and_a_sample_mean(size: int) -> None:
+    rng = np.random.default_rng(size)
+    one, other = random_gaussian(size, rng), random_gaussian(size, rng)
+    first, second = one.factor @ one.factor.T, other.factor @ other.factor.T
+    shift, precision = other.mean - one.mean, np.linalg.inv(second)
+    log_determinants = np.linalg.slogdet(second)[1] - np.linalg.slogdet(first)[1]
+    expected = (np.trace(precision @ first) + shift @ precision @ shift - size + log_determinants) / 2
+    assert one.divergence(other) == pytest.approx(expected, rel=1e-10)
+    points = one.draw(rng, 100_000)
+    sample = np.log(density(one, points) / density(other, points))
+    assert one.divergence(other) == pytest.approx(sample.mean(), abs=5 * sample.std() / np.sqrt(len(points)))
+
+
+def test_coordinates_and_back() -> None:
+    rng = np.random.default_rng(0)
+    gaussian, frame = random_gaussian(3, rng), random_gaussian(3, rng)
+    back = gaussian.seen_from(frame).placed_in(frame)
+    np.testing.assert_allclose(back.mean, gaussian.mean, rtol=1e-12)
+    np.testing.assert_allclose(back.factor, gaussian.factor, rtol=1e-12)
+    points = rng.normal(size=(20, 3))
+    ratio = density(gaussian, points) / density(FullGaussian(np.zeros(3), np.eye(3)), points)
+    np.testing.assert_allclose(np.exp(gaussian.log_ratio(points)), ratio, rtol=1e-9)
+
+
+@pytest.mark.parametrize("bound", [0.01, 0.8, 3.0])
+@pytest.mark.parametrize("size", [1, 2, 20])
+def test_every_update_gains_and_keeps_within_the_bound(size: int, bound: float) -> None:
+    rng = np.random.default_rng(size)
+    for alpha in (0.0, 0.5, 50.0):
+        old, target = random_gaussian(size, rng), random_gaussian(size, rng, 0.5)
+        points = np.clip(old.draw(rng, 250), 0, 1)
+        values = 100 * points.sum(axis=1) + rng.normal(0, 10, len(points))
+        new = self_paced_update(old, target, points, values, alpha, bound)
+        assert 0 < old.divergence(new) <= bound
+        assert np.all(np.diag(new.factor) > 0)
+        before, after = (objective(each, old, target, points, values, alpha) for each in (old, new))
+        assert after > before
+
+
+def test_a_short_step_is_the_steepest() -> None:
+    """Of all distributions at the same small divergence none has a larger objective."""
+    rng = np.random.default_rng(3)
+    old, target = random_gaussian(2, rng), random_gaussian(2, rng)
+    points = old.draw(rng, 300)
+    values, alpha, bound = 30 * np.sin(4 * points).sum(axis=1), 5.0, 1e-5
+    new = self_paced_update(old, target, points, values, alpha, bound)
+    start, best = (objective(each, old, target, points, values, alpha) for each in (old, new))
+    others = []
+    for _ in range(300):
+        factor = np.eye(2) + np.tril(rng.normal(size=(2, 2))) * 3e-3
+        other = FullGaussian(3e-3 * rng.normal(size=2), factor).placed_in(old)
+        # So near, gain and root of the divergence are linear: the gain is scaled to the bound.
+        gain = objective(other, old, target, points, values, alpha) - start
+        others.append(gain * np.sqrt(bound / old.divergence(other)))
+    gained = best - start
+    assert gained > 0
+    assert 0.9 * gained < max(others) < 1.02 * gained
+
+
+@pytest.mark.parametrize("size", [1, 2, 20])
+def test_flat_values_lead_to_the_target(size: int) -> None:
+    rng = np.random.default_rng(size)
+    current, target = FullGaussian(np.full(size, 0.1), 0.1 * np.eye(size)), random_gaussian(size, rng)
+    divergences = [current.divergence(target)]
+    for _ in range(30):
+        points = current.draw(rng, 100)
+        current = self_paced_update(current, target, points, np.full(100, 50.0), 2.5, 0.8)
+        divergences.append(current.divergence(target))
+    assert np.all(np.diff(divergences) <= 1e-12)
+    assert divergences[-1] < 1e-6
+    np.testing.assert_allclose(current.mean, target.mean, atol=1e-3)
+
+
+def test_nothing_to_gain_changes_nothing() -> None:
+    rng = np.random.default_rng(0)
+    old, target = random_gaussian(2, rng), random_gaussian(2, rng)
+    assert self_paced_update(old, target, old.draw(rng, 50), np.full(50, -7.0), 0.0, 0.8) is old
+
+
+def test_values_pull_the_mean_and_noise_does_not_outweigh_them() -> None:
+    rng = np.random.default_rng(1)
+    old, target = (
+        FullGaussian(np.full(2, 0.5), 0.1 * np.eye(2)),
+        FullGaussian(np.full(2, 0.5), 0.25 * np.eye(2)),
+    )
+    points = old.draw(rng, 250)
+    values = 200 * points[:, 0] + rng.normal(0, 10, 250)
+    new = self_paced_update(old, target, points, values, 0.0, 0.5)
+    assert new.mean[0] > old.mean[0] + 0.05
+    assert abs(new.mean[1] - old.mean[1]) < 0.02
