@@ -56,11 +56,7 @@ class PluginSource:
 
     @classmethod
     def of(cls, module: str, data_files: Iterable[str] = ()) -> PluginSource:
-        """Return the source of a module that has been imported.
-
-        Args:
-            module: its ``__name__``; "__main__" for the script that is running.
-            data_files: patterns of further files that it reads, relative to its folder.
+        """Return the source of the module with a ``__name__``, and `data_files`: patterns in its folder.
 
         Raises:
             ValueError: the module has no file, or a pattern matches none.
@@ -103,8 +99,7 @@ def importable_name(module: str) -> str:
 class _Collector:
     """Collector of the user's own files that a file imports; executes nothing.
 
-    Args:
-        top: the package or module that is followed even if it is installed.
+    The package or module `top` is followed even if it is installed.
 
     Attributes:
         roots: folders that top-level names are imported from; none for what is not followed.

@@ -115,11 +115,7 @@ class Registry(Generic[T]):
         return _first_line(text if text is not None else self.get(name).__doc__)
 
     def get(self, name: str) -> T:
-        """Return the implementation called `name`.
-
-        Args:
-            name: a registered name, or ``module:Name`` for one that is not registered. Settings after it,
-                as in ``name:key=value``, are left to who makes one.
+        """Return the implementation of a registered name, or ``module:Name``; settings after it are ignored.
 
         Raises:
             UnknownNameError: nothing answers to `name`, or its module has no such attribute.
@@ -142,12 +138,9 @@ class Registry(Generic[T]):
     def plugin(self, name: str) -> PluginSource | None:
         """Return the source of a plug-in, as it was when this process first asked for it.
 
-        The name's `data_files`, if it has such an attribute, are patterns of further files that it
-        reads, relative to its module's folder.
-
-        Returns:
-            None for what ships with tma_ray, whose version is part of every run already; that is not
-            even imported.
+        The name's `data_files`, if it has such an attribute, are patterns of further files that it reads,
+        relative to its module's folder. None for what ships with tma_ray, which is not even imported: its
+        version is part of every run already.
 
         Raises:
             UnknownNameError: nothing answers to `name`.
