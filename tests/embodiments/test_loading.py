@@ -1,13 +1,12 @@
-"""Every body that ships loads; a body that cannot be built says what is wrong with it."""
+"""Every body that ships loads; a body or outline that cannot be built says what is wrong with it."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import tma_ray.embodiments
-from tma_ray.embodiments import EmbodimentError, GripSensor, embodiment_names, load_embodiment
+from tma_ray.embodiments import EmbodimentError, GripSensor, Polygon, embodiment_names, load_embodiment
 
 DATA = Path(tma_ray.embodiments.__file__).parent / "data"
 
@@ -32,72 +31,79 @@ def test_a_body_loads_from_a_file(tmp_path: Path) -> None:
     assert load_embodiment(str(path)).parts == load_embodiment("classic_bipedal").parts
 
 
-Change = Callable[[str], str]
-
-
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("old", "new", "message"),
     [
-        (lambda text: text.replace('part_b = "lower_2"', 'part_b = "lower_1"'), "connects part 'lower_2'"),
-        (lambda text: text.replace("anchor = [0.0, -0.1]", "anchor = [0.0, -0.9]"), "outside part 'hull'"),
-        (lambda text: text.replace("density = 5.0", "density = 0.0"), "density 0.0"),
-        (lambda text: text.replace('name = "leg_2"', 'name = "leg_1"'), "'leg_1' is used more than once"),
-        (lambda text: text.replace("[1.1333333, 0.0333333]", "[0.1, -0.2]"), "part 'hull': vertices.*convex"),
-        (lambda text: text.replace('part_b = "lower_2"', 'part_b = "foot"'), "no part 'foot'"),
-        (lambda text: text.replace('contact_part = "lower_2"', 'contact_part = "foot"'), "no part 'foot'"),
-        (lambda text: text.replace("head = true\n", ""), "exactly one part must have head"),
-        (lambda text: text.replace("[-1.6, -0.1]", "[-0.1, -1.6]"), "limits .* must rise"),
-        (lambda text: text.replace("motor_torque = 80.0", "motor_torque = 0.0"), "motor_torque"),
-        (lambda text: text.replace("friction = 0.1", "frictoin = 0.1"), "unknown field 'frictoin'"),
-        (lambda text: text.replace("density = 5.0\n", ""), "'density' is missing"),
+        ('part_b = "lower_2"', 'part_b = "lower_1"', "connects part 'lower_2'"),
+        ("anchor = [0.0, -0.1]", "anchor = [0.0, -0.9]", "outside part 'hull'"),
+        ("density = 5.0", "density = 0.0", "density 0.0"),
+        ('name = "leg_2"', 'name = "leg_1"', "'leg_1' is used more than once"),
+        ("[1.1333333, 0.0333333]", "[0.1, -0.2]", "part 'hull': vertices.*convex"),
+        ('part_b = "lower_2"', 'part_b = "foot"', "no part 'foot'"),
+        ('contact_part = "lower_2"', 'contact_part = "foot"', "no part 'foot'"),
+        ("head = true\n", "", "exactly one part must have head"),
+        ("[-1.6, -0.1]", "[-0.1, -1.6]", "limits .* must rise"),
+        ("motor_torque = 80.0", "motor_torque = 0.0", "motor_torque"),
+        ("friction = 0.1", "frictoin = 0.1", "unknown field 'frictoin'"),
+        ("density = 5.0\n", "", "'density' is missing"),
         (
-            lambda text: text.replace('body_type = "walker"', 'body_type = "runner"'),
+            'body_type = "walker"',
+            'body_type = "runner"',
             "body_type 'runner' must be one of walker, swimmer, climber, amphibian",
         ),
         (
-            lambda text: text.replace("torque_cost", 'lidars = "back"\ntorque_cost'),
+            "torque_cost",
+            'lidars = "back"\ntorque_cost',
             "lidars 'back' must be one of down, up, full",
         ),
         (
-            lambda text: text.replace("under_water = 600", "under_water = -1"),
+            "under_water = 600",
+            "under_water = -1",
             "steps_survivable_under_water -1 must be a whole number of time steps, 0 or more",
         ),
         (
-            lambda text: text.replace("under_water = 600", "outside_water = 2.5"),
+            "under_water = 600",
+            "outside_water = 2.5",
             "steps_survivable_outside_water 2.5: Expected `int | null`, got `float`",
         ),
-        (lambda text: text.replace("[[parts]]", "[parts]"), "mine.toml"),
+        ("[[parts]]", "[parts]", "mine.toml"),
         (
-            lambda text: text.replace('critical = ["stump_tracks"]', "critical = true"),
+            'critical = ["stump_tracks"]',
+            "critical = true",
             "critical True: Expected `array`, got `bool`",
         ),
         (
-            lambda text: text.replace("torque_cost", "substeps = 0\ntorque_cost"),
+            "torque_cost",
+            "substeps = 0\ntorque_cost",
             "substeps 0 must be at least 1",
         ),
         (
-            lambda text: text.replace("torque_cost", "substeps = 4\nmotor_share = 0.3\ntorque_cost"),
+            "torque_cost",
+            "substeps = 4\nmotor_share = 0.3\ntorque_cost",
             "motor_share 0.3 must be a whole number of the 4 substeps",
         ),
         (
-            lambda text: text.replace("torque_cost", "substeps = 4\nmotor_share = 1.5\ntorque_cost"),
+            "torque_cost",
+            "substeps = 4\nmotor_share = 1.5\ntorque_cost",
             "motor_share 1.5 must be a whole number of the 4 substeps",
         ),
         (
-            lambda text: text.replace("motor_torque = 80.0\nmotor_speed = 6.0\n", ""),
+            "motor_torque = 80.0\nmotor_speed = 6.0\n",
+            "",
             "without motor .* observed",
         ),
-        (lambda text: text.replace("motor_torque = 80.0\n", ""), "motor_torque 0.0 N m and motor_speed"),
+        ("motor_torque = 80.0\n", "", "motor_torque 0.0 N m and motor_speed"),
         (
-            lambda text: text.replace("anchor = [0.0, -0.1]", "anchor = [0.0, -0.1]\nanchor_b = [0.0, 0.0]"),
+            "anchor = [0.0, -0.1]",
+            "anchor = [0.0, -0.1]\nanchor_b = [0.0, 0.0]",
             r"anchor \[0.0, 0.0\] lies 0.100 m outside part 'leg_1'",
         ),
     ],
 )
-def test_bodies_that_cannot_be_built_are_refused(tmp_path: Path, change: Change, message: str) -> None:
+def test_bodies_that_cannot_be_built_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     path, text = tmp_path / "mine.toml", _text()
-    assert change(text) != text
-    path.write_text(change(text))
+    assert old in text
+    path.write_text(text.replace(old, new))
     with pytest.raises(EmbodimentError, match=message):
         load_embodiment(path)
 
@@ -183,3 +189,44 @@ def test_mistyped_fields_are_named(tmp_path: Path, old: str, new: str, message: 
     path.write_text(text[:start] + text[start:end].replace(old, new, 1))
     with pytest.raises(EmbodimentError, match=message):
         load_embodiment(path)
+
+
+@pytest.mark.parametrize("corners", [3, 4, 5, 8])
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (2.5, -1.0)])
+def test_regular_polygon_has_the_textbook_area_and_moment(corners: int, centre: tuple[float, float]) -> None:
+    radius, angles = 0.7, 2 * np.pi * np.arange(corners) / corners
+    points = np.array(centre) + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    polygon = Polygon(tuple(map(tuple, points.tolist())))
+    area = corners / 2 * radius**2 * np.sin(2 * np.pi / corners)
+    assert polygon.area == pytest.approx(area)
+    assert polygon.centroid == pytest.approx(centre)
+    expected = area * radius**2 / 2 * (1 - 2 / 3 * np.sin(np.pi / corners) ** 2)
+    assert polygon.second_moment == pytest.approx(expected)
+
+
+def test_rectangle_off_its_origin() -> None:
+    polygon = Polygon(((1.0, 2.0), (4.0, 2.0), (4.0, 4.0), (1.0, 4.0)))
+    assert polygon.area == pytest.approx(6)
+    assert polygon.centroid == pytest.approx((2.5, 3))
+    assert polygon.second_moment == pytest.approx(6 * (3**2 + 2**2) / 12)
+
+
+def test_distance_is_negative_inside_and_positive_outside() -> None:
+    polygon = Polygon(((0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)))
+    assert polygon.distance((1.0, 0.5)) == pytest.approx(-0.5)
+    assert polygon.distance((1.0, 1.25)) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "message"),
+    [
+        (((0.0, 0.0), (1.0, 0.0)), "at least 3"),
+        (((0.0, 0.0), (0.0, 1.0), (1.0, 0.0)), "counter-clockwise"),
+        (((0.0, 0.0), (2.0, 0.0), (0.5, 0.5), (0.0, 2.0)), "convex"),
+        (((1.0, 0.0), (-0.8, 0.6), (0.3, -0.95), (0.3, 0.95), (-0.8, -0.6)), "convex"),  # a star
+        (((0.0, 0.0), (1.0, 0.0), (float("nan"), 1.0)), "finite"),
+    ],
+)
+def test_shapes_that_are_no_convex_polygon_are_refused(vertices, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Polygon(vertices)

@@ -5,21 +5,104 @@
 
 from __future__ import annotations
 
+import csv
 import sys
 from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
-from measures import Floats, joint_drift, limit_overshoot, penetration
+import pytest
+from numpy.typing import NDArray
 from parkour_worlds import parkour_rules
-from release import Statistics, measured
 
 from tma_ray.embodiments import BodyType, Embodiment, embodiment_names, load_embodiment
 from tma_ray.envs.base import PUSH
 from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import Engine, make_engine
-from tma_ray.physics.rules import body_arrays
+from tma_ray.physics.rules import BodyArrays, body_arrays
 from tma_ray.terrain import GROUND_HEIGHT, Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks
+
+BEHAVIOUR = Path(__file__).parents[1] / "reference" / "behaviour.csv"
+
+FAST = ("classic_bipedal", "climbing_chimpanzee", "fish")
+"""Bodies whose behaviour the fast tier measures."""
+
+
+class Statistics(NamedTuple):
+    """Statistics of one figure over `n` repetitions; the standard deviation is the population's."""
+
+    n: int
+    mean: float
+    std: float
+
+
+def measured(protocol: str, environment: str, embodiment: str, case: str = "") -> dict[str, Statistics]:
+    """Return the release's statistics of one body under one protocol, by figure.
+
+    Raises:
+        KeyError: nothing of the kind was measured.
+    """
+    return _behaviour()[protocol, environment, embodiment, case]
+
+
+def bodies(*names: str) -> list[Any]:
+    """Return values of a test's parameter: bodies, those outside the fast tier marked as slow."""
+    return [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in names]
+
+
+@cache
+def _behaviour() -> dict[tuple[str, ...], dict[str, Statistics]]:
+    table: dict[tuple[str, ...], dict[str, Statistics]] = {}
+    with BEHAVIOUR.open(newline="") as file:
+        for row in csv.DictReader(file):
+            key = row["protocol"], row["environment"], row["embodiment"], row["case"]
+            statistics = Statistics(int(row["n"]), float(row["mean"]), float(row["std"]))
+            table.setdefault(key, {})[row["figure"]] = statistics
+    return table
+
+
+Floats = NDArray[np.float64]
+
+
+def world_points(pose: Floats, points: Floats) -> Floats:
+    """Return `points` (n, 2) of a frame at `pose` (x, y, angle, ...) in world axes."""
+    sine, cosine = np.sin(pose[2]), np.cos(pose[2])
+    return pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]])
+
+
+def joint_drift(state: Floats, body: BodyArrays) -> Floats:
+    """Return how far each joint's two anchors are apart (j,), in m."""
+    return np.array(
+        [
+            np.linalg.norm(world_points(state[a], pair[:1]) - world_points(state[b], pair[1:]))
+            for (a, b), pair in zip(body.joint_parts, body.anchors, strict=True)
+        ]
+    )
+
+
+def limit_overshoot(state: Floats, body: BodyArrays) -> Floats:
+    """Return how far each joint is outside its limits (j,), in rad; 0 inside."""
+    a, b = body.joint_parts.T
+    angles = state[b, 2] - state[a, 2]
+    return np.maximum(0, np.maximum(body.limits[:, 0] - angles, angles - body.limits[:, 1]))
+
+
+def penetration(state: Floats, body: BodyArrays, terrain: Terrain) -> Floats:
+    """Return how deep each part's corners are inside the terrain's upright boxes (p,), in m; 0 outside.
+
+    Depth is the shortest way out to the top or a side.
+    """
+    left, right, top = terrain.solids[:, 0, 0], terrain.solids[:, 1, 0], terrain.solids[:, 2, 1]
+    depths = np.zeros(len(state))
+    for part, pose in enumerate(state):
+        corners = body.vertices[body.first_vertex[part] : body.first_vertex[part + 1]]
+        x, y = world_points(pose, corners).T[:, :, None]
+        depths[part] = max(0.0, np.minimum(top - y, np.minimum(x - left, right - x)).max())
+    return depths
+
 
 TASKS = ((0.0, 6.0), (1.5, 3.0), (3.0, 1.0))
 CLASSIC = "classic_bipedal"

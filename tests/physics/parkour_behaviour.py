@@ -9,9 +9,8 @@ import sys
 from collections.abc import Iterator
 
 import numpy as np
-from behaviour import Figures, cells, embodied, episodes, gaits, start, zero_action
+from behaviour import Figures, cells, embodied, episodes, gaits, measured, start, zero_action
 from parkour_worlds import deep, dry, parkour_rules
-from release import measured
 
 from tma_ray.embodiments import Embodiment, embodiment_names, load_embodiment
 from tma_ray.physics import Engine

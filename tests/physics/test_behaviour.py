@@ -2,7 +2,7 @@
 
 import behaviour
 import pytest
-from release import bodies, measured
+from behaviour import bodies, measured
 
 OTHERS = [name for name in behaviour.WALKERS if name != behaviour.CLASSIC]
 

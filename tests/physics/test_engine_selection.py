@@ -9,7 +9,7 @@ import pytest
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES
-from tma_ray.physics import engine_in_use, make_engine, selection
+from tma_ray.physics import engine_in_use, make_engine
 from tma_ray.physics.compiled.engine import CompiledEngine
 from tma_ray.physics.pymunk_engine import PymunkEngine
 
@@ -96,8 +96,3 @@ def test_without_a_compiler_pymunk_is_taken() -> None:
     choice = output(code, NUMBA_DISABLE_JIT="1")
     assert "name='pymunk'" in choice
     assert "NUMBA_DISABLE_JIT" in choice
-
-
-def test_selection_makes_the_engine_that_is_in_use() -> None:
-    for name, kind in (("compiled", CompiledEngine), ("pymunk", PymunkEngine)):
-        assert selection._engine_class(name) is kind

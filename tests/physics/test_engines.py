@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measures import joint_drift, limit_overshoot, penetration
+from behaviour import joint_drift, limit_overshoot, penetration
 from parkour_worlds import parkour_rules, parkour_world
 from suite.bodies import FEW, bodies
 from trajectory import digest, digest_in_parkour

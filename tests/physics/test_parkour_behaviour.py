@@ -3,8 +3,7 @@
 import numpy as np
 import parkour_behaviour as parkour
 import pytest
-from behaviour import gaits, zero_action
-from release import bodies, measured
+from behaviour import bodies, gaits, measured, zero_action
 
 LAND_IN_ANOTHER_POSE = ("old_classic_bipedal", "climbing_chimpanzee")
 """Bodies that 100 steps without torque leave in another pose; docs/fidelity.md tells how."""
