@@ -73,20 +73,7 @@ __all__ = [
     "training_curves",
 ]
 
-__getattr__, __dir__ = import_later(  # what takes long to import
-    __name__,
-    {
-        "curriculum_of": "analysis.data.curricula",
-        "find_baseline": "analysis.baselines",
-        "interquartile_means": "analysis.comparisons.aggregates",
-        "result_tables": "analysis.tables.paper_tables",
-    },
-    parts={
-        "baselines": "analysis.baselines",
-        "figures": "analysis.figures",
-        "style": "analysis.charts.paper.style",
-    },
-)
+__getattr__, __dir__ = import_later(__name__, __file__)  # what takes long to import
 
 
 def load(root: str | Path) -> Frames:

@@ -29,7 +29,7 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBu
 
 from tma_ray.students import ppo as student_ppo
 from tma_ray.students import sac as student_sac
-from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
+from tma_ray.students.cohort.ppo import PPONetworks, StackedPPO
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
 from tma_ray.students.hyperparameters import MatmulPrecision, PPOHyperparameters, SACHyperparameters
 
@@ -120,7 +120,7 @@ class PPO:
         steps = [_noise(generator, (count, size)) for size in SIZES]
         values = _noise(generator, (4, count))
         orders = np.stack([generator.permutation(count) for _ in range(hyper.epochs)])
-        stack.store(slot, RolloutColumns(*steps, *values), orders)
+        stack.store(slot, (*steps, *values), orders)
 
 
 STUDENTS: dict[str, Any] = {"sac": SAC(), "ppo": PPO()}

@@ -25,7 +25,7 @@ from tma_ray.campaign.cluster.heads import connect
 from tma_ray.students import Learner
 from tma_ray.students.cohort.server import LearnerServer
 from tma_ray.students.players import CohortSettings
-from tma_ray.students.players.link import SocketLink
+from tma_ray.students.players.link import LearnerLink
 
 STEPS, OBSERVATION, ACTION, HIDDEN = 300, 24, 4, (400, 300)
 
@@ -83,7 +83,7 @@ class Playing:
 
     def socket(self, learner: Learner, count: int) -> float:
         """Return the median time of an exchange over the learner's socket, s."""
-        link, handed = SocketLink(learner), experience()
+        link, handed = LearnerLink(learner), experience()
         membership: Any = None
         link.join(membership)
         return median(lambda: link.learn(handed, STEPS // 10), count)

@@ -92,3 +92,39 @@ def check_pair(name: str, value: object, expected: str) -> None:
     """Refuse an argument that is not a sequence of two values by a ValueError."""
     if not isinstance(value, Sequence) or len(value) != 2:
         raise ValueError(f"{name} = {value!r:.60}: expected {expected}")
+
+
+def check_at_least(record: object, least: float, *names: str) -> None:
+    """Refuse attributes of `record` under `least`.
+
+    Raises:
+        ValueError: the message holds the attribute's name and its value.
+    """
+    for name in names:
+        value = getattr(record, name)
+        if not value >= least:
+            raise ValueError(f"{name} = {value!r}: expected at least {least}")
+
+
+def check_positive(record: object, *names: str) -> None:
+    """Refuse attributes of `record` that are not over 0; None is not checked.
+
+    Raises:
+        ValueError: the message holds the attribute's name and its value.
+    """
+    for name in names:
+        value = getattr(record, name)
+        if value is not None and not value > 0:
+            raise ValueError(f"{name} = {value!r}: expected more than 0")
+
+
+def check_shares(record: object, *names: str) -> None:
+    """Refuse attributes of `record` that are not in [0, 1].
+
+    Raises:
+        ValueError: the message holds the attribute's name and its value.
+    """
+    for name in names:
+        value = getattr(record, name)
+        if not 0 <= value <= 1:
+            raise ValueError(f"{name} = {value!r}: expected a share in [0, 1]")

@@ -46,7 +46,7 @@ def draw(axis: Axes, body: Embodiment) -> None:
     corners = np.concatenate(outlines)
     left = (corners[:, 0].min() + corners[:, 0].max() - WIDTH) / 2
     draw_world(axis, body, left)
-    lift = HEIGHT - 2 * MARGIN - grips(body, pose)[:, 1].max() if body.starts_hanging else 0.0
+    lift = HEIGHT - 2 * MARGIN - grips(body, pose)[:, 1].max() if body.grip_sensors else 0.0
     up = np.array([0.0, lift])
     for i in sorted(places, key=lambda part: (part == body.head, -part)):
         colour = to_rgba(HEAD if i == body.head else LIMB, 0.75)  # limbs behind the trunk show through
@@ -80,7 +80,7 @@ def draw_world(axis: Axes, body: Embodiment, left: float) -> None:
     axis.set(xlim=(left, left + WIDTH), ylim=(-MARGIN, HEIGHT - MARGIN), aspect="equal", xticks=[], yticks=[])
     axis.set_facecolor(WATER if body.steps_survivable_under_water is None else SKY)
     axis.add_patch(Rectangle((left, -MARGIN), WIDTH, MARGIN, facecolor=SOIL, edgecolor=SOIL_EDGE))
-    if body.starts_hanging:
+    if body.grip_sensors:
         axis.add_patch(
             Rectangle((left, HEIGHT - 2 * MARGIN), WIDTH, MARGIN, facecolor=SOIL, edgecolor=SOIL_EDGE)
         )
@@ -90,7 +90,7 @@ def draw_world(axis: Axes, body: Embodiment, left: float) -> None:
 
 def caption(body: Embodiment) -> str:
     """Return what a body is and acts with."""
-    grip = f", {len(body.grip_sensors)} grips" if body.starts_hanging else ""
+    grip = f", {len(body.grip_sensors)} grips" if body.grip_sensors else ""
     mass = sum(piece.mass for piece in (*body.parts, *body.grip_sensors))
     return f"{body.body_type}, {mass:.1f} kg, {len(body.motors)} motors{grip}"
 

@@ -20,7 +20,7 @@ from PIL import Image
 
 from tma_ray.embodiments import Embodiment, load_embodiment
 from tma_ray.envs.drawing import Renderer, height_at
-from tma_ray.envs.scene import scene_of
+from tma_ray.envs.scene import Look, scene_of
 from tma_ray.physics import Engine, Rules, make_engine
 from tma_ray.physics.kernels import NOTHING
 from tma_ray.terrain import Terrain
@@ -237,7 +237,7 @@ def sheet(path: Path) -> None:
         upper = figure.add_axes(_share((left, top - width * 2 / 3, width, width * 2 / 3), size))
         lower = figure.add_axes(_share((left, top - width * 2 / 3 - MAP, width, MAP), size))
         renderer = Renderer(body, False, 50)
-        upper.imshow(renderer.draw(scene_of(engine, terrain, observation)))
+        upper.imshow(renderer.draw(scene_of(engine, terrain, observation), Look()))
         upper.set_axis_off()
         upper.set_title(caption(view, task), fontsize=8, loc="left")
         draw_map(lower, terrain, *engine.state[body.head, :2])
@@ -257,7 +257,7 @@ def clip(view: View, acting: Callable[[Engine], Acting]) -> list[NDArray[np.uint
     observation, act = engine.reset(terrain, 0.0), acting(engine)
     for step in range(view.steps):
         if step % STEPS_PER_FRAME == 0:
-            frame = Image.fromarray(renderer.draw(scene_of(engine, terrain, observation)))
+            frame = Image.fromarray(renderer.draw(scene_of(engine, terrain, observation), Look()))
             frames.append(np.asarray(frame.resize(CLIP_SIZE, Image.Resampling.LANCZOS)))
         observation, *_ = engine.step(act(step, engine))
     return frames

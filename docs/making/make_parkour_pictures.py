@@ -12,11 +12,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
+from parkour_demands import demands, difficulty
 
 from tma_ray.benchmark import find_challenge, load_test_set
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.base import STEP
-from tma_ray.terrain.parkour import CPPN, TRACK_POINTS, demands, difficulty, parkour
+from tma_ray.terrain.parkour import CPPN, TRACK_POINTS, parkour
 
 NETWORK = CPPN.load()
 MEDIUM = find_challenge("parkour", "original").task_space

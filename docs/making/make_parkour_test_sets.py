@@ -13,10 +13,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from parkour_demands import demands, difficulty
 
 from tma_ray.benchmark import find_challenge
 from tma_ray.tasks import TestSet
-from tma_ray.terrain.parkour import CPPN, demands, difficulty, parkour
+from tma_ray.terrain.parkour import CPPN, parkour
 
 MEDIUM = find_challenge("parkour", "original").task_space
 HARD = find_challenge("parkour", "hard").task_space

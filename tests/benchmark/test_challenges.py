@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from parkour_demands import WALKER_DROP, WALKER_RISE, demands, difficulty
 
 from tma_ray.benchmark import (
     CHALLENGES,
@@ -18,7 +19,7 @@ from tma_ray.benchmark import (
 )
 from tma_ray.envs import make_environment
 from tma_ray.tasks import TestSet
-from tma_ray.terrain.parkour import CPPN, WALKER_DROP, WALKER_RISE, demands, difficulty, parkour
+from tma_ray.terrain.parkour import CPPN, parkour
 
 
 @pytest.mark.parametrize("challenge", CHALLENGES, ids=lambda challenge: challenge.name)

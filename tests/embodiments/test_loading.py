@@ -153,7 +153,7 @@ def test_a_joint_may_lie_outside_its_parts_if_the_file_says_so(tmp_path: Path) -
 
 
 def test_only_climbers_hang() -> None:
-    hanging = [name for name in embodiment_names() if load_embodiment(name).starts_hanging]
+    hanging = [name for name in embodiment_names() if load_embodiment(name).grip_sensors]
     assert hanging == ["climbing_chest_chimpanzee", "climbing_chimpanzee"]
 
 

@@ -49,7 +49,7 @@ def test_life_in_parkour(name: str) -> None:
     assert body.lidars == (measured["lidars"] or CHOSEN_LIDARS[name])
     assert body.steps_survivable_under_water == measured["steps_survivable_under_water"]
     assert body.steps_survivable_outside_water == measured["steps_survivable_outside_water"]
-    assert body.may_touch_ceiling == body.starts_hanging == (measured["body_type"] == "climber")
+    assert body.may_touch_ceiling == bool(body.grip_sensors) == (measured["body_type"] == "climber")
     assert body.pushed == measured["pushed"]
 
 

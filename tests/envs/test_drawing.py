@@ -22,11 +22,10 @@ from tma_ray.envs.drawing import (
     PIXELS_PER_METRE,
     Colour,
     Renderer,
-    Scene,
     height_at,
     view_of,
 )
-from tma_ray.envs.scene import scene_of
+from tma_ray.envs.scene import Look, Scene, scene_of
 from tma_ray.physics import Rules, engine_in_use, make_engine
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.parkour import CPPN, DEFAULT_WEIGHTS, parkour
@@ -52,7 +51,7 @@ def scene(body: str, terrain: Terrain, steps: int = 0) -> Scene:
 
 
 def frame_of(body: str, shown: Scene) -> np.ndarray:
-    return Renderer(load_embodiment(body), False, 50).draw(shown)
+    return Renderer(load_embodiment(body), False, 50).draw(shown, Look())
 
 
 def pixels(frame: np.ndarray, colour: Colour, tolerance: int = 8) -> int:

@@ -18,6 +18,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import tma_ray  # noqa: F401  (registers the environments)
 from tma_ray.envs import ENVIRONMENTS, make_environment, make_vector_environment
 from tma_ray.envs.vector import EngineLockStep, VectorEnvironment
+from tma_ray.physics import engine_in_use
 from tma_ray.physics.compiled.step import body_in
 
 COUNT = 4
@@ -141,6 +142,25 @@ def test_worlds_without_an_engine_are_stepped_in_turn() -> None:
         *_, truncated, _ = worlds.step(np.zeros((2, 1), np.float32))
         assert not truncated.any()
     assert worlds.step(np.zeros((2, 1), np.float32))[3].all()
+
+
+def test_worlds_of_pymunk_are_stepped_in_turn_with_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, played = np.random.default_rng(0), []
+    actions = rng.uniform(-1, 1, (60, 2, 4)).astype(np.float32)
+    for engine in ("compiled", "pymunk"):
+        monkeypatch.setenv("TMA_RAY_ENGINE", engine)
+        engine_in_use.cache_clear()
+        worlds = make_vector_environment("stump_tracks", 2)
+        observations = [worlds.reset(seed=3)[0]]
+        observations += [worlds.step(each)[0] for each in actions]
+        played.append(np.stack(observations).tobytes())
+    with pytest.raises(
+        ValueError,
+        match=r"threads = 2: expected 1 with the pymunk engine \(TMA_RAY_ENGINE=pymunk demands it\)",
+    ):
+        make_vector_environment("stump_tracks", 2, threads=2).reset(seed=3)
+    engine_in_use.cache_clear()
+    assert played[0] == played[1]
 
 
 def test_a_vector_is_not_drawn() -> None:

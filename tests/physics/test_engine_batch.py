@@ -6,20 +6,11 @@ from parkour_worlds import parkour_rules, parkour_world
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES
-from tma_ray.physics import batch_engines, engine_in_use, make_engine
-from tma_ray.physics.selection import CompiledBatch, SequentialBatch
+from tma_ray.physics import make_engine
+from tma_ray.physics.compiled.engine import EngineBatch
 from tma_ray.terrain.stump_tracks import stump_tracks
 
-KINDS = {"compiled": CompiledBatch, "pymunk": SequentialBatch}
 COUNT = 6
-
-
-@pytest.fixture(params=KINDS)
-def kind(request, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("TMA_RAY_ENGINE", request.param)
-    engine_in_use.cache_clear()
-    yield request.param
-    engine_in_use.cache_clear()
 
 
 def engines():
@@ -42,11 +33,10 @@ def parkour_engines():
 
 
 @pytest.mark.parametrize(("make", "actions_each"), [(engines, 4), (parkour_engines, 12)])
-def test_they_equal_single_engines_bit_for_bit(kind: str, make, actions_each: int) -> None:
-    """With more threads than worlds in some of the calls, where there can be threads."""
+def test_they_equal_single_engines_bit_for_bit(make, actions_each: int) -> None:
+    """With more threads than worlds in some of the calls."""
     alone, joined = make(), make()
-    worlds, rng = batch_engines(joined, threads=3 if kind == "compiled" else 1), np.random.default_rng(0)
-    assert isinstance(worlds, KINDS[kind])
+    worlds, rng = EngineBatch(joined, threads=3), np.random.default_rng(0)
     for _ in range(60):
         rows = np.sort(rng.choice(COUNT, rng.integers(1, COUNT + 1), replace=False))
         actions = rng.uniform(-1, 1, (len(rows), actions_each)).astype(np.float32)
@@ -59,25 +49,13 @@ def test_they_equal_single_engines_bit_for_bit(kind: str, make, actions_each: in
         assert one.state.tobytes() == other.state.tobytes()
 
 
-@pytest.mark.usefixtures("kind")
 @pytest.mark.parametrize("actions", [np.zeros((2, 3)), np.zeros((2, 5)), np.full((2, 4), np.nan)])
 def test_malformed_actions_are_refused(actions: np.ndarray) -> None:
     with pytest.raises(ValueError, match=r"shape|must be finite"):
-        batch_engines(engines()).step(np.array([0, 3]), actions.astype(np.float32))
+        EngineBatch(engines()).step(np.array([0, 3]), actions.astype(np.float32))
 
 
-@pytest.mark.usefixtures("kind")
 def test_engines_without_a_world_are_refused() -> None:
     engine = make_engine(load_embodiment("classic_bipedal"), RULES)
     with pytest.raises(RuntimeError, match="call reset first"):
-        batch_engines([engine]).step(np.array([0]), np.zeros((1, 4), np.float32))
-
-
-@pytest.mark.parametrize("kind", ["pymunk"], indirect=True)
-@pytest.mark.usefixtures("kind")
-def test_worlds_of_pymunk_have_one_thread() -> None:
-    with pytest.raises(
-        ValueError,
-        match=r"threads = 2: expected 1 with the pymunk engine \(TMA_RAY_ENGINE=pymunk demands it\)",
-    ):
-        batch_engines(engines(), threads=2)
+        EngineBatch([engine]).step(np.array([0]), np.zeros((1, 4), np.float32))

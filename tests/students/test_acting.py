@@ -77,7 +77,7 @@ def test_exploring_adds_the_deviation_times_the_noise():
 def test_ppo_plays_clipped_actions_and_learns_from_them_as_sampled():
     student = small_student("ppo")
     transitions = train(student, Drift(), 70)
-    sampled = student._rollout.state()["actions"]
+    sampled = student.rollout.state()["actions"]
     played = np.array([t.action for t in transitions[50:]])
     np.testing.assert_array_equal(
         np.clip(sampled, student.action_space.low, student.action_space.high), played

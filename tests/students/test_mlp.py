@@ -51,9 +51,9 @@ def test_torchs_modules_stacks_and_compiled_rows_compute_the_same(layout):
     row.load(parameters.numpy())
     outputs = np.stack([row(values) for values in inputs.float().numpy()])
     np.testing.assert_allclose(outputs, expected, atol=1e-5)
-    arrays = ArrayNetwork(layout)
+    arrays = ArrayNetwork(layout, layout.sizes[-1])
     arrays.load(parameters.float().numpy())
-    np.testing.assert_allclose(arrays(inputs.float().numpy()), expected, atol=1e-5)
+    np.testing.assert_allclose(arrays.outputs(inputs.float().numpy()), expected, atol=1e-5)
 
 
 @EACH

@@ -84,14 +84,14 @@ def test_sac_hands_over_what_it_sees(tmp_path):
         player = player_of(learner, "sac", **values)
         train_episodes(player, range(16))
         (seat,) = server._seats.values()
-        kept, stacked = list(seat.student.replay.pieces()), seat.stack.replay(seat.slot)
+        kept, stacked = list(seat.student.replay.pieces()), list(seat.stack._replay.pieces(seat.slot))
         updates = seat.stack.networks(seat.slot).number
     for one, other in zip(alone.replay.pieces(), kept, strict=True):
         for left, right in zip(one, other, strict=True):
             np.testing.assert_array_equal(left, right)
-    actions, rewards = (np.concatenate(parts) for parts in zip(*[piece[1:3] for piece in kept], strict=True))
-    np.testing.assert_array_equal(stacked.actions, actions)
-    np.testing.assert_array_equal(stacked.rewards, rewards)
+    for column in (1, 2):  # actions and rewards
+        own, theirs = (np.concatenate([piece[column] for piece in pieces]) for pieces in (stacked, kept))
+        np.testing.assert_array_equal(own, theirs)
     assert updates == alone.model._n_updates
 
 

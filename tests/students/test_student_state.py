@@ -122,12 +122,12 @@ def test_a_reset_forgets_networks_optimisers_and_experience(name, tmp_path):
     assert all(not state[key]["state"] for key in state if key.endswith("optimizer"))
     assert student.scalars() == {}
     if name == "sac":
-        assert len(student._replay) == 0
+        assert len(student.replay) == 0
         for key in fresh:
             if key.startswith("critic_target"):
                 assert (fresh[key] == fresh[key.replace("critic_target", "critic")]).all()
     else:
-        assert len(student._rollout.state()["rewards"]) == 0
+        assert len(student.rollout.state()["rewards"]) == 0
     train(student, Drift(), 130)  # and goes on
     assert any((fresh[key] != value).any() for key, value in parameters(student).items())
 

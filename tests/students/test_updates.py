@@ -168,7 +168,7 @@ def test_only_a_time_limit_adds_the_value_of_what_it_cut_off(terminated, truncat
     value = student.model.policy.predict_values(seen).item()
     expected = student.normaliser.normalise_reward(0.25) + (0 if terminated else 0.99 * value)
     assert abs(value) > 0.01
-    np.testing.assert_allclose(student._rollout.state()["rewards"], [expected], rtol=1e-6)
+    np.testing.assert_allclose(student.rollout.state()["rewards"], [expected], rtol=1e-6)
 
 
 def test_networks_change_only_when_an_update_is_due():
@@ -222,7 +222,7 @@ def test_an_episode_across_a_reset_owes_updates_for_all_of_its_steps():
         observation = following
     assert truncated
     assert student.model._n_updates == 4
-    assert len(student._replay) == 17
+    assert len(student.replay) == 17
 
 
 def test_scalars_tell_of_the_last_update():

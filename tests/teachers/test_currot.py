@@ -8,11 +8,11 @@ from simulated_play import SPACES, ended
 
 from tma_ray.tasks import KnowledgeLevel, expert_knowledge
 from tma_ray.teachers import make_teacher
-from tma_ray.teachers.currot import Performance, Region, SuccessBuffer, assigned, moved
+from tma_ray.teachers.currot import Performance, SuccessBuffer, assigned, moved
 
 RNG = np.random.default_rng(0)
 EVERYWHERE = Performance(np.array([[0.5, 0.5]]), np.array([300.0]), 0.1)
-REGION = Region(0.1, 20, 10)
+RADIUS = 0.1
 
 
 def test_on_a_line_the_optimal_assignment_keeps_the_order() -> None:
@@ -30,7 +30,7 @@ def test_expected_returns_are_weighted_by_the_kernel() -> None:
 
 def test_particles_go_straight_where_they_may() -> None:
     particles, targets = RNG.random((2, 60, 2))
-    there = moved(particles, targets, EVERYWHERE, 180.0, REGION, np.random.default_rng(1))
+    there = moved(particles, targets, EVERYWHERE, 180.0, RADIUS, np.random.default_rng(1))
     before, after = (np.linalg.norm(each - targets, axis=1) for each in (particles, there))
     np.testing.assert_allclose(after, np.maximum(before - 0.1, 0), atol=1e-9)
 
@@ -41,11 +41,11 @@ def test_no_particle_goes_where_returns_are_too_low() -> None:
     particles = np.random.default_rng(2).uniform(0, 0.45, (50, 1))
     for step in range(20):
         particles = moved(
-            particles, np.ones((50, 1)), performance, 180.0, REGION, np.random.default_rng(step)
+            particles, np.ones((50, 1)), performance, 180.0, RADIUS, np.random.default_rng(step)
         )
     assert (particles > 0.45).all()
     assert (particles < 0.51).all()
-    lost = moved(np.full((5, 1), 0.55), np.ones((5, 1)), performance, 180.0, REGION, np.random.default_rng(3))
+    lost = moved(np.full((5, 1), 0.55), np.ones((5, 1)), performance, 180.0, RADIUS, np.random.default_rng(3))
     assert (lost < 0.5).all(), "the best return in reach"
 
 

@@ -4,10 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
+from parkour_demands import demands, difficulty, greatest_rise, smoothest_path
 
 from tma_ray.terrain import FIXED, GROUND_HEIGHT, Terrain
 from tma_ray.terrain.base import STEP
-from tma_ray.terrain.parkour import demands, difficulty, greatest_rise, smoothest_path
 
 GOAL_X = 215 * STEP
 

@@ -22,6 +22,4 @@ if TYPE_CHECKING:
 
 __all__ = ["Campaign", "CampaignSpec", "Plan", "cells_of", "joined_plan", "matrix_campaigns", "matrix_cells"]
 
-__getattr__, __dir__ = import_later(
-    __name__, dict.fromkeys(__all__, "tma_ray.campaign.plan") | {"Campaign": "tma_ray.campaign.script"}
-)
+__getattr__, __dir__ = import_later(__name__, __file__)

@@ -123,6 +123,10 @@ class Part:
         sine, cosine = math.sin(self.angle), math.cos(self.angle)
         return cosine * x + sine * y, cosine * y - sine * x
 
+    def distance(self, point: Point) -> float:
+        """Return the distance of `point`, relative to the spawn point, outside of the part, in m."""
+        return self.shape.distance(self.local(point))
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -203,25 +207,8 @@ class EmbodimentError(ValueError):
     """A body that cannot be built; the message names the body and the part or joint at fault."""
 
 
-def check_structure(
-    parts: Sequence[Part], joints: Sequence[Joint], grip_sensors: Sequence[GripSensor]
-) -> None:
-    """Check that parts, joints and grip sensors make one connected body.
-
-    Raises:
-        ValueError: they do not; the message names the part, joint or sensor at fault.
-    """
-    _check_parts(parts, grip_sensors)
-    named = {part.name: part for part in parts}
-    for index, joint in enumerate(joints):
-        _check_joint(f"joint {index} ({joint.part_a} to {joint.part_b})", joint, named)
-    for sensor in grip_sensors:
-        _check_grip_sensor(f"grip sensor {sensor.name!r}", sensor, named)
-    _check_connected(parts, joints)
-
-
 def _check_parts(parts: Sequence[Part], grip_sensors: Sequence[GripSensor]) -> None:
-    counts = Counter([part.name for part in parts] + [sensor.name for sensor in grip_sensors])
+    counts = Counter([each.name for each in (*parts, *grip_sensors)])
     repeated = [name for name, count in counts.items() if count > 1]
     if repeated:
         raise ValueError(f"part name {repeated[0]!r} is used more than once; names must differ")
@@ -235,60 +222,26 @@ def _check_parts(parts: Sequence[Part], grip_sensors: Sequence[GripSensor]) -> N
             raise ValueError(f"part {part.name!r}: friction {part.friction} must not be negative")
 
 
-def _check_joint(where: str, joint: Joint, parts: dict[str, Part]) -> None:
-    for name in (joint.part_a, joint.part_b, joint.contact_part):
-        if name is not None:
-            _check_known(where, name, parts)
-    if joint.part_a == joint.part_b:
-        raise ValueError(f"{where}: a joint needs two different parts")
-    if not joint.limits[0] < joint.limits[1]:
-        raise ValueError(f"{where}: limits {list(joint.limits)} must rise")
-    _check_motor(where, joint)
-    for name, anchor in zip((joint.part_a, joint.part_b), joint.anchors, strict=True):
-        distance = _distance(parts[name], anchor)
-        if not (distance <= ANCHOR_TOLERANCE or joint.outside_parts):
+def _check_connections(
+    parts: Sequence[Part], joints: Sequence[Joint], grip_sensors: Sequence[GripSensor]
+) -> None:
+    """Check that parts, joints and grip sensors make one connected body."""
+    named = {part.name: part for part in parts}
+    for index, joint in enumerate(joints):
+        _check_joint(f"joint {index} ({joint.part_a} to {joint.part_b})", joint, named)
+    for sensor in grip_sensors:
+        where = f"grip sensor {sensor.name!r}"
+        _check_known(where, sensor.part, named)
+        if not (sensor.radius > 0 and sensor.density > 0):
             raise ValueError(
-                f"{where}: anchor {list(anchor)} lies {distance:.3f} m outside part {name!r}; it must "
-                f"lie in both parts, unless outside_parts = true or an anchor_b of its own say otherwise"
+                f"{where}: radius {sensor.radius} m and density {sensor.density} kg/m² must be over 0"
             )
-
-
-def _check_motor(where: str, joint: Joint) -> None:
-    if joint.passive:
-        if joint.contact_part is not None or joint.angle_offset != 0:
-            raise ValueError(f"{where}: a joint without motor is not observed: it has no contact_part")
-    elif not (joint.motor_torque > 0 and joint.motor_speed > 0):
-        raise ValueError(
-            f"{where}: motor_torque {joint.motor_torque} N m and motor_speed {joint.motor_speed} rad/s "
-            f"must be over 0, or both be left out in a joint without motor"
-        )
-
-
-def _check_grip_sensor(where: str, sensor: GripSensor, parts: dict[str, Part]) -> None:
-    _check_known(where, sensor.part, parts)
-    if not (sensor.radius > 0 and sensor.density > 0):
-        raise ValueError(
-            f"{where}: radius {sensor.radius} m and density {sensor.density} kg/m² must be over 0"
-        )
-    distance = _distance(parts[sensor.part], sensor.position)
-    if not distance <= sensor.radius + ANCHOR_TOLERANCE:
-        raise ValueError(
-            f"{where}: position {list(sensor.position)} lies {distance:.3f} m outside part {sensor.part!r}; "
-            f"the circle of radius {sensor.radius} m must touch it"
-        )
-
-
-def _check_known(where: str, name: str, parts: dict[str, Part]) -> None:
-    if name not in parts:
-        raise ValueError(f"{where}: no part {name!r}; the parts are {', '.join(parts)}")
-
-
-def _distance(part: Part, point: Point) -> float:
-    """Return the distance of `point`, relative to the spawn point, outside of `part`, in m."""
-    return part.shape.distance(part.local(point))
-
-
-def _check_connected(parts: Sequence[Part], joints: Sequence[Joint]) -> None:
+        distance = named[sensor.part].distance(sensor.position)
+        if not distance <= sensor.radius + ANCHOR_TOLERANCE:
+            raise ValueError(
+                f"{where}: position {list(sensor.position)} lies {distance:.3f} m outside part "
+                f"{sensor.part!r}; the circle of radius {sensor.radius} m must touch it"
+            )
     reached = {part.name for part in parts if part.head}
     for _ in parts:
         for joint in joints:
@@ -297,6 +250,36 @@ def _check_connected(parts: Sequence[Part], joints: Sequence[Joint]) -> None:
     loose = [part.name for part in parts if part.name not in reached]
     if loose:
         raise ValueError(f"no joint connects part {loose[0]!r} to the head")
+
+
+def _check_joint(where: str, joint: Joint, parts: dict[str, Part]) -> None:
+    for name in (joint.part_a, joint.part_b, joint.contact_part):
+        if name is not None:
+            _check_known(where, name, parts)
+    if joint.part_a == joint.part_b:
+        raise ValueError(f"{where}: a joint needs two different parts")
+    if not joint.limits[0] < joint.limits[1]:
+        raise ValueError(f"{where}: limits {list(joint.limits)} must rise")
+    if joint.passive:
+        if joint.contact_part is not None or joint.angle_offset != 0:
+            raise ValueError(f"{where}: a joint without motor is not observed: it has no contact_part")
+    elif not (joint.motor_torque > 0 and joint.motor_speed > 0):
+        raise ValueError(
+            f"{where}: motor_torque {joint.motor_torque} N m and motor_speed {joint.motor_speed} rad/s "
+            f"must be over 0, or both be left out in a joint without motor"
+        )
+    for name, anchor in zip((joint.part_a, joint.part_b), joint.anchors, strict=True):
+        distance = parts[name].distance(anchor)
+        if not (distance <= ANCHOR_TOLERANCE or joint.outside_parts):
+            raise ValueError(
+                f"{where}: anchor {list(anchor)} lies {distance:.3f} m outside part {name!r}; it must "
+                f"lie in both parts, unless outside_parts = true or an anchor_b of its own say otherwise"
+            )
+
+
+def _check_known(where: str, name: str, parts: dict[str, Part]) -> None:
+    if name not in parts:
+        raise ValueError(f"{where}: no part {name!r}; the parts are {', '.join(parts)}")
 
 
 class BodyType(StrEnum):
@@ -367,7 +350,8 @@ class Embodiment:
     def __post_init__(self) -> None:
         try:
             self._check_numbers()
-            check_structure(self.parts, self.joints, self.grip_sensors)
+            _check_parts(self.parts, self.grip_sensors)
+            _check_connections(self.parts, self.joints, self.grip_sensors)
         except ValueError as error:
             raise EmbodimentError(f"embodiment {self.name!r}: {error}") from error
 
@@ -413,11 +397,6 @@ class Embodiment:
     def action_size(self) -> int:
         """Number of actions: one per motor, then one per grip sensor."""
         return len(self.motors) + len(self.grip_sensors)
-
-    @property
-    def starts_hanging(self) -> bool:
-        """True if the body starts hanging from the ceiling, where there is one."""
-        return bool(self.grip_sensors)
 
     def part_index(self, name: str) -> int:
         """Return the index of the part called `name`."""

@@ -91,12 +91,7 @@ def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
 
 
 def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return a body's file with its sections written out after the entries outside them.
-
-    Args:
-        data: the file's contents.
-        counts: copies of each section, by parameter.
-    """
+    """Return a body's file with its sections written out `counts` times, after the entries outside."""
     parts, joints = list(data.get("parts", [])), list(data.get("joints", []))
     sensors = list(data.get("grip_sensors", []))
     for name, section in repeats(data).items():
@@ -113,19 +108,19 @@ def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[s
 
 def _copied(entry: Entry, section: Repeat, number: int, count: int) -> Entry:
     """Return copy `number` of `count`."""
-    copy = {key: _numbered(value, number) for key, value in entry.items()}
+
+    def numbered(match: re.Match[str]) -> str:
+        return str(int(match[1] or 1) * number + int(match[2] or 0))
+
+    copy = {
+        key: NUMBER.sub(numbered, value) if isinstance(value, str) else value for key, value in entry.items()
+    }
     shift = number - 1 - (count - 1) / 2
     for key in PLACES & copy.keys():
         copy[key] = [place + shift * step for place, step in zip(copy[key], section.step, strict=True)]
     if copy.get("head") == LAST:
         copy["head"] = number == count
     return copy
-
-
-def _numbered(value: Any, number: int) -> Any:
-    if not isinstance(value, str):
-        return value
-    return NUMBER.sub(lambda match: str(int(match[1] or 1) * number + int(match[2] or 0)), value)
 
 
 def body_parameters(text: str) -> tuple[str, dict[str, float]]:
@@ -139,7 +134,13 @@ def body_parameters(text: str) -> tuple[str, dict[str, float]]:
         ('spider', {'pairs_of_legs': 3, 'size': 1.2})
     """
     name, settings = split_name(text)
-    return name, {key: _number(key, value) for key, value in settings.items()}
+    numbers: dict[str, float] = {}
+    for key, value in settings.items():
+        try:
+            numbers[key] = int(value) if value.isdecimal() else float(value)
+        except ValueError:
+            raise ValueError(f"parameter {key}={value}: expected a number") from None
+    return name, numbers
 
 
 def resized(body: Embodiment, size: float) -> Embodiment:
@@ -149,12 +150,32 @@ def resized(body: Embodiment, size: float) -> Embodiment:
         ValueError: a size that is not over 0, or absurd.
     """
     BODY_SIZE.check("size", size)
+
+    def times(point: Point) -> Point:
+        return point[0] * size, point[1] * size
+
+    parts = [
+        replace(part, shape=Polygon(tuple(map(times, part.shape.vertices))), position=times(part.position))
+        for part in body.parts
+    ]
+    joints = [
+        replace(
+            joint,
+            anchor=times(joint.anchor),
+            anchor_b=None if joint.anchor_b is None else times(joint.anchor_b),
+        )
+        for joint in body.joints
+    ]
+    sensors = [
+        replace(sensor, position=times(sensor.position), radius=sensor.radius * size)
+        for sensor in body.grip_sensors
+    ]
     return replace(
         body,
         spawn_height=body.spawn_height * size,
-        parts=tuple(_resized_part(part, size) for part in body.parts),
-        joints=tuple(_resized_joint(joint, size) for joint in body.joints),
-        grip_sensors=tuple(_resized_grip_sensor(sensor, size) for sensor in body.grip_sensors),
+        parts=tuple(parts),
+        joints=tuple(joints),
+        grip_sensors=tuple(sensors),
     )
 
 
@@ -169,31 +190,6 @@ def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
     return replace(body, joints=tuple(joints))
 
 
-def _resized_part(part: Part, size: float) -> Part:
-    shape = Polygon(tuple(_times(corner, size) for corner in part.shape.vertices))
-    return replace(part, shape=shape, position=_times(part.position, size))
-
-
-def _resized_joint(joint: Joint, size: float) -> Joint:
-    anchor_b = None if joint.anchor_b is None else _times(joint.anchor_b, size)
-    return replace(joint, anchor=_times(joint.anchor, size), anchor_b=anchor_b)
-
-
-def _resized_grip_sensor(sensor: GripSensor, size: float) -> GripSensor:
-    return replace(sensor, position=_times(sensor.position, size), radius=sensor.radius * size)
-
-
-def _times(point: Point, size: float) -> Point:
-    return point[0] * size, point[1] * size
-
-
-def _number(name: str, text: str) -> float:
-    try:
-        return int(text) if text.isdecimal() else float(text)
-    except ValueError:
-        raise ValueError(f"parameter {name}={text}: expected a number") from None
-
-
 SIZE, MOTOR_TORQUE = "size", "motor_torque"
 SURVIVAL = ("steps_survivable_under_water", "steps_survivable_outside_water")
 ENTRIES = ("parts", "joints", "grip_sensors", "repeat")
@@ -201,6 +197,8 @@ ENTRIES = ("parts", "joints", "grip_sensors", "repeat")
 
 LARGEST = 1e9
 """Bound of every number in a body's file."""
+
+_FOLDER = resources.files("tma_ray.embodiments") / "data"
 
 _TYPES = {kind: get_type_hints(kind) for kind in (Embodiment, Part, Joint, GripSensor)}
 
@@ -211,7 +209,7 @@ EVERY_BODY = (SIZE, MOTOR_TORQUE, *SURVIVAL)
 def embodiment_names() -> list[str]:
     """Return the names of the bodies shipped with tma_ray, sorted."""
     return sorted(
-        path.name.removesuffix(".toml") for path in _folder().iterdir() if path.name.endswith(".toml")
+        path.name.removesuffix(".toml") for path in _FOLDER.iterdir() if path.name.endswith(".toml")
     )
 
 
@@ -251,39 +249,33 @@ def load_embodiment(name_or_path: str | Path, **parameters: float) -> Embodiment
 
 @cache
 def _shipped(name: str, settings: tuple[tuple[str, float], ...]) -> Embodiment:
-    return _parse(_folder() / f"{name}.toml", dict(settings))
-
-
-def _folder() -> Traversable:
-    return resources.files("tma_ray.embodiments") / "data"
+    return _parse(_FOLDER / f"{name}.toml", dict(settings))
 
 
 def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
+    """Return the body of a file with `settings`; its name tells those that make a difference."""
     try:
         if isinstance(path, Path):
             check_file(path, MOST_TEXT_BYTES)
-        return _built(tomllib.loads(path.read_text(encoding="utf-8")), settings)
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        body = _variant(data, settings)
+        different = {
+            name: value
+            for name, value in settings.items()
+            if body != _variant(data, {other: settings[other] for other in settings if other != name})
+        }
+        return replace(body, name=join_name(body.name, different))
     except EmbodimentError:
         raise
     except (OSError, tomllib.TOMLDecodeError, TypeError, ValueError, RecursionError) as error:
         raise EmbodimentError(f"{path}: {error}") from error
 
 
-def _built(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
-    """Return the body of a file's contents with `settings`; its name tells those that make a difference."""
-    body = _variant(data, settings)
-    different = [
-        name
-        for name in settings
-        if body != _variant(data, {other: value for other, value in settings.items() if other != name})
-    ]
-    return replace(body, name=join_name(body.name, {name: settings[name] for name in different}))
-
-
 def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
     """Return the body of a file's contents with `settings`, under the file's name."""
     for name in ENTRIES:
-        if not _are_tables(data.get(name, [])):
+        sections_of = data.get(name, [])
+        if not isinstance(sections_of, list) or not all(isinstance(entry, dict) for entry in sections_of):
             raise ValueError(f"{name} {data[name]!r:.80}: expected sections, as in [[{name}]]")
     sections = repeats(data)
     counts = {name: section.count for name, section in sections.items()}
@@ -295,8 +287,21 @@ def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
             known = ", ".join([*sections, *EVERY_BODY])
             hint = nearest(name, (*sections, *EVERY_BODY))
             raise ValueError(f"unknown parameter {name!r}: {hint}known: {known}")
-    survival = {name: settings[name] for name in SURVIVAL if name in settings}
-    body = _embodiment(expand_repeats(data, counts), survival)
+    entries = expand_repeats(data, counts)
+    values = _decoded("body", entries, Embodiment)
+    values |= {name: settings[name] for name in SURVIVAL if name in settings}
+    values["parts"] = tuple(
+        Part(**_decoded(f"part {entry.get('name')!r}", entry, Part)) for entry in entries["parts"]
+    )
+    values["joints"] = tuple(
+        Joint(**_decoded(f"joint {entry.get('part_a')!r} to {entry.get('part_b')!r}", entry, Joint))
+        for entry in entries["joints"]
+    )
+    values["grip_sensors"] = tuple(
+        GripSensor(**_decoded(f"grip sensor {entry.get('name')!r}", entry, GripSensor))
+        for entry in entries["grip_sensors"]
+    )
+    body = Embodiment(**values)
     if SIZE in settings:
         body = resized(body, settings[SIZE])
     if MOTOR_TORQUE in settings:
@@ -304,66 +309,37 @@ def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
     return body
 
 
-def _are_tables(value: object) -> bool:
-    return isinstance(value, list) and all(isinstance(entry, dict) for entry in value)
-
-
-def _embodiment(data: dict[str, Any], survival: Mapping[str, float]) -> Embodiment:
-    values = _decoded("body", data, Embodiment)
-    return Embodiment(
-        **{
-            **values,
-            **survival,
-            "parts": tuple(_part(entry) for entry in data["parts"]),
-            "joints": tuple(_joint(entry) for entry in data["joints"]),
-            "grip_sensors": tuple(_grip_sensor(entry) for entry in data.get("grip_sensors", [])),
-        }
-    )
-
-
-def _part(entry: dict[str, Any]) -> Part:
-    what = f"part {entry.get('name')!r}"
-    values = {("shape" if key == "vertices" else key): value for key, value in entry.items()}
-    return Part(**_decoded(what, values, Part, {"shape": "vertices"}))
-
-
-def _joint(entry: dict[str, Any]) -> Joint:
-    return Joint(**_decoded(f"joint {entry.get('part_a')!r} to {entry.get('part_b')!r}", entry, Joint))
-
-
-def _grip_sensor(entry: dict[str, Any]) -> GripSensor:
-    return GripSensor(**_decoded(f"grip sensor {entry.get('name')!r}", entry, GripSensor))
-
-
 def _decoded(
-    what: str,
-    entry: dict[str, Any],
-    kind: type[Embodiment | Part | Joint | GripSensor],
-    renamed: dict[str, str] | None = None,
+    what: str, entry: dict[str, Any], kind: type[Embodiment | Part | Joint | GripSensor]
 ) -> dict[str, Any]:
     """Return the fields of an entry as `kind` declares them; lists of further entries stay as they are."""
-    _check_fields(what, entry, kind, renamed)
-    types, names = _TYPES[kind], renamed or {}
+    types = _TYPES[kind]
+    vertices = {"shape": "vertices"} if kind is Part else {}
+    names = {field.name: vertices.get(field.name, field.name) for field in fields(kind)}
+    given = {("shape" if key in vertices.values() else key): value for key, value in entry.items()}
+    for name in sorted(given.keys() - names.keys()):
+        hint = nearest(name, names.values())
+        raise ValueError(f"{what}: unknown field {name!r}: {hint}known: {', '.join(names.values())}")
+    required = {field.name for field in fields(kind) if field.default is MISSING}
+    for name in sorted(required - given.keys()):
+        raise ValueError(f"{what}: field {names[name]!r} is missing")
     decoded = {}
-    for name, value in entry.items():
-        label = f"{what}: {names.get(name, name)}"
+    for name, value in given.items():
+        label = f"{what}: {names[name]} {value!r:.80}"
         if not _is_bounded(value):
-            raise ValueError(f"{label} {value!r:.80}: expected numbers within ±{LARGEST:g}")
+            raise ValueError(f"{label}: expected numbers within ±{LARGEST:g}")
         try:
             if name == "shape":
                 decoded[name] = Polygon(msgspec.convert(value, tuple[Point, ...]))
             else:
                 decoded[name] = value if name in ENTRIES else msgspec.convert(value, types[name])
         except msgspec.ValidationError as error:
-            choices = f"must be one of {', '.join(types[name])}" if _is_choice(types[name]) else f": {error}"
-            raise ValueError(f"{label} {value!r:.80} {choices}".replace(" : ", ": ")) from error
+            if isinstance(types[name], type) and issubclass(types[name], StrEnum):
+                raise ValueError(f"{label} must be one of {', '.join(types[name])}") from error
+            raise ValueError(f"{label}: {error}") from error
         except ValueError as error:
             raise ValueError(f"{what}: {error}") from error
     return decoded
-
-
-def _is_choice(kind: object) -> bool:
-    return isinstance(kind, type) and issubclass(kind, StrEnum)
 
 
 def _is_bounded(value: object) -> bool:
@@ -371,19 +347,3 @@ def _is_bounded(value: object) -> bool:
     if isinstance(value, list):
         return all(map(_is_bounded, value))
     return not isinstance(value, (int, float)) or abs(value) <= LARGEST
-
-
-def _check_fields(
-    what: str,
-    entry: dict[str, Any],
-    kind: type[Embodiment | Part | Joint | GripSensor],
-    renamed: dict[str, str] | None = None,
-) -> None:
-    names = renamed or {}
-    known = {field.name: names.get(field.name, field.name) for field in fields(kind)}
-    required = {field.name for field in fields(kind) if field.default is MISSING}
-    for name in sorted(entry.keys() - known.keys()):
-        hint = nearest(name, known.values())
-        raise ValueError(f"{what}: unknown field {name!r}: {hint}known: {', '.join(known.values())}")
-    for name in sorted(required - entry.keys()):
-        raise ValueError(f"{what}: field {known[name]!r} is missing")

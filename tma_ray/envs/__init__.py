@@ -28,17 +28,4 @@ __all__ = [
     "register_environments",
 ]
 
-__getattr__, __dir__ = import_later(
-    __name__,
-    {
-        "ENVIRONMENTS": "tma_ray.envs.catalogue",
-        "Environment": "tma_ray.envs.registration",
-        "Look": "tma_ray.envs.base",
-        "Signal": "tma_ray.physics",
-        "VectorEnvironment": "tma_ray.envs.vector",
-        "make_environment": "tma_ray.envs.registration",
-        "make_vector_environment": "tma_ray.envs.vector",
-        "mastery_return": "tma_ray.envs.registration",
-        "register_environments": "tma_ray.envs.registration",
-    },
-)
+__getattr__, __dir__ = import_later(__name__, __file__)

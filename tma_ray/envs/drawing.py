@@ -8,7 +8,7 @@ import numpy as np
 import pygame
 from numpy.typing import NDArray
 
-from tma_ray.embodiments import Embodiment, Part
+from tma_ray.embodiments import Embodiment
 from tma_ray.envs.scene import Look, Scene
 from tma_ray.terrain import GROUND_HEIGHT, Terrain
 
@@ -20,8 +20,11 @@ ROCK, ROCK_EDGE = (124, 118, 110), (78, 74, 70)
 CREEPER, CREEPER_EDGE = (96, 158, 84), (52, 100, 50)
 WATER, WATER_EDGE = (70, 150, 205), (44, 112, 172)
 
-HEAD, LIMB, FAR_LIMB, OUTLINE = (86, 98, 178), (126, 138, 212), (104, 110, 150), (42, 48, 96)
-DEAD_HEAD, DEAD_LIMB, DEAD_FAR_LIMB, DEAD_OUTLINE = (128,) * 3, (166,) * 3, (142,) * 3, (70,) * 3
+COLOURS = HEAD, LIMB, FAR_LIMB, OUTLINE = (86, 98, 178), (126, 138, 212), (104, 110, 150), (42, 48, 96)
+DEAD_HEAD = (128,) * 3
+DEAD_COLOURS = DEAD_HEAD, (166,) * 3, (142,) * 3, (70,) * 3
+"""Colours of the head, of limbs, of those behind others, and of outlines."""
+
 GRIP_FREE, GRIP_TOUCHING, GRIP_HOLDING = (246, 208, 52), (242, 138, 40), (210, 40, 36)
 
 LIDAR, LIDAR_WATER, LIDAR_CREEPER = (214, 74, 62), (28, 92, 190), (34, 120, 44)
@@ -131,7 +134,10 @@ class Canvas:
     def __init__(self) -> None:
         self.surface = pygame.Surface((WIDTH * SUPERSAMPLING, HEIGHT * SUPERSAMPLING))
         self._glass = pygame.Surface(self.surface.get_size())
-        self._sky = _gradient(self.surface.get_size(), SKY_TOP, SKY_BOTTOM)
+        strip = pygame.Surface((1, 2))
+        strip.set_at((0, 0), SKY_TOP)
+        strip.set_at((0, 1), SKY_BOTTOM)
+        self._sky = pygame.transform.smoothscale(strip, self.surface.get_size())
         pygame.font.init()
         self._font = pygame.font.Font(None, 18 * SUPERSAMPLING)
 
@@ -147,7 +153,9 @@ class Canvas:
     def pixels(self, smooth: bool = True) -> NDArray[np.uint8]:
         """Return the frame (height, width, 3), or larger and rough, as it was drawn."""
         frame = self.frame() if smooth else self.surface
-        return pixels_of(frame)
+        width, height = frame.get_size()
+        content = bytearray(pygame.image.tobytes(frame, "RGB"))  # several times faster than pygame.surfarray
+        return np.frombuffer(content, np.uint8).reshape(height, width, 3)
 
     def line(self, ends: Floats, colour: Colour, width: int) -> None:
         """Draw a line between two points (2, 2)."""
@@ -204,177 +212,14 @@ class Canvas:
         return np.clip(points, low, np.array([self.view.right + CROP, self.view.top + CROP]))
 
 
-def pixels_of(surface: pygame.Surface) -> NDArray[np.uint8]:
-    """Return the pixels of `surface` (height, width, 3), writable."""
-    width, height = surface.get_size()
-    content = bytearray(pygame.image.tobytes(surface, "RGB"))  # several times faster than pygame.surfarray
-    return np.frombuffer(content, np.uint8).reshape(height, width, 3)
-
-
-def _gradient(size: tuple[int, int], top: Colour, bottom: Colour) -> pygame.Surface:
-    strip = pygame.Surface((1, 2))
-    strip.set_at((0, 0), top)
-    strip.set_at((0, 1), bottom)
-    return pygame.transform.smoothscale(strip, size)
-
-
 SMALLEST_GRIP = 4.0
 """Radius at which a grip sensor is drawn if its own were smaller, in pixels."""
-
-
-class BodyPainter:
-    """Painter of one body in all its poses."""
-
-    def __init__(self, body: Embodiment) -> None:
-        self._body = body
-        self._far = [_hidden(part, body.parts[:index]) for index, part in enumerate(body.parts)]
-
-    def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw the parts from the last, which is farthest away, to the head; grey if it is dead."""
-        body, poses = self._body, scene.poses
-        head, limb, far_limb, outline = _colours(scene.dead)
-        for joint in body.joints:
-            if joint.outside_parts:  # a neck
-                first, second = (body.part_index(name) for name in (joint.part_a, joint.part_b))
-                end = placed(poses[second], np.array(body.parts[second].local(joint.anchors[1])))
-                canvas.line(np.stack([poses[first, :2], end]), outline, 5)
-        for part in sorted(range(len(poses)), key=lambda part: (part == body.head, -part)):
-            colour = head if part == body.head else (far_limb if self._far[part] else limb)
-            canvas.fill(placed(poses[part], body.parts[part].shape.points), colour, outline)
-        self._draw_grips(canvas, scene, outline)
-
-    def _draw_grips(self, canvas: Canvas, scene: Scene, outline: Colour) -> None:
-        for sensor, (touches, holds) in zip(self._body.grip_sensors, scene.grips, strict=True):
-            part = self._body.part_index(sensor.part)
-            centre = placed(scene.poses[part], np.array(self._body.parts[part].local(sensor.position)))
-            radius = max(SMALLEST_GRIP, sensor.radius * canvas.view.scale)
-            colour = GRIP_TOUCHING if touches else GRIP_FREE
-            canvas.dot(centre, outline, radius + 1)
-            canvas.dot(centre, GRIP_HOLDING if holds else colour, radius)
-
-
-def draw_lidars(canvas: Canvas, head: Floats, scene: Scene) -> None:
-    """Draw the rays, coloured by what they hit."""
-    for end, hit in zip(scene.lidars, scene.hits, strict=True):
-        colour = LIDAR_CREEPER if hit > 0 else LIDAR_WATER if hit < 0 else LIDAR
-        canvas.line(np.stack([head, end]), colour, 1)
-        canvas.dot(end, colour, 2.5)
-
-
-def placed(pose: Floats, points: Floats) -> Floats:
-    """Return `points` (..., 2) of a frame at `pose` (x, y, angle) in world axes."""
-    sine, cosine = np.sin(pose[2]), np.cos(pose[2])
-    return np.asarray(pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]]))
-
-
-def _colours(dead: bool) -> tuple[Colour, Colour, Colour, Colour]:
-    """Return the colours of the head, of limbs, of those behind others, and of outlines."""
-    if dead:
-        return DEAD_HEAD, DEAD_LIMB, DEAD_FAR_LIMB, DEAD_OUTLINE
-    return HEAD, LIMB, FAR_LIMB, OUTLINE
-
-
-def _hidden(part: Part, nearer: tuple[Part, ...]) -> bool:
-    """Return True if one of the `nearer` parts has the shape and position of `part`."""
-    return any(other.position == part.position and other.shape == part.shape for other in nearer)
-
 
 FLAGPOLE = 3.2
 """Height of the goal's flag, in m."""
 
 MARK_SPACING = 5
 """Distance between marks on the ground, in m."""
-
-
-def draw_goal(canvas: Canvas, terrain: Terrain) -> None:
-    """Draw a flag on the ground at the goal."""
-    foot = np.array([terrain.goal_x, _base(terrain, terrain.goal_x)])
-    top = foot + np.array([0.0, FLAGPOLE])
-    canvas.line(np.stack([foot, top]), OUTLINE, 3)
-    canvas.fill(top + np.array([[0.0, 0.0], [1.0, -0.35], [0.0, -0.7]]), GOAL, OUTLINE)
-
-
-def draw_world(canvas: Canvas, scene: Scene) -> None:
-    """Draw water, creepers, and ground and ceiling with the distances from the start."""
-    terrain = scene.terrain
-    canvas.tint(terrain.water_y, WATER, 120)
-    edge = np.array([[canvas.view.left, terrain.water_y], [canvas.view.right, terrain.water_y]])
-    if canvas.view.bottom < terrain.water_y < canvas.view.top:
-        canvas.line(edge, WATER_EDGE, 1)
-    _draw_creepers(canvas, scene)  # before the solids, into which they reach where the ceiling slopes
-    split = terrain.ground_solids
-    _draw_solids(canvas, terrain.solids[:split], terrain.surface, SOIL, SOIL_EDGE)
-    _draw_solids(canvas, terrain.solids[split:], terrain.ceiling, ROCK, ROCK_EDGE)
-    first = int(canvas.view.left) // MARK_SPACING * MARK_SPACING
-    for mark in range(first, int(canvas.view.right) + 1 + MARK_SPACING, MARK_SPACING):
-        place = np.array([float(mark), _base(terrain, mark) - 0.25])
-        if place[1] > canvas.view.bottom:
-            canvas.text(place, f"{mark} m", MARK)
-
-
-def draw_water(canvas: Canvas, water_y: float) -> None:
-    """Tint everything under water."""
-    canvas.tint(water_y, WATER, 60)
-
-
-def draw_progress(canvas: Canvas, head_x: float, terrain: Terrain) -> None:
-    """Draw how far the head is between spawn point and goal, along the top."""
-    start, goal = terrain.spawn[0], terrain.goal_x
-    share = float(np.clip((head_x - start) / (goal - start), 0, 1))
-    canvas.bar(share, (TRACK, HEAD, GOAL))
-
-
-def _draw_solids(canvas: Canvas, solids: Floats, surface: Floats, colour: Colour, edge: Colour) -> None:
-    for corners in solids[canvas.sees(solids[..., 0].min(1), solids[..., 0].max(1))]:
-        canvas.fill(corners, colour)
-    for ends in surface[canvas.sees(surface[:, 0], surface[:, 2])].reshape(-1, 2, 2):
-        canvas.line(ends, edge, 2)
-
-
-def _draw_creepers(canvas: Canvas, scene: Scene) -> None:
-    sizes = scene.terrain.creepers[:, 2:] - scene.terrain.creepers[:, :2]
-    reach = np.hypot(*sizes.T) / 2
-    seen = canvas.sees(scene.creepers[:, 0] - reach, scene.creepers[:, 0] + reach)
-    for (x, y, cosine, sine), size in zip(scene.creepers[seen], sizes[seen], strict=True):
-        corners = size / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        turned = corners @ np.array([[cosine, sine], [-sine, cosine]]) + np.array([x, y])
-        canvas.fill(turned, CREEPER, CREEPER_EDGE)
-
-
-def _base(terrain: Terrain, x: float) -> float:
-    """Return the height of the ground at `x` in m, under any stumps."""
-    return float(height_at(terrain.surface, x)) if len(terrain.ceiling) else GROUND_HEIGHT
-
-
-class Window:
-    """Window that shows frames.
-
-    Args:
-        frames_per_second: pace.
-    """
-
-    def __init__(self, frames_per_second: int) -> None:
-        pygame.display.init()
-        pygame.display.set_caption("tma_ray")
-        self._frames_per_second = frames_per_second
-        self._surface = pygame.display.set_mode((WIDTH, HEIGHT))
-        self._clock = pygame.time.Clock()
-
-    def show(self, frame: pygame.Surface) -> None:
-        """Show `frame`, and wait until it is time for the next."""
-        self._surface.blit(frame, (0, 0))
-        pygame.event.pump()
-        pygame.display.flip()
-        self._clock.tick(self._frames_per_second)
-
-    def close(self) -> None:
-        """Close it."""
-        pygame.display.quit()
-
-
-__all__ = ["Renderer", "Scene"]
-
-DEFAULT_LOOK = Look()
 
 
 class Renderer:
@@ -387,29 +232,109 @@ class Renderer:
     """
 
     def __init__(self, body: Embodiment, window: bool, frames_per_second: int) -> None:
-        self._body = BodyPainter(body)
-        self._head = body.head
+        self._body = body
+        # parts behind others of the same shape and position
+        self._far = [
+            any(other.position == part.position and other.shape == part.shape for other in body.parts[:index])
+            for index, part in enumerate(body.parts)
+        ]
         self._canvas = Canvas()
-        self._window = Window(frames_per_second) if window else None
+        self._window: pygame.Surface | None = None
+        self._frames_per_second, self._clock = frames_per_second, pygame.time.Clock()
+        if window:
+            pygame.display.init()
+            pygame.display.set_caption("tma_ray")
+            self._window = pygame.display.set_mode((WIDTH, HEIGHT))
 
-    def draw(self, scene: Scene, look: Look = DEFAULT_LOOK) -> NDArray[np.uint8] | None:
+    def draw(self, scene: Scene, look: Look) -> NDArray[np.uint8] | None:
         """Return the frame (400, 600, 3), or show it and return None if there is a window."""
-        head, canvas = scene.poses[self._head, :2], self._canvas
-        canvas.start(view_of(head, scene.terrain))
-        draw_goal(canvas, scene.terrain)
-        draw_world(canvas, scene)
+        head, canvas, terrain = scene.poses[self._body.head, :2], self._canvas, scene.terrain
+        canvas.start(view_of(head, terrain))
+        foot = np.array([terrain.goal_x, _base(terrain, terrain.goal_x)])
+        top = foot + np.array([0.0, FLAGPOLE])
+        canvas.line(np.stack([foot, top]), OUTLINE, 3)
+        canvas.fill(top + np.array([[0.0, 0.0], [1.0, -0.35], [0.0, -0.7]]), GOAL, OUTLINE)
+        self._draw_world(scene)
         if look.lidars:
-            draw_lidars(canvas, head, scene)
-        self._body.draw(canvas, scene)
-        draw_water(canvas, scene.terrain.water_y)
-        draw_progress(canvas, float(head[0]), scene.terrain)
+            for end, hit in zip(scene.lidars, scene.hits, strict=True):
+                colour = LIDAR_CREEPER if hit > 0 else LIDAR_WATER if hit < 0 else LIDAR
+                canvas.line(np.stack([head, end]), colour, 1)
+                canvas.dot(end, colour, 2.5)
+        self._draw_body(scene)
+        canvas.tint(terrain.water_y, WATER, 60)
+        start = terrain.spawn[0]
+        canvas.bar(float(np.clip((head[0] - start) / (terrain.goal_x - start), 0, 1)), (TRACK, HEAD, GOAL))
         if self._window is None:
             return canvas.pixels(look.smooth)
-        self._window.show(canvas.frame())
+        self._window.blit(canvas.frame(), (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(self._frames_per_second)
         return None
 
     def close(self) -> None:
         """Close the window."""
         if self._window is not None:
-            self._window.close()
+            pygame.display.quit()
             self._window = None
+
+    def _draw_world(self, scene: Scene) -> None:
+        """Draw water, creepers, and ground and ceiling with the distances from the start."""
+        canvas, view, terrain = self._canvas, self._canvas.view, scene.terrain
+        canvas.tint(terrain.water_y, WATER, 120)
+        edge = np.array([[view.left, terrain.water_y], [view.right, terrain.water_y]])
+        if view.bottom < terrain.water_y < view.top:
+            canvas.line(edge, WATER_EDGE, 1)
+        # creepers before the solids, into which they reach where the ceiling slopes
+        sizes = terrain.creepers[:, 2:] - terrain.creepers[:, :2]
+        reach = np.hypot(*sizes.T) / 2
+        seen = canvas.sees(scene.creepers[:, 0] - reach, scene.creepers[:, 0] + reach)
+        for (x, y, cosine, sine), size in zip(scene.creepers[seen], sizes[seen], strict=True):
+            corners = size / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+            turned = corners @ np.array([[cosine, sine], [-sine, cosine]]) + np.array([x, y])
+            canvas.fill(turned, CREEPER, CREEPER_EDGE)
+        split = terrain.ground_solids
+        for solids, surface, colour, edge_colour in (
+            (terrain.solids[:split], terrain.surface, SOIL, SOIL_EDGE),
+            (terrain.solids[split:], terrain.ceiling, ROCK, ROCK_EDGE),
+        ):
+            for corners in solids[canvas.sees(solids[..., 0].min(1), solids[..., 0].max(1))]:
+                canvas.fill(corners, colour)
+            for ends in surface[canvas.sees(surface[:, 0], surface[:, 2])].reshape(-1, 2, 2):
+                canvas.line(ends, edge_colour, 2)
+        first = int(view.left) // MARK_SPACING * MARK_SPACING
+        for mark in range(first, int(view.right) + 1 + MARK_SPACING, MARK_SPACING):
+            place = np.array([float(mark), _base(terrain, mark) - 0.25])
+            if place[1] > view.bottom:
+                canvas.text(place, f"{mark} m", MARK)
+
+    def _draw_body(self, scene: Scene) -> None:
+        """Draw the parts from the last, which is farthest away, to the head; grey if it is dead."""
+        canvas, body, poses = self._canvas, self._body, scene.poses
+        head, limb, far_limb, outline = DEAD_COLOURS if scene.dead else COLOURS
+        for joint in body.joints:
+            if joint.outside_parts:  # a neck
+                first, second = (body.part_index(name) for name in (joint.part_a, joint.part_b))
+                end = _placed(poses[second], np.array(body.parts[second].local(joint.anchors[1])))
+                canvas.line(np.stack([poses[first, :2], end]), outline, 5)
+        for part in sorted(range(len(poses)), key=lambda part: (part == body.head, -part)):
+            colour = head if part == body.head else (far_limb if self._far[part] else limb)
+            canvas.fill(_placed(poses[part], body.parts[part].shape.points), colour, outline)
+        for sensor, (touches, holds) in zip(body.grip_sensors, scene.grips, strict=True):
+            part = body.part_index(sensor.part)
+            centre = _placed(poses[part], np.array(body.parts[part].local(sensor.position)))
+            radius = max(SMALLEST_GRIP, sensor.radius * canvas.view.scale)
+            colour = GRIP_TOUCHING if touches else GRIP_FREE
+            canvas.dot(centre, outline, radius + 1)
+            canvas.dot(centre, GRIP_HOLDING if holds else colour, radius)
+
+
+def _placed(pose: Floats, points: Floats) -> Floats:
+    """Return `points` (..., 2) of a frame at `pose` (x, y, angle) in world axes."""
+    sine, cosine = np.sin(pose[2]), np.cos(pose[2])
+    return np.asarray(pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]]))
+
+
+def _base(terrain: Terrain, x: float) -> float:
+    """Return the height of the ground at `x` in m, under any stumps."""
+    return float(height_at(terrain.surface, x)) if len(terrain.ceiling) else GROUND_HEIGHT

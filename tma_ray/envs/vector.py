@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
@@ -13,8 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.arguments import check_whole
 from tma_ray.envs.registration import Environment, make_environment, mastery_return
-from tma_ray.physics import Engine, EngineBatch, batch_engines
+from tma_ray.physics import Engine, engine_in_use
 from tma_ray.tasks import Task, TaskSpace
+
+if TYPE_CHECKING:
+    from tma_ray.physics.compiled.engine import EngineBatch
 
 
 class Outcome(NamedTuple):
@@ -50,11 +53,7 @@ class EngineEnvironment(Protocol):
 
 
 def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> LockStep:
-    """Return the fastest way to step `environments`, which are all of one kind, together.
-
-    Args:
-        environments: new environments.
-        threads: number of threads that step them; the bits are the same.
+    """Return the fastest way to step `environments`, which are new and of one kind, together by `threads`.
 
     Raises:
         ValueError: more threads than environments, or several without the benchmark's engine.
@@ -122,7 +121,7 @@ class LockStep:
 
 
 class EngineLockStep(LockStep):
-    """Environments that hand their engines over, each with a counter of its steps."""
+    """Environments that hand compiled engines over, each with a counter of its steps."""
 
     def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> None:
         super().__init__(environments)
@@ -136,14 +135,24 @@ class EngineLockStep(LockStep):
     ) -> tuple[NDArray[np.float32], Task]:
         """Begin an episode in some; see `LockStep`."""
         observations, played = super().reset(rows, seeds, tasks)
+        choice = engine_in_use()
+        if choice.name != "compiled":  # each environment steps its own
+            if self._threads > 1:
+                raise ValueError(
+                    f"threads = {self._threads}: expected 1 with the {choice.name} engine ({choice.reason})"
+                )
+            return observations, played
+        from tma_ray.physics.compiled.engine import EngineBatch  # here, since it loads numba
+
         engines = [self._environments[row].release_engine() for row in rows]
         if self._batch is None:
-            self._batch = batch_engines(engines, self._threads)
+            self._batch = EngineBatch(engines, self._threads)
         self._steps[rows] = 0
         return observations, played
 
     def _step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
-        assert self._batch is not None, "reset begins the first episodes"
+        if self._batch is None:
+            return super()._step(rows, actions)
         observations, rewards, terminated = self._batch.step(rows, actions)
         self._steps[rows] = steps = self._steps[rows] + 1
         return Outcome(observations, rewards, terminated, ~terminated & (steps >= self._longest))

@@ -5,7 +5,7 @@ Importing this package loads neither numba nor pymunk; making an engine does.
 
 from tma_ray.physics.base import PHYSICS_VERSION, TIME_STEP, Engine, SolverSettings
 from tma_ray.physics.rules import LIDAR_RANGE, LIDARS, Rules, observation_size, step_arrays
-from tma_ray.physics.selection import EngineBatch, EngineChoice, batch_engines, engine_in_use, make_engine
+from tma_ray.physics.selection import EngineChoice, engine_in_use, make_engine
 from tma_ray.physics.signals import Signal, action_signals, observation_signals
 
 __all__ = [
@@ -14,13 +14,11 @@ __all__ = [
     "PHYSICS_VERSION",
     "TIME_STEP",
     "Engine",
-    "EngineBatch",
     "EngineChoice",
     "Rules",
     "Signal",
     "SolverSettings",
     "action_signals",
-    "batch_engines",
     "engine_in_use",
     "make_engine",
     "observation_signals",

@@ -172,7 +172,7 @@ class Chains(NamedTuple):
 def chains(terrain: Terrain) -> Chains:
     """Return the creepers of `terrain` as an engine builds them."""
     if not (terrain.holders != FIXED).any():
-        return _NO_CHAINS
+        return Chains(np.empty(0, np.int64), *(np.empty((0, *rest)) for rest in ((), (), (2,), (2, 2))))
     low, high = terrain.creepers[:, :2], terrain.creepers[:, 2:]
     sizes, centre = high - low, (low + high) / 2
     mass = DENSITY * sizes.prod(axis=1)
@@ -184,9 +184,6 @@ def chains(terrain: Terrain) -> Chains:
     anchors[:, 1, 1] = sizes[:, 1] / 2
     inertia = mass * np.square(sizes).sum(axis=1) / 12
     return Chains(terrain.holders, mass, inertia, centre, anchors)
-
-
-_NO_CHAINS = Chains(np.empty(0, np.int64), *(np.empty((0, *rest)) for rest in ((), (), (2,), (2, 2))))
 
 
 def add_creepers(space: pymunk.Space, creepers: Chains, settings: SolverSettings) -> dict[int, pymunk.Body]:

@@ -90,7 +90,10 @@ class PymunkEngine:
         cost = command_motors(self._action, alive, self.arrays, self._commands)
         if math.isnan(cost):
             raise ValueError(f"an action must be finite, got {values.tolist()}")
-        self._let_go(self._space)
+        for sensor, closing in enumerate(self._action[len(self._commands) :]):
+            if closing <= 0 and sensor in self._held:
+                self._space.remove(self._held.pop(sensor))
+                self.grips[sensor, 1] = NOTHING
         self._advance(self._space)
         self._read_state(self._space)
         self._take_hold(self._space)
@@ -134,12 +137,6 @@ class PymunkEngine:
             motor.rate = -speed  # Chipmunk's rate is the speed of the first part relative to the second
             motor.max_force = share * torque
 
-    def _let_go(self, space: pymunk.Space) -> None:
-        for sensor, closing in enumerate(self._action[len(self._commands) :]):
-            if closing <= 0 and sensor in self._held:
-                space.remove(self._held.pop(sensor))
-                self.grips[sensor, 1] = NOTHING
-
     def _advance(self, space: pymunk.Space) -> None:
         substeps, driven = self.settings.substeps, motor_substeps(self.settings)
         duration, share = TIME_STEP / substeps, substeps / driven
@@ -152,13 +149,10 @@ class PymunkEngine:
                 for part, (x, y, torque) in zip(self._parts, self._forces.tolist(), strict=True):
                     part.force, part.torque = (x, y), torque
             space.step(duration)
-            if index == driven - 1:
-                self._read_torques(duration * share)
-
-    def _read_torques(self, duration: float) -> None:
-        """Read the motors' torques from their impulses, which are spread over `duration` s."""
-        for index, motor in enumerate(self._motors):
-            self._torques[index] = math.copysign(motor.impulse / duration, self._commands[index, 0])
+            if index == driven - 1:  # the torques are those impulses, spread over the time step
+                for place, motor in enumerate(self._motors):
+                    torque = motor.impulse / (duration * share)
+                    self._torques[place] = math.copysign(torque, self._commands[place, 0])
 
     def _read_state(self, space: pymunk.Space) -> None:
         self._buffer.clear()

@@ -48,7 +48,14 @@ def body_arrays(body: Embodiment) -> BodyArrays:
     """Return `body` as an engine builds it."""
     counts = [len(part.shape.vertices) for part in body.parts]
     joints = (*body.motors, *body.passive_joints)
-    masses = [_mass(part, _welded(body, part)) for part in body.parts]
+    masses = [
+        _mass(part, [each for each in body.grip_sensors if each.part == part.name]) for part in body.parts
+    ]
+    anchors, limits = [], []
+    for joint in joints:
+        ends = [body.parts[body.part_index(name)] for name in (joint.part_a, joint.part_b)]
+        anchors.append([part.local(anchor) for part, anchor in zip(ends, joint.anchors, strict=True)])
+        limits.append([limit + drawn_angle(body, joint) for limit in joint.limits])
     return BodyArrays(
         mass=np.array([mass for mass, _, _ in masses]),
         inertia=np.array([inertia for _, _, inertia in masses]),
@@ -60,8 +67,8 @@ def body_arrays(body: Embodiment) -> BodyArrays:
         first_vertex=np.concatenate([[0], np.cumsum(counts)]),
         pushed=np.array([body.pushed and (part.head or part.pushed) for part in body.parts]),
         joint_parts=joint_parts(body, joints),
-        anchors=np.array([_local_anchors(body, joint) for joint in joints]).reshape(-1, 2, 2),
-        limits=np.array([_limits(body, joint) for joint in joints]).reshape(-1, 2),
+        anchors=np.array(anchors).reshape(-1, 2, 2),
+        limits=np.array(limits).reshape(-1, 2),
         motors=len(body.motors),
     )
 
@@ -78,10 +85,6 @@ def drawn_angle(body: Embodiment, joint: Joint) -> float:
     return second.angle - first.angle
 
 
-def _welded(body: Embodiment, part: Part) -> list[GripSensor]:
-    return [sensor for sensor in body.grip_sensors if sensor.part == part.name]
-
-
 def _mass(part: Part, sensors: list[GripSensor]) -> tuple[float, Point, float]:
     """Return mass, centre of mass and the inertia about it of `part` with its `sensors`."""
     if not sensors:
@@ -92,15 +95,6 @@ def _mass(part: Part, sensors: list[GripSensor]) -> tuple[float, Point, float]:
     x, y = centre = masses @ points / masses.sum()
     inertia = np.sum(inertias + masses * np.square(points - centre).sum(axis=1))
     return float(masses.sum()), (float(x), float(y)), float(inertia)
-
-
-def _local_anchors(body: Embodiment, joint: Joint) -> list[Point]:
-    parts = [body.parts[body.part_index(name)] for name in (joint.part_a, joint.part_b)]
-    return [part.local(anchor) for part, anchor in zip(parts, joint.anchors, strict=True)]
-
-
-def _limits(body: Embodiment, joint: Joint) -> list[float]:
-    return [limit + drawn_angle(body, joint) for limit in joint.limits]
 
 
 LIDARS = 10
@@ -185,7 +179,11 @@ def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
     motors = [(j.motor_torque, j.motor_speed, j.angle_offset - drawn_angle(body, j)) for j in joints]
     grips = [(*body.parts[body.part_index(s.part)].local(s.position), s.radius) for s in sensors]
     limits = (body.steps_survivable_under_water, body.steps_survivable_outside_water)
-    angles = lidar_angles(rules.lidars)
+    angles, bounds = lidar_angles(rules.lidars), []
+    for part in body.parts:
+        x, y = part.shape.centroid
+        reach = float(np.hypot(*part.shape.points.T).max())
+        bounds.append((reach, part.inertia + part.mass * (x * x + y * y), x, y))
     return StepArrays(
         head=body.head,
         observes_medium=int(rules.observes_medium),
@@ -201,7 +199,7 @@ def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
         motors=np.array(motors).reshape(-1, 3),
         rays=LIDAR_RANGE * np.stack([np.sin(angles), -np.cos(angles)], axis=1),
         vertices=built.vertices,
-        bounds=np.array([_bounds(body, index) for index in range(len(body.parts))]),
+        bounds=np.array(bounds),
         hinges=np.concatenate([built.anchors[: len(joints), 1], built.limits[: len(joints)]], axis=1),
         grips=np.array(grips).reshape(-1, 3),
     )
@@ -226,10 +224,3 @@ def observation_size(body: StepArrays) -> int:
     contacts, rays = int(np.sum(body.contact_part >= 0)), len(body.rays)
     medium = 2 + rays if body.observes_medium else 0
     return 4 + 2 * len(body.motors) + contacts + 2 * len(body.grips) + rays + medium
-
-
-def _bounds(body: Embodiment, index: int) -> tuple[float, ...]:
-    part = body.parts[index]
-    x, y = part.shape.centroid
-    reach = float(np.hypot(*part.shape.points.T).max())
-    return reach, part.inertia + part.mass * (x * x + y * y), x, y

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +29,37 @@ class Signal:
 
 def observation_signals(body: Embodiment, rules: Rules) -> tuple[Signal, ...]:
     """Return the parts of an observation of `body` under `rules`, in order."""
-    return (*_head(), *(_medium_signals() if rules.observes_medium else ()), *_limbs(body), *_lidars(rules))
+    from tma_ray.physics.kernels import (  # with numba
+        ANGULAR_VELOCITY_SCALE,
+        VELOCITY_X_SCALE,
+        VELOCITY_Y_SCALE,
+    )
+
+    signals = [
+        Signal("head", "angle", "rad"),
+        Signal("head", "angular velocity", f"{1 / ANGULAR_VELOCITY_SCALE:g} rad/s"),
+        Signal("head", "horizontal velocity", f"{1 / VELOCITY_X_SCALE:.4g} m/s"),
+        Signal("head", "vertical velocity", f"{1 / VELOCITY_Y_SCALE:.4g} m/s"),
+    ]
+    if rules.observes_medium:
+        signals += [Signal("head", "whether it is under water"), Signal("body", "whether it is dead")]
+    for joint in body.motors:
+        name = _joint(joint.part_a, joint.part_b)
+        signals.append(Signal(name, "angle", "rad"))
+        signals.append(Signal(name, "speed", f"{joint.motor_speed:g} rad/s"))
+        if joint.contact_part is not None:
+            signals.append(Signal(joint.contact_part, "whether it touches ground or ceiling"))
+    for sensor in body.grip_sensors:
+        signals.append(Signal(_grip(sensor.part), "whether it touches something to hold"))
+        signals.append(Signal(_grip(sensor.part), "whether it holds something"))
+    first, last = np.rad2deg(lidar_angles(rules.lidars)[[0, -1]])
+    directions = f"rays from {first:.0f}° to {last:.0f}° (0° is down, 90° ahead, 180° up)"
+    distance = f"distance to what each meets, 1 for nothing; {directions}"
+    signals.append(Signal("lidars", distance, f"{LIDAR_RANGE:.4g} m", LIDARS))
+    if rules.observes_medium:
+        kinds = "what each meets: -1 water, 1 a creeper, 0 anything else"
+        signals.append(Signal("lidars", kinds, size=LIDARS))
+    return tuple(signals)
 
 
 def action_signals(body: Embodiment) -> tuple[Signal, ...]:
@@ -46,47 +75,6 @@ def action_signals(body: Embodiment) -> tuple[Signal, ...]:
     return motors + tuple(
         Signal(_grip(sensor.part), "closed if over 0, else open") for sensor in body.grip_sensors
     )
-
-
-def _head() -> Iterator[Signal]:
-    from tma_ray.physics.kernels import (
-        ANGULAR_VELOCITY_SCALE,
-        VELOCITY_X_SCALE,
-        VELOCITY_Y_SCALE,
-    )  # with numba
-
-    yield Signal("head", "angle", "rad")
-    yield Signal("head", "angular velocity", f"{1 / ANGULAR_VELOCITY_SCALE:g} rad/s")
-    yield Signal("head", "horizontal velocity", f"{1 / VELOCITY_X_SCALE:.4g} m/s")
-    yield Signal("head", "vertical velocity", f"{1 / VELOCITY_Y_SCALE:.4g} m/s")
-
-
-def _medium_signals() -> Iterator[Signal]:
-    yield Signal("head", "whether it is under water")
-    yield Signal("body", "whether it is dead")
-
-
-def _limbs(body: Embodiment) -> Iterator[Signal]:
-    for joint in body.motors:
-        name = _joint(joint.part_a, joint.part_b)
-        yield Signal(name, "angle", "rad")
-        yield Signal(name, "speed", f"{joint.motor_speed:g} rad/s")
-        if joint.contact_part is not None:
-            yield Signal(joint.contact_part, "whether it touches ground or ceiling")
-    for sensor in body.grip_sensors:
-        yield Signal(_grip(sensor.part), "whether it touches something to hold")
-        yield Signal(_grip(sensor.part), "whether it holds something")
-
-
-def _lidars(rules: Rules) -> Iterator[Signal]:
-    first, last = np.rad2deg(lidar_angles(rules.lidars)[[0, -1]])
-    directions = f"rays from {first:.0f}° to {last:.0f}° (0° is down, 90° ahead, 180° up)"
-    yield Signal("lidars", f"distance to what each meets, 1 for nothing; {directions}", _RANGE, LIDARS)
-    if rules.observes_medium:
-        yield Signal("lidars", "what each meets: -1 water, 1 a creeper, 0 anything else", size=LIDARS)
-
-
-_RANGE = f"{LIDAR_RANGE:.4g} m"
 
 
 def _joint(first: str, second: str) -> str:

@@ -45,26 +45,4 @@ __all__ = [
     "write_policy",
 ]
 
-__getattr__, __dir__ = import_later(
-    __name__,
-    {
-        "STUDENTS": "tma_ray.students.catalogue",
-        "Learner": "tma_ray.students.players",
-        "PPOHyperparameters": "tma_ray.students.hyperparameters",
-        "Policy": "tma_ray.students.base",
-        "PolicyFileError": "tma_ray.students.policy_files",
-        "SACHyperparameters": "tma_ray.students.hyperparameters",
-        "StoredPolicy": "tma_ray.students.policy_files",
-        "Student": "tma_ray.students.base",
-        "Transition": "tma_ray.students.base",
-        "canonical_student": "tma_ray.students.catalogue",
-        "check_hyperparameters": "tma_ray.students.catalogue",
-        "default_hyperparameters": "tma_ray.students.catalogue",
-        "load_policy": "tma_ray.students.catalogue",
-        "make_player": "tma_ray.students.players",
-        "make_student": "tma_ray.students.catalogue",
-        "policy_layers": "tma_ray.students.catalogue",
-        "read_policy": "tma_ray.students.policy_files",
-        "write_policy": "tma_ray.students.policy_files",
-    },
-)
+__getattr__, __dir__ = import_later(__name__, __file__)

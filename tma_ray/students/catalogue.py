@@ -11,7 +11,7 @@ import numpy as np
 
 from tma_ray.arguments import check_kind
 from tma_ray.commands.values import PROCESSES
-from tma_ray.hyperparameters import differing, identifying, plain
+from tma_ray.hyperparameters import differing, identifying, parse_settings, plain
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.registry import Registry, UnknownNameError
 from tma_ray.students.base import Policy, Student
@@ -20,7 +20,6 @@ from tma_ray.students.hyperparameters import (
     PACKAGES,
     PPOHyperparameters,
     SACHyperparameters,
-    parse_hyperparameters,
 )
 
 if TYPE_CHECKING:
@@ -136,9 +135,9 @@ def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> 
         ValueError: an unknown key, a wrong type or a value outside its range.
     """
     base, settings = split_name(name)
-    kind = _hyperparameters_type(base)
+    kind = _BUILTIN_HYPERPARAMETERS.get(base) or STUDENTS.get(base).hyperparameters_type
     try:
-        return parse_hyperparameters(kind, given, settings)
+        return kind(**parse_settings(kind, settings, given))
     except ValueError as error:
         raise ValueError(f"student {base!r}: {error}") from error
 
@@ -151,11 +150,6 @@ def canonical_student(name: str, given: Mapping[str, Any] | None = None) -> str:
     """
     hyperparameters = check_hyperparameters(name, given)
     return join_name(base_name(name), differing(type(hyperparameters), identifying(hyperparameters)))
-
-
-def _hyperparameters_type(name: str) -> type:
-    kind = _BUILTIN_HYPERPARAMETERS.get(name)
-    return STUDENTS.get(name).hyperparameters_type if kind is None else kind
 
 
 def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:

@@ -6,12 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar, Final, TypeVar
+from typing import ClassVar, Final
 
-from tma_ray.hyperparameters import parse_settings
+from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.students.mlp.layout import Activation, Layout
-
-H = TypeVar("H")
 
 
 class MatmulPrecision(StrEnum):
@@ -88,20 +86,19 @@ class PPOHyperparameters:
     matmul_precision: MatmulPrecision = MatmulPrecision.HIGHEST
 
     def __post_init__(self) -> None:
-        _check_positive(
+        check_positive(
             self,
             *("learning_rate", "epochs", "clip_range", "value_clip_range", "max_gradient_norm"),
             *("observation_clip", "reward_clip"),
         )
-        _check_shares(self, "gamma", "gae_lambda")
+        check_shares(self, "gamma", "gae_lambda")
         _check_hidden_units(self.hidden_units)
         if not 1 < self.batch_size <= self.steps_per_update or self.steps_per_update % self.batch_size:
             raise ValueError(
                 f"batch_size = {self.batch_size}: expected more than 1 and a divisor of "
                 f"steps_per_update = {self.steps_per_update}"
             )
-        if self.averaged_steps < 0:
-            raise ValueError(f"averaged_steps = {self.averaged_steps}: expected 0 or more")
+        check_at_least(self, 0, "averaged_steps")
 
     def layout(self, inputs: int, actions: int) -> Layout:
         """Return the network from observations of a size to means of `actions` and the value.
@@ -180,50 +177,17 @@ class SACHyperparameters:
     value_samples: int = 16
     matmul_precision: MatmulPrecision = MatmulPrecision.HIGHEST
 
+    def layout(self, inputs: int, actions: int) -> Layout:
+        """Return the actor from observations of a size to means and log deviations of `actions`."""
+        return Layout((inputs, *self.hidden_units, 2 * actions))
+
     def __post_init__(self) -> None:
-        _check_positive(
+        check_positive(
             self, "learning_rate", "buffer_size", "batch_size", "steps_per_update", "value_samples"
         )
-        _check_shares(self, "gamma", "target_rate")
+        check_shares(self, "gamma", "target_rate")
         _check_hidden_units(self.hidden_units)
-        if self.exploration_steps < 0 or self.entropy_coefficient < 0:
-            raise ValueError(
-                f"exploration_steps = {self.exploration_steps} and "
-                f"entropy_coefficient = {self.entropy_coefficient}: expected neither under 0"
-            )
-
-
-def parse_hyperparameters(
-    kind: type[H], given: Mapping[str, Any] | None = None, text: Mapping[str, str] | None = None
-) -> H:
-    """Return the frozen dataclass `kind` with the values `given`, all others at their defaults.
-
-    Lists count as tuples and whole numbers as floats, so that values may come from JSON.
-
-    Args:
-        kind: the dataclass.
-        given: hyper-parameters as values.
-        text: hyper-parameters as they follow a student's name.
-
-    Raises:
-        ValueError: an unknown key (the message has the nearest known one), or a value of another type
-            or outside its range.
-    """
-    return kind(**parse_settings(kind, text or {}, given))
-
-
-def _check_positive(hyperparameters: object, *names: str) -> None:
-    for name in names:
-        value = getattr(hyperparameters, name)
-        if value is not None and value <= 0:
-            raise ValueError(f"hyper-parameter {name} = {value!r}: expected more than 0")
-
-
-def _check_shares(hyperparameters: object, *names: str) -> None:
-    for name in names:
-        value = getattr(hyperparameters, name)
-        if not 0 <= value <= 1:
-            raise ValueError(f"hyper-parameter {name} = {value!r}: expected a share in [0, 1]")
+        check_at_least(self, 0, "exploration_steps", "entropy_coefficient")
 
 
 def _check_hidden_units(units: tuple[int, ...]) -> None:

@@ -217,8 +217,8 @@ def tensor_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]
     shapes = _layout(stored).shapes
     kinds: dict[str, tuple[tuple[int, ...], str]] = {}
     for name, shape in zip(_names(len(shapes)), shapes, strict=True):
-        kinds[f"{name}.weight"] = tuple(shape), "float32"
-        kinds[f"{name}.bias"] = (shape.outputs,), "float32"
+        kinds[f"{name}.weight"] = shape, "float32"
+        kinds[f"{name}.bias"] = shape[:1], "float32"
     return kinds
 
 

@@ -70,10 +70,7 @@ class Normaliser:
     def count_in(self, transition: Transition, value: Callable[[Observations], float]) -> float:
         """Count one more step, after the first observation of its episode; return its normalised reward.
 
-        Args:
-            transition: the step.
-            value: function that returns the value of an observation (o,) in normalised reward; a time limit
-                adds it to the last reward.
+        A time limit adds the `value` of the last observation, in normalised reward, to the last reward.
         """
         ended = transition.terminated or transition.truncated
         if not ended:

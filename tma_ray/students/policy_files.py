@@ -93,10 +93,7 @@ class StoredPolicy:
     tensors: Mapping[str, NDArray[Any]]
 
     def check(self, expected: Mapping[str, tuple[tuple[int, ...], str]]) -> None:
-        """Refuse other tensors than the policy has.
-
-        Args:
-            expected: shape and numpy's name of the type of every tensor.
+        """Refuse other tensors than `expected`: the shape and numpy's name of the type of each.
 
         Raises:
             PolicyFileError: one is missing, nobody's, or of another shape or type.
@@ -173,7 +170,12 @@ def read_policy(folder: Path, student: str) -> StoredPolicy:
         )
     observation_space = _box(path, settings.observation_space, "observation_space")
     action_space = _box(path, settings.action_space, "action_space")
-    tensors = _tensors(folder / TENSORS_FILE)
+    path = folder / TENSORS_FILE
+    try:
+        found = parse_tensors(_bytes(path))
+    except (SafetensorError, KeyError, TypeError) as error:  # a type that numpy lacks is a KeyError
+        raise PolicyFileError(path, f"no sound safetensors file ({error}); {_ADVICE}") from error
+    tensors = {name: np.array(tensor) for name, tensor in found.items()}  # aligned and writable
     return StoredPolicy(folder, observation_space, action_space, settings.hyperparameters, tensors)
 
 
@@ -183,14 +185,6 @@ def _decoded(path: Path, data: bytes, kind: type[T]) -> T:
     except DamagedFileError as error:
         problem = str(error).removeprefix(f"{path} is ")
         raise PolicyFileError(path, f"{problem}; {_ADVICE}") from error
-
-
-def _tensors(path: Path) -> dict[str, NDArray[Any]]:
-    try:
-        found = parse_tensors(_bytes(path))
-    except (SafetensorError, KeyError, TypeError) as error:  # a type that numpy lacks is a KeyError
-        raise PolicyFileError(path, f"no sound safetensors file ({error}); {_ADVICE}") from error
-    return {name: np.array(tensor) for name, tensor in found.items()}  # aligned and writable
 
 
 def _bytes(path: Path) -> bytes:

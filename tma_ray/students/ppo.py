@@ -18,7 +18,7 @@ from stable_baselines3.common.type_aliases import RolloutBufferSamples
 from stable_baselines3.common.utils import explained_variance
 from torch import nn
 
-from tma_ray.students.base import Actions, Observations, Policy, Transition
+from tma_ray.students.base import Actions, Observations, Policy
 from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.layers import (
     Clamp,
@@ -32,10 +32,10 @@ from tma_ray.students.layers import (
 )
 from tma_ray.students.mlp.layout import Activation
 from tma_ray.students.mlp.network import MODULES, FlatAdam, FlatParameters, as_batch, as_modules, blocks_of
-from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, first_normaliser, scaled
-from tma_ray.students.players.ppo import Rollout, exploring_step, sampled_actions
-from tma_ray.students.policy_files import StoredPolicy, read_policy
-from tma_ray.students.sb3.base import Experience, StableBaselinesStudent
+from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, scaled
+from tma_ray.students.players.ppo import PPOActing, Rollout
+from tma_ray.students.policy_files import StoredPolicy, read_policy, write_policy
+from tma_ray.students.sb3.base import StableBaselinesStudent
 
 
 class Trunk(BaseFeaturesExtractor):
@@ -72,13 +72,8 @@ class Trunk(BaseFeaturesExtractor):
 def separate(trunk: Trunk, means: nn.Linear, value: nn.Linear) -> None:
     """Initialise two networks side by side, as stable-baselines3 does with separate ones.
 
-    The first half of each hidden layer leads to the means, the second to the value; weights between halves
-    are 0.
-
-    Args:
-        trunk: hidden layers of both.
-        means: last layer of the first.
-        value: last layer of the second.
+    The first half of each hidden layer of `trunk` leads to the `means`, the second to the `value`; weights
+    between halves are 0.
     """
     hidden = [layer.weight for layer in trunk.layers if isinstance(layer, nn.Linear)]
     for index, weight in enumerate(hidden):
@@ -143,11 +138,7 @@ class Losses(NamedTuple):
 def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PPOHyperparameters) -> Losses:
     """Return the parts of a mini-batch's loss, and its gradient (arXiv:1707.06347, equations 7 and 9).
 
-    Args:
-        outputs: outputs of the network: means of the actions, and the value (n, a + 1).
-        log_std: log deviation of the actions (a,).
-        steps: the mini-batch.
-        hyper: hyper-parameters of the student.
+    `outputs` are means of the actions, and the value (n, a + 1); `log_std` is their log deviation (a,).
     """
     advantages, clip = steps.advantages, hyper.clip_range
     centred = advantages - advantages.mean(dim=-1, keepdim=True)
@@ -162,8 +153,10 @@ def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PP
     policy, value = -torch.minimum(*surrogates).mean(dim=-1), value_error.square().mean(dim=-1)
     divergence = (ratio - 1 - log_ratio).mean(dim=-1)
     clipped = ((ratio - 1).abs() > clip).to(ratio.dtype).mean(dim=-1)
-    gradient, log_std_gradient = _policy_gradients(surrogates, error, deviation)
-    log_std_gradient -= hyper.entropy_coefficient
+    # the smaller surrogate counts, and where that is the clipped one, the policy's gradient is zero
+    share = (surrogates[0] * (surrogates[0] <= surrogates[1])).div_(-ratio.shape[-1])[..., None]
+    gradient = share * error / deviation
+    log_std_gradient = (share * (error.square() - 1)).sum(dim=-2) - hyper.entropy_coefficient
     value_gradient = (2 * hyper.value_coefficient / error.shape[-2]) * value_error * free
     gradient = torch.cat((gradient, value_gradient[..., None]), dim=-1)
     return Losses(policy, value, divergence, clipped, gradient, log_std_gradient)
@@ -172,22 +165,6 @@ def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PP
 def log_density(error: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
     """Return the log density (n,) of actions that are `error` (n, a) deviations off their means."""
     return -(0.5 * error.square() + (log_std + _HALF_LOG_2PI)).sum(dim=-1)
-
-
-def _policy_gradients(
-    surrogates: tuple[torch.Tensor, torch.Tensor], error: torch.Tensor, deviation: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the policy loss's gradients by the means (n, a) and by the log deviation (a,).
-
-    Args:
-        surrogates: advantages times ratios (n,), and times clipped ratios (n,); the smaller one counts, and
-            where that is the clipped one, the gradient is zero.
-        error: error of the actions from the means, in deviations (n, a).
-        deviation: deviation of the actions (1, a).
-    """
-    free, clipped = surrogates
-    share = (free * (free <= clipped)).div_(-free.shape[-1])[..., None]
-    return share * error / deviation, (share * (error.square() - 1)).sum(dim=-2)
 
 
 def _value_error(
@@ -203,16 +180,12 @@ def _value_error(
 class PPOUpdate:
     """PPO's update of the networks of `model`, whose policy and value share a `Trunk`.
 
-    The model stays their owner, and the owner of the optimiser's state.
+    The model stays their owner, and the owner of the state of `adam`.
 
     Args:
         model: a set-up stable-baselines3 PPO.
         parameters: its network's, whose outputs are means and value, and its log deviation.
-        hyperparameters: hyperparameters of the student.
-
-    Attributes:
-        flat: the parameters, as given.
-        adam: their optimiser.
+        hyperparameters: hyper-parameters of the student.
     """
 
     def __init__(
@@ -228,10 +201,6 @@ class PPOUpdate:
         if hyperparameters.separate_trunks:
             (network,), means = parameters.networks, parameters.others[0].numel()
             self._trunks = torch.from_numpy(network.layout.trunks(means)).to(network.gradient)
-
-    def restore(self) -> None:
-        """Read the optimiser's state after the model was loaded."""
-        self.adam.restore()
 
     def __call__(self, rollout: Rollout) -> None:
         """Pass several times over the finished `rollout`."""
@@ -270,7 +239,7 @@ POLICY = "ppo"
 """What saved policies say that they are; those of `StockPPO` say the same."""
 
 
-class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
+class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     """Proximal policy optimisation: 2,000 steps, then 5 epochs over them.
 
     Observations and rewards are normalised with running statistics, which evaluation uses without
@@ -279,8 +248,9 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     observation to the last reward (the release bootstraps from the next episode's first).
     """
 
-    algorithm_version = PPOHyperparameters.algorithm_version
-    hyperparameters_type = PPOHyperparameters
+    device: torch.device
+    _acting: GreedyNetwork
+    _greedy: GreedyNetwork
 
     def _make_model(self) -> stable_baselines3.PPO:
         hyper = self.hyperparameters
@@ -312,12 +282,8 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         )
 
     def _start(self) -> None:
-        hyper = self.hyperparameters
-        size, action_size = self.observation_space.shape[0], self.action_space.shape[0]
-        self._layout = hyper.layout(size, action_size)
-        self.normaliser = first_normaliser(hyper, size)
-        self._rollout = Rollout(hyper.steps_per_update, size, action_size, self._batches, self.device)
-        self._episode_starts = True
+        super()._start()
+        self._layout = self.hyperparameters.layout(self.observation_space.shape[0], self._low.size)
 
     def _connect(self) -> None:
         hyper = self.hyperparameters
@@ -325,20 +291,24 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         if hyper.separate_trunks:
             with self._torch_stream.active():
                 separate(policy.features_extractor, policy.action_net, policy.value_net)
-        self.model.rollout_buffer = self._rollout  # type: ignore[assignment]
-        self._rollout.clear()
+        self.model.rollout_buffer = self.rollout  # type: ignore[assignment]
+        self.rollout.clear()
         blocks = blocks_of(policy.features_extractor, policy.action_net, policy.value_net)
         self._flat = FlatParameters([blocks], [policy.log_std], hyper.activation)
         if hyper.start_from:
-            self._begin_with(json.loads(Path(hyper.start_from).read_text())[START])
-        self._prepare_update()
+            parameters = json.loads(Path(hyper.start_from).read_text())[START]
+            if len(parameters) != len(self._flat.values):
+                raise ValueError(
+                    f"{hyper.start_from} has {len(parameters)} parameters, the networks here have "
+                    f"{len(self._flat.values)}: start from a student of the same body and the same layers"
+                )
+            self._flat.values.copy_(torch.tensor(parameters))
         (self._network,) = self._flat.networks
         self._acting = GreedyNetwork(self._network.parameters, self._layout, self._low.size)
         self._greedy = self._acting
         if hyper.averaged_steps:
             self._average = self._network.parameters.detach().clone()
             self._greedy = GreedyNetwork(self._average, self._layout, self._low.size)
-        self._refresh()
 
     def _refresh(self) -> None:
         self._acting.refresh()
@@ -347,70 +317,29 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._policy = log_std, np.stack([self._low, self._high])
 
     def _prepare_update(self) -> None:
-        """Make what `_train` needs for `self.model`."""
-        self._update = PPOUpdate(self.model, self._flat, self.hyperparameters)
-
-    def _restore_update(self) -> None:
-        self._update.restore()
+        # flat parameters and optimiser; whoever changes them calls `changed`
+        self.update = PPOUpdate(self.model, self._flat, self.hyperparameters)
 
     def _train(self) -> None:
-        """Update the networks with the finished rollout."""
-        self._update(self._rollout)
-
-    def act(self, observation: Observations) -> Actions:  # noqa: D102
-        if self._episode_starts:
-            self.normaliser.update(observation)
-        network = self._acting.row.arrays
-        self._step = exploring_step(network, self._policy, self.normaliser, observation, self._noise())
-        return self._step.action
-
-    def observe(self, transition: Transition) -> None:  # noqa: D102
-        ended = transition.terminated or transition.truncated
-        reward = self.normaliser.count_in(transition, self._value)
-        step = self._step
-        self._rollout.add(step.observation, step.sampled, reward, ended, step.judged)
-        self._episode_starts = ended
-        if self._rollout.is_full:
-            self._finish_rollout(transition.next_observation)
+        self.update(self.rollout)
 
     @property
-    def update(self) -> PPOUpdate:
-        """Network and optimiser, as flat parameters; whoever changes them calls `changed`."""
-        return self._update
-
-    @property
-    def rollout(self) -> Rollout:
-        """The steps since the last update."""
-        return self._rollout
-
-    @property
-    def average(self) -> NDArray[np.float32] | None:
-        """The average of the network's parameters (p,), None where `averaged_steps` is 0."""
+    def average(self) -> NDArray[np.float32] | None:  # noqa: D102
         return self._average.numpy(force=True).copy() if self.hyperparameters.averaged_steps else None
 
-    def put_average(self, average: NDArray[np.float32]) -> None:
-        """Evaluate with an `average` (p,) of elsewhere."""
+    def put_average(self, average: NDArray[np.float32]) -> None:  # noqa: D102
         self._average.copy_(torch.from_numpy(average))
         self._greedy.refresh()
-
-    def changed(self, updates: int) -> None:
-        """Load parameters that were changed from outside, by so many `updates` in all."""
-        self.model._n_updates = updates
-        self._refresh()
-
-    def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
-        return self._clip(self._greedy(self.normaliser.normalise(observations), squash=False))
-
-    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
-        means = self._acting(self.normaliser.normalise(observations), squash=False)
-        return sampled_actions(means, self._policy, rng)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Return V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards.
 
         The original release asks the value head about raw observations, which it was not trained on.
         """
-        return self._normalised_values(observations) * self.normaliser.reward_scale
+        with torch.no_grad():
+            outputs = self._network.frozen(as_batch(self.normaliser.normalise(observations), self.device))
+        values: NDArray[np.float64] = outputs[:, -1].numpy(force=True).astype(np.float64)
+        return values * self.normaliser.reward_scale
 
     def save_policy(self, folder: Path) -> None:
         """Write the layers to the mean action, and the statistics that normalise what goes in.
@@ -426,26 +355,14 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         }
         if hyper.activation is not Activation.RELU:  # which files without the entry have
             values["activation"] = hyper.activation.value
-        self._write_policy(
-            folder,
-            POLICY,
-            {**self._greedy.tensors(), **self.normaliser.tensors()},
-            values,
-        )
+        tensors = {**self._greedy.tensors(), **self.normaliser.tensors()}
+        write_policy(folder, POLICY, self.observation_space, self.action_space, tensors, values)
 
     def save_start(self, path: Path) -> None:
         """Write what other students begin with by ``start_from``: JSON, for networks of the same layers."""
         self.normaliser.save(path)
         content = json.loads(path.read_text()) | {START: self._flat.values.tolist()}
         path.write_text(json.dumps(content))
-
-    def _begin_with(self, parameters: list[float]) -> None:
-        if len(parameters) != len(self._flat.values):
-            raise ValueError(
-                f"{self.hyperparameters.start_from} has {len(parameters)} parameters, the networks here have "
-                f"{len(self._flat.values)}: start from a student of the same body and the same layers"
-            )
-        self._flat.values.copy_(torch.tensor(parameters))
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
@@ -472,60 +389,43 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         last = Clamp(stored.action_space.low, stored.action_space.high)
         return in_a_row([first, *as_modules(*stored_parameters(stored)), last])
 
-    def _save_experience(self, folder: Path, _incremental: bool) -> Experience:
+    def _save_experience(self, folder: Path, _incremental: bool) -> tuple[dict[str, Any], tuple[str, ...]]:
         self.normaliser.save(folder / NORMALISER_FILE)
-        np.savez(folder / "rollout.npz", **self._rollout.state())
+        np.savez(folder / "rollout.npz", **self.rollout.state())
         if self.hyperparameters.averaged_steps:
             np.save(folder / AVERAGE_FILE, self._average.numpy(force=True))
-        return Experience({})
+        return {}, ()
 
     def _load_experience(self, folder: Path, _counters: dict[str, Any]) -> None:
-        self.normaliser = Normaliser.load(folder / NORMALISER_FILE)
-        with np.load(folder / "rollout.npz") as state:
-            self._rollout.restore(dict(state))
-        if self.hyperparameters.averaged_steps:
-            self.put_average(np.load(folder / AVERAGE_FILE))
-        self._episode_starts = True  # states are saved at the end of an episode
+        average = np.load(folder / AVERAGE_FILE) if self.hyperparameters.averaged_steps else None
+        normaliser = Normaliser.load(folder / NORMALISER_FILE)
+        with np.load(folder / "rollout.npz") as rollout:
+            self.restore_experience({"normaliser": normaliser, "rollout": rollout, "average": average})
 
     def _finish_rollout(self, next_observation: Observations) -> None:
-        last_value = self._normalised_values(next_observation)[0]
-        self._rollout.finish(last_value, self.gamma, self.hyperparameters.gae_lambda)
+        last_value = self._value(next_observation)
+        self.rollout.finish(last_value, self.gamma, self.hyperparameters.gae_lambda)
         with self._updating():
             self._train()
             if self.hyperparameters.averaged_steps:
                 self._average.lerp_(self._network.parameters.detach(), self.hyperparameters.averaging)
-        self._rollout.clear()
-
-    def _value(self, observation: Observations) -> float:
-        return float(self._normalised_values(observation).item())
-
-    def _normalised_values(self, observations: Observations) -> NDArray[np.float64]:
-        normalised = self.normaliser.normalise(observations)
-        if observations.ndim == 1:
-            return self._acting.row(normalised)[-1:].astype(np.float64)
-        with torch.no_grad():
-            outputs = self._network.frozen(as_batch(normalised, self.device))
-        return outputs[:, -1].numpy(force=True).astype(np.float64)
-
-    def _clip(self, actions: Actions) -> Actions:
-        clipped: Actions = np.minimum(np.maximum(actions, self._low), self._high)
-        return clipped
+        self.rollout.clear()
 
 
 class StockPPO(PPO):
     """PPO whose update is stable-baselines3's own `train`; all else is alike."""
 
-    def _prepare_update(self) -> None:
-        """Keep separate trunks apart, whose gradients are autograd's here."""
-        if self.hyperparameters.separate_trunks:
+    def _connect(self) -> None:
+        super()._connect()
+        if self.hyperparameters.separate_trunks:  # kept apart, since the gradients are autograd's here
             kept = torch.ones_like(self._flat.values)
             trunks = torch.from_numpy(self._layout.trunks(self._low.size))
             kept[: len(trunks)] = trunks.to(kept)
             for parameter, own in zip(self._flat.parameters, self._flat.views(kept), strict=True):
                 parameter.register_hook(own.mul)  # type: ignore[no-untyped-call]
 
-    def _restore_update(self) -> None:
-        """Restore nothing: the model's optimiser is the only one."""
+    def _prepare_update(self) -> None:
+        """Prepare nothing: the model's optimiser is the only one."""
 
     def _train(self) -> None:
         self.model.train()

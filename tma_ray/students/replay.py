@@ -75,9 +75,7 @@ class ReplayBuffer:
     def add(self, transition: Transition, action: NDArray[np.float32]) -> None:
         """Store `transition`, and forget the oldest if the buffer is full.
 
-        Args:
-            transition: the step; its own action is not read.
-            action: the action (a,) in the network's range [-1, 1].
+        Its own action is not read: `action` (a,) is in the network's range [-1, 1].
         """
         row = self._row
         following = row + 1 if row + 1 < self._rows else 0
@@ -106,11 +104,8 @@ class ReplayBuffer:
     ) -> None:
         """Store n consecutive transitions of an episode, as n calls of `add` would.
 
-        Args:
-            observations: observations acted on, and the last next observation (n + 1, o).
-            actions: actions in the network's range [-1, 1] (n, a).
-            rewards: values (n,).
-            terminated: True if the last transition terminated; the others did not.
+        `observations` (n + 1, o) are those acted on and the last next one, `actions` (n, a) are in [-1, 1];
+        only the last transition can have `terminated`.
         """
         count, row = len(actions), self._row
         if self._size + count >= self._rows or row + count >= self._rows:  # at the seam, or full
@@ -166,16 +161,16 @@ class ReplayBuffer:
         return ReplayBufferSamples(*(torch.from_numpy(part).to(self._device) for part in batch))
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
-        """Write the filled part in segments, every observation once.
+        """Write the filled part in segments, every observation once; return the names of segments left out.
 
-        Args:
-            folder: folder to write to.
-            incremental: segments that did not change since this buffer was last saved or loaded are left out.
-
-        Returns:
-            The names of the segments that were left out.
+        Those are left out, if `incremental`, that did not change since this buffer was last saved or loaded.
         """
-        changed = self._changed_segments() if incremental and self._saved else None
+        changed: set[int] | None = None
+        if incremental and self._saved:
+            new = min(self._added - self._saved, self._rows)
+            # with the row before, whose ending may have been kept since, and the one ahead
+            touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
+            changed = set((touched // SEGMENT_ROWS).tolist())
         used, unchanged = min(self._filled + 1, self._rows), []
         for number in range(math.ceil(used / SEGMENT_ROWS)):
             name = f"replay-{number:04d}.npz"
@@ -205,13 +200,6 @@ class ReplayBuffer:
         self._endings = np.empty((max(1, len(endings)), self._observations.shape[1]), dtype=np.float32)
         self._endings[np.arange(self._first_ending, self._next_ending) % len(self._endings)] = endings
         self._saved = self._added
-
-    def _changed_segments(self) -> set[int]:
-        """Return the numbers of all segments touched since the last save or load."""
-        new = min(self._added - self._saved, self._rows)
-        # with the row before, whose ending may have been kept since, and the one ahead
-        touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
-        return set((touched // SEGMENT_ROWS).tolist())
 
     def _next_observations(self, rows: NDArray[np.int64]) -> Observations:
         following = self._observations[(rows + 1) % self._rows]

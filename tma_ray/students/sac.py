@@ -28,19 +28,10 @@ from tma_ray.students.layers import (
     unscale,
 )
 from tma_ray.students.mlp.network import FlatAdam, FlatParameters, as_batch, as_modules, blocks_of
-from tma_ray.students.players.sac import (
-    LOG_STD_RANGE,
-    SQUASH_EPSILON,
-    between,
-    entropies,
-    sampled_actions,
-    squashed_action,
-    uniform_actions,
-    updates_due,
-)
-from tma_ray.students.policy_files import read_policy
+from tma_ray.students.players.sac import LOG_STD_RANGE, SQUASH_EPSILON, SACActing, between
+from tma_ray.students.policy_files import read_policy, write_policy
 from tma_ray.students.replay import ReplayBuffer
-from tma_ray.students.sb3.base import Experience, StableBaselinesStudent
+from tma_ray.students.sb3.base import StableBaselinesStudent
 
 _HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 
@@ -89,10 +80,7 @@ def in_range(outputs: torch.Tensor, log_std: LogStd) -> torch.Tensor:
 def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor, log_std: LogStd) -> Draw:
     """Return the tangent hyperbolic of normal variables, and its log density.
 
-    Args:
-        outputs: outputs of the actor (n, 2a).
-        noise: standard normal (n, a).
-        log_std: map to the log deviations.
+    `outputs` (n, 2a) are an actor's, `noise` (n, a) is standard normal.
     """
     mean, log_deviation = outputs.chunk(2, dim=-1)
     log_deviation = in_range(log_deviation, log_std)
@@ -116,10 +104,7 @@ def soft_values(critics: Pass, observations: torch.Tensor, draw: Draw, alpha: fl
 def critic_loss(critics: Pass, batch: Transitions, targets: torch.Tensor) -> torch.Tensor:
     """Return half the mean squared error of each critic, summed over the critics.
 
-    Args:
-        critics: critics to train.
-        batch: transitions.
-        targets: r + gamma (1 - done) V(s'), which no gradient passes (n, 1).
+    The `targets` are r + gamma (1 - done) V(s') (n, 1), which no gradient passes.
     """
     values = critics(torch.cat((batch.observations, batch.actions), dim=-1))
     return 0.5 * (values - targets).square().mean(dim=-2).sum(dim=-1)
@@ -162,11 +147,9 @@ class SACUpdate:
         model: a set-up stable-baselines3 SAC with a fixed entropy coefficient.
         actor: the parameters of its actor.
         critics: the parameters of its critics.
-        hyperparameters: hyperparameters of the student.
+        hyperparameters: hyper-parameters of the student.
 
     Attributes:
-        actor: the actor.
-        critics: both critics.
         targets: the parameters of the target critics.
         actor_adam: optimiser of the actor.
         critic_adam: optimiser of the critics.
@@ -185,49 +168,35 @@ class SACUpdate:
         self.critic_adam = FlatAdam(model.critic.optimizer, self.critics)
         self._model, self._hyper = model, hyperparameters
 
-    def restore(self) -> None:
-        """Read the optimisers' states after the model was loaded."""
-        self.actor_adam.restore()
-        self.critic_adam.restore()
-
     def __call__(self, samples: ReplayBufferSamples) -> None:
         """Take one step of the critics, of the actor and of the targets; draw from torch's generator."""
         batch = Transitions(*samples[:5])
         noise, next_noise = (torch.randn_like(batch.actions) for _ in range(2))
-        critics = self._train_critics(batch, next_noise)
-        actor = self._train_actor(batch.observations, noise)
-        self.targets.values.lerp_(self.critics.values, self._hyper.target_rate)
-        self._model._n_updates += 1
-        self._model.logger.record("train/critic_loss", critics.item())
-        self._model.logger.record("train/actor_loss", actor.item())
-
-    def _train_critics(self, batch: Transitions, noise: torch.Tensor) -> torch.Tensor:
         hyper, (actor,) = self._hyper, self.actor.networks
         with torch.no_grad():
-            draw = squashed_draw(actor(batch.next_observations), noise, hyper.log_std)
+            draw = squashed_draw(actor(batch.next_observations), next_noise, hyper.log_std)
             targets = joined([network.frozen for network in self.targets.networks])
             values = soft_values(targets, batch.next_observations, draw, hyper.entropy_coefficient)
             goals = batch.rewards + (1 - batch.dones) * hyper.gamma * values
-        loss = critic_loss(joined(self.critics.networks), batch, goals)
-        self.critics.differentiate(loss)
+        critics_loss = critic_loss(joined(self.critics.networks), batch, goals)
+        self.critics.differentiate(critics_loss)
         self.critic_adam.step()
-        return loss
-
-    def _train_actor(self, observations: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
-        hyper, (actor,) = self._hyper, self.actor.networks
         critics = joined([network.frozen for network in self.critics.networks])
-        draw = squashed_draw(actor(observations), noise, hyper.log_std)
-        loss = actor_loss(critics, observations, draw, hyper.entropy_coefficient)
-        self.actor.differentiate(loss)
+        draw = squashed_draw(actor(batch.observations), noise, hyper.log_std)
+        policy_loss = actor_loss(critics, batch.observations, draw, hyper.entropy_coefficient)
+        self.actor.differentiate(policy_loss)
         self.actor_adam.step()
-        return loss
+        self.targets.values.lerp_(self.critics.values, hyper.target_rate)
+        self._model._n_updates += 1
+        self._model.logger.record("train/critic_loss", critics_loss.item())
+        self._model.logger.record("train/actor_loss", policy_loss.item())
 
 
 POLICY = "sac"
 """What saved policies say that they are; those of `StockSAC` say the same."""
 
 
-class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
+class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     """Soft actor-critic with a fixed entropy coefficient, as in Spinning Up 0.1.1, which the paper names.
 
     The first 10,000 actions of the run are uniform. At the end of each episode, from the first one on,
@@ -238,8 +207,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     pi(a|s)] is averaged over sampled actions.
     """
 
-    algorithm_version = SACHyperparameters.algorithm_version
-    hyperparameters_type = SACHyperparameters
+    _acting: GreedyNetwork
 
     def _make_model(self) -> stable_baselines3.SAC:
         hyper = self.hyperparameters
@@ -260,90 +228,38 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
             device=self.device,
             _init_setup_model=False,
         )
-        model.replay_buffer = self._replay  # type: ignore[assignment]
+        model.replay_buffer = self.replay  # type: ignore[assignment]
         return model
 
     def _start(self) -> None:
+        super()._start()
         sizes = self.observation_space.shape[0], self.action_space.shape[0]
-        self._replay = ReplayBuffer(self.hyperparameters.buffer_size, *sizes, self._batches, self.device)
-        self._steps, self._episode_steps = 0, 0
+        self.replay = ReplayBuffer(self.hyperparameters.buffer_size, *sizes, self._batches, self.device)
 
     def _connect(self) -> None:
         actor, critics = self.model.actor, self.model.critic.q_networks
-        self._replay.clear()
+        self.replay.clear()
         self._actor = FlatParameters([blocks_of(actor.latent_pi, actor.mu, actor.log_std)])  # type: ignore[arg-type]
         self._critics = FlatParameters([blocks_of(critic) for critic in critics])
-        self._prepare_update()
-        layout = self._actor.networks[0].layout
-        self._greedy = GreedyNetwork(self._actor.values, layout, self._low.size)
+        self._acting = GreedyNetwork(self._actor.values, self._actor.networks[0].layout, self._low.size)
 
     def _refresh(self) -> None:
-        self._greedy.refresh()
+        self._acting.refresh()
 
     def _prepare_update(self) -> None:
-        """Make what `_train` needs for `self.model`."""
-        self._update = SACUpdate(self.model, self._actor, self._critics, self.hyperparameters)
-
-    def _restore_update(self) -> None:
-        self._update.restore()
+        # flat parameters and optimisers; whoever changes them calls `changed`
+        self.update = SACUpdate(self.model, self._actor, self._critics, self.hyperparameters)
 
     def _train(self, updates: int) -> None:
-        """Update the networks, each time with a new batch."""
         for _ in range(updates):
-            self._update(self._replay.sample(self.hyperparameters.batch_size))
-
-    def act(self, observation: Observations) -> Actions:  # noqa: D102
-        if self._steps < self.hyperparameters.exploration_steps:
-            return self._exploration.uniform(self._low, self._high).astype(np.float32)
-        network, clamp = self._greedy.row.arrays, self.hyperparameters.log_std is LogStd.CLAMP
-        action = squashed_action(network, observation, self._noise(), LOG_STD_RANGE, clamp)
-        return self._unscale(action)
+            self.update(self.replay.sample(self.hyperparameters.batch_size))
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
-        self._replay.add(transition, self._scale(transition.action))
-        self._steps += 1
-        self._episode_steps += 1
-        ended = transition.terminated or transition.truncated
-        updates = updates_due(self.hyperparameters, self._steps, self._episode_steps, ended)
-        if ended:
-            self._episode_steps = 0
+        self.replay.add(transition, self._scaled(transition.action))
+        updates = self._count(transition.terminated or transition.truncated)
         if updates:
             with self._updating():
                 self._train(updates)
-
-    @property
-    def update(self) -> SACUpdate:
-        """Networks and optimisers, as flat parameters; whoever changes them calls `changed`."""
-        return self._update
-
-    @property
-    def replay(self) -> ReplayBuffer:
-        """Stored transitions."""
-        return self._replay
-
-    @property
-    def steps(self) -> int:
-        """Environment steps so far; those of an unfinished episode are forgotten when it is set."""
-        return self._steps
-
-    @steps.setter
-    def steps(self, steps: int) -> None:
-        self._steps, self._episode_steps = steps, 0
-
-    def changed(self, updates: int) -> None:
-        """Load parameters that were changed from outside, by so many `updates` in all."""
-        self.model._n_updates = updates
-        self._refresh()
-
-    def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
-        return self._unscale(self._greedy(observations, squash=True))
-
-    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
-        bounds = self._low, self._high
-        if self._steps < self.hyperparameters.exploration_steps:
-            return uniform_actions(bounds, rng, len(observations))
-        clamp = self.hyperparameters.log_std is LogStd.CLAMP
-        return sampled_actions(self._greedy.outputs(observations), bounds, rng, clamp)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Return V(s) (n,) of `observations` (n, o), entropy bonus included."""
@@ -358,10 +274,6 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         values: NDArray[np.float64] = (total[:, 0] / hyper.value_samples).numpy(force=True)
         return values
 
-    def entropy_bonuses(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102
-        clamp = self.hyperparameters.log_std is LogStd.CLAMP
-        return self.hyperparameters.entropy_coefficient * entropies(self._greedy.outputs(observations), clamp)
-
     def value_noise(self, states: int) -> NDArray[np.float32]:
         """Return standard normal noise (m, n, a) of the m actions that the value of each state averages."""
         shape = self.hyperparameters.value_samples, states, self._low.size
@@ -375,7 +287,8 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         [-1, 1] to the action space.
         """
         hyperparameters = {"hidden_units": list(self.hyperparameters.hidden_units)}
-        self._write_policy(folder, POLICY, self._greedy.tensors(), hyperparameters)
+        spaces = self.observation_space, self.action_space
+        write_policy(folder, POLICY, *spaces, self._acting.tensors(), hyperparameters)
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
@@ -399,31 +312,19 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         layers = as_modules(*stored_parameters(stored))
         return in_a_row([*layers, nn.Tanh(), unscale(stored.action_space)])
 
-    def _save_experience(self, folder: Path, incremental: bool) -> Experience:
-        return Experience({"steps": self._steps}, self._replay.save(folder, incremental))
+    def _save_experience(self, folder: Path, incremental: bool) -> tuple[dict[str, Any], tuple[str, ...]]:
+        return self.experience(), self.replay.save(folder, incremental)
 
     def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
-        self._replay.load(folder)
-        self._steps = counters["steps"]
-        self._episode_steps = 0  # states are saved at the end of an episode, after its updates
-
-    def _scale(self, actions: Actions) -> Actions:
-        """Return `actions` mapped from the action space to [-1, 1]."""
-        return 2 * ((actions - self._low) / (self._high - self._low)) - 1
-
-    def _unscale(self, actions: Actions) -> Actions:
-        """Return `actions` mapped from [-1, 1] to the action space."""
-        return between(self._low, self._high, actions)
+        self.replay.load(folder)
+        self.restore_experience(counters)
 
 
 class StockSAC(SAC):
     """SAC whose update is stable-baselines3's own `train`; all else is alike."""
 
     def _prepare_update(self) -> None:
-        """Prepare nothing."""
-
-    def _restore_update(self) -> None:
-        """Restore nothing: the model's optimisers are the only ones."""
+        """Prepare nothing: the model's optimisers are the only ones."""
 
     def _train(self, updates: int) -> None:
         self.model.train(gradient_steps=updates, batch_size=self.hyperparameters.batch_size)

@@ -77,7 +77,14 @@ class TestSet:
         rows = [row for row in csv.reader(io.StringIO(text, newline="")) if row]
         if len(rows) < 2:
             raise ValueError(f"{path}: a test set has a header of dimension names and at least one task")
-        tasks = [_parse(path, line, row, len(rows[0])) for line, row in enumerate(rows[1:], start=2)]
+        tasks, size = [], len(rows[0])
+        for line, row in enumerate(rows[1:], start=2):
+            try:
+                tasks.append([float(value) for value in row])
+            except ValueError as error:
+                raise ValueError(f"{path}, line {line}: {row} is not a list of numbers") from error
+            if len(row) != size or not np.all(np.isfinite(tasks[-1])):
+                raise ValueError(f"{path}, line {line}: expected {size} finite numbers, got {row}")
         return cls(name or path.stem, tuple(rows[0]), np.array(tasks, dtype=np.float32))
 
     def to_csv(self) -> str:
@@ -104,16 +111,6 @@ class TestSet:
                 raise ValueError(
                     f"test set {self.name!r}: task {index} {task.tolist()} is outside the valid domain"
                 )
-
-
-def _parse(path: Path, line: int, row: list[str], size: int) -> list[float]:
-    try:
-        values = [float(value) for value in row]
-    except ValueError as error:
-        raise ValueError(f"{path}, line {line}: {row} is not a list of numbers") from error
-    if len(values) != size or not np.all(np.isfinite(values)):
-        raise ValueError(f"{path}, line {line}: expected {size} finite numbers, got {row}")
-    return values
 
 
 INITIAL_STD_SHARE = 0.1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
@@ -164,14 +163,10 @@ def check_task(task: ArrayLike, domain: TaskSpace) -> Task:
     for value, dimension in zip(values, domain.dimensions, strict=True):
         if not np.float32(dimension.low) <= value <= np.float32(dimension.high):
             raise ValueError(
-                f"task {_rounded(values)}: {dimension.name} = {value:g} is outside its valid domain "
-                f"[{dimension.low:g}, {dimension.high:g}]"
+                f"task {[round(float(each), 4) for each in values]}: {dimension.name} = {value:g} is outside "
+                f"its valid domain [{dimension.low:g}, {dimension.high:g}]"
             )
     return values
-
-
-def _rounded(values: Sequence[float] | Task) -> list[float]:
-    return [round(float(value), 4) for value in values]
 
 
 CUTS = 4

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import ExpertKnowledge, KnowledgeLevel, Proposal, Task, TaskSpace
 from tma_ray.teachers.prioritised_replay import PrioritisedReplay
 
@@ -41,12 +42,9 @@ class ACCEL(PrioritisedReplay):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 <= self.edit_share <= 1:
-            raise ValueError(f"edit_share = {self.edit_share} is a probability; expected it in [0, 1]")
-        if self.edits < 1:
-            raise ValueError(f"edits = {self.edits}: expected at least 1")
-        if not 0 < self.edit_step <= 1:
-            raise ValueError(f"edit_step = {self.edit_step}: expected a share over 0, at most 1")
+        check_shares(self, "edit_share", "edit_step")
+        check_at_least(self, 1, "edits")
+        check_positive(self, "edit_step")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Start with an empty buffer."""
@@ -72,13 +70,10 @@ class ACCEL(PrioritisedReplay):
     def after_replay(self, task: Task) -> None:
         """Edit `task` (d,), to be played next."""
         if self.rng.random() < self.edit_share:
-            self.edited_ = self._edit(task)
-
-    def _edit(self, task: Task) -> Task:
-        free = np.flatnonzero(self.space.width > 0)
-        moved = task.astype(np.float64)
-        if len(free):
-            dimensions = self.rng.choice(free, self.edits)
-            directions = self.rng.integers(-1, 2, self.edits)
-            np.add.at(moved, dimensions, directions * self.edit_step * self.space.width[dimensions])
-        return self.space.clip(moved)
+            free = np.flatnonzero(self.space.width > 0)
+            moved = task.astype(np.float64)
+            if len(free):
+                dimensions = self.rng.choice(free, self.edits)
+                directions = self.rng.integers(-1, 2, self.edits)
+                np.add.at(moved, dimensions, directions * self.edit_step * self.space.width[dimensions])
+            self.edited_ = self.space.clip(moved)

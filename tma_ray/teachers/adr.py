@@ -8,6 +8,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, ScoredBox, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.numerics import draw_in_box
@@ -53,12 +54,9 @@ class ADR(Teacher):
     def __post_init__(self) -> None:
         if not self.shrink_at < self.expand_at:
             raise ValueError(f"shrink_at = {self.shrink_at}: expected less than expand_at = {self.expand_at}")
-        if self.queue_size < 1:
-            raise ValueError(f"queue_size = {self.queue_size}: expected at least 1 return")
-        if not 0 <= self.boundary_share <= 1:
-            raise ValueError(f"boundary_share = {self.boundary_share} is a share; expected it in [0, 1]")
-        if not self.step > 0:
-            raise ValueError(f"step = {self.step}: expected a distance over 0")
+        check_at_least(self, 1, "queue_size")
+        check_shares(self, "boundary_share")
+        check_positive(self, "step")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Start with the mean of the initial Gaussian as the only task."""
@@ -72,7 +70,14 @@ class ADR(Teacher):
     def sample(self) -> Task:
         """Return a task (d,) of the box, or on one of its boundaries."""
         task = draw_in_box(self.space, self.bounds_, self.rng)
-        self.boundary_ = self._draw_boundary() if self.rng.random() < self.boundary_share else None
+        self.boundary_ = None
+        dimensions = np.flatnonzero(self.space.width > 0)
+        if self.rng.random() < self.boundary_share and len(dimensions):
+            dimension = int(self.rng.choice(dimensions))
+            lower, upper = self.bounds_[:, dimension].astype(np.float32)
+            # a dimension that spans the task space already has no boundary to move
+            if lower != self.space.low[dimension] or upper != self.space.high[dimension]:
+                self.boundary_ = Boundary(int(self.rng.integers(2)), dimension)
         if self.boundary_ is not None:
             task[self.boundary_.dimension] = self.bounds_[self.boundary_]
         return task
@@ -92,17 +97,6 @@ class ADR(Teacher):
         """Return `count` uniform tasks (count, d) of the box."""
         rng = self.probe_rng()
         return np.stack([draw_in_box(self.space, self.bounds_, rng) for _ in range(count)])
-
-    def _draw_boundary(self) -> Boundary | None:
-        """Return a boundary of a uniform dimension; None if that spans the task space already."""
-        dimensions = np.flatnonzero(self.space.width > 0)
-        if not len(dimensions):
-            return None
-        dimension = int(self.rng.choice(dimensions))
-        lower, upper = self.bounds_[:, dimension].astype(np.float32)
-        if lower == self.space.low[dimension] and upper == self.space.high[dimension]:
-            return None
-        return Boundary(int(self.rng.integers(2)), dimension)
 
     def _move(self, boundary: Boundary, mean_return: float) -> None:
         if self.shrink_at < mean_return < self.expand_at:

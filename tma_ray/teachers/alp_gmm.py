@@ -104,11 +104,6 @@ class ALPGMM(MixtureTeacher):
     further coordinate; a component is chosen in proportion to its mean ALP.
 
     Sources: Portelas et al. 2019, algorithm 1; paper, appendix A and table of hyper-parameters.
-
-    Attributes:
-        fit_every: episodes between two fits, and rows in each (paper: n).
-        most_components: largest mixture tried (paper: max_k).
-        explore: share of uniform tasks after the first fit, in [0, 1] (paper: r_p).
     """
 
     algorithm_version: ClassVar[int | None] = 1

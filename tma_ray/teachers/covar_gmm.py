@@ -36,9 +36,6 @@ class CovarGMM(MixtureTeacher):
     hyper-parameters. The paper takes the absolute value; the original release does not unless told so.
 
     Attributes:
-        fit_every: episodes between two fits, and rows in each (paper: n).
-        most_components: largest mixture tried (paper: max_k).
-        explore: share of uniform tasks after the first fit, in [0, 1] (paper: r_p).
         progress: definition of progress in terms of the covariance.
     """
 

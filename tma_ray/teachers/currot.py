@@ -8,6 +8,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.arguments import check_at_least, check_positive
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.numerics import UnitBox, cloud_gaussian
@@ -19,12 +20,7 @@ ROWS_AT_ONCE = 2_000
 
 
 def assigned(sources: Array, targets: Array) -> NDArray[np.int64]:
-    """Return for each of n `sources` (n, f) its target in the optimal assignment of squared distances.
-
-    Args:
-        sources: n points.
-        targets: at least n points (m, f).
-    """
+    """Return for each of `sources` (n, f) its target (m, f) in the optimal assignment by squared distance."""
     from scipy.optimize import linear_sum_assignment  # imported here: drivers start sooner without it
     from scipy.spatial.distance import cdist
 
@@ -60,18 +56,8 @@ class Performance(NamedTuple):
         return np.concatenate(results).astype(np.float64)
 
 
-class Region(NamedTuple):
-    """Set of points that a particle can reach in one move.
-
-    Attributes:
-        radius: radius of the ball around it.
-        candidates: points tried in the ball.
-        line_candidates: points tried on the way to its target.
-    """
-
-    radius: float
-    candidates: int
-    line_candidates: int
+CANDIDATES, LINE_CANDIDATES = 20, 10
+"""Points tried for each particle: in the ball around it, and on the way to its target."""
 
 
 def moved(
@@ -79,48 +65,36 @@ def moved(
     targets: Array,
     performance: Performance,
     least: float,
-    region: Region,
+    radius: float,
     rng: np.random.Generator,
 ) -> Array:
-    """Return `particles` (n, f) of the unit box, each as near to its target as performance allows.
+    """Return `particles` (n, f) of the unit box, each as near to its target (n, f) as performance allows.
 
-    Args:
-        particles: present particles.
-        targets: target of each particle (n, f).
-        performance: returns to expect.
-        least: return to expect at least; where no point of the region has it, the best one is taken.
-        region: candidates; towards the target only, of particles that have the least return.
-        rng: source of the candidates.
+    A particle reaches the points of a ball of `radius` around it, of which those are tried that lie towards
+    its target if it has the return `least` already; where no point is expected to have it, the best one is
+    taken.
     """
-    candidates = _candidates(particles, targets, performance(particles) >= least, region, rng)
-    count, tried, size = candidates.shape
-    expected = performance(candidates.reshape(-1, size)).reshape(count, tried)
+    count, size = particles.shape
+    ways = targets - particles
+    lengths = np.linalg.norm(ways, axis=1)
+    reach = np.minimum(radius, lengths)[:, None, None]
+    directions = (ways / np.maximum(lengths, 1e-12)[:, None])[:, None]
+    ready = (performance(particles) >= least)[:, None, None]
+    noise = rng.standard_normal((count, CANDIDATES, size))
+    noise /= np.linalg.norm(noise, axis=-1, keepdims=True)
+    noise *= rng.random((count, CANDIDATES, 1)) ** (1 / size)
+    backwards = np.minimum((noise * directions).sum(axis=-1, keepdims=True), 0.0)
+    noise -= np.where(ready, 2 * backwards, 0.0) * directions
+    shares = np.linspace(0, 1, LINE_CANDIDATES + 1)[None, :, None]  # the particle itself is the first
+    offsets = np.concatenate([reach * shares * directions, reach * noise], axis=1)
+    candidates = np.clip(particles[:, None] + offsets, 0.0, 1.0)
+    expected = performance(candidates.reshape(-1, size)).reshape(count, -1)
     distances = np.linalg.norm(candidates - targets[:, None], axis=-1)
     feasible = expected >= least
     distances[~feasible] = np.inf
     chosen = np.where(feasible.any(axis=1), distances.argmin(axis=1), expected.argmax(axis=1))
     places: Array = candidates[np.arange(count), chosen]
     return places
-
-
-def _candidates(
-    particles: Array, targets: Array, ready: NDArray[np.bool_], region: Region, rng: np.random.Generator
-) -> Array:
-    """Return the points that are tried (n, c, f); the particle itself is the first of each."""
-    count, size = particles.shape
-    ways = targets - particles
-    lengths = np.linalg.norm(ways, axis=1)
-    reach = np.minimum(region.radius, lengths)[:, None, None]
-    directions = (ways / np.maximum(lengths, 1e-12)[:, None])[:, None]
-    noise = rng.standard_normal((count, region.candidates, size))
-    noise /= np.linalg.norm(noise, axis=-1, keepdims=True)
-    noise *= rng.random((count, region.candidates, 1)) ** (1 / size)
-    backwards = np.minimum((noise * directions).sum(axis=-1, keepdims=True), 0.0)
-    noise -= np.where(ready[:, None, None], 2 * backwards, 0.0) * directions
-    shares = np.linspace(0, 1, region.line_candidates + 1)[None, :, None]
-    offsets = np.concatenate([reach * shares * directions, reach * noise], axis=1)
-    candidates: Array = np.clip(particles[:, None] + offsets, 0.0, 1.0)
-    return candidates
 
 
 WIDEST_NOISE = 0.25
@@ -159,18 +133,22 @@ class SuccessBuffer:
     def add(self, points: Array, returns: Array, targets: Array) -> NDArray[np.bool_]:
         """Add new tasks (k, f) that belong here, with returns (k,); return which were left out (k,).
 
-        Args:
-            points: coordinates of the tasks.
-            returns: return of one episode per task (k,).
-            targets: draws of the target distribution (`capacity`, f).
+        `targets` are draws of the target distribution (`capacity`, f).
         """
         if not len(self.returns):
             self.worst = float(returns.min())
         wanted = returns >= (self.least if self.reached else self._median)
-        kept = self._kept_of_old(int(wanted.sum()))
+        may_go = int((self.returns < self.least).sum()) if self.reached else len(self.returns) // 2 + 1
+        order = np.argsort(self.returns, kind="stable")
+        kept = np.sort(order[min(int(wanted.sum()), may_go) :])
         everything = np.concatenate([points[wanted], self.points[kept]])
         all_returns = np.concatenate([returns[wanted], self.returns[kept]])
-        chosen = self._chosen(everything, all_returns, targets)
+        if len(all_returns) <= self.capacity:
+            chosen = np.arange(len(all_returns))
+        elif self.reached and all_returns.min() >= self.least:
+            chosen = np.sort(assigned(targets[: self.capacity], everything))
+        else:
+            chosen = np.sort(np.argsort(-all_returns, kind="stable")[: self.capacity])
         self.points, self.returns = everything[chosen], all_returns[chosen]
         left_out = ~wanted
         left_out[wanted] = ~np.isin(np.arange(wanted.sum()), chosen)
@@ -180,10 +158,7 @@ class SuccessBuffer:
     def draw(self, rng: np.random.Generator, count: int, narrowest: float) -> Array:
         """Return `count` points (count, f) around the tasks, farther off the less they return.
 
-        Args:
-            rng: source of the draws.
-            count: number of tasks to draw.
-            narrowest: standard deviation of the noise around successes, as a share of each range.
+        Noise around successes has the standard deviation `narrowest`, as a share of each range.
         """
         below = np.maximum(self.least - self.returns, 0.0) / max(self.least - self.worst, 1e-9)
         deviations = narrowest + WIDEST_NOISE * np.minimum(below, 1.0)
@@ -200,23 +175,6 @@ class SuccessBuffer:
     def _median(self) -> float:
         return float(np.median(self.returns)) if len(self.returns) else -np.inf
 
-    def _kept_of_old(self, new: int) -> NDArray[np.int64]:
-        """Return the places of the old tasks that stay when `new` ones are added."""
-        may_go = int((self.returns < self.least).sum()) if self.reached else len(self.returns) // 2 + 1
-        order = np.argsort(self.returns, kind="stable")
-        return np.sort(order[min(new, may_go) :])
-
-    def _chosen(self, points: Array, returns: Array, targets: Array) -> NDArray[np.int64]:
-        """Return the places of at most `capacity` tasks."""
-        if len(returns) <= self.capacity:
-            return np.arange(len(returns))
-        if self.reached and returns.min() >= self.least:
-            return np.sort(assigned(targets[: self.capacity], points))
-        return np.sort(np.argsort(-returns, kind="stable")[: self.capacity])
-
-
-CANDIDATES, LINE_CANDIDATES = 20, 10
-"""Points tried for each particle: in the ball around it, and on the way to its target."""
 
 NARROWEST = 0.005
 """Noise around successes, as a share of the radius of a move (as in the authors' code)."""
@@ -256,12 +214,8 @@ class CURROT(Teacher):
     kernel_width: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("particles", "update_every"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
-        for name in ("radius", "kernel_width"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} = {getattr(self, name)}: expected a share over 0")
+        check_at_least(self, 1, "particles", "update_every")
+        check_positive(self, "radius", "kernel_width")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Draw the particles from the initial Gaussian at high knowledge, else uniformly."""
@@ -307,25 +261,19 @@ class CURROT(Teacher):
         known = np.vstack([self.failures_[:, :-1], self.successes_.points])
         known_returns = np.append(self.failures_[:, -1], self.successes_.returns)
         performance = Performance(known, known_returns, self.kernel_width * self._radius)
-        particles = self._at_successes(performance)
+        # those that return too little are put where successes are
+        particles, low = self.particles_, performance(self.particles_) < self.least_return
+        if low.any():
+            successes = self.successes_.draw(self.rng, count, NARROWEST * self._radius)
+            particles = np.where(low[:, None], successes[assigned(particles, successes)], particles)
         order = assigned(particles, targets)
-        region = Region(self._radius, CANDIDATES, LINE_CANDIDATES)
-        self.particles_ = moved(particles, targets[order], performance, self.least_return, region, self.rng)
-        self._log(targets[order], float(returns.mean()))
-
-    def _at_successes(self, performance: Performance) -> Array:
-        """Return the particles, of which those that return too little are put where successes are."""
-        low = performance(self.particles_) < self.least_return
-        if not low.any():
-            return self.particles_
-        successes = self.successes_.draw(self.rng, len(self.particles_), NARROWEST * self._radius)
-        return np.where(low[:, None], successes[assigned(self.particles_, successes)], self.particles_)
-
-    def _log(self, targets: Array, mean_return: float) -> None:
-        distance = float(np.sqrt(((self.particles_ - targets) ** 2).sum(axis=1).mean()))
+        self.particles_ = moved(
+            particles, targets[order], performance, self.least_return, self._radius, self.rng
+        )
+        distance = float(np.sqrt(((self.particles_ - targets[order]) ** 2).sum(axis=1).mean()))
         scalars = {
             "target_distance": distance,
-            "mean_return": mean_return,
+            "mean_return": float(returns.mean()),
             "successes": float((self.successes_.returns >= self.least_return).sum()),
         }
         gaussian = cloud_gaussian(self.space, self._box.denormalise(self.particles_))

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import (
     Episode,
     ExpertKnowledge,
@@ -147,8 +148,12 @@ class EntropyUpdate:
             start = self._best(start, self.success, (), self.success(start)[0])
             if self.success(start)[0] < self.least_success:
                 return BetaProduct.of_logs(start)
-        constraint = self._shifted(self.success, -self.least_success)
-        return BetaProduct.of_logs(self._best(start, self.entropy, (constraint,), self.entropy(start)[0]))
+
+        def enough(logs: Array) -> tuple[float, Array]:
+            value, gradient = self.success(logs)
+            return value - self.least_success, gradient
+
+        return BetaProduct.of_logs(self._best(start, self.entropy, (enough,), self.entropy(start)[0]))
 
     def entropy(self, logs: Array) -> tuple[float, Array]:
         """Return the entropy of the distribution with the parameters `logs`, and its gradient."""
@@ -178,25 +183,19 @@ class EntropyUpdate:
             jac=lambda logs: -goal(logs)[1],
             method="SLSQP",
             bounds=[(0.0, np.log(self.largest))] * len(start),
-            constraints=[_inequality(each) for each in all_constraints],
+            constraints=[
+                {
+                    "type": "ineq",
+                    "fun": lambda logs, of=of: of(logs)[0],
+                    "jac": lambda logs, of=of: of(logs)[1],
+                }
+                for of in all_constraints
+            ],
             options={"maxiter": 200, "ftol": 1e-12},
         )
         found: Array = result.x
         sound = np.isfinite(found).all() and all(each(found)[0] >= -SLACK for each in all_constraints)
         return found if sound and goal(found)[0] > least else start
-
-    @staticmethod
-    def _shifted(function: Valued, by: float) -> Valued:
-        def shifted(logs: Array) -> tuple[float, Array]:
-            value, gradient = function(logs)
-            return value + by, gradient
-
-        return shifted
-
-
-def _inequality(function: Valued) -> dict[str, object]:
-    """Return the constraint that `function` is not negative, as scipy takes it."""
-    return {"type": "ineq", "fun": lambda logs: function(logs)[0], "jac": lambda logs: function(logs)[1]}
 
 
 @dataclass
@@ -234,12 +233,11 @@ class DORAEMON(Teacher):
     budget: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        if not 0 < self.least_success < 1:
-            raise ValueError(f"least_success = {self.least_success} is a share; expected it between 0 and 1")
-        if not self.most_divergence > 0:
-            raise ValueError(f"most_divergence = {self.most_divergence}: expected a bound over 0")
-        if self.update_every < 1:
-            raise ValueError(f"update_every = {self.update_every}: expected at least 1 environment step")
+        check_shares(self, "least_success")
+        check_positive(self, "least_success", "most_divergence")
+        if self.least_success == 1:
+            raise ValueError("least_success = 1: expected a share under 1")
+        check_at_least(self, 1, "update_every")
         if not self.concentration > 1:
             raise ValueError(f"concentration = {self.concentration}: expected over 1, which is uniform")
         for_budget(self.update_every, self.budget)
@@ -270,16 +268,6 @@ class DORAEMON(Teacher):
             return
         every = for_budget(self.update_every, self.budget)
         self.next_update_ += every * ((episode.step - self.next_update_) // every + 1)
-        self._update()
-
-    def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) of the present distribution."""
-        return self._draw(self.probe_rng(), count)
-
-    def _draw(self, rng: np.random.Generator, count: int) -> Task:
-        return self._box.denormalise(self.distribution_.draw(rng, count))
-
-    def _update(self) -> None:
         old, mastered = self.distribution_, np.array(self.successes_)
         self.reached_ = self.reached_ or bool(mastered.mean() >= self.least_success)
         if self.reached_:
@@ -289,6 +277,13 @@ class DORAEMON(Teacher):
         self.tasks_, self.successes_ = [], []
         step = old.divergence(self.distribution_)[0]
         self._log({"mastered_share": float(mastered.mean()), "step_divergence": step})
+
+    def probe(self, count: int) -> Task:
+        """Return `count` tasks (count, d) of the present distribution."""
+        return self._draw(self.probe_rng(), count)
+
+    def _draw(self, rng: np.random.Generator, count: int) -> Task:
+        return self._box.denormalise(self.distribution_.draw(rng, count))
 
     def _log(self, scalars: dict[str, float]) -> None:
         """Log the Gaussian of equal mean and variance in task units; constants keep their value."""

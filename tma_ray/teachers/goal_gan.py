@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.numerics import UnitBox
@@ -68,22 +69,15 @@ class GoalGAN(Teacher):
     learning_rate: float = 1e-3
 
     def __post_init__(self) -> None:
-        for name in ("train_every", "rollouts", "pretraining_tasks", "batch_size"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
-        for name in ("noise", "spacing", "pretraining_iterations"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 0")
-        if not 0 <= self.old_share <= 1:
-            raise ValueError(f"old_share = {self.old_share} is a probability; expected a number in [0, 1]")
+        check_at_least(self, 1, "train_every", "rollouts", "pretraining_tasks", "batch_size")
+        check_at_least(self, 0, "noise", "spacing", "pretraining_iterations")
+        check_shares(self, "old_share")
         if not 0 <= self.least_success <= self.most_success <= 1:
             raise ValueError(
                 f"least_success = {self.least_success} and most_success = {self.most_success} bound a share "
                 f"of successes; expected 0 <= least <= most <= 1"
             )
-        for name in ("iterations_per_task", "learning_rate"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} = {getattr(self, name)}: expected a number over 0")
+        check_positive(self, "iterations_per_task", "learning_rate")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Pretrain the network on the initial Gaussian."""
@@ -117,7 +111,12 @@ class GoalGAN(Teacher):
         self.rollouts_left_ -= 1
         self.successes_ += episode.success
         if self.new_ and not self.rollouts_left_:
-            self._label(self._box.normalise(episode.task), self.successes_ / self.rollouts)
+            point, success = self._box.normalise(episode.task), self.successes_ / self.rollouts
+            wanted = self.least_success <= success <= self.most_success
+            self.labelled_.append((point, wanted))
+            nearest = np.sqrt(((self.buffer_ - point) ** 2).mean(axis=1)).min(initial=np.inf)
+            if wanted and nearest > self.spacing:
+                self.buffer_ = np.vstack([self.buffer_, point])
         self.episodes_ += 1
         if self.episodes_ % self.train_every == 0 and self.labelled_:
             self._train()
@@ -128,13 +127,6 @@ class GoalGAN(Teacher):
 
     def _generate(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         return self.network_.generate(count, rng) + 0.5
-
-    def _label(self, point: NDArray[np.float64], success: float) -> None:
-        wanted = self.least_success <= success <= self.most_success
-        self.labelled_.append((point, wanted))
-        nearest = np.sqrt(((self.buffer_ - point) ** 2).mean(axis=1)).min(initial=np.inf)
-        if wanted and nearest > self.spacing:
-            self.buffer_ = np.vstack([self.buffer_, point])
 
     def _train(self) -> None:
         """Train on the tasks labelled since the last time, if any was wanted, and forget them."""

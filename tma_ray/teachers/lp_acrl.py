@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.arguments import check_at_least, check_positive
 from tma_ray.tasks import Episode, ExpertKnowledge, ScoredBox, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
 from tma_ray.teachers.numerics import UnitBox, draw_in_proportion, softmax
@@ -58,12 +59,9 @@ class LPACRL(Teacher):
     budget: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        if self.cells < 2:
-            raise ValueError(f"cells = {self.cells}: expected at least 2, between which to choose")
-        if self.stage_episodes < 1:
-            raise ValueError(f"stage_episodes = {self.stage_episodes}: expected at least 1 episode")
-        if not self.temperature > 0:
-            raise ValueError(f"temperature = {self.temperature}: expected a number over 0")
+        check_at_least(self, 2, "cells")  # between which to choose
+        check_at_least(self, 1, "stage_episodes")
+        check_positive(self, "temperature")
         for_budget(self.stage_episodes, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
@@ -111,19 +109,15 @@ class LPACRL(Teacher):
         means = np.divide(self.sums_, self.visits_, out=self.means_.copy(), where=visited)
         progress = np.nan_to_num(means - self.means_)
         self.chances_, self.means_ = softmax(progress, self.temperature), means
-        self._log(progress, float(self.sums_.sum() / self.visits_.sum()), float(visited.mean()))
-        self.sums_, self.visits_ = np.zeros_like(self.sums_), np.zeros_like(self.visits_)
-
-    def _log(self, progress: Array, mean_return: float, visited_share: float) -> None:
-        """Log the cells with their chances."""
         corners = np.stack(np.unravel_index(np.arange(len(progress)), tuple(self._counts)), axis=1)
         lows = self._box.denormalise(corners / self._counts).astype(np.float64)
         highs = self._box.denormalise((corners + 1) / self._counts).astype(np.float64)
         scalars = {
             "largest_progress": float(progress.max()),
             "largest_chance": float(self.chances_.max()),
-            "mean_return": mean_return,
-            "visited_share": visited_share,
+            "mean_return": float(self.sums_.sum() / self.visits_.sum()),
+            "visited_share": float(visited.mean()),
         }
         boxes = tuple(map(ScoredBox, lows, highs, self.chances_.tolist()))
         self.log(TeacherUpdate(boxes=boxes, scalars=scalars))
+        self.sums_, self.visits_ = np.zeros_like(self.sums_), np.zeros_like(self.visits_)

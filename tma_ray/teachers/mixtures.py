@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from tma_ray.arguments import check_at_least, check_shares
 from tma_ray.tasks import (
     Episode,
     ExpertKnowledge,
@@ -100,12 +101,9 @@ class MixtureTeacher(Teacher):
     explore: float = 0.05
 
     def __post_init__(self) -> None:
-        if self.fit_every < 3:
-            raise ValueError(f"fit_every = {self.fit_every}: a mixture needs at least 3 episodes")
-        if self.most_components < 2:
-            raise ValueError(f"most_components = {self.most_components}: expected at least 2")
-        if not 0 <= self.explore <= 1:
-            raise ValueError(f"explore = {self.explore} is a share; expected a number in [0, 1]")
+        check_at_least(self, 3, "fit_every")  # fewer episodes make no mixture
+        check_at_least(self, 2, "most_components")
+        check_shares(self, "explore")
 
     @abstractmethod
     def measure(self, episode: Episode) -> tuple[float, ...]:
@@ -137,7 +135,21 @@ class MixtureTeacher(Teacher):
         self.episodes_ += 1
         if self.episodes_ % self.fit_every == 0:
             self.mixture_ = fit_mixture(np.array(self.recent_), self.most_components, self.fit_seed_)
-            self._log_fit(self.mixture_)
+            # components are logged with the share of tasks that is drawn from each
+            mixture, size, progress = self.mixture_, self.space.size, self.progress_of(self.mixture_)
+            parts = zip(shares_of(progress), mixture.means, mixture.covariances, strict=True)
+            self.log(
+                TeacherUpdate(
+                    gaussians=tuple(
+                        WeightedGaussian(float(w), m[:size], c[:size, :size]) for w, m, c in parts
+                    ),
+                    scalars={
+                        "components": float(len(mixture)),
+                        "mean_progress": float(mixture.weights @ progress),
+                        "largest_progress": float(progress.max()),
+                    },
+                )
+            )
 
     def probe(self, count: int) -> Task:
         """Return `count` tasks (count, d) from the mixture, or from the bootstrap before it."""
@@ -154,19 +166,3 @@ class MixtureTeacher(Teacher):
     def _exploit(self, mixture: Mixture, rng: np.random.Generator) -> Task:
         component = draw_in_proportion(self.progress_of(mixture), rng)
         return self.space.clip(mixture.draw(component, rng)[: self.space.size])
-
-    def _log_fit(self, mixture: Mixture) -> None:
-        """Log the components, weighted by the share of tasks that is drawn from each."""
-        size, progress = self.space.size, self.progress_of(mixture)
-        shares = shares_of(progress)
-        parts = zip(shares, mixture.means, mixture.covariances, strict=True)
-        self.log(
-            TeacherUpdate(
-                gaussians=tuple(WeightedGaussian(float(w), m[:size], c[:size, :size]) for w, m, c in parts),
-                scalars={
-                    "components": float(len(mixture)),
-                    "mean_progress": float(mixture.weights @ progress),
-                    "largest_progress": float(progress.max()),
-                },
-            )
-        )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 
 import numpy as np
 import torch
@@ -44,22 +43,8 @@ def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
 
 
 @contextmanager
-def training() -> Iterator[None]:
-    """Compute gradients on one thread inside the block, so that where a teacher runs changes nothing."""
-    with single_thread(), torch.enable_grad():
-        yield
-
-
-@contextmanager
-def inference() -> Iterator[None]:
-    """Compute no gradients inside the block, on one thread."""
-    with single_thread(), torch.no_grad():
-        yield
-
-
-@contextmanager
 def single_thread() -> Iterator[None]:
-    """Use one thread inside the block, and as many as before after it."""
+    """Use one thread inside the block, so that where a teacher runs changes nothing."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -117,7 +102,7 @@ class LeastSquaresGAN:
 
     def generate(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return `count` points (count, d) in [-1, 1]."""
-        with inference():
+        with single_thread(), torch.no_grad():
             points: NDArray[np.float32] = self.generator(self._noise(count, rng)).numpy()
         return points.astype(np.float64)
 
@@ -128,40 +113,24 @@ class LeastSquaresGAN:
         iterations: int,
         rng: np.random.Generator,
     ) -> dict[str, float]:
-        """Take one step of each network per iteration.
-
-        Args:
-            points: values (n, d).
-            wanted: label (n,) of each.
-            iterations: number of steps.
-            rng: source of batches and noise.
-
-        Returns:
-            Mean losses of the steps by name.
-        """
+        """Take steps of both networks on points (n, d), `wanted` (n,) or not; return the mean losses."""
         inputs = torch.from_numpy(points.astype(np.float32))
         targets = torch.from_numpy(np.where(wanted, 1.0, -1.0).astype(np.float32))[:, None]
         losses = np.empty((iterations, 2))
-        with training():
+        with single_thread(), torch.enable_grad():
             for iteration in range(iterations):
                 batch = torch.from_numpy(rng.integers(len(points), size=self._batch_size))
-                losses[iteration] = self._step(inputs[batch], targets[batch], rng)
-        discriminator_loss, generator_loss = losses.mean(axis=0).tolist()
-        return {"discriminator_loss": discriminator_loss, "generator_loss": generator_loss}
-
-    def _step(
-        self, points: torch.Tensor, targets: torch.Tensor, rng: np.random.Generator
-    ) -> tuple[float, float]:
-        generated = self.generator(self._noise(self._batch_size, rng))
-        judged = self.discriminator(torch.cat([points, generated.detach()]))
-        aims = torch.cat([targets, torch.full_like(targets, -1.0)])
-        discriminator_loss = nn.functional.mse_loss(judged, aims)
-        descend(self._discriminator_optimiser, discriminator_loss)
-        self.discriminator.requires_grad_(False)
-        generator_loss = ((self.discriminator(generated) - 1) ** 2).mean()
-        descend(self._generator_optimiser, generator_loss)
-        self.discriminator.requires_grad_(True)
-        return discriminator_loss.item(), generator_loss.item()
+                generated = self.generator(self._noise(self._batch_size, rng))
+                judged = self.discriminator(torch.cat([inputs[batch], generated.detach()]))
+                aims = torch.cat([targets[batch], torch.full_like(targets[batch], -1.0)])
+                discriminator_loss = nn.functional.mse_loss(judged, aims)
+                descend(self._discriminator_optimiser, discriminator_loss)
+                self.discriminator.requires_grad_(False)
+                generator_loss = ((self.discriminator(generated) - 1) ** 2).mean()
+                descend(self._generator_optimiser, generator_loss)
+                self.discriminator.requires_grad_(True)
+                losses[iteration] = discriminator_loss.item(), generator_loss.item()
+        return dict(zip(("discriminator_loss", "generator_loss"), losses.mean(axis=0).tolist(), strict=True))
 
     def _noise(self, count: int, rng: np.random.Generator) -> torch.Tensor:
         return torch.from_numpy(rng.standard_normal((count, self._size), dtype=np.float32))
@@ -314,28 +283,27 @@ def _log_slope(points: torch.Tensor) -> torch.Tensor:
 JUDGE_UNITS = 64
 
 
-def new_networks(size: int, hidden_units: int, rng: np.random.Generator) -> tuple[nn.Sequential, RealNVP]:
-    """Return a judge and a setter that have learned nothing.
-
-    Args:
-        size: dimensions of a task.
-        hidden_units: units of each layer of the setter's networks.
-        rng: source of the initial weights.
-    """
+def new_networks(
+    size: int, hidden_units: int, learning_rate: float, rng: np.random.Generator
+) -> tuple[nn.Sequential, RealNVP, torch.optim.Optimizer, torch.optim.Optimizer]:
+    """Return a judge and a setter that have learned nothing, for tasks of a `size`, and their optimisers."""
     seeded = torch_generator(rng)
-    return _judge(size, seeded), RealNVP(size, hidden_units, seeded)
-
-
-def adam(network: nn.Module, learning_rate: float) -> torch.optim.Optimizer:
-    """Return the optimiser of a network."""
-    return torch.optim.Adam(network.parameters(), learning_rate)
+    layers: list[nn.Module] = []  # three hidden ones (paper, appendix A) and the logit of success
+    for inputs in (size, JUDGE_UNITS, JUDGE_UNITS):
+        layers += [linear(inputs, JUDGE_UNITS, DTYPE, seeded), nn.ReLU()]
+    judge = nn.Sequential(*layers, linear(JUDGE_UNITS, 1, DTYPE, seeded))
+    setter = RealNVP(size, hidden_units, seeded)
+    judge_optimiser, setter_optimiser = (
+        torch.optim.Adam(network.parameters(), learning_rate) for network in (judge, setter)
+    )
+    return judge, setter, judge_optimiser, setter_optimiser
 
 
 def propose(
     setter: RealNVP, latents: NDArray[np.float64], feasibility: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return points (n, d) of a feasibility (n,) each, from noise (n, d)."""
-    with inference():
+    with single_thread(), torch.no_grad():
         points, _ = setter(torch.from_numpy(latents), torch.from_numpy(feasibility))
     proposed: NDArray[np.float64] = points.numpy()
     return proposed
@@ -348,7 +316,7 @@ def update_judge(
     solved: NDArray[np.bool_],
 ) -> float:
     """Take one step towards the successes (n,) on points (n, d); return the loss."""
-    with training():
+    with single_thread(), torch.enable_grad():
         logits = judge(torch.from_numpy(points))[:, 0]
         successes = torch.from_numpy(solved).to(DTYPE)
         loss = nn.functional.binary_cross_entropy_with_logits(logits, successes)
@@ -365,16 +333,12 @@ def update_setter(
 ) -> dict[str, float]:
     """Take one step; return the losses.
 
-    Args:
-        setter: network to train.
-        judge: network that predicts the feasibility of its points.
-        optimiser: optimiser of the setter.
-        proposed: noise (n, d) and feasibility (n,) that were proposed from.
-        valid: points (m, d) that were solved, with noise, and which (n,) of the proposed these are.
+    Points were `proposed` from noise (n, d) and feasibility (n,); `valid` are those that were solved (m, d),
+    with noise, and which (n,) of the proposed these are.
     """
     latents, feasibility = proposed
     targets, solved = valid
-    with training():
+    with single_thread(), torch.enable_grad():
         wanted = torch.from_numpy(feasibility)
         points, log_density = setter(torch.from_numpy(latents), wanted)
         judged = judge(points)[:, 0]
@@ -387,12 +351,3 @@ def update_setter(
             losses["validity_loss"] = -likelihood.mean()
         descend(optimiser, torch.stack(list(losses.values())).sum())
     return {name: loss.item() for name, loss in losses.items()}
-
-
-def _judge(size: int, generator: torch.Generator) -> nn.Sequential:
-    """Return three hidden layers (paper, appendix A) and the logit of success."""
-    widths = [size, JUDGE_UNITS, JUDGE_UNITS, JUDGE_UNITS]
-    layers: list[nn.Module] = []
-    for inputs, outputs in pairwise(widths):
-        layers += [linear(inputs, outputs, DTYPE, generator), nn.ReLU()]
-    return nn.Sequential(*layers, linear(JUDGE_UNITS, 1, DTYPE, generator))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
 from tma_ray.teachers.numerics import (
@@ -122,13 +123,9 @@ class PERM(Teacher):
     budget: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        for name in ("window_episodes", "windows", "bumps", "candidates"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
-        if not self.bump_width > 0:
-            raise ValueError(f"bump_width = {self.bump_width}: expected a number over 0")
-        if not 0 <= self.explore <= 1:
-            raise ValueError(f"explore = {self.explore} is a share; expected it in [0, 1]")
+        check_at_least(self, 1, "window_episodes", "windows", "bumps", "candidates")
+        check_positive(self, "bump_width")
+        check_shares(self, "explore")
         scaled_returns(np.empty(0), self.lowest_return, self.highest_return)
         for_budget(self.window_episodes, self.budget)
 

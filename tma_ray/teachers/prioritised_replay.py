@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import (
     Episode,
     ExpertKnowledge,
@@ -230,13 +231,9 @@ class PrioritisedReplay(Teacher):
     budget: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        for name in ("replay_share", "fill_first", "staleness_share", "gae_lambda"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} = {getattr(self, name)} is a share; expected it in [0, 1]")
-        if self.buffer_size < 1:
-            raise ValueError(f"buffer_size = {self.buffer_size}: expected at least 1 task")
-        if not self.temperature > 0:
-            raise ValueError(f"temperature = {self.temperature}: expected a number over 0")
+        check_shares(self, "replay_share", "fill_first", "staleness_share", "gae_lambda")
+        check_at_least(self, 1, "buffer_size")
+        check_positive(self, "temperature")
         for_budget(self.buffer_size, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
@@ -254,7 +251,8 @@ class PrioritisedReplay(Teacher):
     def sample(self) -> Task | Proposal:
         """Return a task (d,) of the buffer to train on, or a new one."""
         self.replayed_ = None
-        if self._replays():
+        filled = self.buffer_.filled
+        if filled >= self.fill_first and self.rng.random() < min(filled, self.replay_share):
             self.replayed_ = int(self.buffer_.draw(self.rng, 1)[0])
             return self.buffer_.replay(self.replayed_)
         task = self.new_tasks(self.rng)
@@ -291,10 +289,6 @@ class PrioritisedReplay(Teacher):
     def after_replay(self, task: Task) -> None:
         """Hears that `task` (d,) of the buffer was played and scored."""
 
-    def _replays(self) -> bool:
-        filled = self.buffer_.filled
-        return filled >= self.fill_first and self.rng.random() < min(filled, self.replay_share)
-
     def estimate(
         self, trajectory: Trajectory, values: NDArray[np.float64], best: float, mastered: bool
     ) -> float:
@@ -328,17 +322,13 @@ class PrioritisedReplay(Teacher):
         else:
             self.buffer_.rescore(place, score, best, mastered)
             self.after_replay(episode.task)
-        if self.episodes_ % LOG_EVERY == 0:
-            self._log()
+        if self.episodes_ % LOG_EVERY == 0:  # with the Gaussian that replays resemble
+            chances = self.buffer_.chances()
+            scalars = {
+                "buffer_size": float(len(self.buffer_)),
+                "mean_score": float(self.buffer_.scores.mean()),
+                "replayed_score": float(chances @ self.buffer_.scores),
+            }
+            gaussian = cloud_gaussian(self.space, self.buffer_.tasks, chances)
+            self.log(TeacherUpdate(gaussians=(gaussian,), scalars=scalars))
         return place
-
-    def _log(self) -> None:
-        """Log the Gaussian that replays resemble."""
-        chances = self.buffer_.chances()
-        scalars = {
-            "buffer_size": float(len(self.buffer_)),
-            "mean_score": float(self.buffer_.scores.mean()),
-            "replayed_score": float(chances @ self.buffer_.scores),
-        }
-        gaussian = cloud_gaussian(self.space, self.buffer_.tasks, chances)
-        self.log(TeacherUpdate(gaussians=(gaussian,), scalars=scalars))

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.arguments import check_at_least, check_positive
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
 from tma_ray.teachers.currot import Performance
@@ -88,12 +89,8 @@ class ProCuRLTarget(Teacher):
     budget: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        for name in ("beta", "reach", "kernel_width"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} = {getattr(self, name)}: expected a number over 0")
-        for name in ("pool_size", "target_samples", "first_update", "update_every"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
+        check_positive(self, "beta", "reach", "kernel_width")
+        check_at_least(self, 1, "pool_size", "target_samples", "first_update", "update_every")
         scaled_returns(np.empty(0), self.lowest_return, self.highest_return)
         for_budget(self.update_every, self.budget)
 
@@ -144,14 +141,14 @@ class ProCuRLTarget(Teacher):
         scores = proximity(values, target_values, similarity(self.pool_, targets, self.reach))
         self.chances_ = softmax(scores, 1 / self.beta)
         self.tasks_, self.returns_ = [], []
-        self._log(values, float(target_values.mean()), float(returns.mean()))
-
-    def _log(self, values: Array, target_value: float, mean_return: float) -> None:
         scalars = {
             "mean_value": float(self.chances_ @ values),
-            "target_value": target_value,
-            "mean_return": mean_return,
+            "target_value": float(target_values.mean()),
+            "mean_return": float(returns.mean()),
             "tasks_in_use": float(1 / (self.chances_**2).sum()),
         }
         gaussian = cloud_gaussian(self.space, self._box.denormalise(self.pool_), self.chances_)
         self.log(TeacherUpdate(gaussians=(gaussian,), scalars=scalars))
+
+    def _value(self, returns: Array) -> Array:
+        return np.clip((returns - self.lowest_return) / (self.highest_return - self.lowest_return), 0.0, 1.0)

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from tma_ray.arguments import check_at_least
 from tma_ray.tasks import (
     Episode,
     ExpertKnowledge,
@@ -41,8 +42,7 @@ class Ramp(Teacher):
     steps: int = 10_000_000
 
     def __post_init__(self) -> None:
-        if self.steps < 1:
-            raise ValueError(f"steps = {self.steps}: expected at least 1 environment step")
+        check_at_least(self, 1, "steps")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Start at the initial Gaussian."""

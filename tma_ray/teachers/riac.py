@@ -11,6 +11,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, ScoredBox, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.numerics import draw_in_box, draw_in_proportion
@@ -111,14 +112,8 @@ def best_cut(
     """Return the best valid one of `attempts` random cuts of `region`; None if none is valid.
 
     The score of a cut is |ALP left - ALP right| times the episodes left times those right (Portelas et
-    al. 2019, appendix; Baranes and Oudeyer 2009).
-
-    Args:
-        region: region to cut.
-        attempts: number of random cuts.
-        fewest: episodes that each part must keep.
-        smallest: sides that each part must keep (d,), in task units.
-        rng: source of the cuts.
+    al. 2019, appendix; Baranes and Oudeyer 2009). Each part must keep the `fewest` episodes and the
+    `smallest` sides (d,), in task units.
     """
     tasks = np.array(region.tasks)
     dimensions, thresholds = random_cuts(region.bounds, tasks, attempts, fewest, rng)
@@ -211,19 +206,16 @@ class RIAC(Teacher):
     mutation_std: float = 0.1
 
     def __post_init__(self) -> None:
-        if self.region_capacity < 4:
-            raise ValueError(f"region_capacity = {self.region_capacity}: expected at least 4 episodes")
-        if self.split_attempts < 1:
-            raise ValueError(f"split_attempts = {self.split_attempts}: expected at least 1")
-        if not 0 < self.smallest_side <= 1:
-            raise ValueError(f"smallest_side = {self.smallest_side} is a share; expected it in (0, 1]")
+        check_at_least(self, 4, "region_capacity")
+        check_at_least(self, 1, "split_attempts")
+        check_positive(self, "smallest_side")
+        check_shares(self, "smallest_side")
         if min(self.explore, self.mutate) < 0 or self.explore + self.mutate > 1:
             raise ValueError(
                 f"explore = {self.explore} and mutate = {self.mutate} are shares of the tasks; "
                 f"expected them in [0, 1] with a sum of at most 1"
             )
-        if not self.mutation_std >= 0:
-            raise ValueError(f"mutation_std = {self.mutation_std}: expected at least 0")
+        check_at_least(self, 0, "mutation_std")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Start with one empty region: the task space."""
@@ -237,7 +229,11 @@ class RIAC(Teacher):
         """Return a task (d,): mutated, uniform over the space, or uniform in a chosen region."""
         strategy = self.rng.random()
         if strategy < self.mutate:
-            return self._mutate()
+            region = self._draw_region(self.rng)
+            if not len(region):  # nothing was played yet
+                return self.space.sample(self.rng)
+            mutated = self.rng.normal(region.worst_task(), self.mutation_std)
+            return self.space.clip(np.clip(mutated, *region.bounds))
         if strategy < self.mutate + self.explore:
             return self.space.sample(self.rng)
         return self._exploit(self.rng)
@@ -255,7 +251,14 @@ class RIAC(Teacher):
         # At most one logged box per episode on average: the log grows no faster than the run.
         if self.episodes_since_log_ >= max(self.region_capacity, len(self.regions_)):
             self.episodes_since_log_ = 0
-            self._log_regions()
+            boxes = tuple(
+                ScoredBox(low=region.bounds[0], high=region.bounds[1], score=progress)
+                for region, progress in zip(self.regions_, self.progress_, strict=True)
+            )
+            parts = zip(self.regions_, self.progress_, strict=True)
+            whole = [progress for region, progress in parts if region.split is None]
+            scalars = {"undivided_regions": float(len(whole)), "mean_progress": float(np.mean(whole))}
+            self.log(TeacherUpdate(boxes=boxes, scalars=scalars))
 
     def probe(self, count: int) -> Task:
         """Return `count` tasks (count, d), each uniform in a region chosen by ALP."""
@@ -289,19 +292,3 @@ class RIAC(Teacher):
 
     def _exploit(self, rng: np.random.Generator) -> Task:
         return draw_in_box(self.space, self._draw_region(rng).bounds, rng)
-
-    def _mutate(self) -> Task:
-        region = self._draw_region(self.rng)
-        if not len(region):  # nothing was played yet
-            return self.space.sample(self.rng)
-        mutated = self.rng.normal(region.worst_task(), self.mutation_std)
-        return self.space.clip(np.clip(mutated, *region.bounds))
-
-    def _log_regions(self) -> None:
-        boxes = tuple(
-            ScoredBox(low=region.bounds[0], high=region.bounds[1], score=progress)
-            for region, progress in zip(self.regions_, self.progress_, strict=True)
-        )
-        whole = [box.score for box, region in zip(boxes, self.regions_, strict=True) if region.split is None]
-        scalars = {"undivided_regions": float(len(whole)), "mean_progress": float(np.mean(whole))}
-        self.log(TeacherUpdate(boxes=boxes, scalars=scalars))

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.numerics import UnitBox
@@ -66,23 +67,18 @@ class SetterSolver(Teacher):
     learning_rate: float = 3e-4
 
     def __post_init__(self) -> None:
-        for name in ("update_every", "hidden_units"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
-        if not 0 <= self.noise <= 1:
-            raise ValueError(f"noise = {self.noise} is a share of the range; expected a number in [0, 1]")
-        if not self.learning_rate > 0:
-            raise ValueError(f"learning_rate = {self.learning_rate}: expected a number over 0")
+        check_at_least(self, 1, "update_every", "hidden_units")
+        check_shares(self, "noise")
+        check_positive(self, "learning_rate")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Start with networks that have learned nothing."""
-        from tma_ray.teachers import networks  # imports torch
+        from tma_ray.teachers.networks import new_networks  # imports torch
 
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
-        self.judge_, self.setter_ = networks.new_networks(self._box.size, self.hidden_units, rng)
-        self.judge_optimiser_ = networks.adam(self.judge_, self.learning_rate)
-        self.setter_optimiser_ = networks.adam(self.setter_, self.learning_rate)
+        made = new_networks(self._box.size, self.hidden_units, self.learning_rate, rng)
+        self.judge_, self.setter_, self.judge_optimiser_, self.setter_optimiser_ = made
         self._begin_batch()
 
     def sample(self) -> Task:
@@ -94,7 +90,19 @@ class SetterSolver(Teacher):
         """Store the success, and update both networks at the end of the batch."""
         self.successes_.append(episode.success)
         if len(self.successes_) == self.update_every:
-            self._update(np.array(self.successes_))
+            from tma_ray.teachers.networks import update_judge, update_setter
+
+            batch, solved = self.batch_, np.array(self.successes_)
+            judge_loss = update_judge(self.judge_, self.judge_optimiser_, batch.points, solved)
+            targets = batch.points[solved]
+            if solved.any():
+                targets = targets + self.rng.uniform(0.0, self.noise, targets.shape)
+            proposed = batch.latents, batch.feasibility
+            losses = update_setter(
+                self.setter_, self.judge_, self.setter_optimiser_, proposed, (targets, solved)
+            )
+            share = {"success_share": float(solved.mean()), "judge_loss": judge_loss}
+            self.log(TeacherUpdate(scalars=share | losses))
             self._begin_batch()
 
     def probe(self, count: int) -> Task:
@@ -112,21 +120,3 @@ class SetterSolver(Teacher):
         feasibility = rng.uniform(SMALLEST_FEASIBILITY, 1.0, count)
         latents = rng.standard_normal((count, self._box.size))
         return Proposals(feasibility, latents, propose(self.setter_, latents, feasibility))
-
-    def _update(self, solved: NDArray[np.bool_]) -> None:
-        from tma_ray.teachers.networks import update_judge, update_setter
-
-        batch = self.batch_
-        judge_loss = update_judge(self.judge_, self.judge_optimiser_, batch.points, solved)
-        targets = batch.points[solved]
-        if solved.any():
-            targets = targets + self.rng.uniform(0.0, self.noise, targets.shape)
-        losses = update_setter(
-            self.setter_,
-            self.judge_,
-            self.setter_optimiser_,
-            (batch.latents, batch.feasibility),
-            (targets, solved),
-        )
-        share = {"success_share": float(solved.mean()), "judge_loss": judge_loss}
-        self.log(TeacherUpdate(scalars=share | losses))

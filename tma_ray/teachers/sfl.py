@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from tma_ray.arguments import check_at_least, check_shares
 from tma_ray.tasks import (
     Episode,
     ExpertKnowledge,
@@ -57,13 +58,9 @@ class SFL(Teacher):
     budget: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        for name in ("candidates", "kept", "refresh_every"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
-        if self.rollouts < 2:
-            raise ValueError(f"rollouts = {self.rollouts}: expected at least 2, of which some may succeed")
-        if not 0 <= self.buffer_share <= 1:
-            raise ValueError(f"buffer_share = {self.buffer_share} is a share; expected it in [0, 1]")
+        check_at_least(self, 1, "candidates", "kept", "refresh_every")
+        check_at_least(self, 2, "rollouts")  # of which some may succeed
+        check_shares(self, "buffer_share")
         for_budget(self.kept, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
@@ -75,7 +72,10 @@ class SFL(Teacher):
 
     def sample(self) -> Task:
         """Return a task (d,) of the buffer, or a uniform one."""
-        return self._draw(self.rng)
+        if len(self.buffer_) and self.rng.random() < self.buffer_share:
+            task: Task = self.buffer_[self.rng.integers(len(self.buffer_))].copy()
+            return task
+        return self.space.sample(self.rng)
 
     def observe(self, episode: Episode) -> Query | None:  # noqa: ARG002 - evaluations tell all
         """Ask for an evaluation when a refresh is due."""
@@ -110,9 +110,3 @@ class SFL(Teacher):
             return self.space.sample(rng, count)
         tasks: Task = self.buffer_[rng.integers(len(self.buffer_), size=count)]
         return tasks
-
-    def _draw(self, rng: np.random.Generator) -> Task:
-        if len(self.buffer_) and rng.random() < self.buffer_share:
-            task: Task = self.buffer_[rng.integers(len(self.buffer_))].copy()
-            return task
-        return self.space.sample(rng)

@@ -13,6 +13,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import brentq, minimize_scalar
 from threadpoolctl import threadpool_limits
 
+from tma_ray.arguments import check_at_least, check_positive
 from tma_ray.tasks import (
     Episode,
     ExpertKnowledge,
@@ -108,91 +109,56 @@ def self_paced_update(
         most_divergence: bound of the step in nats (paper: epsilon).
     """
     with threadpool_limits(limits=1):  # so that where a teacher runs does not change what it finds
-        problem = _Problem(
-            points=current.whiten(contexts),
-            gains=values - values.mean(),
-            target=target.seen_from(current),
-            penalty=penalty,
-        )
-        ray = problem.natural_gradient()
-        if ray is None:
+        # in coordinates in which the current distribution is the standard Gaussian
+        points, gains, seen = current.whiten(contexts), values - values.mean(), target.seen_from(current)
+        shift, spread = _natural_gradient(points, gains, seen, penalty)
+        if not (shift.any() or spread.any()):
             return current
-        reach = ray.reach(most_divergence)
 
-        def loss(distance: float) -> float:
-            return -problem.objective(ray.at(distance))
+        def at(distance: float) -> FullGaussian:
+            """Return a distribution on the way; it is always valid."""
+            factor = np.tril(distance * spread, -1)
+            np.fill_diagonal(factor, np.exp(distance * np.diag(spread)))
+            return FullGaussian(distance * shift, factor)
 
-        within = float(minimize_scalar(loss, bounds=(0.0, reach), method="bounded").x)
-        return ray.at(min((0.0, within, reach), key=loss)).placed_in(current)
-
-
-@dataclass(frozen=True, eq=False)
-class _Ray:
-    """Distributions in one direction from the standard Gaussian, all of them valid.
-
-    Attributes:
-        shift: shift of the mean (d,).
-        spread: lower triangle (d, d) of the factor's change; its diagonal is that of the logarithms.
-    """
-
-    shift: Array
-    spread: Array
-
-    def at(self, distance: float) -> FullGaussian:
-        factor = np.tril(distance * self.spread, -1)
-        np.fill_diagonal(factor, np.exp(distance * np.diag(self.spread)))
-        return FullGaussian(distance * self.shift, factor)
-
-    def reach(self, most_divergence: float) -> float:
-        """Return the distance just before KL(standard || new) attains `most_divergence`."""
-        standard = self.at(0.0)
+        standard = at(0.0)
 
         def excess(distance: float) -> float:
-            return standard.divergence(self.at(distance)) - most_divergence
+            return standard.divergence(at(distance)) - most_divergence
+
+        def loss(distance: float) -> float:
+            new = at(distance)
+            weights = np.exp(np.minimum(new.log_ratio(points), LARGEST_LOG_WEIGHT))
+            return -(float(np.mean(weights * gains)) - penalty * new.divergence(seen))
 
         far = 1e-3
         while excess(far) < 0:
             far *= 2
-        return float(brentq(excess, 0.0, far)) * (1 - 1e-9)
+        reach = float(brentq(excess, 0.0, far)) * (1 - 1e-9)  # just before the bound
+        within = float(minimize_scalar(loss, bounds=(0.0, reach), method="bounded").x)
+        return at(min((0.0, within, reach), key=loss)).placed_in(current)
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Objective to maximise, in coordinates in which the current distribution is the standard Gaussian.
+def _natural_gradient(
+    points: Array, gains: Array, target: FullGaussian, penalty: float
+) -> tuple[Array, Array]:
+    """Return the steepest direction per divergence at the standard Gaussian, of length 1; 0 without a slope.
 
-    Attributes:
-        points: contexts (n, d).
-        gains: their values (n,), over the mean value.
-        target: distribution that the penalty pulls towards.
-        penalty: its weight.
+    It is a shift of the mean (d,) and a change of the factor (d, d), on its diagonal that of the logarithms.
+    The Fisher information is 1 for mean and off-diagonal entries of the factor, and 2 for the logarithms of
+    its diagonal.
     """
-
-    points: Array
-    gains: Array
-    target: FullGaussian
-    penalty: float
-
-    def objective(self, new: FullGaussian) -> float:
-        weights = np.exp(np.minimum(new.log_ratio(self.points), LARGEST_LOG_WEIGHT))
-        return float(np.mean(weights * self.gains)) - self.penalty * new.divergence(self.target)
-
-    def natural_gradient(self) -> _Ray | None:
-        """Return the steepest direction per divergence at the standard Gaussian; None without a slope.
-
-        There the Fisher information is 1 for mean and off-diagonal entries of the factor, and 2 for
-        the logarithms of its diagonal.
-        """
-        count, size = self.points.shape
-        inverse = solve_triangular(self.target.factor, np.eye(size), lower=True)
-        precision = inverse.T @ inverse
-        shift = self.gains @ self.points / count + self.penalty * precision @ self.target.mean
-        moments = (self.points.T * self.gains) @ self.points / count
-        slope = np.tril(moments + self.penalty * (np.eye(size) - precision))
-        if np.sqrt((shift**2).sum() + (slope**2).sum()) < SMALLEST_GRADIENT:
-            return None
-        spread = slope - np.diag(np.diag(slope)) / 2
-        length = np.sqrt((shift**2).sum() + (spread**2).sum())
-        return _Ray(shift / length, spread / length)
+    count, size = points.shape
+    inverse = solve_triangular(target.factor, np.eye(size), lower=True)
+    precision = inverse.T @ inverse
+    shift = gains @ points / count + penalty * precision @ target.mean
+    moments = (points.T * gains) @ points / count
+    slope = np.tril(moments + penalty * (np.eye(size) - precision))
+    if np.sqrt((shift**2).sum() + (slope**2).sum()) < SMALLEST_GRADIENT:
+        return np.zeros(size), np.zeros((size, size))
+    spread = slope - np.diag(np.diag(slope)) / 2
+    length = np.sqrt((shift**2).sum() + (spread**2).sum())
+    return shift / length, spread / length
 
 
 MOST_CONTEXTS = 1000
@@ -245,17 +211,9 @@ class SPDL(Teacher):
     most_divergence: float = 0.8
 
     def __post_init__(self) -> None:
-        if self.first_update < 0 or self.update_every < 1:
-            raise ValueError(
-                f"first_update = {self.first_update} and update_every = {self.update_every} are numbers "
-                f"of steps; expected at least 0 and at least 1"
-            )
-        if self.updates_without_penalty < 0:
-            raise ValueError(f"updates_without_penalty = {self.updates_without_penalty}: expected at least 0")
-        if self.penalty_share < 0:
-            raise ValueError(f"penalty_share = {self.penalty_share}: expected at least 0")
-        if not self.most_divergence > 0:
-            raise ValueError(f"most_divergence = {self.most_divergence}: expected a bound over 0")
+        check_at_least(self, 0, "first_update", "updates_without_penalty", "penalty_share")
+        check_at_least(self, 1, "update_every")
+        check_positive(self, "most_divergence")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Start at the initial Gaussian."""
@@ -311,10 +269,8 @@ class SPDL(Teacher):
         return self._box.denormalise(self.distribution_.draw(rng, count))
 
     def _penalty(self, performance: float) -> float:
-        if self.updates_ < self.updates_without_penalty:
-            return 0.0
         wanted = self.penalty_share * performance
-        if wanted <= 0:
+        if self.updates_ < self.updates_without_penalty or wanted <= 0:
             return 0.0
         return wanted / max(self.distribution_.divergence(self._target), wanted / LARGEST_PENALTY)
 

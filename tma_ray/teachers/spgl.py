@@ -186,14 +186,11 @@ class SPGL(SPDL):
             return
         every = for_budget(self.update_every, self.budget)
         self.next_update_ += every * ((episode.step - self.next_update_) // every + 1)
-        self._update(self._box.normalise(np.stack(self.tasks_)), np.array(self.returns_))
-        self.tasks_, self.returns_ = [], []
-
-    def _update(self, contexts: Array, returns: Array) -> None:
-        old, performance = self.distribution_, float(returns.mean())
-        penalty = self._penalty(performance)
-        bound = self.most_divergence
-        self.distribution_ = widened(closed_form_update(old, self._target, contexts, returns, penalty, bound))
+        old, contexts, returns = self.distribution_, np.stack(self.tasks_), np.array(self.returns_)
+        penalty, bound = self._penalty(float(returns.mean())), self.most_divergence
+        found = closed_form_update(old, self._target, self._box.normalise(contexts), returns, penalty, bound)
+        self.distribution_ = widened(found)
         self.updates_ += 1
         step = self.distribution_.divergence(old)
-        self._log({"alpha": penalty, "mean_return": performance, "step_divergence": step})
+        self._log({"alpha": penalty, "mean_return": float(returns.mean()), "step_divergence": step})
+        self.tasks_, self.returns_ = [], []

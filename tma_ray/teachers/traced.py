@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, TaskSpace, Trajectory
 from tma_ray.teachers.accel import ACCEL
 from tma_ray.teachers.prioritised_replay import Score
@@ -53,8 +54,13 @@ class TransitionModel:
         changes = np.diff(observations, axis=0)
         with threadpool_limits(limits=1):  # so that where a teacher runs does not change what it finds
             errors = (changes - self.predict(inputs)) ** 2
-            self._learn(inputs, changes)
-        assert self.squares is not None, "it has just learned"
+            gram, moments, squares = inputs.T @ inputs, inputs.T @ changes, (changes**2).sum(axis=0)
+            if self.gram is not None and self.moments is not None and self.squares is not None:
+                gram += self.memory * self.gram
+                moments += self.memory * self.moments
+                squares += self.memory * self.squares
+            self.steps = len(inputs) + self.memory * self.steps
+            self.gram, self.moments, self.squares = gram, moments, squares
         scale = self.squares / self.steps
         shares = np.divide(errors.mean(axis=0), scale, out=np.zeros_like(scale), where=scale > 0)
         return float(shares.mean())
@@ -65,15 +71,6 @@ class TransitionModel:
             return 0.0
         weights = np.linalg.solve(self.gram + RIDGE * np.eye(len(self.gram)), self.moments)
         return np.asarray(inputs @ weights, dtype=np.float64)
-
-    def _learn(self, inputs: Array, changes: Array) -> None:
-        gram, moments, squares = inputs.T @ inputs, inputs.T @ changes, (changes**2).sum(axis=0)
-        if self.gram is not None and self.moments is not None and self.squares is not None:
-            gram += self.memory * self.gram
-            moments += self.memory * self.moments
-            squares += self.memory * self.squares
-        self.steps = len(inputs) + self.memory * self.steps
-        self.gram, self.moments, self.squares = gram, moments, squares
 
 
 @dataclass
@@ -111,15 +108,10 @@ class TRACED(ACCEL):
             raise ValueError(
                 f"score = {self.score}: expected positive_value_loss, to which TRACED adds its own terms"
             )
-        if self.error_weight < 0 or self.co_learnability_weight < 0:
-            raise ValueError(
-                f"error_weight = {self.error_weight} and co_learnability_weight = "
-                f"{self.co_learnability_weight}: expected at least 0"
-            )
-        if self.round_size < 1:
-            raise ValueError(f"round_size = {self.round_size}: expected at least 1 replay")
-        if not 0 < self.memory <= 1:
-            raise ValueError(f"memory = {self.memory}: expected a factor over 0, at most 1")
+        check_at_least(self, 0, "error_weight", "co_learnability_weight")
+        check_at_least(self, 1, "round_size")
+        check_positive(self, "memory")
+        check_shares(self, "memory")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Start with an empty buffer and a model that knows nothing."""
@@ -148,17 +140,13 @@ class TRACED(ACCEL):
             self.round_.append(place)
             self.drops_.append(float(before - self.difficulties_[place]))
             if len(self.drops_) == self.round_size:
-                self._end_round()
+                for one in self.previous_round_:
+                    self.co_learnability_[one] = np.mean(self.drops_)
+                    self._set_priority(one)
+                self.previous_round_, self.round_, self.drops_ = self.round_, [], []
         else:
             self._forget(place)
         return place
-
-    def _end_round(self) -> None:
-        """Give the tasks of the previous round their co-learnability."""
-        for place in self.previous_round_:
-            self.co_learnability_[place] = np.mean(self.drops_)
-            self._set_priority(place)
-        self.previous_round_, self.round_, self.drops_ = self.round_, [], []
 
     def _forget(self, place: int) -> None:
         """Forget the task whose place another one has taken."""

@@ -15,4 +15,4 @@ from tma_ray.students.cohort import learner
 )
 def _both_ways(request, monkeypatch):
     if request.param:
-        monkeypatch.setattr(learner, "batching_is_faster", lambda _: True)
+        monkeypatch.setattr(learner, "batching_is_faster", lambda *_: True)

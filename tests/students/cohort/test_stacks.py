@@ -189,7 +189,7 @@ def test_it_keeps_the_newest_transitions_of_each_run(longest):
     assert_same(replay, model)
 
 
-def test_contents_fill_another_slot_with_the_same_transitions():
+def test_pieces_fill_another_memory_with_the_same_transitions():
     rng, replay = np.random.default_rng(0), StackedReplay(WIDTH, CAPACITY, (2, 1), CPU)
     model = []
     for number in range(12):
@@ -198,21 +198,21 @@ def test_contents_fill_another_slot_with_the_same_transitions():
         model += listed(*parts, number % 2 == 0)
     other = StackedReplay(WIDTH, CAPACITY, (2, 1), CPU)
     other.store(2, *episode(rng, 9), True)
-    contents = replay.contents(0)
-    assert len(contents.rows) == CAPACITY
-    assert len(contents.observations) == CAPACITY + 6  # five episodes and most of a sixth
-    other.fill(2, contents)
+    pieces = list(replay.pieces(0))
+    assert [len(piece[2]) for piece in pieces] == [5, *[7] * 5]  # five episodes and most of a sixth
+    other.clear(2)
+    for piece in pieces:
+        other.store(2, *piece)
     assert_same(other, [[], [], model])
-    for before, after in zip(contents, other.contents(2), strict=True):
-        np.testing.assert_array_equal(before, after)
+    for before, after in zip(pieces, other.pieces(2), strict=True):
+        for own, theirs in zip(before, after, strict=True):
+            np.testing.assert_array_equal(own, theirs)
     parts = episode(rng, 11)
     other.store(2, *parts, False)
     assert_same(other, [[], [], model + listed(*parts, False)])
 
 
-def test_an_empty_slot_has_empty_contents():
+def test_an_empty_slot_has_no_pieces():
     replay = StackedReplay(WIDTH, CAPACITY, (2, 1), CPU)
-    contents = replay.contents(1)
-    assert [len(column) for column in contents] == [0] * 5
-    replay.fill(1, contents)
+    assert not list(replay.pieces(1))
     assert_same(replay, [[], [], []])

@@ -223,7 +223,7 @@ def _step_worlds(
     rewards: Floats,
     ended: NDArray[np.bool_],
 ) -> None:
-    """Run a step of the worlds at `addresses`; see `WorldThreads.step`."""
+    """Run a step of the worlds at `addresses` (k, 4); see `EngineBatch.step`."""
     worlds = len(addresses)
     board[CALL : CALL + 3] = worlds, actions.shape[1], observations.shape[1]
     board[CALL + 3], board[CALL + 4] = addresses.ctypes.data, actions.ctypes.data
@@ -254,19 +254,27 @@ def _free_locks(locks: Integers) -> None:
         _lock_free(lock)
 
 
-class WorldThreads:
-    """Threads that step worlds of one body together; they end with this object, or with the interpreter.
+class EngineBatch:
+    """Engines of one body that have been reset, stepped together; each may be reset again, into a new world.
+
+    Its threads end with this object, or with the interpreter.
 
     Args:
-        count: number of threads, the caller's included.
+        engines: engines of the worlds.
+        threads: number of threads, the caller's included; the bits are the same.
     """
 
-    def __init__(self, count: int) -> None:
-        self._board, self._locks = np.zeros(LEFT + LINE * count, np.int64), np.zeros(count - 1, np.int64)
+    def __init__(self, engines: Sequence[CompiledEngine], threads: int = 1) -> None:
+        self._engines = engines  # whose memories must live as long as their addresses are used
+        self._addresses = np.array([engine.addresses for engine in engines], dtype=np.int64)
+        body = engines[0].arrays
+        self._observation_size, self._action_size = observation_size(body), len(body.motors) + len(body.grips)
+        self._board = np.zeros(LEFT + LINE * threads, np.int64)
+        self._locks = np.zeros(threads - 1, np.int64)
         _new_locks(self._locks)
         crew: list[Thread] = []
         weakref.finalize(self, _end, self._board, self._locks, crew)
-        if count > 1:
+        if threads > 1:
             self._board[END] = 1
             _serve(self._board, 0, 0)  # compiled here, and once
             self._board[END] = 0
@@ -278,26 +286,33 @@ class WorldThreads:
             crew.append(thread)
 
     def step(
-        self,
-        addresses: Integers,
-        actions: NDArray[np.float32],
-        observations: NDArray[np.float32],
-        rewards: Floats,
-        ended: NDArray[np.bool_],
-    ) -> None:
-        """Run a step of k worlds; from one thread at a time.
+        self, rows: NDArray[np.int64], actions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]:
+        """Advance some worlds by TIME_STEP, with the same bits as their engines one by one.
+
+        From one thread at a time.
 
         Args:
-            addresses: addresses of each memory's floats and integers, with their lengths (k, 4).
-            actions: values (k, j + g).
-            observations: written (k, o).
-            rewards: written (k,); NaN as `compiled.step.step` has it.
-            ended: written (k,).
+            rows: indices of the engines to step (k,).
+            actions: actions of these engines (k, a), as `Engine.step` takes them.
+
+        Returns:
+            Observations (k, o), rewards (k,) and ends of episodes (k,).
 
         Raises:
+            ValueError: actions of another shape, or not finite.
             RuntimeError: a step failed.
         """
+        expected = len(rows), self._action_size
+        if actions.shape != expected:
+            raise ValueError(f"actions of {len(rows)} worlds have shape {expected}, got {actions.shape}")
+        observations = np.empty((len(rows), self._observation_size), np.float32)
+        rewards, ended = np.empty(len(rows)), np.empty(len(rows), np.bool_)
+        addresses = self._addresses[rows]
         _step_worlds(self._board, self._locks, addresses, actions, observations, rewards, ended)
+        if np.count_nonzero(np.isnan(rewards)):
+            raise ValueError(f"actions must be finite, got {actions[np.isnan(rewards)][0].tolist()}")
+        return observations, rewards, ended
 
 
 def _end(board: Integers, locks: Integers, crew: Sequence[Thread]) -> None:

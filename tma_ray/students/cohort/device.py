@@ -142,12 +142,10 @@ class Purpose(IntEnum):
     Attributes:
         BATCH: transitions of a batch.
         NOISE: noise of actions in an update.
-        VALUES: actions that state values average over.
     """
 
     BATCH = 0
     NOISE = 1
-    VALUES = 2
 
 
 def words_of(number: int) -> tuple[int, int]:

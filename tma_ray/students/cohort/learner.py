@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import torch
@@ -15,37 +15,9 @@ from tma_ray.students.cohort.device import Repeated, upload
 from tma_ray.students.hyperparameters import MatmulPrecision
 
 
-class Stack(NamedTuple):
-    """Parameters of all runs, or a moment of their gradient, in a padded layout.
-
-    Attributes:
-        memory: one row or more per slot (k, ..., p).
-        places: places of the parameters without padding in a row.
-    """
-
-    memory: torch.Tensor
-    places: torch.Tensor
-
-
-class Device(NamedTuple):
-    """Place of computation and the types there.
-
-    Attributes:
-        device: device of memory and updates.
-        dtype: data type of parameters, losses and optimisers.
-        precision: precision of matrix products.
-        compiled: see `compile_if`.
-    """
-
-    device: torch.device
-    dtype: torch.dtype
-    precision: MatmulPrecision
-    compiled: bool | str = False
-
-
-def batching_is_faster(place: Device) -> bool:
+def batching_is_faster(device: torch.device, precision: MatmulPrecision, compiled: bool | str) -> bool:
     """Return True if one product of all runs is faster than one for each: not on a processor in float32."""
-    return place.device.type != "cpu" or bool(place.compiled) or place.precision == MatmulPrecision.MEDIUM
+    return device.type != "cpu" or bool(compiled) or precision == MatmulPrecision.MEDIUM
 
 
 class StackedLearner(ABC):
@@ -55,18 +27,31 @@ class StackedLearner(ABC):
     and nothing of them changes. Where that does not pay, one run is updated after the other, and idle slots
     cost nothing.
 
+    Args:
+        width: number of slots k.
+        device: device of memory and updates.
+        dtype: data type of parameters, losses and optimisers.
+        precision: precision of matrix products.
+        compiled: see `compile_if`.
+
     Attributes:
         owed: number of updates that are due, by slot (k,).
         together: runs are updated together, not one after the other.
     """
 
-    def __init__(self, width: int, place: Device) -> None:
+    def __init__(
+        self,
+        width: int,
+        device: torch.device,
+        dtype: torch.dtype,
+        precision: MatmulPrecision,
+        compiled: bool | str,
+    ) -> None:
         self.owed = np.zeros(width, dtype=np.int64)
-        self._device, self._dtype = place.device, place.dtype
-        self._owed = torch.zeros(width, dtype=torch.int64, device=self._device)
-        self._place = place
-        self._repeated = Repeated(self._advance_once, place.precision, self._device)
-        self.together = batching_is_faster(place)
+        self._device, self._dtype, self._precision = device, dtype, precision
+        self._owed = torch.zeros(width, dtype=torch.int64, device=device)
+        self._repeated = Repeated(self._advance_once, precision, device)
+        self.together = batching_is_faster(device, precision, compiled)
         self._rows: dict[int, Repeated] = {}
 
     def leave(self, slot: int) -> None:
@@ -92,7 +77,12 @@ class StackedLearner(ABC):
         """
         if not self.together:
             for slot in range(len(self.owed)) if slots is None else slots:
-                self._advance_row(slot, min(updates, int(self.owed[slot])))
+                if slot not in self._rows:
+                    once = self._row(slot)._advance_once
+                    self._rows[slot] = Repeated(once, self._precision, self._device)
+                due = min(updates, int(self.owed[slot]))
+                self._rows[slot](due)
+                self.owed[slot] -= due
             return
         updates = min(updates, int(self.owed.max()))
         if not updates:
@@ -104,12 +94,6 @@ class StackedLearner(ABC):
             self._owed.copy_(owed)
         self._repeated(updates)
         np.maximum(self.owed - updates, 0, out=self.owed)
-
-    def _advance_row(self, slot: int, updates: int) -> None:
-        if slot not in self._rows:
-            self._rows[slot] = Repeated(self._row(slot)._advance_once, self._place.precision, self._device)
-        self._rows[slot](updates)
-        self.owed[slot] -= updates
 
     def actors(self, slots: Sequence[int]) -> torch.Tensor:
         """Return the actors of the runs in `slots`, without padding and on the device (len(slots), p)."""
@@ -135,8 +119,16 @@ class StackedLearner(ABC):
         return upload(values, self._device).to(self._dtype)
 
     @abstractmethod
-    def _stacks(self) -> list[Stack]:
-        """Return all that is learned; first what runs act by."""
+    def _stacks(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        """Return all that is learned in padded layouts; first what runs act by.
+
+        Each is memory with one row or more per slot (k, ..., p), and the places of the parameters without
+        padding in a row.
+        """
+
+    @abstractmethod
+    def figures(self, slot: int) -> dict[str, float]:
+        """Return figures about the last updates of the run in `slot`."""
 
     @abstractmethod
     def _counters(self) -> list[torch.Tensor]:

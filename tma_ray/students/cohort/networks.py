@@ -45,14 +45,11 @@ class PaddedLayout(NamedTuple):
     def places(self) -> NDArray[np.int64]:
         """Return the index of each parameter of the plain vector (p,) in the padded one."""
         parts, start = [], 0
-        for plain, padded in zip(self.plain.shapes, self.padded.shapes, strict=True):
-            weights = np.arange(start, start + padded.outputs * padded.inputs).reshape(padded)
-            start += weights.size
-            parts += [
-                weights[: plain.outputs, : plain.inputs].ravel(),
-                np.arange(start, start + plain.outputs),
-            ]
-            start += padded.outputs
+        for (outputs, inputs), padded in zip(self.plain.shapes, self.padded.shapes, strict=True):
+            weights = start + np.arange(math.prod(padded)).reshape(padded)
+            biases = start + weights.size
+            parts += [weights[:outputs, :inputs].ravel(), np.arange(biases, biases + outputs)]
+            start = biases + padded[0]
         return np.concatenate([*parts, np.arange(start, start + self.others)])
 
     def inputs(self, inputs: torch.Tensor) -> torch.Tensor:
@@ -77,7 +74,10 @@ def stacked_pass(
         hidden: type in which hidden layers are computed; the last layer is in that of the parameters.
     """
     layers, activation = _layers(parameters, layout), layout.padded.activation
-    if _pays_by_rows(parameters, inputs) and hidden == parameters.dtype:
+    # leaving rows out pays: not on a GPU, which would be waited for, nor in compiled code
+    eager = parameters.device.type == "cpu" and not torch.compiler.is_compiling()
+    by_inputs_only = inputs.requires_grad and not parameters.requires_grad
+    if eager and by_inputs_only and hidden == parameters.dtype:
         outputs: torch.Tensor = _pass_by_rows(layout.inputs(inputs), layers, activation)
         return outputs
     last = layers[-1:]
@@ -123,12 +123,6 @@ class _PassByRows(torch.autograd.Function):
 _pass_by_rows: Any = _PassByRows.apply
 
 
-def _pays_by_rows(parameters: torch.Tensor, inputs: torch.Tensor) -> bool:
-    """Return True if leaving rows out pays: not on a GPU, which would be waited for, nor in compiled code."""
-    eager = parameters.device.type == "cpu" and not torch.compiler.is_compiling()
-    return eager and inputs.requires_grad and not parameters.requires_grad
-
-
 def _layers(parameters: torch.Tensor, layout: PaddedLayout) -> Layers:
     return split(parameters[:, : layout.padded.parameters], layout.padded)
 
@@ -158,10 +152,7 @@ class StackedAdam:
     def step(self, gradient: torch.Tensor, counts: torch.Tensor, active: torch.Tensor) -> None:
         """Move the parameters of the `active` runs (k,) against `gradient`; others' do not change by a bit.
 
-        Args:
-            gradient: like the parameters; of runs that are not active it may be anything.
-            counts: steps of each run before this one (k,).
-            active: True for the runs that take the step (k,).
+        `counts` are the steps of each run before this one (k,).
         """
         aside = len(active), *[1] * (gradient.ndim - 1)
         mask, index = active.view(aside), (counts + 1).clamp(max=len(self._corrections) - 1)
@@ -176,9 +167,7 @@ class StackedAdam:
     def row(self, slot: int, parameters: torch.Tensor) -> RowAdam:
         """Return the optimiser of the run in `slot` alone, over the same moments.
 
-        Args:
-            slot: slot of the run.
-            parameters: the same memory as the row of that slot (1, ..., p), a leaf of autograd.
+        `parameters` (1, ..., p), a leaf of autograd, are the same memory as the row of that slot.
         """
         one = slice(slot, slot + 1)
         optimiser = torch.optim.Adam([parameters], self._rate, BETAS, self._epsilon, fused=True)
@@ -188,11 +177,7 @@ class StackedAdam:
 class RowAdam(StackedAdam):
     """Adam for one run of a stack by torch's fused kernel, which takes a processor a sixth of the time.
 
-    Args:
-        optimiser: optimiser of the parameters.
-        parameters: parameters of the run (1, ..., p).
-        mean: running mean of the gradient, with the shape of the parameters.
-        square: running mean of the squared gradient, with the same shape.
+    Its parameters (1, ..., p) and moments are the stack's memory.
     """
 
     def __init__(

@@ -2,128 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tma_ray.students.cohort.device import compile_if, hidden_type, precision, upload
-from tma_ray.students.cohort.learner import Device, Stack, StackedLearner, leaf, narrowed
+from tma_ray.students.cohort.device import compile_if, hidden_type, upload
+from tma_ray.students.cohort.learner import StackedLearner, leaf, narrowed
 from tma_ray.students.cohort.networks import PaddedLayout, StackedAdam, keep, stacked_pass
-from tma_ray.students.hyperparameters import MatmulPrecision, PPOHyperparameters
+from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.mlp.network import Network
 from tma_ray.students.ppo import Losses, Steps, losses
 
 EPSILON = 1e-5
 """Of Adam, as in stable-baselines3's policies."""
-
-
-class StackedPPOUpdate:
-    """Networks and optimiser of k runs, in a padded layout, and the step that trains them.
-
-    Args:
-        layout: layout of the network, whose outputs are means and value; the log deviation follows it.
-        hyper: hyper-parameters of the student.
-        width: number of runs k.
-        like: an empty tensor with the device and the type of the parameters.
-        compiled: see `compile_if`.
-
-    Attributes:
-        parameters: parameters of networks and log deviations (k, p), a leaf of autograd.
-        adam: the optimiser.
-        steps: steps of the optimiser (k,).
-    """
-
-    def __init__(
-        self,
-        layout: PaddedLayout,
-        hyper: PPOHyperparameters,
-        width: int,
-        like: torch.Tensor,
-        compiled: bool | str = False,
-    ) -> None:
-        self._layout, self._hyper = layout, hyper
-        self._hidden = hidden_type(hyper.matmul_precision, like.dtype)
-        self._log_std = slice(layout.padded.parameters, layout.padded.parameters + layout.others)
-        self.parameters = like.new_zeros(width, layout.length).requires_grad_()
-        self.adam = StackedAdam(self.parameters, hyper.learning_rate, EPSILON)
-        self.steps = torch.zeros(width, dtype=torch.int64, device=like.device)
-        self._kept: torch.Tensor | None = None
-        if hyper.separate_trunks:
-            self._kept = like.new_ones(layout.length)
-            places = torch.from_numpy(layout.places()[: layout.plain.parameters])
-            self._kept[places] = torch.from_numpy(layout.plain.trunks(layout.others)).to(like)
-        # compiled part by part: autograd runs between them, through what the compiler derived
-        self._parts = [compile_if(compiled, part) for part in (self._outputs, self._losses, self._step)]
-
-    def row(self, slot: int) -> RowPPOUpdate:
-        """Return the step of the run in `slot` alone, over the same memory."""
-        return RowPPOUpdate(self, slot)
-
-    def __call__(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Take one step of the `active` runs (k,) on their mini-batches (k, n, ...).
-
-        Returns:
-            Policy's and value's loss, divergence and clipped share before it (k, 4).
-        """
-        network, gradient_of, step = self._parts
-        outputs = network(batch.observations)
-        parts = gradient_of(outputs.detach(), batch)
-        (gradient,) = torch.autograd.grad(outputs, self.parameters, parts.outputs_gradient)
-        step(gradient, parts.log_std_gradient, active)
-        return torch.stack(parts[:4], dim=1)
-
-    def _outputs(self, observations: torch.Tensor) -> torch.Tensor:
-        return stacked_pass(self.parameters, self._layout, observations, self._hidden)
-
-    def _losses(self, outputs: torch.Tensor, batch: Steps) -> Losses:
-        with torch.no_grad():
-            return losses(outputs, self.parameters[:, self._log_std], batch, self._hyper)
-
-    def _step(self, gradient: torch.Tensor, log_std_gradient: torch.Tensor, active: torch.Tensor) -> None:
-        with torch.no_grad():
-            gradient = gradient.clone()
-            gradient[:, self._log_std] = log_std_gradient
-            if self._kept is not None:
-                gradient.mul_(self._kept)
-            clip(gradient, self._hyper.max_gradient_norm)
-            self.adam.step(gradient, self.steps, active)
-            self.steps.add_(active.long())
-
-
-class RowPPOUpdate:
-    """The step of one run of a stack, over its row, by the passes of a run that learns alone.
-
-    Args:
-        stacked: all runs' step, whose hidden layers are in the type of the parameters.
-        slot: slot of the run.
-    """
-
-    def __init__(self, stacked: StackedPPOUpdate, slot: int) -> None:
-        one, count = slice(slot, slot + 1), stacked._layout.padded.parameters
-        self._layout, self._hyper, self._log_std = stacked._layout, stacked._hyper, stacked._log_std
-        self._kept = stacked._kept
-        self._values, self._steps = stacked.parameters.detach()[one], stacked.steps[one]
-        self._gradient = torch.zeros_like(self._values)
-        memory = self._values[0, :count], self._gradient[0, :count]
-        self._network = Network(memory[0], stacked._layout.padded, memory[1])
-        self._adam = stacked.adam.row(slot, leaf(stacked.parameters, slot))
-
-    @torch.no_grad()
-    def __call__(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Take one step; arguments and result as of `StackedPPOUpdate`, of the one run, which is active."""
-        kept = self._network.activations(self._layout.inputs(batch.observations[0]))
-        parts = losses(kept[-1][None], self._values[:, self._log_std], batch, self._hyper)
-        self._network.backpropagate(kept, parts.outputs_gradient[0])
-        self._gradient[:, self._log_std] = parts.log_std_gradient
-        if self._kept is not None:
-            self._gradient.mul_(self._kept)
-        clip(self._gradient, self._hyper.max_gradient_norm)
-        self._adam.step(self._gradient, self._steps, active)
-        self._steps.add_(1)
-        return torch.stack(parts[:4], dim=1)
 
 
 def clip(gradient: torch.Tensor, norm: float) -> None:
@@ -139,9 +33,8 @@ class PPONetworks(NamedTuple):
     """What a run has learned, on the host: flat parameters without padding, as a run alone has them.
 
     Attributes:
-        parameters: parameters of the network, whose outputs are means and value, and the log deviation (p,).
-        mean: Adam's running mean of the gradient (p,).
-        square: Adam's running mean of the squared gradient (p,).
+        parameters: the network, whose outputs are means and value, and the log deviation (p,).
+        mean: Adam's running mean of their gradient (p,), as `square` is that of its square.
         step: number of Adam's steps since the networks are new.
     """
 
@@ -149,26 +42,6 @@ class PPONetworks(NamedTuple):
     mean: NDArray[np.floating]
     square: NDArray[np.floating]
     step: int
-
-
-class RolloutColumns(NamedTuple):
-    """The steps between two updates; a `Rollout` that is finished has these attributes.
-
-    Attributes:
-        observations: normalised (n, o).
-        actions: sampled actions (n, a).
-        values: values of the observations (n,).
-        log_probabilities: log probabilities of the actions (n,).
-        advantages: not normalised (n,).
-        returns: advantages plus values (n,).
-    """
-
-    observations: NDArray[np.float32]
-    actions: NDArray[np.float32]
-    values: NDArray[np.float32]
-    log_probabilities: NDArray[np.float32]
-    advantages: NDArray[np.float32]
-    returns: NDArray[np.float32]
 
 
 class StackedPPO(StackedLearner):
@@ -180,11 +53,12 @@ class StackedPPO(StackedLearner):
         width: number of slots k.
         device: device of the learner.
         dtype: data type of parameters, losses and optimisers.
-        compiled: True or the compiler's mode to compile the update with torch, which takes minutes once.
-
-    Attributes:
-        owed: number of updates that are due, by slot (k,).
+        compiled: see `compile_if`; compiling takes minutes once.
     """
+
+    _values: torch.Tensor  # of a row: its parameters, their gradient, and the network over both
+    _gradient: torch.Tensor
+    _network: Network
 
     def __init__(
         self,
@@ -195,14 +69,26 @@ class StackedPPO(StackedLearner):
         dtype: torch.dtype = torch.float32,
         compiled: bool | str = False,
     ) -> None:
-        super().__init__(width, Device(device, dtype, hyper.matmul_precision, compiled))
+        super().__init__(width, device, dtype, hyper.matmul_precision, compiled)
         (observation, action), steps = sizes, hyper.steps_per_update
         self._hyper, self._split = hyper, [observation, action, 1, 1, 1, 1]
         self._layout = PaddedLayout.of(hyper.layout(observation, action), action)
         self._places = torch.from_numpy(self._layout.places()).to(device)
         like = torch.empty(0, dtype=dtype, device=device)
-        self._update = StackedPPOUpdate(self._layout, hyper, width, like, compiled)
-        self._step: Callable[[Steps, torch.Tensor], torch.Tensor] = self._update
+        count = self._layout.padded.parameters
+        self._log_std = slice(count, count + action)
+        self._hidden = hidden_type(hyper.matmul_precision, dtype)
+        self._parameters = like.new_zeros(width, self._layout.length).requires_grad_()
+        self._adam = StackedAdam(self._parameters, hyper.learning_rate, EPSILON)
+        self._steps = torch.zeros(width, dtype=torch.int64, device=device)
+        self._kept: torch.Tensor | None = None
+        if hyper.separate_trunks:
+            self._kept = like.new_ones(self._layout.length)
+            plain = self._layout.plain
+            self._kept[self._places[: plain.parameters]] = torch.from_numpy(plain.trunks(action)).to(like)
+        # compiled part by part: autograd runs between them, through what the compiler derived
+        self._parts = [compile_if(compiled, part) for part in (self._outputs, self._losses, self._step)]
+        self._train: Callable[[Steps, torch.Tensor], torch.Tensor] = self._learn
         self._memory = torch.zeros(width, steps, sum(self._split), device=device)
         self._orders = torch.zeros(width, hyper.epochs * steps, dtype=torch.int32, device=device)
         self._positions = torch.zeros(width, dtype=torch.int64, device=device)
@@ -218,17 +104,17 @@ class StackedPPO(StackedLearner):
         for memory in (self._memory, self._orders, self._positions, self._sums):
             memory[slot].zero_()
 
-    def store(self, slot: int, rollout: RolloutColumns, orders: NDArray[np.integer]) -> None:
+    def store(self, slot: int, columns: Sequence[NDArray[np.float32]], orders: NDArray[np.integer]) -> None:
         """Give the run in `slot` a rollout to learn from, which makes all its updates due.
 
         Args:
             slot: slot of the run, which has no updates due from before.
-            rollout: `steps_per_update` steps n.
+            columns: what a mini-batch holds of `steps_per_update` steps n each, as in `Rollout.columns`.
             orders: orders of the steps in each epoch, cut into mini-batches (epochs, n).
         """
         assert not self.owed[slot]
-        columns = [column.reshape(len(column), -1) for column in rollout]
-        self._memory[slot].copy_(upload(np.concatenate(columns, axis=1), self._device))
+        rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
+        self._memory[slot].copy_(upload(rows, self._device))
         self._orders[slot].copy_(upload(orders.reshape(-1).astype(np.int32), self._device))
         self._positions[slot].fill_(0)
         self._sums[slot].zero_()
@@ -238,45 +124,79 @@ class StackedPPO(StackedLearner):
         """Return the networks of the run in `slot`."""
         return PPONetworks._make(self._read(slot))
 
-    def values(self, slot: int, observations: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the values (n,) of normalised `observations` (n, o), in normalised reward."""
-        with torch.no_grad(), precision(MatmulPrecision.HIGHEST):
-            parameters = self._update.parameters[slot : slot + 1]
-            outputs = stacked_pass(parameters, self._layout, self._on_device(observations)[None], self._dtype)
-        values: NDArray[np.float64] = outputs[0, :, -1].double().cpu().numpy()
-        return values
-
     def figures(self, slot: int) -> dict[str, float]:
         """Return means over the updates by the last rollout of the run in `slot`."""
         means = (self._sums[slot] / self._positions[slot].clamp(min=1)).tolist()
         return dict(zip(FIGURES, means, strict=True))
 
-    def _stacks(self) -> list[Stack]:
-        update = self._update
-        memories = update.parameters, update.adam.mean, update.adam.square
-        return [Stack(memory, self._places) for memory in memories]
+    def _stacks(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        memories = self._parameters, self._adam.mean, self._adam.square
+        return [(memory, self._places) for memory in memories]
 
     def _counters(self) -> list[torch.Tensor]:
-        return [self._update.steps]
+        return [self._steps]
 
     def _row(self, slot: int) -> StackedPPO:
-        own = narrowed(self, slot, "_owed", "_memory", "_orders", "_positions", "_sums")
-        own._step = self._update.row(slot)
+        own = narrowed(self, slot, "_owed", "_memory", "_orders", "_positions", "_sums", "_steps")
+        parameters, count = leaf(self._parameters, slot), self._layout.padded.parameters
+        own._values, own._gradient = parameters.detach(), torch.zeros_like(parameters.detach())
+        own._network = Network(own._values[0, :count], self._layout.padded, own._gradient[0, :count])
+        own._adam, own._train = self._adam.row(slot, parameters), own._learn_alone
         return own
 
     def _advance_once(self) -> None:
-        active = self._owed > 0
-        figures = self._step(self._batch(), active)
-        keep(self._sums, self._sums + figures, active[:, None])
-        self._positions.add_(active.long())
-        self._owed.sub_(active.long())
-
-    def _batch(self) -> Steps:
-        """Return the mini-batch of each run that comes next (k, n, ...)."""
         (width, count), size = self._orders.shape, self._hyper.batch_size
         taken = torch.arange(size, device=self._device) + self._positions[:, None] * size
         rows = self._orders.gather(1, taken % count).long()
         base = torch.arange(width, device=self._device)[:, None] * self._memory.shape[1]
         packed = self._memory.flatten(0, 1).index_select(0, (rows + base).flatten())
         columns = torch.split(packed.view(width, size, -1).to(self._dtype), self._split, dim=-1)
-        return Steps(*columns[:2], *(column[..., 0] for column in columns[2:]))
+        active = self._owed > 0
+        figures = self._train(Steps(*columns[:2], *(column[..., 0] for column in columns[2:])), active)
+        keep(self._sums, self._sums + figures, active[:, None])
+        self._positions.add_(active.long())
+        self._owed.sub_(active.long())
+
+    def _learn(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
+        """Take one step of the `active` runs (k,) on their mini-batches (k, n, ...).
+
+        Returns:
+            Policy's and value's loss, divergence and clipped share before it (k, 4).
+        """
+        network, gradient_of, step = self._parts
+        outputs = network(batch.observations)
+        parts = gradient_of(outputs.detach(), batch)
+        (gradient,) = torch.autograd.grad(outputs, self._parameters, parts.outputs_gradient)
+        step(gradient, parts.log_std_gradient, active)
+        return torch.stack(parts[:4], dim=1)
+
+    def _outputs(self, observations: torch.Tensor) -> torch.Tensor:
+        return stacked_pass(self._parameters, self._layout, observations, self._hidden)
+
+    def _losses(self, outputs: torch.Tensor, batch: Steps) -> Losses:
+        with torch.no_grad():
+            return losses(outputs, self._parameters[:, self._log_std], batch, self._hyper)
+
+    def _step(self, gradient: torch.Tensor, log_std_gradient: torch.Tensor, active: torch.Tensor) -> None:
+        with torch.no_grad():
+            gradient = gradient.clone()
+            gradient[:, self._log_std] = log_std_gradient
+            if self._kept is not None:
+                gradient.mul_(self._kept)
+            clip(gradient, self._hyper.max_gradient_norm)
+            self._adam.step(gradient, self._steps, active)
+            self._steps.add_(active.long())
+
+    @torch.no_grad()
+    def _learn_alone(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
+        """Take one step of the one run of a row, by the passes of a run that learns alone; see `_learn`."""
+        kept = self._network.activations(self._layout.inputs(batch.observations[0]))
+        parts = losses(kept[-1][None], self._values[:, self._log_std], batch, self._hyper)
+        self._network.backpropagate(kept, parts.outputs_gradient[0])
+        self._gradient[:, self._log_std] = parts.log_std_gradient
+        if self._kept is not None:
+            self._gradient.mul_(self._kept)
+        clip(self._gradient, self._hyper.max_gradient_norm)
+        self._adam.step(self._gradient, self._steps, active)
+        self._steps.add_(1)
+        return torch.stack(parts[:4], dim=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 import torch
@@ -14,48 +14,13 @@ from tma_ray.students.cohort.learner import narrowed
 from tma_ray.students.sac import Transitions
 
 
-class ReplayContents(NamedTuple):
-    """The transitions that a run keeps, oldest first, on the host.
-
-    Attributes:
-        observations: rows (r, o), in order of time.
-        rows: row of each transition's observation (n,); its next observation is in the row after it.
-        actions: actions in [-1, 1] (n, a).
-        rewards: values (n,).
-        terminated: values (n,) bool.
-    """
-
-    observations: NDArray[np.float32]
-    rows: NDArray[np.int64]
-    actions: NDArray[np.float32]
-    rewards: NDArray[np.float32]
-    terminated: NDArray[np.bool_]
-
-
-class _Piece(NamedTuple):
-    """Consecutive transitions in consecutive rows, with one row more for the last observation."""
-
-    first: int
-    row: int
-    length: int
-
-
 class _Track:
     """What a run keeps: numbers of transitions, and rows, both counted since it joined."""
 
     def __init__(self) -> None:
         self.count, self.tail = 0, 0  # transitions and rows so far
-        self.pieces: deque[_Piece] = deque()
-
-    def add(self, length: int) -> None:
-        self.pieces.append(_Piece(self.count, self.tail, length))
-        self.count += length
-        self.tail += length + 1
-
-    def forget(self, kept: int) -> None:
-        """Drop the pieces that have no transition among the newest `kept`."""
-        while self.pieces and self.pieces[0].first + self.pieces[0].length <= self.count - kept:
-            self.pieces.popleft()
+        self.pieces: deque[tuple[int, int, int]] = deque()
+        """First transition, first row, and transitions of each stored part, which takes a row more."""
 
     def head(self, kept: int) -> int:
         """Return the row of the oldest of the newest `kept` transitions."""
@@ -99,7 +64,8 @@ class StackedReplay:
         self._tracks[slot] = _Track()
         self._memory[slot, :2].zero_()
         self._table[slot, :1].zero_()
-        self._announce(slot)
+        self.counts[slot].fill_(1)
+        self.kept[slot].fill_(1)
 
     def store(
         self,
@@ -111,65 +77,43 @@ class StackedReplay:
     ) -> None:
         """Append consecutive transitions of the run in `slot`, and forget its oldest beyond the capacity.
 
-        Args:
-            slot: slot of the run.
-            observations: observations of each transition, and the last one's next (n + 1, o).
-            actions: actions in [-1, 1] (n, a).
-            rewards: values (n,).
-            terminated: nothing follows the last transition.
+        `observations` (n + 1, o) end with the last transition's next one, `actions` (n, a) are in [-1, 1];
+        nothing follows the last transition if it `terminated`.
         """
-        ends = np.zeros(len(rewards), dtype=np.bool_)
-        ends[-1:] = terminated
-        self._append(slot, observations, actions, rewards, ends)
-
-    def _append(
-        self,
-        slot: int,
-        observations: NDArray[np.float32],
-        actions: NDArray[np.float32],
-        rewards: NDArray[np.float32],
-        ends: NDArray[np.bool_],
-    ) -> None:
         length, keep = len(rewards), min(len(rewards), self._capacity)
         if not length:
             return
         packed = np.zeros((keep + 1, self._memory.shape[2]), dtype=np.float32)
         packed[:, : self._o] = observations[length - keep :]
-        packed[:-1, self._o : -2] = actions[length - keep :]
-        packed[:-1, -2], packed[:-1, -1] = rewards[length - keep :], ends[length - keep :]
-        self._make_room(slot, keep)
+        packed[:-1, self._o : -2], packed[:-1, -2] = actions[length - keep :], rewards[length - keep :]
+        packed[-2, -1] = terminated
         track = self._tracks[slot]
+        needed = track.tail + keep + 1 - track.head(max(0, self._capacity - keep))
+        if needed > self._rows:
+            self._grow(max(needed, self._rows + self._rows // 4))
+            track = self._tracks[slot]
         first, row = track.count, track.tail
-        track.add(keep)
-        track.forget(self._capacity)
+        track.pieces.append((first, row, keep))
+        track.count, track.tail = first + keep, row + keep + 1
+        while track.pieces[0][0] + track.pieces[0][2] <= track.count - self._capacity:
+            track.pieces.popleft()
         self._write(self._memory[slot], row, upload(packed, self._device))
         rows = torch.arange(row, row + keep, device=self._device) % self._rows
         self._write(self._table[slot], first, rows.to(torch.int32))
-        self._announce(slot)
+        self.counts[slot].fill_(track.count)
+        self.kept[slot].fill_(min(track.count, self._capacity))
 
-    def contents(self, slot: int) -> ReplayContents:
-        """Return the transitions that the run in `slot` keeps."""
+    def pieces(
+        self, slot: int
+    ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], bool]]:
+        """Yield the transitions that the run in `slot` keeps, oldest first, in parts that `store` takes."""
         track = self._tracks[slot]
-        kept = min(track.count, self._capacity)
-        head = track.head(kept)
-        rows = [np.arange(max(row, head), row + length) - head for first, row, length in track.pieces]
+        head = track.head(min(track.count, self._capacity))
         taken = torch.arange(head, track.tail, device=self._device) % self._rows
         packed = self._memory[slot].index_select(0, taken).cpu().numpy()
-        starts = np.concatenate([np.zeros(0, np.int64), *rows])
-        own = packed[starts]
-        actions, rewards, terminated = own[:, self._o : -2], own[:, -2], own[:, -1] > 0
-        return ReplayContents(packed[:, : self._o].copy(), starts, actions.copy(), rewards.copy(), terminated)
-
-    def fill(self, slot: int, contents: ReplayContents) -> None:
-        """Give the run in `slot` the transitions of another memory's `contents`, and no others."""
-        self.clear(slot)
-        breaks = (np.diff(contents.rows) != 1).nonzero()[0] + 1
-        for numbers in np.split(np.arange(len(contents.rows)), breaks):
-            if len(numbers):
-                first = contents.rows[numbers[0]]
-                piece = contents.observations[first : first + len(numbers) + 1]
-                actions, rewards = contents.actions[numbers], contents.rewards[numbers]
-                self._append(slot, piece, actions, rewards, contents.terminated[numbers])
+        for _, row, length in track.pieces:
+            own = packed[max(row, head) - head : row + length + 1 - head]
+            yield own[:, : self._o], own[:-1, self._o : -2], own[:-1, -2], bool(own[-2, -1] > 0)
 
     def row(self, slot: int) -> StackedReplay:
         """Return the memory of the run in `slot` alone, to draw from, until it moves."""
@@ -198,23 +142,13 @@ class StackedReplay:
         if fits < len(values):
             memory[: len(values) - fits].copy_(values[fits:])
 
-    def _announce(self, slot: int) -> None:
-        count = self._tracks[slot].count
-        self.counts[slot].fill_(max(count, 1))
-        self.kept[slot].fill_(max(min(count, self._capacity), 1))
-
-    def _make_room(self, slot: int, length: int) -> None:
-        """Grow the memory if the newest transitions have too few rows with `length` more."""
-        track = self._tracks[slot]
-        needed = track.tail + length + 1 - track.head(max(0, self._capacity - length))
-        if needed > self._rows:
-            self._grow(max(needed, self._rows + self._rows // 4))
-
     def _grow(self, rows: int) -> None:
-        kept = [self.contents(slot) for slot in range(len(self._tracks))]
+        kept = [list(self.pieces(slot)) for slot in range(len(self._tracks))]
         width, _, size = self._memory.shape
         self._rows = rows
         self._memory = empty((width, rows, size), torch.float32, self._device)
-        for slot, contents in enumerate(kept):
-            self.fill(slot, contents)
+        for slot, pieces in enumerate(kept):
+            self.clear(slot)
+            for piece in pieces:
+                self.store(slot, *piece)
         self.moves += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -13,28 +13,31 @@ from numpy.typing import NDArray
 
 from tma_ray.students.base import update_key
 from tma_ray.students.cohort.learner import StackedLearner
-from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
+from tma_ray.students.cohort.ppo import PPONetworks, StackedPPO
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
 from tma_ray.students.players import CohortFullError, Membership, PlayerState
 from tma_ray.students.players.link import CohortSettings
 from tma_ray.students.ppo import PPO
 from tma_ray.students.sac import SAC
-from tma_ray.students.sb3.base import StableBaselinesStudent
-
-S = TypeVar("S", bound=StackedLearner)
-H = TypeVar("H", bound=StableBaselinesStudent[Any, Any])
 
 
-class Seat(ABC, Generic[S, H]):
+class Seat(ABC):
     """A slot of a stack, with the student that owns the run's networks whenever they are not in the stack.
 
     That student makes the initial weights, writes and reads the files: a run may move out of a cohort and
     into one.
+
+    Attributes:
+        stack: learner of the runs like this one.
+        slot: slot of the run in it.
+        student: student that would learn alone.
     """
 
-    student_type: type[H]
+    student_type: ClassVar[type[SAC | PPO]]
+    stack: StackedLearner
+    student: SAC | PPO
 
-    def __init__(self, membership: Membership, stack: S, slot: int) -> None:
+    def __init__(self, membership: Membership, stack: Any, slot: int) -> None:
         self.stack, self.slot = stack, slot
         self._key = update_key(membership.seed)
         self.student = self.student_type(
@@ -54,61 +57,47 @@ class Seat(ABC, Generic[S, H]):
     def _copy_back(self) -> None:
         """Copy the networks of the stack into the student."""
 
-    @abstractmethod
-    def _put(self, state: PlayerState) -> None:
-        """Give the player's half of the state to the student."""
-
-    @abstractmethod
-    def _player_state(self) -> dict[str, Any]:
-        """Return the player's half of the student's experience."""
-
-    def leave(self) -> None:
-        """Free the slot."""
-        self.stack.leave(self.slot)
-
     def weights(self) -> NDArray[np.float32]:
         """Return the parameters that the player acts with."""
         return _array(self.stack.actors([self.slot])[0])
 
-    def values(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the state values (n,) of `observations` (n, o)."""
-        self._copy_back()
-        return self.student.state_values(observations)
-
-    def reset(self) -> None:
-        """Replace networks, optimisers and stored experience by new ones."""
+    def reset(self) -> NDArray[np.float32]:
+        """Replace networks, optimisers and stored experience by new ones; return the weights."""
         self.student.reset()
         self._enter()
+        return self.weights()
 
     def save(self, folder: Path, state: PlayerState, incremental: bool) -> Callable[[], tuple[str, ...]]:
         """Return a function that writes the student's complete state, in any thread while the run waits."""
         self._copy_back()
-        self._put(state)
+        self.student.restore_experience(state.experience)
         for generator, saved in zip(self.student._generators[:2], state.generators[:2], strict=True):
             generator.bit_generator.state = saved
         return lambda: self.student.save(folder, incremental)
 
-    def read(self, folder: Path) -> None:
-        """Read the state in `folder`, in any thread; `take_over` follows."""
-        self.student.load(folder)
-
-    def take_over(self) -> PlayerState:
-        """Load the state that was read; return the player's half."""
+    def take_over(self) -> tuple[NDArray[np.float32], PlayerState]:
+        """Load the state that the student has read; return the weights and the player's half."""
         self._enter()
         generators = [dict(each.bit_generator.state) for each in self.student._generators]
-        return PlayerState(generators, self._player_state())
+        return self.weights(), PlayerState(generators, self.student.experience())
 
     def save_policy(self, folder: Path, state: PlayerState) -> None:
         """Write the greedy policy."""
         self._copy_back()
-        self._put(state)
+        self.student.restore_experience(state.experience)
         self.student.save_policy(folder)
 
+    def scalars(self) -> dict[str, float]:
+        """Return figures about the last update."""
+        return self.stack.figures(self.slot)
 
-class SACSeat(Seat[StackedSAC, SAC]):
+
+class SACSeat(Seat):
     """A run of SAC in a stack. The student keeps a copy of the replay, for checkpoints."""
 
     student_type = SAC
+    stack: StackedSAC
+    student: SAC
 
     def learn(self, experience: tuple[Any, ...], updates: int) -> None:  # noqa: D102
         self.student.replay.extend(*experience)
@@ -117,15 +106,12 @@ class SACSeat(Seat[StackedSAC, SAC]):
 
     def _enter(self) -> None:
         update = self.student.update
-        actor, critics = update.actor_adam.moments, update.critic_adam.moments
         networks = SACNetworks(
-            actor=_array(update.actor.values),
-            critics=_pair(update.critics.values),
-            targets=_pair(update.targets.values),
-            actor_mean=_array(actor[0]),
-            actor_square=_array(actor[1]),
-            critics_mean=_pair(critics[0]),
-            critics_square=_pair(critics[1]),
+            _array(update.actor.values),
+            _pair(update.critics.values),
+            _pair(update.targets.values),
+            *map(_array, update.actor_adam.moments),
+            *map(_pair, update.critic_adam.moments),
             step=update.actor_adam.steps,
             number=self.student.model._n_updates,
         )
@@ -149,28 +135,23 @@ class SACSeat(Seat[StackedSAC, SAC]):
         update.critic_adam.put(_flat(networks.critics_mean), _flat(networks.critics_square), networks.step)
         self.student.changed(networks.number)
 
-    def _put(self, state: PlayerState) -> None:
-        self.student.steps = state.experience["steps"]
 
-    def _player_state(self) -> dict[str, Any]:
-        return {"steps": self.student.steps}
-
-
-class PPOSeat(Seat[StackedPPO, PPO]):
+class PPOSeat(Seat):
     """A run of PPO in a stack. Statistics and the rollout are the player's."""
 
     student_type = PPO
+    stack: StackedPPO
+    student: PPO
 
     def learn(self, experience: tuple[Any, ...], updates: int) -> None:  # noqa: D102
         *columns, orders = experience
-        self.stack.store(self.slot, RolloutColumns(*columns), orders)
+        self.stack.store(self.slot, columns, orders)
         assert self.stack.owed[self.slot] == updates, "players and learners count the same updates"
 
     def _enter(self) -> None:
         update = self.student.update
-        mean, square = map(_array, update.adam.moments)
-        networks = PPONetworks(_array(update.flat.values), mean, square, update.adam.steps)
-        self.stack.join(self.slot, networks)
+        moments = map(_array, update.adam.moments)
+        self.stack.join(self.slot, PPONetworks(_array(update.flat.values), *moments, step=update.adam.steps))
 
     def _copy_back(self) -> None:
         update, networks = self.student.update, self.stack.networks(self.slot)
@@ -178,16 +159,6 @@ class PPOSeat(Seat[StackedPPO, PPO]):
         update.flat.values.copy_(_flat(networks.parameters))
         update.adam.put(_flat(networks.mean), _flat(networks.square), networks.step)
         self.student.changed(networks.step * hyper.batch_size // hyper.steps_per_update)
-
-    def _put(self, state: PlayerState) -> None:
-        self.student.normaliser = state.experience["normaliser"]
-        self.student.rollout.restore(state.experience["rollout"])
-        if state.experience["average"] is not None:
-            self.student.put_average(state.experience["average"])
-
-    def _player_state(self) -> dict[str, Any]:
-        state = {"normaliser": self.student.normaliser, "rollout": self.student.rollout.state()}
-        return state | {"average": self.student.average}
 
 
 def _array(values: torch.Tensor) -> NDArray[np.float32]:
@@ -203,13 +174,6 @@ def _flat(values: NDArray[np.floating]) -> torch.Tensor:
     return torch.from_numpy(values).reshape(-1)
 
 
-KINDS: dict[str, tuple[type[Any], type[Seat[Any, Any]]]] = {
-    "ppo": (StackedPPO, PPOSeat),
-    "sac": (StackedSAC, SACSeat),
-}
-"""Stacked learner, and the seats in it, by the student's name."""
-
-
 class Stacks:
     """The stacks of a learner. Runs share one if student, sizes and hyper-parameters are equal.
 
@@ -220,56 +184,46 @@ class Stacks:
 
     def __init__(self, settings: CohortSettings) -> None:
         self.settings = settings
-        self.stacks: list[Any] = []
-        self._by_kind: dict[Any, Any] = {}
+        self.stacks: list[StackedLearner] = []
+        self._by_kind: dict[Any, StackedLearner] = {}
         self._free: dict[int, list[int]] = {}
 
-    def seat(self, membership: Membership) -> Seat[Any, Any]:
+    def seat(self, membership: Membership) -> Seat:
         """Return a seat for a new player.
 
         Raises:
             CohortFullError: all slots of its stack are taken.
         """
-        stack_type, seat_type = KINDS[membership.student]
+        settings, hyper = self.settings, membership.hyperparameters
         sizes = membership.observation_space.shape[0], membership.action_space.shape[0]
-        kind = membership.student, sizes, membership.hyperparameters
+        kind = membership.student, sizes, hyper
         if kind not in self._by_kind:
-            self._drop_empty()
-            self._by_kind[kind] = self._new(stack_type, sizes, membership.hyperparameters)
+            # free the memory of stacks that nobody is in
+            for empty in [each for each in self.stacks if len(self._free[id(each)]) == settings.width]:
+                self.stacks.remove(empty)
+                del self._free[id(empty)]
+            self._by_kind = {own: each for own, each in self._by_kind.items() if each in self.stacks}
+            options: Any = {"device": torch.device(settings.device), "compiled": settings.compiled}
+            made: StackedLearner
+            if membership.student == "sac":
+                made = StackedSAC(sizes, hyper, settings.width, hyper.buffer_size, **options)
+            else:
+                made = StackedPPO(sizes, hyper, settings.width, **options)
+            self._by_kind[kind] = made
+            self.stacks.append(made)
+            self._free[id(made)] = list(range(settings.width))
         stack = self._by_kind[kind]
         free = self._free[id(stack)]
         if not free:
-            raise CohortFullError(f"all {self.settings.width} slots for {membership.student} are taken")
+            raise CohortFullError(f"all {settings.width} slots for {membership.student} are taken")
         slot = free.pop(0)
         try:
-            return seat_type(membership, stack, slot)
+            return (SACSeat if membership.student == "sac" else PPOSeat)(membership, stack, slot)
         except Exception:
             free.append(slot)
             raise
 
-    def leave(self, seat: Seat[Any, Any]) -> None:
+    def leave(self, seat: Seat) -> None:
         """Free the slot of `seat`."""
-        seat.leave()
+        seat.stack.leave(seat.slot)
         self._free[id(seat.stack)].append(seat.slot)
-
-    def _drop_empty(self) -> None:
-        """Free the memory of stacks that nobody is in: a stack of another kind is to be made."""
-        empty = [stack for stack in self.stacks if len(self._free[id(stack)]) == self.settings.width]
-        for stack in empty:
-            self.stacks.remove(stack)
-            del self._free[id(stack)]
-        self._by_kind = {kind: stack for kind, stack in self._by_kind.items() if stack in self.stacks}
-
-    def _new(self, stack_type: type[Any], sizes: tuple[int, int], hyperparameters: Any) -> Any:
-        settings = self.settings
-        stack = stack_type(
-            sizes,
-            hyperparameters,
-            settings.width,
-            *((hyperparameters.buffer_size,) if stack_type is StackedSAC else ()),
-            device=torch.device(settings.device),
-            compiled=settings.compiled,
-        )
-        self.stacks.append(stack)
-        self._free[id(stack)] = list(range(settings.width))
-        return stack

@@ -7,48 +7,17 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, Listener, Pipe, wait
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import torch
 
-from tma_ray.students.cohort.learner import StackedLearner
 from tma_ray.students.cohort.seats import Seat, Stacks
 from tma_ray.students.players import CohortFullError, Learner, Membership, PlayerState
 from tma_ray.students.players.link import CohortSettings, Mailbox
-
-T = TypeVar("T")
-
-
-class Delivery(NamedTuple, Generic[T]):
-    """A copy to the host that may still be under way.
-
-    Attributes:
-        receivers: receivers of the rows, in order.
-        rows: memory of the host (n, ...).
-        arrival: recorded after the copy on a GPU; None if it has arrived.
-    """
-
-    receivers: Sequence[T]
-    rows: torch.Tensor
-    arrival: torch.cuda.Event | None
-
-    @classmethod
-    def of(cls, receivers: Sequence[T], rows: torch.Tensor) -> Delivery[T]:
-        """Start to copy `rows` (n, ...) from their device."""
-        if rows.device.type != "cuda":
-            return cls(receivers, rows.to("cpu"), None)
-        memory = torch.empty(rows.shape, dtype=rows.dtype, pin_memory=True)
-        memory.copy_(rows, non_blocking=True)
-        return cls(receivers, memory, recorded())
-
-    @property
-    def arrived(self) -> bool:
-        """True if the rows may be read."""
-        return self.arrival is None or bool(self.arrival.query())  # type: ignore[no-untyped-call]
 
 
 def recorded() -> torch.cuda.Event:
@@ -58,66 +27,34 @@ def recorded() -> torch.cuda.Event:
     return event
 
 
-class Pace:
-    """Brake on a host that has asked a GPU for more than it has done.
+class Delivery(NamedTuple):
+    """A copy to the host that may still be under way.
 
-    Work that is asked for too early would keep what comes later waiting.
-
-    Args:
-        device: device of the work.
-        most: pieces of work that may be under way.
+    Attributes:
+        receivers: receivers of the rows, in order.
+        rows: memory of the host (n, ...).
+        arrival: recorded after the copy on a GPU; None if it has arrived.
     """
 
-    def __init__(self, device: torch.device, most: int) -> None:
-        self._waits, self._most = device.type == "cuda", most
-        self._events: deque[torch.cuda.Event] = deque()
+    receivers: Sequence[Connection]
+    rows: torch.Tensor
+    arrival: torch.cuda.Event | None
 
-    def keep(self) -> None:
-        """Mark the end of a piece of work, and wait while too many are under way."""
-        if not self._waits:
-            return
-        self._events.append(recorded())
-        if len(self._events) > self._most:
-            self._events.popleft().synchronize()
+    @classmethod
+    def of(cls, receivers: Sequence[Connection], rows: torch.Tensor) -> Delivery:
+        """Start to copy `rows` (n, ...) from their device."""
+        if rows.device.type != "cuda":
+            return cls(receivers, rows.to("cpu"), None)
+        memory = torch.empty(rows.shape, dtype=rows.dtype, pin_memory=True)
+        memory.copy_(rows, non_blocking=True)
+        return cls(receivers, memory, recorded())
 
 
 AT_ONCE = 2
 """Threads: checkpoints of so many runs are written or read at a time."""
 
-Conclusion = Callable[[Any], Any]
-"""Makes the reply of what was returned, in the learner's own thread."""
-
-
-class Aside:
-    """Threads that execute work, and keep its results for the thread that asked.
-
-    Args:
-        wake: called in a thread whenever work is done.
-    """
-
-    def __init__(self, wake: Callable[[], None]) -> None:
-        self._wake = wake
-        self._threads = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="files")
-        self._done: deque[tuple[Connection, Any, Conclusion]] = deque()
-
-    def start(self, connection: Connection, work: Callable[[], Any], then: Conclusion) -> None:
-        """Start work for a connection; `done` has what it returns, or the error that it raises."""
-
-        def execute() -> None:
-            try:
-                result = work()
-            except Exception as error:
-                result = error
-            self._done.append((connection, result, then))
-            self._wake()
-
-        self._threads.submit(execute)
-
-    def done(self) -> Iterator[tuple[Connection, Any, Conclusion]]:
-        """Yield what is done since the last call."""
-        while self._done:
-            yield self._done.popleft()
-
+UNDER_WAY = 2
+"""Pieces of work that a GPU may have been asked for: more would keep what comes later waiting."""
 
 MOST_AT_ONCE = 8
 """Updates between two looks at what players ask."""
@@ -143,8 +80,8 @@ class LearnerServer:
     def __init__(self, learner: Learner, settings: CohortSettings) -> None:
         torch.set_num_threads(settings.threads)
         self._stacks = Stacks(settings)
-        self._pace = Pace(torch.device(settings.device), most=2)
-        self._seats: dict[Connection, Seat[Any, Any]] = {}
+        self._work: deque[torch.cuda.Event] = deque()
+        self._seats: dict[Connection, Seat] = {}
         self._mailboxes: dict[Connection, Mailbox] = {}
         self._learning: dict[tuple[int, int], Connection] = {}
         self._deliveries: list[Delivery[Connection]] = []
@@ -152,7 +89,8 @@ class LearnerServer:
         self._arrivals, self._inbox = Pipe(duplex=False)
         self._connections: list[Connection] = [self._arrivals]
         self._new: deque[Connection] = deque()
-        self._files = Aside(lambda: self._inbox.send(None))
+        self._threads = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="files")
+        self._done: deque[tuple[Connection, Future[Any], Callable[[Any], Any]]] = deque()
         threading.Thread(target=self._accept, daemon=True).start()
         self.account = dict.fromkeys(("asking for updates", "requests", "deliveries", "waiting"), 0.0)
         self.turned_at = time.monotonic()
@@ -173,7 +111,8 @@ class LearnerServer:
         while not should_stop():
             self.turned_at = time.monotonic()
             with self._clock("waiting"):
-                ready = wait(self._connections, timeout=self._patience(poll_seconds))
+                patience = 0.0 if self._learning else DELIVERY_SECONDS if self._deliveries else poll_seconds
+                ready = wait(self._connections, timeout=patience)
             with self._clock("requests"):
                 for connection in ready:
                     self._handle(connection)
@@ -181,12 +120,6 @@ class LearnerServer:
                 self._update()
             with self._clock("deliveries"):
                 self._deliver()
-
-    def _patience(self, poll_seconds: float) -> float:
-        """Return the time to wait for requests, s: none while updates are due."""
-        if self._learning:
-            return 0.0
-        return DELIVERY_SECONDS if self._deliveries else poll_seconds
 
     @contextmanager
     def _clock(self, part: str) -> Iterator[None]:
@@ -209,16 +142,26 @@ class LearnerServer:
             self._arrivals.recv()
             while self._new:
                 self._connections.append(self._new.popleft())
-            for done in self._files.done():
-                self._conclude(*done)
+            while self._done:
+                asked, work, reply_of = self._done.popleft()
+                if asked in self._seats:  # else who asked has gone
+                    self._answer(asked, lambda work=work, reply_of=reply_of: reply_of(work.result()))
             return
         try:
             request, *arguments = connection.recv()
         except (EOFError, OSError):
             self._dismiss(connection)
             return
+        own = getattr(self, f"_{request}_for", None)
+        if own is None:
+            self._answer(connection, lambda: getattr(self._seats[connection], request)(*arguments))
+        else:
+            self._answer(connection, lambda: own(connection, *arguments))
+
+    def _answer(self, connection: Connection, make: Callable[[], Any]) -> None:
+        """Send what `make` returns, or the error that it raises."""
         try:
-            reply = getattr(self, f"_{request}_for")(connection, *arguments)
+            reply = make()
         except (MemoryError, torch.OutOfMemoryError):
             raise  # nothing of it is to be trusted, for none of the players
         except CohortFullError as error:
@@ -229,19 +172,15 @@ class LearnerServer:
             if reply is not _LATER:
                 self._send(connection, (True, reply))
 
-    def _conclude(self, connection: Connection, result: Any, then: Callable[[Any], Any]) -> None:
-        """Answer a request whose files are written or read, unless who made it has gone."""
-        if connection not in self._seats:
-            return
-        try:
-            if isinstance(result, Exception):
-                raise result
-            reply = True, then(result)
-        except (MemoryError, torch.OutOfMemoryError):
-            raise
-        except Exception:
-            reply = False, traceback.format_exc()
-        self._send(connection, reply)
+    def _aside(self, connection: Connection, work: Callable[[], Any], then: Callable[[Any], Any]) -> Any:
+        """Have files written or read in a thread; `then` makes the reply of the result, in this thread."""
+
+        def done(future: Future[Any]) -> None:
+            self._done.append((connection, future, then))
+            self._inbox.send(None)
+
+        self._threads.submit(work).add_done_callback(done)
+        return _LATER
 
     def _send(self, connection: Connection, message: tuple[bool, Any]) -> None:
         try:
@@ -267,9 +206,10 @@ class LearnerServer:
     def _update(self) -> None:
         """Make some of the updates that are due, and start to copy the weights of runs without any left."""
         for stack in self._stacks.stacks:
-            slots = self._turn(stack)
-            if not slots:
+            due = [slot for number, slot in self._learning if number == id(stack)]
+            if not due:
                 continue
+            slots = due if stack.together else due[:1]  # the longest wait
             count = min(MOST_AT_ONCE, int(stack.owed[slots].min()))
             stack.advance(count, slots)
             self.account["stacked updates"] += count
@@ -278,17 +218,15 @@ class LearnerServer:
             if finished:
                 receivers = [self._learning.pop((id(stack), slot)) for slot in finished]
                 self._deliveries.append(Delivery.of(receivers, stack.actors(finished)))
-            self._pace.keep()
-
-    def _turn(self, stack: StackedLearner) -> list[int]:
-        """Return the slots whose runs are updated next: all with updates due, or the longest wait."""
-        owing = [slot for number, slot in self._learning if number == id(stack)]
-        return owing if stack.together else owing[:1]
+            if self._stacks.settings.device.startswith("cuda"):
+                self._work.append(recorded())
+                if len(self._work) > UNDER_WAY:
+                    self._work.popleft().synchronize()
 
     def _deliver(self) -> None:
         under_way, self._deliveries = self._deliveries, []
         for delivery in under_way:
-            if not delivery.arrived:
+            if delivery.arrival is not None and not delivery.arrival.query():  # type: ignore[no-untyped-call]
                 self._deliveries.append(delivery)
                 continue
             for connection, weights in zip(delivery.receivers, delivery.rows.numpy(), strict=True):
@@ -312,30 +250,13 @@ class LearnerServer:
         self._learning[id(seat.stack), seat.slot] = connection
         return _LATER
 
-    def _values_for(self, connection: Connection, observations: Any) -> Any:
-        return self._seats[connection].values(observations)
-
-    def _reset_for(self, connection: Connection) -> Any:
-        self._seats[connection].reset()
-        return self._seats[connection].weights()
-
     def _save_for(self, connection: Connection, folder: Path, state: PlayerState, incremental: bool) -> Any:
         write = self._seats[connection].save(folder, state, incremental)
-        self._files.start(connection, write, lambda unchanged: unchanged)
-        return _LATER
+        return self._aside(connection, write, lambda unchanged: unchanged)
 
     def _load_for(self, connection: Connection, folder: Path) -> Any:
         seat = self._seats[connection]
-
-        def taken_over(_: Any) -> Any:
-            state = seat.take_over()
-            return seat.weights(), state
-
-        self._files.start(connection, lambda: seat.read(folder), taken_over)
-        return _LATER
-
-    def _save_policy_for(self, connection: Connection, folder: Path, state: PlayerState) -> Any:
-        return self._seats[connection].save_policy(folder, state)
+        return self._aside(connection, lambda: seat.student.load(folder), lambda _: seat.take_over())
 
     def _hardware_for(self, _: Connection) -> Any:
         settings = self._stacks.settings
@@ -347,7 +268,3 @@ class LearnerServer:
 
     def _account_for(self, _: Connection) -> Any:
         return dict(self.account)
-
-    def _scalars_for(self, connection: Connection) -> Any:
-        seat = self._seats[connection]
-        return seat.stack.figures(seat.slot)

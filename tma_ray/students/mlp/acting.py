@@ -116,32 +116,41 @@ def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outp
 class ArrayNetwork:
     """A copy of a network's parameters that acts without torch: on one observation or on several.
 
+    Args:
+        layout: layout of the network, whose first outputs are the mean actions.
+        action_size: number of means a.
+
     Attributes:
         row: for one observation.
     """
 
-    def __init__(self, layout: Layout) -> None:
-        self._layout = layout
+    def __init__(self, layout: Layout, action_size: int) -> None:
+        self.layout, self._action_size = layout, action_size
         self._layers: list[tuple[FloatArray, FloatArray]] = []
         self.row = RowNetwork(layout)
 
     def load(self, parameters: FloatArray) -> None:
         """Load `parameters` (p,), which nobody changes afterwards."""
-        parts = np.split(parameters, np.cumsum(self._layout.lengths)[:-1])
-        weights = [part.reshape(shape) for part, shape in zip(parts[::2], self._layout.shapes, strict=True)]
+        parts = np.split(parameters, np.cumsum(self.layout.lengths)[:-1])
+        weights = [part.reshape(shape) for part, shape in zip(parts[::2], self.layout.shapes, strict=True)]
         self._layers = list(zip(weights, parts[1::2], strict=True))
         self.row.load(parameters)
 
-    def __call__(self, inputs: FloatArray) -> FloatArray:
-        """Return the outputs (n, h) for `inputs` (n, i)."""
-        if len(inputs) == 1:
-            return self.row(inputs[0])[None]
-        values = inputs
+    def __call__(self, observations: FloatArray, squash: bool) -> FloatArray:
+        """Return the mean actions (n, a) of `observations` (n, o), or their tangent hyperbolic."""
+        means = self.outputs(observations)[:, : self._action_size]
+        return np.tanh(means) if squash else means
+
+    def outputs(self, observations: FloatArray) -> FloatArray:
+        """Return all outputs (n, h) for `observations` (n, o)."""
+        if len(observations) == 1:
+            return self.row(observations[0])[None]
+        values = observations
         for index, (weight, bias) in enumerate(self._layers):
             values = values @ weight.T
             values += bias
             if index < len(self._layers) - 1:
-                if self._layout.activation is Activation.TANH:
+                if self.layout.activation is Activation.TANH:
                     np.tanh(values, out=values)
                 else:
                     np.maximum(values, 0, out=values)

@@ -22,18 +22,6 @@ class Activation(StrEnum):
     TANH = "tanh"
 
 
-class Shape(NamedTuple):
-    """Size of one linear layer.
-
-    Attributes:
-        outputs: units of the layer.
-        inputs: units of what it is applied to.
-    """
-
-    outputs: int
-    inputs: int
-
-
 class Layout(NamedTuple):
     """Sizes of linear layers with an activation after each but the last; their parameters are a vector (p,).
 
@@ -49,9 +37,9 @@ class Layout(NamedTuple):
     activation: Activation = Activation.RELU
 
     @property
-    def shapes(self) -> list[Shape]:
-        """Sizes of the layers in order."""
-        return [Shape(outputs, inputs) for inputs, outputs in itertools.pairwise(self.sizes)]
+    def shapes(self) -> list[tuple[int, int]]:
+        """Outputs and inputs of each layer, in order."""
+        return [(outputs, inputs) for inputs, outputs in itertools.pairwise(self.sizes)]
 
     @property
     def lengths(self) -> list[int]:

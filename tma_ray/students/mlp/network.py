@@ -36,13 +36,7 @@ def activations(
 ) -> list[torch.Tensor]:
     """Return the inputs of every layer, and at the end the outputs of the last: (n, ...) or (k, n, ...).
 
-    Differentiable by autograd, if without `buffers`.
-
-    Args:
-        layers: layers of one network or of k.
-        inputs: values (n, i), or of k networks (k, n, i).
-        activation: function after each layer but the last.
-        buffers: memory for hidden layers' outputs; by default new memory.
+    Differentiable by autograd, if without `buffers`: memory for the outputs of hidden layers.
     """
     values = [inputs]
     for index, (weight, bias) in enumerate(layers):
@@ -81,7 +75,6 @@ class Network:
 
     Attributes:
         parameters: the parameters, as a leaf of autograd.
-        gradient: the memory for their gradient.
         layers: weights and biases, as views of the parameters without a gradient.
         layer_gradients: gradients of weights and biases, as views of `gradient`.
     """
@@ -105,11 +98,7 @@ class Network:
         )
 
     def backpropagate(self, kept: Sequence[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
-        """Write the parameters' gradient.
-
-        Args:
-            kept: the inputs of every layer in the last forward pass.
-            gradient: gradient of the loss by the outputs (n, h).
+        """Write the parameters' gradient, given that by the outputs (n, h) and every layer's inputs `kept`.
 
         Returns:
             The loss's gradient by the first layer's outputs (n, h), which the next pass overwrites.
@@ -173,11 +162,7 @@ def input_gradient(
 ) -> torch.Tensor:
     """Return the loss's gradient by a network's inputs (n, i), computed for the rows that have one.
 
-    Args:
-        layers: layers of one network.
-        kept: the inputs of every layer (n, ...).
-        gradient: gradient of the loss by the outputs (n, h).
-        activation: function after each layer but the last.
+    `kept` are the inputs of every layer (n, ...), `gradient` is that by the outputs (n, h).
     """
     result = torch.zeros_like(kept[0])
     rows = gradient.any(dim=1).nonzero()[:, 0]
@@ -253,7 +238,9 @@ class FlatParameters:
         for parameter, view in zip(self.parameters, self.views(self.values), strict=True):
             parameter.data = view
         self.networks, start = [], 0
-        for layout in (_layout(blocks, activation) for blocks in networks):
+        for blocks in networks:
+            units = [sum(layer.out_features for layer in block) for block in blocks]
+            layout = Layout((blocks[0][0].in_features, *units), activation)
             part = slice(start, start + layout.parameters)
             self.networks.append(Network(self.values[part], layout, self.gradient[part]))
             start = part.stop
@@ -276,10 +263,7 @@ class FlatParameters:
     ) -> None:
         """Write the gradient of a loss of one network that was differentiated by hand.
 
-        Args:
-            kept: activations of the network in the forward pass.
-            gradient: gradient of the loss by the outputs (n, h).
-            others: gradient of the loss by each of `others`.
+        That is its gradient by the outputs (n, h) and by each of `others`; `kept` are the activations.
         """
         (network,) = self.networks
         network.backpropagate(kept, gradient)
@@ -300,11 +284,6 @@ def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
     return modules[:-1]
 
 
-def _layout(blocks: Blocks, activation: Activation) -> Layout:
-    outputs = [sum(layer.out_features for layer in block) for block in blocks]
-    return Layout((blocks[0][0].in_features, *outputs), activation)
-
-
 class FlatAdam:
     """Adam over the vector `flat` that keeps the state of `optimiser`, which is saved and loaded as before.
 
@@ -321,7 +300,14 @@ class FlatAdam:
         flat.values.grad = flat.gradient
         settings = {key: group[key] for key in ("lr", "betas", "eps", "weight_decay")}
         self._adam = torch.optim.Adam([flat.values], fused=True, **settings)
-        self.restore()
+        self._mean, self._square = torch.zeros_like(flat.values), torch.zeros_like(flat.values)
+        # one step count per parameter, as Adam has it, each with its own place in memory
+        self._steps = torch.zeros(len(flat.parameters), dtype=torch.float32)
+        loaded = optimiser.state
+        if loaded:
+            for name, buffer in (("exp_avg", self._mean), ("exp_avg_sq", self._square)):
+                torch.cat([loaded[own][name].reshape(-1) for own in flat.parameters], out=buffer)
+            self._share(float(loaded[flat.parameters[0]]["step"]))
 
     def step(self) -> None:
         """Move the parameters against `flat.gradient`."""
@@ -348,18 +334,6 @@ class FlatAdam:
             self._share(float(steps))
         else:
             self._optimiser.state.clear()
-
-    def restore(self) -> None:
-        """Read the optimiser's state after it was loaded."""
-        self._mean, self._square = (torch.zeros_like(self._flat.values) for _ in range(2))
-        # one step count per parameter, as Adam has it, each with its own place in memory
-        self._steps = torch.zeros(len(self._flat.parameters), dtype=torch.float32)
-        loaded = self._optimiser.state
-        if loaded:
-            for name, buffer in (("exp_avg", self._mean), ("exp_avg_sq", self._square)):
-                parts = [loaded[own][name].reshape(-1) for own in self._flat.parameters]
-                torch.cat(parts, out=buffer)
-            self._share(float(loaded[self._flat.parameters[0]]["step"]))
 
     def _share(self, steps: float) -> None:
         """Make the optimiser's state views of the buffers that `step` writes."""

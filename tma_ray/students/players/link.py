@@ -5,18 +5,17 @@ from __future__ import annotations
 import mmap
 import os
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from dataclasses import dataclass, field
 from multiprocessing.connection import Client, Connection
 from multiprocessing.reduction import recv_handle, send_handle
-from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from tma_ray.arguments import check_fields, check_whole
-from tma_ray.students.base import Observations
 
 ALIGNMENT = 64
 """Of arrays in the memory, bytes."""
@@ -140,7 +139,7 @@ class Membership(NamedTuple):
         student: name in the student registry.
         observation_space: a one-dimensional box.
         action_space: a bounded one-dimensional box.
-        hyperparameters: hyperparameters of the student.
+        hyperparameters: hyper-parameters of the student.
         seed: source of all the student's randomness.
     """
 
@@ -163,52 +162,14 @@ class PlayerState(NamedTuple):
     experience: dict[str, Any]
 
 
-class LearnerLink(Protocol):
-    """The learning half of a student, in this process or another.
-
-    Every call returns when it is done.
-
-    Raises:
-        LearnerError: the learner refuses any of the calls, or fails.
-        LearnerLostError: the learner is gone, at any of the calls.
-    """
-
-    def join(self, membership: Membership) -> Weights:
-        """Take a slot of the cohort; return the initial weights."""
-
-    def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:
-        """Hand over experience and make the updates that are due.
-
-        Returns:
-            The new weights; None without updates.
-        """
-
-    def values(self, observations: Observations) -> NDArray[np.float64]:
-        """Return the state values (n,) of `observations` (n, o)."""
-
-    def reset(self) -> Weights:
-        """Replace networks, optimisers and stored experience by new ones; return the weights."""
-
-    def save(self, folder: Path, state: PlayerState, incremental: bool) -> tuple[str, ...]:
-        """Write the student's complete state, as `Student.save`; return the files left out."""
-
-    def load(self, folder: Path) -> tuple[Weights, PlayerState]:
-        """Load the state in `folder`; return the weights and the player's half."""
-
-    def save_policy(self, folder: Path, state: PlayerState) -> None:
-        """Write the greedy policy, as `Student.save_policy`."""
-
-    def scalars(self) -> dict[str, float]:
-        """Return figures about the last update."""
-
-
 def account(learner: Learner) -> dict[str, float]:
     """Return the time of each part of the learner's work, s, and numbers of updates.
 
     Raises:
         LearnerLostError: it does not answer.
     """
-    parts: dict[str, float] = _asked(learner, "account")
+    with closing(LearnerLink(learner)) as link:
+        parts: dict[str, float] = link.ask("account")
     return parts
 
 
@@ -218,26 +179,20 @@ def hardware(learner: Learner) -> dict[str, Any]:
     Raises:
         LearnerLostError: it does not answer.
     """
-    entries: dict[str, Any] = _asked(learner, "hardware")
+    with closing(LearnerLink(learner)) as link:
+        entries: dict[str, Any] = link.ask("hardware")
     return entries
 
 
-def _asked(learner: Learner, request: str) -> Any:
-    """Return the reply of `learner` to somebody who does not join its cohort."""
-    link = SocketLink(learner)
-    try:
-        return link._call(request)
-    finally:
-        link.close()
+class LearnerLink:
+    """The learning half of a student, over a socket of this machine.
 
-
-class SocketLink:
-    """A `LearnerLink` over a socket of this machine; leaves the cohort when it is closed or its process ends.
-
-    Experience and weights are in memory that both sides share, where the system has such memory.
+    It leaves the cohort when it is closed or its process ends. Experience and weights are in memory that both
+    sides share, where the system has such memory. Every call returns when it is done.
 
     Raises:
-        LearnerLostError: nothing listens there.
+        LearnerError: the learner refuses any of the calls, or fails.
+        LearnerLostError: nothing listens there, or the learner is gone, at any of the calls.
     """
 
     def __init__(self, learner: Learner) -> None:
@@ -255,55 +210,44 @@ class SocketLink:
             self._mailbox.close()
             self._mailbox = None
 
-    def join(self, membership: Membership) -> Weights:  # noqa: D102
-        weights: Weights = self._call("join", membership)
+    def join(self, membership: Membership) -> Weights:
+        """Take a slot of the cohort; return the initial weights."""
+        weights: Weights = self.ask("join", membership)
         self._weights_size = room_for([weights])
         return weights
 
-    def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:  # noqa: D102
+    def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:
+        """Hand over experience and make the updates that are due.
+
+        Returns:
+            The new weights; None without updates.
+        """
         weights: Weights | None
         if not can_share():
-            weights = self._call("learn", experience, updates)
+            weights = self.ask("learn", experience, updates)
             return weights
-        mailbox = self._mailbox_for(max(room_for(experience), self._weights_size))
-        reply = self._call("learn", mailbox.post(experience), updates)
-        (weights,) = mailbox.collect((reply,))
-        return weights
-
-    def _mailbox_for(self, size: int) -> Mailbox:
-        """Return the mailbox, or a larger one in its place that the learner is given, too."""
+        size = max(room_for(experience), self._weights_size)
         if self._mailbox is None or self._mailbox.size < size:
             if self._mailbox is not None:
                 self._mailbox.close()
             self._mailbox = Mailbox.create(size + size // 2)
-            self._call("share", self._mailbox.size, follows=self._mailbox.offer)
-        return self._mailbox
-
-    def values(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102
-        values: NDArray[np.float64] = self._call("values", observations)
-        return values
-
-    def reset(self) -> Weights:  # noqa: D102
-        weights: Weights = self._call("reset")
+            self.ask("share", self._mailbox.size, follows=self._mailbox.offer)
+        reply = self.ask("learn", self._mailbox.post(experience), updates)
+        (weights,) = self._mailbox.collect((reply,))
         return weights
 
-    def save(self, folder: Path, state: PlayerState, incremental: bool) -> tuple[str, ...]:  # noqa: D102
-        unchanged: tuple[str, ...] = self._call("save", folder, state, incremental)
-        return unchanged
+    def ask(self, request: str, *arguments: Any, follows: Callable[[Any], None] = lambda _: None) -> Any:
+        """Return the reply to a request, after which `follows` may send more over the connection.
 
-    def load(self, folder: Path) -> tuple[Weights, PlayerState]:  # noqa: D102
-        loaded: tuple[Weights, PlayerState] = self._call("load", folder)
-        return loaded
+        Further requests of a player, with their arguments and replies, are
 
-    def save_policy(self, folder: Path, state: PlayerState) -> None:  # noqa: D102
-        self._call("save_policy", folder, state)
-
-    def scalars(self) -> dict[str, float]:  # noqa: D102
-        figures: dict[str, float] = self._call("scalars")
-        return figures
-
-    def _call(self, request: str, *arguments: Any, follows: Callable[[Any], None] = lambda _: None) -> Any:
-        """Return the reply to a request, after which `follows` may send more over the connection."""
+        - ``values``, observations (n, o): state values (n,);
+        - ``reset``: the weights of new networks;
+        - ``save``, folder, `PlayerState`, whether it is incremental: names of the files left out;
+        - ``load``, folder: weights and `PlayerState`;
+        - ``save_policy``, folder, `PlayerState`: None;
+        - ``scalars``: figures about the last update.
+        """
         try:
             self._connection.send((request, *arguments))
             follows(self._connection)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,8 @@ from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.mlp.acting import ArrayNetwork, FloatArray, RowArrays, apply_row
-from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.normaliser import Normaliser, first_normaliser, scaled
-from tma_ray.students.players.base import Player
+from tma_ray.students.players.base import ActingNetwork, ActingStudent, Player
 from tma_ray.students.players.link import Weights
 
 if TYPE_CHECKING:
@@ -49,26 +49,11 @@ def exploring_step(
     observation: Observations,
     noise: FloatArray,
 ) -> Step:
-    """Return the action for an observation, and what learning from it needs.
+    """Return the action for `observation` (o,) with standard normal `noise` (a,), and what learning needs.
 
-    Args:
-        network: network whose outputs are means and value.
-        policy: log deviation of the actions (a,), bounds of the action space (2, a).
-        normaliser: normaliser of observations.
-        observation: not normalised (o,).
-        noise: standard normal (a,).
+    `network` gives means and value; `policy` is the log deviation (a,), and the bounds of actions (2, a).
     """
     return Step(*_act(network, policy, normaliser.statistics, observation, noise))
-
-
-def sampled_actions(
-    means: FloatArray, policy: tuple[FloatArray, FloatArray], rng: np.random.Generator
-) -> Actions:
-    """Return actions (n, a) drawn around `means` (n, a) with noise of `rng`; `policy` as above."""
-    log_deviation, (low, high) = policy
-    sampled = means + np.exp(log_deviation) * rng.standard_normal(means.shape, dtype=np.float32)
-    actions: Actions = np.minimum(np.maximum(sampled, low), high)
-    return actions
 
 
 @kernel
@@ -91,10 +76,6 @@ def _act(
         action[k] = min(max(sampled[k], bounds[0, k]), bounds[1, k])
         log_probability -= 0.5 * noise[k] * noise[k] + log_deviation[k] + 0.5 * math.log(2 * math.pi)
     return normalised, sampled, action, (outputs[len(noise)], log_probability)
-
-
-Judgement: TypeAlias = tuple[float, float]
-"""What the networks say of a step: value of its observation, log probability of its action."""
 
 
 class Rollout:
@@ -147,16 +128,12 @@ class Rollout:
         action: Actions,
         reward: float,
         ended: bool,
-        judged: Judgement,
+        judged: tuple[float, float],
     ) -> None:
-        """Append a step.
+        """Append a step, which is the last of its episode if that `ended`, by itself or by a time limit.
 
-        Args:
-            observation: observation as normalised for the networks (o,).
-            action: sampled action, not clipped to the action space (a,).
-            reward: normalised reward, with the value of what a time limit cut off.
-            ended: True if the episode ended with this step, by itself or by a time limit.
-            judged: value of the observation, in normalised reward, and log probability of the action.
+        Observation (o,) and reward are normalised, the latter with the value of what a time limit cut off;
+        the action (a,) is not clipped. `judged` is the observation's value and the action's log probability.
         """
         index = self._size
         self.observations[index] = observation
@@ -169,10 +146,7 @@ class Rollout:
     def finish(self, last_value: float, gamma: float, gae_lambda: float) -> None:
         """Compute returns and advantages (generalised advantage estimation, arXiv:1506.02438).
 
-        Args:
-            last_value: value of the observation after the last step.
-            gamma: discount factor.
-            gae_lambda: lambda of the estimator.
+        `last_value` is that of the observation after the last step.
         """
         goes_on = 1 - self.ended.astype(np.float32)
         next_values = np.append(self.values[1:], np.float32(last_value))
@@ -226,48 +200,40 @@ def _discounted_sums(
 _STORED = ("observations", "actions", "rewards", "ended", "values", "log_probabilities")
 
 
-class PPOPlayer(Player):
-    """Player of `tma_ray.students.ppo.PPO`, which hands over whole rollouts in the order of updates."""
+class PPOActing(ActingStudent):
+    """What PPO does besides learning: it normalises, acts, and keeps the steps of a rollout."""
 
     algorithm_version = PPOHyperparameters.algorithm_version
     hyperparameters_type = PPOHyperparameters
+    hyperparameters: PPOHyperparameters
+    device: torch.device | None = None
 
-    def _layout(self, observation: int, action: int) -> Layout:
-        layout: Layout = self.hyperparameters.layout(observation, action)
-        return layout
+    _greedy: ActingNetwork
+    _policy: tuple[FloatArray, FloatArray]
 
     def _start(self) -> None:
-        hyper, size = self.hyperparameters, self._observation_size
+        hyper, size = self.hyperparameters, self.observation_space.shape[0]
         self.normaliser = first_normaliser(hyper, size)
-        self._rollout = Rollout(hyper.steps_per_update, size, self._low.size, self._batches)
+        self.rollout = Rollout(hyper.steps_per_update, size, self._low.size, self._batches, self.device)
         self._episode_starts = True
-        self._average: FloatArray | None = None
-        self._greedy = self._network
-        if hyper.averaged_steps:
-            self._greedy = ArrayNetwork(self._layout(size, self._low.size))
 
-    def _take_over(self, weights: Weights) -> None:
-        """Load the network's parameters and, after them, the log deviation (a,)."""
-        count = self._low.size
-        own = weights[:-count]
-        self._network.load(own)
-        if self.hyperparameters.averaged_steps:
-            before = own if self._average is None else self._average
-            self._put_average(before + np.float32(self.hyperparameters.averaging) * (own - before))
-        self._policy = weights[-count:].copy(), np.stack([self._low, self._high])
+    @abstractmethod
+    def _finish_rollout(self, next_observation: Observations) -> None:
+        """Learn from the rollout, which is full, and clear it."""
 
-    def _put_average(self, average: FloatArray) -> None:
-        self._average = average
-        self._greedy.load(average)
+    @property
+    @abstractmethod
+    def average(self) -> FloatArray | None:
+        """The average of the network's parameters (p,), None where `averaged_steps` is 0."""
 
-    def _forget(self) -> None:
-        self._average = None
-        self._rollout.clear()
+    @abstractmethod
+    def put_average(self, average: FloatArray) -> None:
+        """Evaluate with an `average` (p,)."""
 
     def act(self, observation: Observations) -> Actions:  # noqa: D102
         if self._episode_starts:
             self.normaliser.update(observation)
-        network = self._network.row.arrays
+        network = self._acting.row.arrays
         self._step = exploring_step(network, self._policy, self.normaliser, observation, self._noise())
         return self._step.action
 
@@ -275,47 +241,86 @@ class PPOPlayer(Player):
         ended = transition.terminated or transition.truncated
         reward = self.normaliser.count_in(transition, self._value)
         step = self._step
-        self._rollout.add(step.observation, step.sampled, reward, ended, step.judged)
+        self.rollout.add(step.observation, step.sampled, reward, ended, step.judged)
         self._episode_starts = ended
-        if self._rollout.is_full:
-            self._hand_over(transition.next_observation)
+        if self.rollout.is_full:
+            self._finish_rollout(transition.next_observation)
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
-        means = self._greedy(self.normaliser.normalise(observations))[:, :-1]
+        means = self._greedy(self.normaliser.normalise(observations), squash=False)
         clipped: Actions = np.minimum(np.maximum(means, self._low), self._high)
         return clipped
 
     def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
-        means = self._network(self.normaliser.normalise(observations))[:, :-1]
-        return sampled_actions(means, self._policy, rng)
-
-    def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Return V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards."""
-        values = self._network(self.normaliser.normalise(observations))[:, -1].astype(np.float64)
-        scaled: NDArray[np.float64] = values * self.normaliser.reward_scale
-        return scaled
+        means = self._acting(self.normaliser.normalise(observations), squash=False)
+        log_deviation, (low, high) = self._policy
+        sampled = means + np.exp(log_deviation) * rng.standard_normal(means.shape, dtype=np.float32)
+        actions: Actions = np.minimum(np.maximum(sampled, low), high)
+        return actions
 
     def _value(self, observation: Observations) -> float:
         """Return the value of one observation (o,), in normalised reward."""
-        return float(self._network.row(self.normaliser.normalise(observation))[-1])
+        return float(self._acting.row(self.normaliser.normalise(observation))[-1])
 
-    def _hand_over(self, next_observation: Observations) -> None:
+    def experience(self) -> dict[str, Any]:
+        """Return statistics and the steps of the rollout, as a player has them in a saved state."""
+        return {"normaliser": self.normaliser, "rollout": self.rollout.state(), "average": self.average}
+
+    def restore_experience(self, experience: dict[str, Any]) -> None:
+        """Load what `experience` returned, at the end of an episode."""
+        self.normaliser = experience["normaliser"]
+        self.rollout.restore(experience["rollout"])
+        if experience["average"] is not None:
+            self.put_average(experience["average"])
+        self._episode_starts = True
+
+
+class PPOPlayer(PPOActing, Player):
+    """Player of `tma_ray.students.ppo.PPO`, which hands over whole rollouts in the order of updates."""
+
+    _greedy: ArrayNetwork
+
+    def _start(self) -> None:
+        super()._start()
+        self._average: FloatArray | None = None
+        self._greedy = self._acting
+        if self.hyperparameters.averaged_steps:
+            self._greedy = ArrayNetwork(self._acting.layout, self._low.size)
+
+    def _take_over(self, weights: Weights) -> None:
+        """Load the network's parameters and, after them, the log deviation (a,)."""
+        count = self._low.size
+        own = weights[:-count]
+        self._acting.load(own)
+        if self.hyperparameters.averaged_steps:
+            before = own if self._average is None else self._average
+            self.put_average(before + np.float32(self.hyperparameters.averaging) * (own - before))
+        self._policy = weights[-count:].copy(), np.stack([self._low, self._high])
+
+    @property
+    def average(self) -> FloatArray | None:  # noqa: D102
+        return self._average
+
+    def put_average(self, average: FloatArray) -> None:  # noqa: D102
+        self._average = average
+        self._greedy.load(average)
+
+    def _forget(self) -> None:
+        self._average = None
+        self.rollout.clear()
+
+    def state_values(self, observations: Observations) -> NDArray[np.float64]:
+        """Return V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards."""
+        outputs = self._acting.outputs(self.normaliser.normalise(observations))
+        values: NDArray[np.float64] = outputs[:, -1].astype(np.float64) * self.normaliser.reward_scale
+        return values
+
+    def _finish_rollout(self, next_observation: Observations) -> None:
         hyper = self.hyperparameters
-        self._rollout.finish(self._value(next_observation), self.gamma, hyper.gae_lambda)
-        orders = np.stack([self._rollout.shuffled() for _ in range(hyper.epochs)])
+        self.rollout.finish(self._value(next_observation), self.gamma, hyper.gae_lambda)
+        orders = np.stack([self.rollout.shuffled() for _ in range(hyper.epochs)])
         updates = hyper.epochs * (hyper.steps_per_update // hyper.batch_size)
-        weights = self._link.learn((*self._rollout.columns(), orders), updates)
+        weights = self._link.learn((*self.rollout.columns(), orders), updates)
         assert weights is not None, "a rollout is followed by updates"
         self._take_over(weights)
-        self._rollout.clear()
-
-    def _experience(self) -> dict[str, Any]:
-        state = {"normaliser": self.normaliser, "rollout": self._rollout.state()}
-        return state | {"average": self._average}
-
-    def _restore_experience(self, experience: dict[str, Any]) -> None:
-        self.normaliser = experience["normaliser"]
-        self._rollout.restore(experience["rollout"])
-        if experience["average"] is not None:
-            self._put_average(experience["average"])
-        self._episode_starts = True  # states are saved at the end of an episode
+        self.rollout.clear()

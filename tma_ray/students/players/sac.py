@@ -12,8 +12,7 @@ from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import LogStd, SACHyperparameters, UpdateSchedule
 from tma_ray.students.mlp.acting import FloatArray, RowArrays, apply_row
-from tma_ray.students.mlp.layout import Layout
-from tma_ray.students.players.base import Player
+from tma_ray.students.players.base import ActingStudent, Player
 from tma_ray.students.players.link import Weights
 
 LOG_STD_RANGE = -20.0, 2.0
@@ -61,14 +60,7 @@ def squashed_action(
 def sampled_actions(
     outputs: FloatArray, bounds: tuple[Actions, Actions], rng: np.random.Generator, clamp: bool
 ) -> Actions:
-    """Return actions (n, a) drawn as `squashed_action` draws them, between `bounds`.
-
-    Args:
-        outputs: outputs of the network for n observations (n, 2a).
-        bounds: lower and upper ones of the action space, (a,) each.
-        rng: source of the noise.
-        clamp: bounds of `squashed_action`.
-    """
+    """Return actions (n, a) of `outputs` (n, 2a), drawn as by `squashed_action`, between `bounds` (a,)."""
     means, log_deviations = normal_of(outputs, clamp)
     noise = rng.standard_normal(means.shape, dtype=np.float32)
     return between(*bounds, np.tanh(means + np.exp(log_deviations) * noise))
@@ -92,57 +84,81 @@ def entropies(outputs: FloatArray, clamp: bool) -> NDArray[np.float64]:
     return total
 
 
-def uniform_actions(bounds: tuple[Actions, Actions], rng: np.random.Generator, count: int) -> Actions:
-    """Return `count` uniform actions (count, a) between `bounds`, those of the initial exploration."""
-    return rng.uniform(*bounds, size=(count, len(bounds[0]))).astype(np.float32)
-
-
 def between(low: Actions, high: Actions, actions: Actions) -> Actions:
     """Return `actions` mapped from [-1, 1] to [low, high]."""
     return low + np.float32(0.5) * (actions + 1) * (high - low)
 
 
-def updates_due(hyper: SACHyperparameters, steps: int, episode_steps: int, ended: bool) -> int:
-    """Return the number of updates after a step.
-
-    Args:
-        hyper: hyper-parameters of the student.
-        steps: steps of the run, this one included.
-        episode_steps: steps of the episode, this one included.
-        ended: an episode ended with the step.
-    """
-    if hyper.updates is UpdateSchedule.EPISODE_END:
-        return math.ceil(episode_steps / hyper.steps_per_update) if ended else 0
-    return int(steps > hyper.exploration_steps and steps % hyper.steps_per_update == 0)
-
-
-class SACPlayer(Player):
-    """Player of `tma_ray.students.sac.SAC`, which hands over its experience when updates are due."""
+class SACActing(ActingStudent):
+    """What SAC does besides learning: its first actions are uniform, later ones its policy's."""
 
     algorithm_version = SACHyperparameters.algorithm_version
     hyperparameters_type = SACHyperparameters
-
-    def _layout(self, observation: int, action: int) -> Layout:
-        return Layout((observation, *self.hyperparameters.hidden_units, 2 * action))
+    hyperparameters: SACHyperparameters
 
     def _start(self) -> None:
         self._steps, self._episode_steps = 0, 0
+
+    def act(self, observation: Observations) -> Actions:  # noqa: D102
+        if self._steps < self.hyperparameters.exploration_steps:
+            return self._exploration.uniform(self._low, self._high).astype(np.float32)
+        network, clamp = self._acting.row.arrays, self.hyperparameters.log_std is LogStd.CLAMP
+        action = squashed_action(network, observation, self._noise(), LOG_STD_RANGE, clamp)
+        return between(self._low, self._high, action)
+
+    def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
+        return between(self._low, self._high, self._acting(observations, squash=True))
+
+    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
+        bounds = self._low, self._high
+        if self._steps < self.hyperparameters.exploration_steps:
+            return rng.uniform(*bounds, size=(len(observations), self._low.size)).astype(np.float32)
+        clamp = self.hyperparameters.log_std is LogStd.CLAMP
+        return sampled_actions(self._acting.outputs(observations), bounds, rng, clamp)
+
+    def entropy_bonuses(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102
+        clamp = self.hyperparameters.log_std is LogStd.CLAMP
+        return self.hyperparameters.entropy_coefficient * entropies(self._acting.outputs(observations), clamp)
+
+    def _count(self, ended: bool) -> int:
+        """Count a step, with which an episode may have ended; return the number of updates due after it."""
+        hyper = self.hyperparameters
+        self._steps += 1
+        self._episode_steps += 1
+        length = self._episode_steps
+        if ended:
+            self._episode_steps = 0
+        if hyper.updates is UpdateSchedule.EPISODE_END:
+            return math.ceil(length / hyper.steps_per_update) if ended else 0
+        return int(self._steps > hyper.exploration_steps and self._steps % hyper.steps_per_update == 0)
+
+    def _scaled(self, actions: Actions) -> Actions:
+        """Return `actions` mapped from the action space to [-1, 1]."""
+        return 2 * ((actions - self._low) / (self._high - self._low)) - 1
+
+    def experience(self) -> dict[str, Any]:
+        """Return the counters of a saved state."""
+        return {"steps": self._steps}
+
+    def restore_experience(self, experience: dict[str, Any]) -> None:
+        """Load what `experience` returned, at the end of an episode, after its updates."""
+        self._steps, self._episode_steps = experience["steps"], 0
+
+
+class SACPlayer(SACActing, Player):
+    """Player of `tma_ray.students.sac.SAC`, which hands over its experience when updates are due."""
+
+    def _start(self) -> None:
+        super()._start()
         self._forget()
 
     def _take_over(self, weights: Weights) -> None:
-        self._network.load(weights)
+        self._acting.load(weights)
 
     def _forget(self) -> None:
         self._observations: list[Observations] = []
         self._actions: list[Actions] = []
         self._rewards: list[float] = []
-
-    def act(self, observation: Observations) -> Actions:  # noqa: D102
-        if self._steps < self.hyperparameters.exploration_steps:
-            return self._exploration.uniform(self._low, self._high).astype(np.float32)
-        network, clamp = self._network.row.arrays, self.hyperparameters.log_std is LogStd.CLAMP
-        action = squashed_action(network, observation, self._noise(), LOG_STD_RANGE, clamp)
-        return between(self._low, self._high, action)
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
         if not self._observations:
@@ -150,48 +166,18 @@ class SACPlayer(Player):
         self._observations.append(transition.next_observation)
         self._actions.append(transition.action)
         self._rewards.append(transition.reward)
-        self._steps += 1
-        self._episode_steps += 1
         ended = transition.terminated or transition.truncated
-        updates = updates_due(self.hyperparameters, self._steps, self._episode_steps, ended)
-        if ended:
-            self._episode_steps = 0
+        updates = self._count(ended)
         if ended or updates:
-            self._hand_over(transition.terminated, updates)
-
-    def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
-        means = self._network(observations)[:, : self._low.size]
-        return between(self._low, self._high, np.tanh(means))
-
-    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
-        bounds = self._low, self._high
-        if self._steps < self.hyperparameters.exploration_steps:
-            return uniform_actions(bounds, rng, len(observations))
-        clamp = self.hyperparameters.log_std is LogStd.CLAMP
-        return sampled_actions(self._network(observations), bounds, rng, clamp)
+            columns = self._observations, self._actions, self._rewards
+            observations, actions, rewards = (np.array(column, dtype=np.float32) for column in columns)
+            self._forget()
+            experience = observations, self._scaled(actions), rewards, transition.terminated
+            weights = self._link.learn(experience, updates)
+            if weights is not None:
+                self._take_over(weights)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Return V(s) (n,) of `observations` (n, o), entropy bonus included."""
-        return self._link.values(observations)
-
-    def entropy_bonuses(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102
-        clamp = self.hyperparameters.log_std is LogStd.CLAMP
-        alpha: float = self.hyperparameters.entropy_coefficient
-        return alpha * entropies(self._network(observations), clamp)
-
-    def _hand_over(self, terminated: bool, updates: int) -> None:
-        actions = np.array(self._actions, dtype=np.float32)
-        scaled = 2 * ((actions - self._low) / (self._high - self._low)) - 1
-        rewards = np.array(self._rewards, dtype=np.float32)
-        observations = np.array(self._observations, dtype=np.float32)
-        self._forget()
-        weights = self._link.learn((observations, scaled, rewards, terminated), updates)
-        if weights is not None:
-            self._take_over(weights)
-
-    def _experience(self) -> dict[str, Any]:
-        return {"steps": self._steps}
-
-    def _restore_experience(self, experience: dict[str, Any]) -> None:
-        self._steps = experience["steps"]
-        self._episode_steps = 0  # states are saved at the end of an episode, after its updates
+        values: NDArray[np.float64] = self._link.ask("values", observations)
+        return values

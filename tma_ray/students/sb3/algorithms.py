@@ -28,16 +28,16 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from torch import nn
 from torch.nn.modules.module import register_module_parameter_registration_hook
 
-from tma_ray.hyperparameters import identifying
+from tma_ray.hyperparameters import identifying, parse_settings
 from tma_ray.registry import UnknownNameError
 from tma_ray.students.base import Actions, Observations, Policy, Student, Transition
-from tma_ray.students.hyperparameters import ALGORITHMS, PACKAGES, MatmulPrecision, parse_hyperparameters
+from tma_ray.students.hyperparameters import ALGORITHMS, PACKAGES, MatmulPrecision
 from tma_ray.students.layers import acting_layers
 from tma_ray.students.mlp.network import as_batch
 from tma_ray.students.players.ppo import Rollout
-from tma_ray.students.policy_files import StoredPolicy, read_policy
+from tma_ray.students.policy_files import read_policy, write_policy
 from tma_ray.students.replay import ReplayBuffer
-from tma_ray.students.sb3.base import Experience, StableBaselinesStudent
+from tma_ray.students.sb3.base import StableBaselinesStudent
 
 NOT_OURS = frozenset(
     {
@@ -63,8 +63,18 @@ def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type
             paper, arXiv:1802.09477), else 0.
     """
     left_out = NOT_OURS | ({"n_steps"} if off_policy else frozenset())
+    # named arguments of the constructor, and of the next one while that takes any keyword
+    found: dict[str, inspect.Parameter] = {}
+    for constructor in filter(None, (vars(kind).get("__init__") for kind in algorithm.__mro__)):
+        parameters = inspect.signature(constructor).parameters
+        kinds = {parameter.kind for parameter in parameters.values()}
+        found = {**parameters, **found}
+        if inspect.Parameter.VAR_KEYWORD not in kinds:
+            break
     fields: list[tuple[str, Any, Any]] = []
-    for name, parameter in _parameters(algorithm).items():
+    for name, parameter in found.items():
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            continue
         if name not in left_out:
             default = parameter.default
             kind = type(default) if type(default) in (bool, int, float) else Any
@@ -77,30 +87,6 @@ def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type
     fields.append(("matmul_precision", MatmulPrecision, precision))
     name = f"{algorithm.__name__}Hyperparameters"
     return dataclasses.make_dataclass(name, fields, frozen=True, namespace={"__post_init__": _check})
-
-
-def _parameters(algorithm: type[BaseAlgorithm]) -> dict[str, inspect.Parameter]:
-    """Return the named arguments of the constructor, and of the next one while that takes any keyword."""
-    found: dict[str, inspect.Parameter] = {}
-    constructors = (vars(kind).get("__init__") for kind in algorithm.__mro__)
-    for constructor in filter(None, constructors):
-        parameters = inspect.signature(constructor).parameters
-        named = {
-            name: parameter
-            for name, parameter in parameters.items()
-            if parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
-        }
-        found = {**named, **found}
-        if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
-            break
-    return found
-
-
-def constructor_arguments(hyperparameters: Any) -> dict[str, Any]:
-    """Return the arguments of the algorithm's constructor among `hyperparameters`, as copies."""
-    own = {"exploration_deviation", "value_samples", "matmul_precision"}
-    names = [field.name for field in dataclasses.fields(hyperparameters)]
-    return {name: copy.deepcopy(getattr(hyperparameters, name)) for name in names if name not in own}
 
 
 def _check(hyperparameters: Any) -> None:
@@ -133,13 +119,15 @@ def make_model(
     device: torch.device,
 ) -> BaseAlgorithm:
     """Return a model of `algorithm` whose networks are not yet built."""
+    own = {"exploration_deviation", "value_samples", "matmul_precision"}
+    names = [field.name for field in dataclasses.fields(hyperparameters)]
     constructor: Any = algorithm
     model: BaseAlgorithm = constructor(
         "MlpPolicy",
         SpacesOnly(observation_space, action_space),
         device=device,
         _init_setup_model=False,
-        **constructor_arguments(hyperparameters),
+        **{name: copy.deepcopy(getattr(hyperparameters, name)) for name in names if name not in own},
     )
     return model
 
@@ -155,38 +143,6 @@ def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
     if known and isinstance(model, OffPolicyAlgorithm):
         return {name: tensor for name, tensor in state.items() if name.startswith("actor.")}
     return state
-
-
-def stored_model(
-    algorithm: type[BaseAlgorithm], hyperparameters_type: type, stored: StoredPolicy, device: str
-) -> BaseAlgorithm:
-    """Return a model of `algorithm` that acts greedily as the one whose policy was saved.
-
-    Raises:
-        PolicyFileError: hyper-parameters of which no model can be made, or tensors that it has not.
-    """
-    boxes = stored.observation_space, stored.action_space
-    try:
-        hyperparameters: Any = parse_hyperparameters(hyperparameters_type, stored.hyperparameters)
-        model: Any = make_model(algorithm, *boxes, hyperparameters, torch.device("cpu"))
-        if isinstance(model, OffPolicyAlgorithm):
-            model.replay_buffer = _NoExperience()  # type: ignore[assignment]
-        with torch.random.fork_rng(), _bounded():  # networks are initialised before they are filled
-            model._setup_model()
-    except Exception as error:  # whatever a constructor makes of values that nobody checked
-        stored.refuse(f"no {algorithm.__name__} can be made of its hyper-parameters: {error!r:.200}")
-    acting = acting_tensors(model)
-    stored.check({name: (tuple(each.shape), str(each.dtype)[6:]) for name, each in acting.items()})
-    with torch.no_grad():
-        for name, tensor in acting.items():
-            tensor.copy_(torch.from_numpy(stored.tensors[name]))
-    model.device = torch.device(device)
-    model.policy.to(model.device)
-    return model  # type: ignore[no-any-return]
-
-
-class _NoExperience:
-    """Stands where a replay buffer would be made, in a model that only acts."""
 
 
 @contextmanager
@@ -273,17 +229,12 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
             actions: Actions = self.model.predict(observations, deterministic=False)[0]
         return actions
 
-    def _predict(self, observation: Observations) -> Actions:
-        """Return an action (a,) of the exploring policy, drawn from the student's own stream."""
-        with self._torch_stream.active():
-            action: Actions = self.model.predict(observation, deterministic=False)[0]
-        return action
-
     def save_policy(self, folder: Path) -> None:
         """Write the tensors that acting needs, by stable-baselines3's names, and all hyper-parameters."""
         tensors = {name: tensor.numpy(force=True) for name, tensor in acting_tensors(self.model).items()}
         values = identifying(self.hyperparameters)
-        self._write_policy(folder, self.algorithm.__name__, tensors, values)
+        spaces = self.observation_space, self.action_space
+        write_policy(folder, self.algorithm.__name__, *spaces, tensors, values)
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
@@ -296,8 +247,28 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
 
     @classmethod
     def _stored_model(cls, folder: Path, device: str) -> BaseAlgorithm:
+        """Return a model that acts greedily as the one whose policy was saved."""
         stored = read_policy(folder, cls.algorithm.__name__)
-        return stored_model(cls.algorithm, cls.hyperparameters_type, stored, device)
+        boxes = stored.observation_space, stored.action_space
+        try:
+            values = parse_settings(cls.hyperparameters_type, {}, stored.hyperparameters)
+            hyperparameters: Any = cls.hyperparameters_type(**values)
+            model: Any = make_model(cls.algorithm, *boxes, hyperparameters, torch.device("cpu"))
+            if isinstance(model, OffPolicyAlgorithm):
+                model.replay_buffer = object()  # in a model that only acts
+            with torch.random.fork_rng(), _bounded():  # networks are initialised before they are filled
+                model._setup_model()
+        except Exception as error:  # whatever a constructor makes of values that nobody checked
+            name = cls.algorithm.__name__
+            stored.refuse(f"no {name} can be made of its hyper-parameters: {error!r:.200}")
+        acting = acting_tensors(model)
+        stored.check({name: (tuple(each.shape), str(each.dtype)[6:]) for name, each in acting.items()})
+        with torch.no_grad():
+            for name, tensor in acting.items():
+                tensor.copy_(torch.from_numpy(stored.tensors[name]))
+        model.device = torch.device(device)
+        model.policy.to(model.device)
+        return model  # type: ignore[no-any-return]
 
 
 class OnPolicyStudent(AlgorithmStudent):
@@ -326,7 +297,11 @@ class OnPolicyStudent(AlgorithmStudent):
             reward += self.gamma * self.state_values(transition.next_observation[None]).item()
         self._rollout.add(transition.observation, self._sampled, reward, ended, self._judged)
         if self._rollout.is_full:
-            self._train(transition.next_observation)
+            last_value = self.state_values(transition.next_observation[None])[0]
+            self._rollout.finish(last_value, self.gamma, self.hyperparameters.gae_lambda)
+            with self._updating():
+                self.model.train()
+            self._rollout.clear()
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102
         with torch.no_grad():
@@ -334,16 +309,9 @@ class OnPolicyStudent(AlgorithmStudent):
         state_values: NDArray[np.float64] = values[:, 0].numpy(force=True).astype(np.float64)
         return state_values
 
-    def _train(self, next_observation: Observations) -> None:
-        last_value = self.state_values(next_observation[None])[0]
-        self._rollout.finish(last_value, self.gamma, self.hyperparameters.gae_lambda)
-        with self._updating():
-            self.model.train()
-        self._rollout.clear()
-
-    def _save_experience(self, folder: Path, _incremental: bool) -> Experience:
+    def _save_experience(self, folder: Path, _incremental: bool) -> tuple[dict[str, Any], tuple[str, ...]]:
         np.savez(folder / "rollout.npz", **self._rollout.state())
-        return Experience({})
+        return {}, ()
 
     def _load_experience(self, folder: Path, _counters: dict[str, Any]) -> None:
         with np.load(folder / "rollout.npz") as state:
@@ -370,7 +338,8 @@ class OffPolicyStudent(AlgorithmStudent):
         hyper = self.hyperparameters
         if self._steps < hyper.learning_starts:
             return self._exploration.uniform(self._low, self._high).astype(np.float32)
-        action = self._predict(observation)
+        with self._torch_stream.active():
+            action: Actions = self.model.predict(observation, deterministic=False)[0]
         return self._disturbed(action, self._noise()) if hyper.exploration_deviation else action
 
     def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
@@ -443,8 +412,8 @@ class OffPolicyStudent(AlgorithmStudent):
             return values.mean(dim=(1, 2))
         return torch.cat(values, dim=1).amin(dim=1)
 
-    def _save_experience(self, folder: Path, incremental: bool) -> Experience:
-        return Experience({"steps": self._steps}, self._replay.save(folder, incremental))
+    def _save_experience(self, folder: Path, incremental: bool) -> tuple[dict[str, Any], tuple[str, ...]]:
+        return {"steps": self._steps}, self._replay.save(folder, incremental)
 
     def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
         self._replay.load(folder)

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import json
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import torch
 from gymnasium import Space
-from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 
 from tma_ray.hyperparameters import identifying
 from tma_ray.optimisers import leave_compiler_out
-from tma_ray.students.base import Student, StudentStreams, checked_spaces
-from tma_ray.students.hyperparameters import MatmulPrecision
-from tma_ray.students.policy_files import write_policy
+from tma_ray.students.base import checked_spaces
+from tma_ray.students.players.base import ActingStudent
 
 
 class TorchStream:
@@ -36,67 +34,34 @@ class TorchStream:
     """
 
     def __init__(self, seed: np.random.SeedSequence, device: torch.device) -> None:
-        self._device = device
         number = int(seed.generate_state(1)[0])
-        devices = [torch.device("cpu"), device] if device.type != "cpu" else [device]
-        generators = [torch.Generator(each) for each in devices]
+        self._gpus = [device] if device.type != "cpu" else []
+        generators = [torch.Generator(each) for each in (torch.device("cpu"), *self._gpus)]
         self.state = [generator.manual_seed(number).get_state() for generator in generators]
 
     @contextmanager
     def active(self) -> Iterator[None]:
         """Make torch draw from this stream inside the block, and as before after it."""
-        outside = self._current()
-        self._use(self.state)
-        try:
-            yield
-        finally:
-            self.state = self._current()
-            self._use(outside)
-
-    def _current(self) -> list[torch.Tensor]:
-        states = [torch.get_rng_state()]
-        if self._device.type != "cpu":
-            states.append(torch.get_device_module(self._device).get_rng_state(self._device))
-        return states
-
-    def _use(self, states: list[torch.Tensor]) -> None:
-        torch.set_rng_state(states[0])
-        if self._device.type != "cpu":
-            torch.get_device_module(self._device).set_rng_state(states[1], self._device)
+        kind = self._gpus[0].type if self._gpus else "cuda"
+        with torch.random.fork_rng(self._gpus, device_type=kind):
+            torch.set_rng_state(self.state[0])
+            for device, state in zip(self._gpus, self.state[1:], strict=True):
+                torch.get_device_module(device).set_rng_state(state, device)
+            try:
+                yield
+            finally:
+                states = [torch.get_device_module(each).get_rng_state(each) for each in self._gpus]
+                self.state = [torch.get_rng_state(), *states]
 
 
 leave_compiler_out()
 
 
-class Hyperparameters(Protocol):
-    """Hyper-parameters that all these students have."""
-
-    @property
-    def gamma(self) -> float:
-        """Discount factor."""
-
-    @property
-    def matmul_precision(self) -> MatmulPrecision:
-        """Precision of the updates' matrix products."""
-
-
-H = TypeVar("H", bound=Hyperparameters)
+H = TypeVar("H", bound=Any)
 M = TypeVar("M", bound=BaseAlgorithm)
 
 
-class Experience(NamedTuple):
-    """State of saved buffers and statistics.
-
-    Attributes:
-        counters: values that are saved as JSON.
-        unchanged: files left out of an incremental save.
-    """
-
-    counters: dict[str, Any]
-    unchanged: tuple[str, ...] = ()
-
-
-class StableBaselinesStudent(Student, Generic[H, M]):
+class StableBaselinesStudent(ActingStudent, Generic[H, M]):
     """A student whose policy and update are stable-baselines3's.
 
     The seed's children are, in this order: torch's stream (weights, actions sampled in updates),
@@ -123,24 +88,13 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         device: str = "cpu",
         threads: int = 1,
     ) -> None:
-        self.observation_space, self.action_space = checked_spaces(observation_space, action_space)
-        self._low = np.asarray(self.action_space.low, dtype=np.float32)
-        self._high = np.asarray(self.action_space.high, dtype=np.float32)
-        self.hyperparameters = hyperparameters
-        self.gamma = hyperparameters.gamma
+        boxes = checked_spaces(observation_space, action_space)
+        streams = self._set_up(*boxes, hyperparameters, seed)
         self.device = torch.device(device)
         torch.set_num_threads(threads)
-        streams = StudentStreams.of(seed)
         self._torch_stream = TorchStream(streams.networks, self.device)
-        self._exploration = np.random.default_rng(streams.exploration)
-        self._batches = np.random.default_rng(streams.batches)
-        self._values = np.random.default_rng(streams.values)
         self._start()
-        self._build()
-
-    @abstractmethod
-    def _start(self) -> None:
-        """Make what lives as long as the student: statistics, counters and empty buffers."""
+        self.reset()
 
     @abstractmethod
     def _make_model(self) -> M:
@@ -154,30 +108,39 @@ class StableBaselinesStudent(Student, Generic[H, M]):
     def _refresh(self) -> None:
         """Copy the parameters of `self.model`, which have changed, to wherever copies are kept."""
 
+    def _prepare_update(self) -> None:
+        """Make what updates need of `self.model`, whose parameters and optimisers' states are new."""
+
     @abstractmethod
-    def _save_experience(self, folder: Path, incremental: bool, /) -> Experience:
-        """Write buffers and statistics into `folder`; `incremental` as for `save`."""
+    def _save_experience(self, folder: Path, incremental: bool, /) -> tuple[dict[str, Any], tuple[str, ...]]:
+        """Write buffers and statistics into `folder`; `incremental` as for `save`.
+
+        Returns:
+            Counters, which are saved as JSON, and the files that were left out.
+        """
 
     @abstractmethod
     def _load_experience(self, folder: Path, counters: dict[str, Any], /) -> None:
         """Load what `_save_experience` wrote, and the counters that it returned."""
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
-        experience = self._save_experience(folder, incremental)
+        counters, unchanged = self._save_experience(folder, incremental)
         state = {
             "hyperparameters": self._settings,
             "generators": [generator.bit_generator.state for generator in self._generators],
             "updates": self.model._n_updates,
-            "counters": experience.counters,
+            "counters": counters,
         }
         (folder / "student.json").write_text(json.dumps(state, indent=1))
+        # tensors of the model that belong to no module, such as a learned entropy coefficient
+        variables = self.model._get_torch_save_params()[1]
         networks = {
             "parameters": self.model.get_parameters(),
-            "variables": {name: getattr(self.model, name).detach() for name in self._variables},
+            "variables": {name: getattr(self.model, name).detach() for name in variables},
             "torch_stream": self._torch_stream.state,
         }
         torch.save(networks, folder / "networks.pt")
-        return experience.unchanged
+        return unchanged
 
     def load(self, folder: Path) -> None:  # noqa: D102
         state = json.loads((folder / "student.json").read_text())
@@ -199,18 +162,29 @@ class StableBaselinesStudent(Student, Generic[H, M]):
             generator.bit_generator.state = saved
         self.model._n_updates = state["updates"]
         self._load_experience(folder, state["counters"])
-        self._restore_update()
+        self._prepare_update()
         self._refresh()
 
     def reset(self) -> None:  # noqa: D102
-        self._build()
+        self.model = self._make_model()
+        self.model.observation_space = self.observation_space
+        self.model.action_space = self.action_space
+        self.model.n_envs = 1
+        with self._torch_stream.active():
+            self.model._setup_model()
+        self.model.set_logger(Logger(folder=None, output_formats=[]))
+        self._connect()
+        self._prepare_update()
+        self._refresh()
+
+    def changed(self, updates: int) -> None:
+        """Load parameters that were changed from outside, by so many `updates` in all."""
+        self.model._n_updates = updates
+        self._refresh()
 
     def scalars(self) -> dict[str, float]:  # noqa: D102
         recorded = self.model.logger.name_to_value
         return {name.removeprefix("train/"): float(value) for name, value in recorded.items()}
-
-    def _restore_update(self) -> None:
-        """Read the optimisers' states after they were loaded; stable-baselines3's own need nothing."""
 
     @contextmanager
     def _updating(self) -> Iterator[None]:
@@ -224,38 +198,8 @@ class StableBaselinesStudent(Student, Generic[H, M]):
             torch.set_float32_matmul_precision(outside)
         self._refresh()
 
-    def _write_policy(
-        self, folder: Path, kind: str, tensors: Mapping[str, NDArray[Any]], hyperparameters: Mapping[str, Any]
-    ) -> None:
-        """Write a policy of the `kind` between this student's spaces."""
-        write_policy(folder, kind, self.observation_space, self.action_space, tensors, hyperparameters)
-
-    @property
-    def _variables(self) -> list[str]:
-        """Names of the model's tensors that belong to no module, such as a learned entropy coefficient."""
-        return list(self.model._get_torch_save_params()[1])
-
     @property
     def _settings(self) -> dict[str, Any]:
         """Hyper-parameters as states have them: a file by its name, since each process has it elsewhere."""
         values = identifying(self.hyperparameters)
         return {key: Path(value).name if key == "start_from" else value for key, value in values.items()}
-
-    @property
-    def _generators(self) -> list[np.random.Generator]:
-        return [self._exploration, self._batches, self._values]
-
-    def _noise(self) -> NDArray[np.float32]:
-        """Draw the standard normal noise (a,) of one exploring action."""
-        return self._exploration.standard_normal(self._low.size, dtype=np.float32)
-
-    def _build(self) -> None:
-        """Make a new model with new networks and optimisers."""
-        self.model = self._make_model()
-        self.model.observation_space = self.observation_space
-        self.model.action_space = self.action_space
-        self.model.n_envs = 1
-        with self._torch_stream.active():
-            self.model._setup_model()
-        self.model.set_logger(Logger(folder=None, output_formats=[]))
-        self._connect()
