@@ -12,10 +12,7 @@ if TYPE_CHECKING:
 ENVIRONMENTS: Registry[type[gymnasium.Env[Any, Any]]] = Registry(
     "environment",
     "tma_ray.environments",
-    {
-        "stump_tracks": "tma_ray.envs.stump_tracks:StumpTracks",
-        "parkour": "tma_ray.envs.parkour:Parkour",
-    },
+    {"stump_tracks": "tma_ray.envs.stump_tracks:StumpTracks", "parkour": "tma_ray.envs.parkour:Parkour"},
     "gymnasium:Env",
 )
 """Environments by name; more through `ENVIRONMENTS.register`, an entry point, or ``module:Name``."""

@@ -214,10 +214,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._observations: Observations | None = None
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
         """Begin episodes, in all worlds or in those of a mask.
 

@@ -76,11 +76,7 @@ class Student(ABC):
     def act_greedily(self, observations: Observations) -> Actions:
         """Return the policy's deterministic actions (n, a) for `observations` (n, o); change no state."""
 
-    def sample_actions(
-        self,
-        observations: Observations,
-        rng: np.random.Generator,
-    ) -> Actions:
+    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:
         """Return actions (n, a) of the exploring policy for `observations` (n, o); change no state.
 
         They have the distribution of what `act` returns, but their noise is drawn from `rng`, and nothing is

@@ -15,12 +15,7 @@ from tma_ray.hyperparameters import differing, identifying, parse_settings, plai
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.registry import Registry, UnknownNameError
 from tma_ray.students.base import Policy, Student
-from tma_ray.students.hyperparameters import (
-    ALGORITHMS,
-    PACKAGES,
-    PPOHyperparameters,
-    SACHyperparameters,
-)
+from tma_ray.students.hyperparameters import ALGORITHMS, PACKAGES, PPOHyperparameters, SACHyperparameters
 
 if TYPE_CHECKING:
     from gymnasium import Space

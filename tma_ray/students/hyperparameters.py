@@ -206,8 +206,5 @@ ALGORITHMS: Final[Mapping[str, str]] = {
 """Those for continuous actions, without memory, and the module that offers them; PPO and SAC have students
 of their own."""
 
-PACKAGES: Final[Mapping[str, str]] = {
-    "stable_baselines3": "stable-baselines3",
-    "sb3_contrib": "sb3-contrib",
-}
+PACKAGES: Final[Mapping[str, str]] = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}
 """What to install for a module."""

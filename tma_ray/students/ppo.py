@@ -189,10 +189,7 @@ class PPOUpdate:
     """
 
     def __init__(
-        self,
-        model: stable_baselines3.PPO,
-        parameters: FlatParameters,
-        hyperparameters: PPOHyperparameters,
+        self, model: stable_baselines3.PPO, parameters: FlatParameters, hyperparameters: PPOHyperparameters
     ) -> None:
         self.flat = parameters
         self.adam = FlatAdam(model.policy.optimizer, parameters)

@@ -181,11 +181,7 @@ class RowAdam(StackedAdam):
     """
 
     def __init__(
-        self,
-        optimiser: torch.optim.Adam,
-        parameters: torch.Tensor,
-        mean: torch.Tensor,
-        square: torch.Tensor,
+        self, optimiser: torch.optim.Adam, parameters: torch.Tensor, mean: torch.Tensor, square: torch.Tensor
     ) -> None:
         self._optimiser, self._parameters, self.mean, self.square = optimiser, parameters, mean, square
         self._count = torch.zeros((), dtype=torch.float32)

@@ -25,14 +25,7 @@ from tma_ray.students.cohort.networks import PaddedLayout, StackedAdam, keep, st
 from tma_ray.students.cohort.replay import StackedReplay
 from tma_ray.students.hyperparameters import MatmulPrecision, SACHyperparameters
 from tma_ray.students.mlp.layout import Layout
-from tma_ray.students.sac import (
-    Pass,
-    Transitions,
-    actor_loss,
-    critic_loss,
-    soft_values,
-    squashed_draw,
-)
+from tma_ray.students.sac import Pass, Transitions, actor_loss, critic_loss, soft_values, squashed_draw
 
 
 class SACNetworks(NamedTuple):
