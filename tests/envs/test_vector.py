@@ -146,7 +146,7 @@ def test_worlds_without_an_engine_are_stepped_in_turn() -> None:
 
 def test_worlds_of_pymunk_are_stepped_in_turn_with_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     rng, played = np.random.default_rng(0), []
-    actions = rng.uniform(-1, 1, (60, 2, 4)).astype(np.float32)
+    actions = rng.uniform(-1, 1, (20, 2, 4)).astype(np.float32)
     for engine in ("compiled", "pymunk"):
         monkeypatch.setenv("TMA_RAY_ENGINE", engine)
         engine_in_use.cache_clear()
