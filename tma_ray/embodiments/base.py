@@ -208,7 +208,7 @@ class EmbodimentError(ValueError):
 
 
 def _check_parts(parts: Sequence[Part], grip_sensors: Sequence[GripSensor]) -> None:
-    counts = Counter([each.name for each in (*parts, *grip_sensors)])
+    counts = Counter([part.name for part in parts] + [sensor.name for sensor in grip_sensors])
     repeated = [name for name, count in counts.items() if count > 1]
     if repeated:
         raise ValueError(f"part name {repeated[0]!r} is used more than once; names must differ")

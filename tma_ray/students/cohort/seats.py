@@ -106,12 +106,15 @@ class SACSeat(Seat):
 
     def _enter(self) -> None:
         update = self.student.update
+        (actor_mean, actor_square), critics = update.actor_adam.moments, update.critic_adam.moments
         networks = SACNetworks(
             _array(update.actor.values),
             _pair(update.critics.values),
             _pair(update.targets.values),
-            *map(_array, update.actor_adam.moments),
-            *map(_pair, update.critic_adam.moments),
+            _array(actor_mean),
+            _array(actor_square),
+            _pair(critics[0]),
+            _pair(critics[1]),
             step=update.actor_adam.steps,
             number=self.student.model._n_updates,
         )
@@ -150,8 +153,9 @@ class PPOSeat(Seat):
 
     def _enter(self) -> None:
         update = self.student.update
-        moments = map(_array, update.adam.moments)
-        self.stack.join(self.slot, PPONetworks(_array(update.flat.values), *moments, step=update.adam.steps))
+        mean, square = map(_array, update.adam.moments)
+        networks = PPONetworks(_array(update.flat.values), mean, square, update.adam.steps)
+        self.stack.join(self.slot, networks)
 
     def _copy_back(self) -> None:
         update, networks = self.student.update, self.stack.networks(self.slot)

@@ -84,13 +84,13 @@ class LearnerServer:
         self._seats: dict[Connection, Seat] = {}
         self._mailboxes: dict[Connection, Mailbox] = {}
         self._learning: dict[tuple[int, int], Connection] = {}
-        self._deliveries: list[Delivery[Connection]] = []
+        self._deliveries: list[Delivery] = []
         self._listener = Listener(learner.address, family="AF_UNIX", authkey=learner.key, backlog=256)
         self._arrivals, self._inbox = Pipe(duplex=False)
         self._connections: list[Connection] = [self._arrivals]
         self._new: deque[Connection] = deque()
         self._threads = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="files")
-        self._done: deque[tuple[Connection, Future[Any], Callable[[Any], Any]]] = deque()
+        self._done: deque[tuple[Connection, Callable[[], Any]]] = deque()
         threading.Thread(target=self._accept, daemon=True).start()
         self.account = dict.fromkeys(("asking for updates", "requests", "deliveries", "waiting"), 0.0)
         self.turned_at = time.monotonic()
@@ -143,9 +143,9 @@ class LearnerServer:
             while self._new:
                 self._connections.append(self._new.popleft())
             while self._done:
-                asked, work, reply_of = self._done.popleft()
+                asked, reply = self._done.popleft()
                 if asked in self._seats:  # else who asked has gone
-                    self._answer(asked, lambda work=work, reply_of=reply_of: reply_of(work.result()))
+                    self._answer(asked, reply)
             return
         try:
             request, *arguments = connection.recv()
@@ -176,7 +176,7 @@ class LearnerServer:
         """Have files written or read in a thread; `then` makes the reply of the result, in this thread."""
 
         def done(future: Future[Any]) -> None:
-            self._done.append((connection, future, then))
+            self._done.append((connection, lambda: then(future.result())))
             self._inbox.send(None)
 
         self._threads.submit(work).add_done_callback(done)

@@ -255,7 +255,7 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
             hyperparameters: Any = cls.hyperparameters_type(**values)
             model: Any = make_model(cls.algorithm, *boxes, hyperparameters, torch.device("cpu"))
             if isinstance(model, OffPolicyAlgorithm):
-                model.replay_buffer = object()  # in a model that only acts
+                model.replay_buffer = object()  # type: ignore[assignment]  # it only acts
             with torch.random.fork_rng(), _bounded():  # networks are initialised before they are filled
                 model._setup_model()
         except Exception as error:  # whatever a constructor makes of values that nobody checked
