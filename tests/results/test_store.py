@@ -4,6 +4,7 @@ import pickle
 from pathlib import Path
 
 import pytest
+from fsspec.implementations.arrow import ArrowFSWrapper
 from pyarrow import fs
 
 from tma_ray.results import StorageError, Store
@@ -98,7 +99,7 @@ def test_a_store_can_be_sent_to_another_process(tmp_path: Path) -> None:
 
 
 def test_the_root_may_be_that_of_the_file_system(tmp_path: Path) -> None:
-    store = AddressStore(fs.SubTreeFileSystem(str(tmp_path), fs.LocalFileSystem()), "")
+    store = AddressStore(ArrowFSWrapper(fs.SubTreeFileSystem(str(tmp_path), fs.LocalFileSystem())), "")
     store.write_bytes("a/b", b"x")
     store.move("a/b", "c/d")
     assert store.files() == store.files("c") == ("c/d",)

@@ -6,6 +6,7 @@ import logging
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
+from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Self
 
@@ -13,11 +14,13 @@ from tma_ray.decoding import DamagedFileError
 from tma_ray.results.layout import (
     CHECKPOINTS,
     LOGS,
+    MANIFESTS,
     STAGING,
     check_id,
     create_root,
     manifest_path,
     policy_folder,
+    progress_path,
     staged_policy,
     staging_folder,
     table_path,
@@ -25,14 +28,12 @@ from tma_ray.results.layout import (
 from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile
 from tma_ray.results.parquet import decode, encode
 from tma_ray.results.records import (
+    WITHDRAWN,
     AttemptOutcome,
     AttemptRecord,
     RunRecord,
     RunStatus,
-    is_withdrawn,
-    lost_without_record,
     read_progress,
-    withdraw,
 )
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
 from tma_ray.results.storage import StorageError, Store
@@ -124,7 +125,12 @@ class Committer:
             StaleAttemptError: the run is done.
         """
         published = _readable(self.store, run.run_id)
-        attempt = published.attempt + 1 if published else next_attempt(self.store, run.run_id)
+        if published is not None:
+            attempt = published.attempt + 1
+        else:  # over that of every attempt with a trace: no two may ever write to the same files
+            folders = (staging_folder(run.run_id), f"{CHECKPOINTS}/{run.run_id}", f"{LOGS}/{run.run_id}")
+            names = (path.removeprefix(f"{each}/") for each in folders for path in self.store.files(each))
+            attempt = 1 + max((int(n) for name in names for n in ATTEMPT.findall(name)), default=-1)
         accepted_manifest(self.store, run.run_id, attempt)
         if published is not None and published.status is RunStatus.RUNNING:
             self._record_lost(run.run_id, published.attempt)
@@ -134,7 +140,7 @@ class Committer:
 
     def withdraw(self, run_id: str, attempt: int) -> None:
         """Take an attempt back that never began: it gets no row, and its number is not given again."""
-        withdraw(self.store, run_id, attempt)
+        self.store.write_bytes(progress_path(run_id, attempt), WITHDRAWN)
 
     def done(self, run_ids: Iterable[str]) -> set[str]:
         """Return those of some runs that are done and whole.
@@ -191,7 +197,7 @@ class Committer:
         """
         if sorted(file.table for file in final) != sorted(DATA_TABLES):
             raise ValueError(f"a run ends with one file for each of {', '.join(DATA_TABLES)}; got {final}")
-        moved = tuple(file.at(table_path(file.table, run.run_id)) for file in final)
+        moved = tuple(replace(file, path=table_path(file.table, run.run_id)) for file in final)
         done = Manifest(run, RunStatus.DONE, attempt, moved)
         published = _readable(self.store, run.run_id)
         if published != done:
@@ -248,9 +254,17 @@ class Committer:
 
     def _record_lost(self, run_id: str, attempt: int) -> None:
         """Write the row of an attempt that has none, since its driver died with it."""
-        if not self._has_row(run_id, attempt) and not is_withdrawn(self.store, run_id, attempt):
-            kept = read_progress(self.store, run_id, attempt)
-            self.record_attempt(kept or lost_without_record(self.store, run_id, attempt))
+        path = progress_path(run_id, attempt)
+        if self._has_row(run_id, attempt):
+            return
+        if self.store.exists(path) and self.store.read_bytes(path) == WITHDRAWN:
+            return
+        record = read_progress(self.store, run_id, attempt)
+        if record is None:  # it published nothing but its number, when it was started
+            written_at, _ = self.store.stamps(MANIFESTS).get(manifest_path(run_id), (None, None))
+            started_at = datetime.fromtimestamp(written_at / 1e9, UTC) if written_at else datetime.now(UTC)
+            record = AttemptRecord(run_id, attempt, started_at, 0.0, 0.0, "", "{}", AttemptOutcome.LOST)
+        self.record_attempt(record)
 
     def _record_done(self, run_id: str, attempt: int) -> None:
         """Write what an attempt kept that has finished its run: its driver may die before it writes more."""
@@ -292,14 +306,3 @@ class Committer:
             logger.warning("%s is damaged and is written again: %s", self.store.where(path), error)
             return []
         return rows
-
-
-def next_attempt(store: Store, run_id: str) -> int:
-    """Return a number over that of every attempt at a run that has left a trace.
-
-    For runs without a manifest that can be read: no two attempts may ever write to the same files.
-    """
-    folders = (staging_folder(run_id), f"{CHECKPOINTS}/{check_id(run_id)}", f"{LOGS}/{run_id}")
-    names = (path.removeprefix(f"{folder}/") for folder in folders for path in store.files(folder))
-    found = [int(number) for name in names for number in ATTEMPT.findall(name)]
-    return 1 + max(found, default=-1)

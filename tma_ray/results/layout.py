@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import re
 import warnings
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import Final, NoReturn
+from typing import Final
 
 import pyarrow as pa
 
 from tma_ray.arguments import check_kind
-from tma_ray.decoding import DamagedFileError, DamagedFileWarning, Natural, decode_json
+from tma_ray.decoding import DamagedFileError, DamagedFileWarning, Natural
 from tma_ray.results.parquet import schema_version
 from tma_ray.results.schema import SCHEMA_VERSION, Table
 from tma_ray.results.storage import ResultsRootError, Store
@@ -91,7 +90,7 @@ def create_root(store: Store) -> None:
     _check_content(store)
     content = RootFile(FORMAT, SCHEMA_VERSION)
     if _root_file(store) != content:
-        store.write_bytes(ROOT_FILE, json.dumps(asdict(content), indent=1).encode())
+        store.write_json(ROOT_FILE, content, indent=1)
 
 
 def check_root(store: Store) -> None:
@@ -108,7 +107,13 @@ def check_root(store: Store) -> None:
     if content is None or isinstance(content, DamagedFileError):
         version = _version_of_tables(store)
         if version is None:
-            _refuse(store, content)
+            if content is not None:
+                raise ResultsRootError(f"{content}; no table tells its version either") from content
+            store.check_listable()
+            raise ResultsRootError(
+                f"{store} is not a results root: {ROOT_FILE} is missing; give the folder or address that was "
+                f"passed to --results"
+            )
         problem = content or f"{store.where(ROOT_FILE)} is missing"
         warnings.warn(f"{problem}; its tables are of version {version}", DamagedFileWarning, stacklevel=2)
         content = RootFile(FORMAT, version)
@@ -123,7 +128,7 @@ def check_root(store: Store) -> None:
 
 def _root_file(store: Store) -> RootFile | DamagedFileError | None:
     try:
-        return decode_json(store.read_bytes(ROOT_FILE), RootFile, store.where(ROOT_FILE))
+        return store.read_json(ROOT_FILE, RootFile)
     except FileNotFoundError:
         return None
     except DamagedFileError as error:
@@ -138,16 +143,6 @@ def _version_of_tables(store: Store) -> int | None:
         except (OSError, ValueError, KeyError, pa.ArrowException):
             continue
     return None
-
-
-def _refuse(store: Store, problem: DamagedFileError | None) -> NoReturn:
-    if problem is not None:
-        raise ResultsRootError(f"{problem}; no table tells its version either") from problem
-    store.check_listable()
-    raise ResultsRootError(
-        f"{store} is not a results root: {ROOT_FILE} is missing; give the folder or address that was passed "
-        f"to --results"
-    )
 
 
 def is_id(name: str) -> bool:

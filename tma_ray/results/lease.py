@@ -125,7 +125,7 @@ class Heartbeat:
     def load(cls, store: Store) -> Self | None:
         """Return the last heartbeat on a root; None if there is none, or none that can be read."""
         try:
-            return decode_json(store.read_bytes(HEARTBEAT_FILE), cls, store.where(HEARTBEAT_FILE))
+            return store.read_json(HEARTBEAT_FILE, cls)
         except (FileNotFoundError, DamagedFileError):
             return None  # of no consequence: it only tells more than the manifests do
 
@@ -140,7 +140,7 @@ class Heartbeat:
 
     def write(self, store: Store) -> None:
         """Replace the root's heartbeat by this one."""
-        store.write_bytes(HEARTBEAT_FILE, json.dumps(asdict(self)).encode())
+        store.write_json(HEARTBEAT_FILE, self)
 
 
 class HeartbeatWriter:
@@ -195,18 +195,6 @@ class LeaseFile:
     renewed_at: Seconds
     process: Process | None = None
 
-    @classmethod
-    def load(cls, store: Store) -> LeaseFile | None:
-        """Return the lease of a root, None if there is none.
-
-        Raises:
-            DamagedFileError: there is one that cannot be read.
-        """
-        found, _ = _look(store)
-        if isinstance(found, DamagedFileError):
-            raise found
-        return found
-
     def standing(self, now: float, seconds: float) -> Standing:
         """Return the state of the holder.
 
@@ -230,22 +218,6 @@ class StopRequest:
 
     token: str = ""
     holder: str = ""
-
-    @classmethod
-    def load(cls, store: Store) -> StopRequest | None:
-        """Return the request that lies on a root, None if there is none.
-
-        Raises:
-            DamagedFileError: there is one that cannot be read.
-        """
-        try:
-            return decode_json(store.read_bytes(STOP_FILE), cls, store.where(STOP_FILE))
-        except FileNotFoundError:
-            return None
-
-    def write(self, store: Store) -> None:
-        """Write the request to a root."""
-        store.write_bytes(STOP_FILE, json.dumps(asdict(self)).encode())
 
 
 LEASE_SECONDS: Final = 120.0
@@ -324,9 +296,28 @@ class Lease:
             ResultsRootError: the place cannot be a results root.
         """
         self.store.check_place()
-        silent = self._watched()
+        silent = _readable(self.store)
+        if silent is not None and silent.standing(self._clock(), self.seconds) is Standing.AHEAD:
+            logger.warning(
+                "the lease of %s on %s is %.0f s ahead of the clock here; watching it for %.0f s",
+                silent.holder,
+                self.store,
+                silent.renewed_at - self._clock(),
+                self.seconds / 2,
+            )
+            self._sleep(self.seconds / 2)
+        else:
+            silent = None
         found, version = _look(self.store)
-        self._refuse_living(found, silent)
+        if isinstance(found, DamagedFileError):
+            heartbeat = _beating(self.store, self._clock())
+            if heartbeat is not None:
+                self._refuse(LeaseFile(heartbeat.holder, "", heartbeat.at))
+            logger.warning("%s; no campaign gives signs of life: it is replaced", found)
+        elif found is not None and found != silent and not self._is_ours(found):
+            standing = found.standing(self._clock(), self.seconds)
+            if standing is not Standing.DEAD:
+                self._refuse(found)
         if not self._write(found, version) or not self._is_ours(_look(self.store)[0]):
             self._refuse(_readable(self.store))
 
@@ -367,50 +358,14 @@ class Lease:
         if not self._asked and self._clock() - self._looked_at >= STOP_CHECK_SECONDS:
             self._looked_at = self._clock()
             try:
-                request = StopRequest.load(self.store)
+                request = self.store.read_json(STOP_FILE, StopRequest)
+                self._asked = request.token == self._token or request.holder == self.holder
+            except FileNotFoundError:
+                self._asked = False
             except DamagedFileError as error:
                 logger.warning("%s; ask again with tma-ray stop", error)
                 self.store.delete(STOP_FILE)
-                request = None
-            self._asked = request is not None and (
-                request.token == self._token or request.holder == self.holder
-            )
         return self._asked
-
-    def _watched(self) -> LeaseFile | None:
-        """Return a lease from the future, after watching that nobody renews it; None for any other."""
-        current = _readable(self.store)
-        if current is None or current.standing(self._clock(), self.seconds) is not Standing.AHEAD:
-            return None
-        ahead = current.renewed_at - self._clock()
-        logger.warning(
-            "the lease of %s on %s is %.0f s ahead of the clock here; watching it for %.0f s",
-            current.holder,
-            self.store,
-            ahead,
-            self.seconds / 2,
-        )
-        self._sleep(self.seconds / 2)
-        return current
-
-    def _refuse_living(self, found: LeaseFile | DamagedFileError | None, silent: LeaseFile | None) -> None:
-        """Refuse a root whose lease is held; one that is `silent` after it was watched may be replaced.
-
-        Raises:
-            RootInUseError: the holder lives.
-        """
-        if isinstance(found, DamagedFileError):
-            heartbeat = Heartbeat.load(self.store)
-            if heartbeat is not None and heartbeat.alive(self._clock()):
-                self._refuse(LeaseFile(heartbeat.holder, "", heartbeat.at))
-            logger.warning("%s; no campaign gives signs of life: it is replaced", found)
-        elif (
-            found is not None
-            and found != silent
-            and not self._is_ours(found)
-            and found.standing(self._clock(), self.seconds) is not Standing.DEAD
-        ):
-            self._refuse(found)
 
     def _refuse(self, current: LeaseFile | None) -> NoReturn:
         if current is None:
@@ -454,22 +409,20 @@ def ask_to_stop(store: Store, seconds: float = LEASE_SECONDS) -> str:
         TypeError: `store` is none.
     """
     check_kind("store", store, Store, "a Store, as Store.open('results')")
-    now = time.time()
-    try:
-        current = LeaseFile.load(store)
-    except DamagedFileError as error:
-        heartbeat = Heartbeat.load(store)
-        if heartbeat is None or not heartbeat.alive(now):
+    now, current = time.time(), _look(store)[0]
+    if isinstance(current, DamagedFileError):
+        heartbeat = _beating(store, now)
+        if heartbeat is None:
             raise NotRunningError(
-                f"{error}, and no campaign gives signs of life: there is nothing to stop"
-            ) from error
-        StopRequest(holder=heartbeat.holder).write(store)
+                f"{current}, and no campaign gives signs of life: there is nothing to stop"
+            ) from current
+        store.write_json(STOP_FILE, StopRequest(holder=heartbeat.holder))
         return heartbeat.holder
     if current is None:
         raise NotRunningError(f"no campaign is running on {store}: there is nothing to stop")
     if current.standing(now, seconds) is Standing.DEAD:
         raise NotRunningError(f"{current.holder} is dead: there is nothing to stop on {store}")
-    StopRequest(token=current.token).write(store)
+    store.write_json(STOP_FILE, StopRequest(token=current.token))
     return current.holder
 
 
@@ -478,16 +431,21 @@ def holder_of(store: Store, seconds: float = LEASE_SECONDS) -> str | None:
 
     Where the lease cannot be read, or is from the future, the last heartbeat tells.
     """
-    now, heartbeat = time.time(), Heartbeat.load(store)
-    beating = heartbeat.holder if heartbeat is not None and heartbeat.alive(now) else None
-    try:
-        current = LeaseFile.load(store)
-    except DamagedFileError:
-        return beating
+    now, current = time.time(), _look(store)[0]
     if current is None:
         return None
-    standing = current.standing(now, seconds)
-    return current.holder if standing is Standing.ALIVE else beating if standing is Standing.AHEAD else None
+    if isinstance(current, LeaseFile):
+        standing = current.standing(now, seconds)
+        if standing is not Standing.AHEAD:
+            return current.holder if standing is Standing.ALIVE else None
+    heartbeat = _beating(store, now)
+    return heartbeat.holder if heartbeat is not None else None
+
+
+def _beating(store: Store, now: float) -> Heartbeat | None:
+    """Return the last heartbeat of a campaign that is alive, None if there is none."""
+    heartbeat = Heartbeat.load(store)
+    return heartbeat if heartbeat is not None and heartbeat.alive(now) else None
 
 
 def _look(store: Store) -> tuple[LeaseFile | DamagedFileError | None, Version]:
@@ -496,7 +454,7 @@ def _look(store: Store) -> tuple[LeaseFile | DamagedFileError | None, Version]:
         data, version = store.read_version(LEASE_FILE)
     except FileNotFoundError:
         return None, None
-    except DamagedFileError as error:  # no file at all
+    except DamagedFileError as error:  # something else lies in its place
         return error, None
     try:
         return decode_json(data, LeaseFile, store.where(LEASE_FILE)), version

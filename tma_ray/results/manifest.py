@@ -8,7 +8,7 @@ import io
 import json
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, Final, Self
 
 import numpy as np
@@ -83,10 +83,6 @@ class PartFile:
             DamagedFileError: its content is not what was written.
         """
         return read_checked(store, self.path, self.sha256)
-
-    def at(self, path: str) -> Self:
-        """Return the same content at another path."""
-        return replace(self, path=path)
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
@@ -173,7 +169,7 @@ def load_manifest(store: Store, path: str) -> Manifest:
         FileNotFoundError: there is none.
         DamagedFileError: it is not a manifest, is that of another run, or lists what cannot be this run's.
     """
-    manifest = decode_json(store.read_bytes(path), Manifest, store.where(path))
+    manifest = store.read_json(path, Manifest)
     try:
         manifest.check(path.rpartition("/")[2].removesuffix(".json"))
     except ValueError as error:
@@ -197,11 +193,16 @@ def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | E
     if not store.holds(INDEX_FILE):  # most roots have none, and status looks every few seconds
         return
     try:
-        lines = _index_lines(store)
+        with gzip.GzipFile(fileobj=io.BytesIO(store.read_bytes(INDEX_FILE))) as file:
+            content = file.read(MOST_BYTES + 1)
+        check_size(store.where(INDEX_FILE), len(content), MOST_BYTES)
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        yield INDEX_FILE, DamagedFileError(f"{store.where(INDEX_FILE)} is damaged: {error}")
+        return
     except (OSError, DamagedFileError) as error:
         yield INDEX_FILE, error
         return
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(content.splitlines(), start=1):
         if text.encode() in line:
             name = f"{INDEX_FILE} line {number}"
             try:
@@ -213,17 +214,6 @@ def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | E
                 yield name, DamagedFileError(f"{store.where(name)} is damaged: {error}")
             else:
                 yield name, manifest
-
-
-def _index_lines(store: Store) -> list[bytes]:
-    data = store.read_bytes(INDEX_FILE)
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
-            content = file.read(MOST_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise DamagedFileError(f"{store.where(INDEX_FILE)} is damaged: {error}") from error
-    check_size(store.where(INDEX_FILE), len(content), MOST_BYTES)
-    return content.splitlines()
 
 
 UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)
@@ -267,7 +257,12 @@ def read_slices(
     except UNREADABLE as error:
         damage = error
     else:
-        return {file: _slice(store, file, rows) for file in files}
+        return {
+            file: rows.slice(file.first or 0, file.rows)
+            if (file.first or 0) + file.rows <= len(rows)
+            else DamagedFileError(f"{store.where(file.path)} has {len(rows)} rows: too few for {file}")
+            for file in files
+        }
     hit = damaged_rows(store, files[0])
     return {file: damage if is_hit(file, hit) else _tried(store, file, columns) for file in files}
 
@@ -291,13 +286,6 @@ def is_hit(file: PartFile, damaged: Sequence[tuple[int, int]]) -> bool:
     return any(first < end and start < first + file.rows for start, end in damaged)
 
 
-def _slice(store: Store, file: PartFile, rows: pa.Table) -> pa.Table | Exception:
-    first = file.first or 0
-    if first + file.rows > len(rows):
-        return DamagedFileError(f"{store.where(file.path)} has {len(rows)} rows: too few for {file}")
-    return rows.slice(first, file.rows)
-
-
 def _tried(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table | Exception:
     try:
         return read_slice(store, file, columns)
@@ -319,25 +307,16 @@ def by_appearance(rows: pa.Table) -> pa.Table:
     for place, field in enumerate(rows.schema):
         if pa.types.is_dictionary(field.type):
             column = rows.column(place).combine_chunks()
-            used = _used(column)
-            ordered = pa.DictionaryArray.from_arrays(_renumbered(column, used), column.dictionary.take(used))
+            if column.null_count or not len(column):
+                used = pc.drop_null(pc.unique(column.indices))
+                renumbered = pc.index_in(column.indices, used).cast(column.indices.type)
+            else:  # a look-up of indices that mostly follow their like, since there are tens of millions
+                indices = column.indices.to_numpy()
+                starts = np.flatnonzero(indices[1:] != indices[:-1]) + 1
+                used = pc.unique(pa.array(indices[np.concatenate([[0], starts])]))
+                places = np.zeros(len(column.dictionary), dtype=indices.dtype)
+                places[used.to_numpy()] = np.arange(len(used))
+                renumbered = pa.array(places[indices])
+            ordered = pa.DictionaryArray.from_arrays(renumbered, column.dictionary.take(used))
             rows = rows.set_column(place, field, ordered.cast(field.type))
     return rows
-
-
-def _used(column: pa.DictionaryArray) -> pa.Array:
-    """Return the indices of `column` in order of appearance, each once; most follow their like."""
-    if column.null_count or not len(column):
-        return pc.drop_null(pc.unique(column.indices))
-    indices = column.indices.to_numpy()
-    starts = np.flatnonzero(indices[1:] != indices[:-1]) + 1
-    return pc.unique(pa.array(indices[np.concatenate([[0], starts])]))
-
-
-def _renumbered(column: pa.DictionaryArray, used: pa.Array) -> pa.Array:
-    """Return the indices of `column` as places in `used`; a look-up, since there are tens of millions."""
-    if column.null_count:
-        return pc.index_in(column.indices, used).cast(column.indices.type)
-    places = np.zeros(len(column.dictionary), dtype=column.indices.type.to_pandas_dtype())
-    places[used.to_numpy()] = np.arange(len(used))
-    return pa.array(places[column.indices.to_numpy()])

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import socket
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Any, Final
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from tma_ray.decoding import DamagedFileError, DamagedFileWarning, decode_json
+from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results.inputs import kept_files
 from tma_ray.results.layout import (
     INPUTS,
@@ -119,16 +119,12 @@ def pack(
     for table in (Table.RUNS, Table.ATTEMPTS):
         rows, path = results.table(table, list(slices)), table_path(table, name)
         if table is Table.ATTEMPTS and not contents.hosts:
-            rows = _without_hosts(rows)
+            place = rows.schema.get_field_index("host")
+            field = rows.schema.field(place)
+            empty = pa.array([""] * len(rows), pa.string()).dictionary_encode().cast(field.type)
+            rows = rows.set_column(place, field, empty)
         PartFile.write(target, path, table, len(rows), encode(table, rows)).read(target)
     return [replace(manifest, files=tuple(slices[manifest.run.run_id])) for manifest in manifests]
-
-
-def _without_hosts(attempts: pa.Table) -> pa.Table:
-    place = attempts.schema.get_field_index("host")
-    field = attempts.schema.field(place)
-    empty = pa.array([""] * len(attempts), pa.string()).dictionary_encode().cast(field.type)
-    return attempts.set_column(place, field, empty)
 
 
 def _rows_of(results: Results, table: Table, run_id: str) -> pa.Table:
@@ -211,7 +207,7 @@ class Journal:
     def load(cls, store: Store) -> Journal:
         """Return the journal of a root; an empty one if there is none, or one that cannot be read."""
         try:
-            return decode_json(store.read_bytes(JOURNAL), cls, store.where(JOURNAL))
+            return store.read_json(JOURNAL, cls)
         except FileNotFoundError:
             return cls()
         except DamagedFileError as error:  # what it listed stays, and no reader looks at it
@@ -220,8 +216,7 @@ class Journal:
 
     def write(self, store: Store) -> None:
         """Replace the journal of a root by this one."""
-        content = Journal(tuple(sorted(set(self.unless_used))), self.replaced)
-        store.write_bytes(JOURNAL, json.dumps(asdict(content)).encode())
+        store.write_json(JOURNAL, Journal(tuple(sorted(set(self.unless_used))), self.replaced))
 
 
 def clean(store: Store) -> None:
@@ -235,19 +230,17 @@ def clean(store: Store) -> None:
     used = {file.path for manifest in results.runs() for file in manifest.files}
     known = {manifest.run.run_id for manifest in results.runs()}
     unused = [path for path in journal.unless_used if path not in used]
-    doubtful = [path for path in unused if results.problems and not _is_of(path, known)]
+    doubtful = [
+        path
+        for path in unused
+        if results.problems and known.isdisjoint((*PurePosixPath(path).parts, PurePosixPath(path).stem))
+    ]
     for path in (*(path for path in unused if path not in doubtful), *journal.replaced):
         store.delete(path)
     if doubtful:
         Journal(tuple(doubtful)).write(store)
     else:
         store.delete(JOURNAL)
-
-
-def _is_of(path: str, run_ids: set[str]) -> bool:
-    """True if a file belongs to one of these runs alone."""
-    place = PurePosixPath(path)
-    return not run_ids.isdisjoint((*place.parts, place.stem))
 
 
 POLICY_FILES: Final = (".json", ".safetensors")
@@ -382,34 +375,41 @@ def compact(root: str | Path) -> Compaction:
         clean(store)
         before = _files(store)
         results = Results(store)
-        groups = grouped(list(_mergeable(results)), experiments_of(results))
+        done = [manifest for manifest in results.runs() if manifest.status is RunStatus.DONE]
+        mergeable = []
+        for manifest, found in Inspector(store).inspect_all(done):
+            reasons = [f"{damage}; not merged" for damage in found.damage]
+            reasons += [newer_version(store, path) for path in found.newer]
+            for reason in reasons:
+                warnings.warn(reason, DamagedFileWarning, stacklevel=2)
+            mergeable += [] if reasons else [manifest]
         merged = 0
-        for experiment, manifests in groups.items():
-            if not _is_merged(manifests):
+        for experiment, manifests in grouped(mergeable, experiments_of(results)).items():
+            files = {(file.path, file.first is None) for manifest in manifests for file in manifest.files}
+            if len(files) > len(DATA_TABLES) or any(is_own for _, is_own in files):
                 _merge(results, manifests, experiment, lease)
                 merged += len(manifests)
         after = _files(store)
     return Compaction(merged, len(before), len(after), sum(before.values()), sum(after.values()))
 
 
-def _mergeable(results: Results) -> Iterator[Manifest]:
-    """Yield the runs that are done and can be merged without loss; warns of others."""
-    done = [manifest for manifest in results.runs() if manifest.status is RunStatus.DONE]
-    for manifest, found in Inspector(results.store).inspect_all(done):
-        for damage in found.damage:
-            warnings.warn(f"{damage}; not merged", DamagedFileWarning, stacklevel=3)
-        for path in found.newer:
-            warnings.warn(newer_version(results.store, path), DamagedFileWarning, stacklevel=3)
-        if not (found.damage or found.newer):
-            yield manifest
-
-
 def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lease: Lease) -> None:
     store = results.store
-    name = _free_name(store, experiment, {manifest.run.run_id for manifest in results.runs()})
+    count, name = 1, experiment
+    names = {manifest.run.run_id for manifest in results.runs()}
+    tables = [table for table in Table if table is not Table.CELLS]
+    while name in names or any(store.exists(table_path(table, name)) for table in tables):
+        count += 1
+        name = f"{experiment}-{count}"
     new = [table_path(table, name) for table in (*DATA_TABLES, Table.RUNS, Table.ATTEMPTS)]
     old = [file.path for manifest in manifests for file in manifest.files]
-    about = list(_only_about(store, {manifest.run.run_id for manifest in manifests}))
+    ours, about = {manifest.run.run_id for manifest in manifests}, []
+    for table in (Table.RUNS, Table.ATTEMPTS):
+        for path in store.files(f"{TABLES}/{table}"):
+            with suppress(*UNREADABLE):  # readers name it
+                said = decode(table, store.read_bytes(path), ["run_id"])["run_id"].unique().to_pylist()
+                if ours.issuperset(said):
+                    about.append(path)
     kept = Journal.load(store).unless_used
     Journal((*kept, *new, *old)).write(store)
     packed = pack(results, manifests, store, name, lease.keep)
@@ -419,34 +419,6 @@ def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lea
         lease.keep()
         store.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
     clean(store)
-
-
-def _only_about(store: Store, run_ids: Collection[str]) -> Iterator[str]:
-    """Yield the files of the tables about runs that say nothing of any other run."""
-    for table in (Table.RUNS, Table.ATTEMPTS):
-        for path in store.files(f"{TABLES}/{table}"):
-            try:
-                said = decode(table, store.read_bytes(path), ["run_id"])["run_id"].unique().to_pylist()
-            except UNREADABLE:
-                continue  # readers name it
-            if set(said) <= set(run_ids):
-                yield path
-
-
-def _is_merged(manifests: Sequence[Manifest]) -> bool:
-    files = [file for manifest in manifests for file in manifest.files]
-    shared = all(file.first is not None for file in files)
-    return shared and len({file.path for file in files}) <= len(DATA_TABLES)
-
-
-def _free_name(store: Store, experiment: str, run_ids: Collection[str]) -> str:
-    count, name = 1, experiment
-    while name in run_ids or any(
-        store.exists(table_path(table, name)) for table in Table if table is not Table.CELLS
-    ):
-        count += 1
-        name = f"{experiment}-{count}"
-    return name
 
 
 def _files(store: Store) -> dict[str, int]:
@@ -493,10 +465,14 @@ def add_shard(results: Results, target: Store, name: str, contents: Contents = L
             raise ResultsRootError(f"{target.where(table_path(table, name))} exists: choose another name")
     sound, damaged = sound_runs(results, contents)
     new = [manifest for manifest in sound if manifest.run.run_id not in known]
-    cells = _new_cells(results, before, known | {manifest.run.run_id for manifest in new})
+    ids = known | {manifest.run.run_id for manifest in new}
+    there = {tuple(row.values()) for row in before.table(Table.CELLS).to_pylist()}
+    cells = {tuple(row.values()) for row in results.table(Table.CELLS, ids).to_pylist()} - there
     packed = pack(results, new, target, name, lambda: None, contents) if new else []
     if cells:
-        rows = to_arrow(Table.CELLS, SCHEMAS[Table.CELLS], cells)
+        schema = SCHEMAS[Table.CELLS]
+        added = [dict(zip(schema.names, row, strict=True)) for row in sorted(cells)]
+        rows = to_arrow(Table.CELLS, schema, added)
         target.write_bytes(table_path(Table.CELLS, name), encode(Table.CELLS, rows))
     unsafe = copy_beside(results, target, new, contents)
     write_index(target, (*before.runs(), *packed))
@@ -525,37 +501,18 @@ def start_from(store: Store, source: Store) -> int:
         there = {manifest.run.run_id for manifest in Results(store).runs()}
         done = [run for run in Results(source).runs() if run.status is RunStatus.DONE]
         new = [manifest for manifest in done if manifest.run.run_id not in there]
-        for path in _files_of(source, new):
+        paths = {file.path for manifest in new for file in manifest.files}
+        for table in (table for table in Table if new and table not in DATA_TABLES):
+            paths.update(source.files(f"{TABLES}/{table}"))
+        for path in sorted(paths.union(source.files(INPUTS)) if new else ()):
             lease.keep()
-            _copy_file(source, store, path)
+            data = source.read_bytes(path)
+            if not store.exists(path):
+                store.write_bytes(path, data)
+            elif store.read_bytes(path) != data:
+                raise ResultsRootError(
+                    f"{store.where(path)} differs from {source.where(path)}: begin in a new folder"
+                )
         for manifest in new:  # last: a run is there when its manifest is
             store.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
     return len(new)
-
-
-def _new_cells(results: Results, before: Results, run_ids: set[str]) -> list[dict[str, Any]]:
-    """Return the rows of cells that `before` lacks and whose runs are among `run_ids`, each once, sorted."""
-    names = SCHEMAS[Table.CELLS].names
-    known = {tuple(row.values()) for row in before.table(Table.CELLS).to_pylist()}
-    found = {tuple(row.values()) for row in results.table(Table.CELLS, run_ids).to_pylist()}
-    return [dict(zip(names, row, strict=True)) for row in sorted(found - known)]
-
-
-def _files_of(source: Store, manifests: list[Manifest]) -> list[str]:
-    """Return the paths of all that a root says of some runs, but their manifests."""
-    if not manifests:
-        return []
-    files = {file.path for manifest in manifests for file in manifest.files}
-    tables = (table for table in Table if table not in DATA_TABLES)
-    about = {path for table in tables for path in source.files(f"{TABLES}/{table}")}
-    return sorted(files | about | set(source.files(INPUTS)))
-
-
-def _copy_file(source: Store, target: Store, path: str) -> None:
-    data = source.read_bytes(path)
-    if not target.exists(path):
-        target.write_bytes(path, data)
-    elif target.read_bytes(path) != data:
-        raise ResultsRootError(
-            f"{target.where(path)} differs from {source.where(path)}: begin in a new folder"
-        )

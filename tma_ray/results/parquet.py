@@ -6,10 +6,8 @@ import io
 import itertools
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
-from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec
-from types import ModuleType
 from typing import Any, Final, TypeAlias
 
 import pyarrow as pa
@@ -61,20 +59,13 @@ def unpacked_sizes(
             for page in _pages(source, chunk):
                 if _DICTIONARY in page:
                     largest = 0 if stays else page[_SIZE]
-                is_number = chunk.physical_type in _NUMBERS
-                yield PAGE_BYTES + (_numbers(page) if is_number else _texts(page, largest))
-
-
-def _numbers(page: _Fields) -> int:
-    return int(page[_SIZE] + _VALUE_BYTES * _count(page))
-
-
-def _texts(page: _Fields, largest: int) -> int:
-    """Return the bytes of texts, of which those in the dictionary have `largest` bytes or fewer."""
-    encoding = page.get(_DATA_2, {}).get(4, page.get(_DATA, {}).get(2, _PLAIN))
-    if encoding in (_PLAIN, _LENGTHS_APART):
-        return _numbers(page)
-    return int(_count(page) * (_VALUE_BYTES + (largest if encoding in _BY_DICTIONARY else page[_SIZE])))
+                encoding = page.get(_DATA_2, {}).get(4, page.get(_DATA, {}).get(2, _PLAIN))
+                if chunk.physical_type in _NUMBERS or encoding in (_PLAIN, _LENGTHS_APART):
+                    size = page[_SIZE] + _VALUE_BYTES * _count(page)
+                else:  # texts, of which those in the dictionary have `largest` bytes or fewer
+                    each = largest if encoding in _BY_DICTIONARY else page[_SIZE]
+                    size = _count(page) * (_VALUE_BYTES + each)
+                yield PAGE_BYTES + size
 
 
 def _count(page: _Fields) -> int:
@@ -89,21 +80,16 @@ def _pages(source: Any, chunk: Any) -> Iterator[_Fields]:
         at = min(at, chunk.dictionary_page_offset or at)
     end = at + chunk.total_compressed_size
     while at < end:
-        page, size = _header(source, at)
+        for most in HEADER_BYTES:
+            with suppress(IndexError, RecursionError):
+                page, size = _structure(source.read_at(most, at), 0)
+                break
+        else:
+            raise DamagedFileError(f"no page begins at {at:,}")
         if min(page.get(_SIZE, -1), page.get(_PACKED_SIZE, -1), _count(page)) < 0:
             raise DamagedFileError(f"a page at {at:,} tells no size")
         yield page
         at += size + page[_PACKED_SIZE]
-
-
-def _header(source: Any, at: int) -> tuple[_Fields, int]:
-    """Return the header of a page and how many bytes it has."""
-    for size in HEADER_BYTES:
-        try:
-            return _structure(source.read_at(size, at), 0)
-        except (IndexError, RecursionError):
-            continue
-    raise DamagedFileError(f"no page begins at {at:,}")
 
 
 def _structure(data: bytes, at: int) -> tuple[_Fields, int]:
@@ -173,8 +159,7 @@ _REPEATED: Final = {
 def encode(table: Table, rows: pa.Table) -> bytes:
     """Return `rows` as a Parquet file; its bytes depend on their values and order only."""
     sink = pa.BufferOutputStream()
-    options = _options(table)
-    pq.write_table(_canonical(table, rows), sink, row_group_size=ROW_GROUP_ROWS, **options)
+    pq.write_table(_canonical(table, rows), sink, row_group_size=ROW_GROUP_ROWS, **_options(table))
     return bytes(sink.getvalue())
 
 
@@ -325,10 +310,8 @@ def _check_size(
     if rows > most_rows:
         raise DamagedFileError(f"it claims {rows:,} rows, more than {most_rows:,} of {table}")
     most = min(MOST_ROW_BYTES[table] * max(rows, 1_000), MOST_UNPACKED_BYTES.get(table, MOST_BYTES // 2))
-    if any(
-        size > most
-        for size in itertools.accumulate(unpacked_sizes(file, source, groups, columns, _ids(table)))
-    ):
+    sizes = itertools.accumulate(unpacked_sizes(file, source, groups, columns, _ids(table)))
+    if any(size > most for size in sizes):
         raise DamagedFileError(f"its {rows:,} rows of {table} would take more than {most:,} bytes of memory")
 
 
@@ -360,38 +343,35 @@ def _write_group(writer: pq.ParquetWriter, table: Table, parts: Sequence[pa.Tabl
 
 def _canonical(table: Table, rows: pa.Table) -> pa.Table:
     """Return `rows` with dictionaries of ids in order of appearance, whatever their parts held."""
-    schema = SCHEMAS[table]
-    return pa.Table.from_arrays([_rebuilt(rows[field.name], field.type) for field in schema], schema=schema)
+    columns = []
+    for field in SCHEMAS[table]:
+        column = rows[field.name]
+        if pa.types.is_dictionary(field.type):
+            plain = column.cast(field.type.value_type).combine_chunks()
+            columns.append(plain.dictionary_encode().cast(field.type))
+        else:
+            columns.append(column.combine_chunks())
+    return pa.Table.from_arrays(columns, schema=SCHEMAS[table])
 
 
 def _options(table: Table) -> dict[str, Any]:
-    return {"compression": "zstd", "write_page_checksum": True, **_encodings(table, SCHEMAS[table])}
-
-
-def _rebuilt(column: pa.ChunkedArray, kind: pa.DataType) -> pa.Array:
-    if pa.types.is_dictionary(kind):
-        plain = column.cast(kind.value_type).combine_chunks()
-        return plain.dictionary_encode().cast(kind)
-    return column.combine_chunks()
-
-
-def _encodings(table: Table, schema: pa.Schema) -> dict[str, Any]:
-    leaves = [leaf for field in schema for leaf in _leaves(field.name, field.type)]
-    repeated = _REPEATED.get(table, ())
-    encoding = {path: _encoding(kind) for path, kind in leaves if path not in repeated}
-    chosen = {path: name for path, name in encoding.items() if name}
+    """Return the options of a Parquet file: compression, checksums, and the encoding of each column."""
+    dictionaries, encodings = [], {}
+    for path, kind in (leaf for field in SCHEMAS[table] for leaf in _leaves(field.name, field.type)):
+        if path in _REPEATED.get(table, ()):
+            dictionaries.append(path)
+        elif pa.types.is_integer(kind) or pa.types.is_timestamp(kind):
+            encodings[path] = "DELTA_BINARY_PACKED"
+        elif pa.types.is_floating(kind):
+            encodings[path] = "BYTE_STREAM_SPLIT"
+        else:
+            dictionaries.append(path)
     return {
-        "column_encoding": chosen,
-        "use_dictionary": [path for path, _ in leaves if path not in chosen],
+        "compression": "zstd",
+        "write_page_checksum": True,
+        "column_encoding": encodings,
+        "use_dictionary": dictionaries,
     }
-
-
-def _encoding(kind: pa.DataType) -> str | None:
-    if pa.types.is_integer(kind) or pa.types.is_timestamp(kind):
-        return "DELTA_BINARY_PACKED"
-    if pa.types.is_floating(kind):
-        return "BYTE_STREAM_SPLIT"
-    return None
 
 
 def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
@@ -408,34 +388,18 @@ def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
         yield path, kind
 
 
-class _Refusal(MetaPathFinder):
-    """Import finder that refuses pandas."""
-
-    def find_spec(
-        self,
-        fullname: str,
-        path: Sequence[str] | None,  # noqa: ARG002  # as the protocol has it
-        target: ModuleType | None = None,  # noqa: ARG002
-    ) -> ModuleSpec | None:
-        if fullname == "pandas":
-            raise ModuleNotFoundError("pandas is left out", name=fullname)
-        return None
-
-
 def leave_pandas_out() -> None:
     """Let pyarrow convert lists without pandas in this process, unless pandas is imported already.
 
     What asks for a data frame still gets one: pyarrow then imports pandas after all. Call it before other
     threads import anything.
     """
-    if "pandas" in sys.modules:
-        return
-    refusal = _Refusal()
-    sys.meta_path.insert(0, refusal)
-    try:
-        pa.array([0])  # looks for pandas once in a process
-    finally:
-        sys.meta_path.remove(refusal)
+    if "pandas" not in sys.modules:
+        sys.modules["pandas"] = None  # type: ignore[assignment] # refuses its import
+        try:
+            pa.array([0])  # looks for pandas once in a process
+        finally:
+            del sys.modules["pandas"]
 
 
 PUBLISHED_FILE: Final = "published.parquet"

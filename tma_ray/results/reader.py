@@ -89,11 +89,17 @@ class Results:
         )
         read = dict(zip(new, loaded, strict=True))
         found = {key: known[key] if key in known else read[key[0]] for key in stamps.items()}
-        indexed = self._indexed({PurePosixPath(path).stem for path in stamps})
-        own = (manifest for manifest in found.values() if manifest is not None)
-        self._manifests = tuple(sorted((*own, *indexed), key=lambda each: manifest_path(each.run.run_id)))
-        lost = lost_manifests(store, self._manifests, {PurePosixPath(path).stem for path in stamps})
-        self._map(lambda path: self._report(path, lost[path]), list(lost), 1)
+        ids, problems = {PurePosixPath(path).stem for path in stamps}, len(self.problems)
+        manifests = [manifest for manifest in found.values() if manifest is not None]
+        for name, each in read_index(store):
+            if isinstance(each, Exception):
+                self._report(name, each)
+            elif each.run.run_id not in ids:
+                manifests.append(each)
+        for path, error in lost_manifests(store, manifests, ids).items():
+            self._report(path, error)
+        self._warn(problems)
+        self._manifests = tuple(sorted(manifests, key=lambda each: manifest_path(each.run.run_id)))
         self._places = {manifest.run.run_id: place for place, manifest in enumerate(self._manifests)}
         self._known: _Known = {
             (path, (at, size)): manifest
@@ -149,10 +155,17 @@ class Results:
             )
         if table not in DATA_TABLES:
             return self._about_runs(table, run_ids, names).select(names)
-        chosen = self._of_runs(run_ids)
+        chosen: Sequence[Manifest] = self._manifests
+        if run_ids is not None:
+            places = sorted(self._places[run_id] for run_id in set(run_ids) if run_id in self._places)
+            chosen = [self._manifests[place] for place in places]
         # Ids are known without reading them, and there are tens of millions.
         read = [name for name in names if name != RUN_ID] or names
-        shared = self._shared(chosen, table, read)
+        files = (file for manifest in chosen for file in manifest.files if file.table is table)
+        slices = self._map(
+            lambda sharing: read_slices(self.store, sharing, read), shared_by_path(files).values()
+        )  # of files that many runs share, each read once
+        shared = {file: rows for found in slices for file, rows in found.items()}
         per_run = self._map(
             lambda manifest: self._run_rows(manifest, table, read, shared),
             chosen,
@@ -162,16 +175,15 @@ class Results:
         rows = by_appearance(rows) if shared else rows
         if read == names:
             return rows
-        counts = [sum(map(len, found)) for found in per_run]
-        ids = _repeated([manifest.run.run_id for manifest in chosen], counts)
+        counts = [
+            (manifest.run.run_id, count)
+            for manifest, found in zip(chosen, per_run, strict=True)
+            if (count := sum(map(len, found)))
+        ]
+        repeated = np.repeat(np.arange(len(counts), dtype=np.int32), [count for _, count in counts])
+        present = pa.array([run_id for run_id, _ in counts], pa.string())
+        ids = pa.DictionaryArray.from_arrays(pa.array(repeated), present)
         return rows.add_column(names.index(RUN_ID), SCHEMAS[table].field(RUN_ID), ids)
-
-    def _of_runs(self, run_ids: Collection[str] | None) -> Sequence[Manifest]:
-        """Return the manifests of these runs, or of all, by run id."""
-        if run_ids is None:
-            return self._manifests
-        places = sorted(self._places[run_id] for run_id in set(run_ids) if run_id in self._places)
-        return [self._manifests[place] for place in places]
 
     def _about_runs(self, table: Table, run_ids: Collection[str] | None, names: Sequence[str]) -> pa.Table:
         """Return at least the columns `names` of a table that no run has alone, and the keys of its rows."""
@@ -179,36 +191,26 @@ class Results:
         if table is Table.RUNS:
             rows = to_arrow(table, SCHEMAS[table], [manifest.row() for manifest in self.runs()])
         else:
-            paths = self._paths_about(table, run_ids)
+            paths = self.store.files(f"{TABLES}/{table}")
+            if table is Table.ATTEMPTS and run_ids is not None:  # files of the runs, and of several
+                others = {table_path(table, run_id) for run_id in self._places.keys() - set(run_ids)}
+                paths = tuple(path for path in paths if path not in others)
             found = self._map(
                 lambda path: self._tried(path, lambda: decode(table, self.store.read_bytes(path), names)),
                 paths,
                 self._threads(),
             )
             rows = _joined(table, names, [part for part in found if part is not None])
-            rows = _each_once(rows) if table is Table.ATTEMPTS else rows
+        if table is Table.ATTEMPTS:  # while files are being merged some are there twice
+            keys = list(zip(rows["run_id"].to_pylist(), rows["attempt"].to_pylist(), strict=True))
+            places = {key: place for place, key in enumerate(keys)}
+            order = [places[key] for key in sorted(places)]
+            rows = rows if order == list(range(len(keys))) else by_appearance(rows.take(order))
         if run_ids is None:
             return rows
         ids = rows["run_id"].combine_chunks().cast(pa.string())
         wanted = pc.is_in(ids, pa.array(list(run_ids), pa.string()))
         return rows if pc.all(wanted, min_count=0).as_py() else rows.filter(wanted)
-
-    def _paths_about(self, table: Table, run_ids: Collection[str] | None) -> list[str]:
-        """Return the files that may hold rows of these runs: their own, and those of several runs."""
-        paths = self.store.files(f"{TABLES}/{table}")
-        if table is not Table.ATTEMPTS or run_ids is None:
-            return list(paths)
-        others = {table_path(table, manifest.run.run_id) for manifest in self.runs()}
-        others -= {table_path(table, run_id) for run_id in run_ids}
-        return [path for path in paths if path not in others]
-
-    def _shared(self, chosen: Sequence[Manifest], table: Table, columns: Sequence[str]) -> _Shared:
-        """Read the files that many of the chosen runs share, each once."""
-        files = (file for manifest in chosen for file in manifest.files if file.table is table)
-        found = self._map(
-            lambda sharing: read_slices(self.store, sharing, columns), shared_by_path(files).values()
-        )
-        return {file: rows for slices in found for file, rows in slices.items()}
 
     def _run_rows(
         self, manifest: Manifest, table: Table, columns: Sequence[str], shared: _Shared
@@ -217,42 +219,24 @@ class Results:
         found = []
         for file in files:
             try:
-                found.append(self._file_slice(file, columns, shared))
+                if file.first is None:
+                    rows = decode(file.table, file.read(self.store), columns, file.rows, checked=True)
+                elif not file.rows:
+                    rows = SCHEMAS[file.table].empty_table().select(columns)
+                else:
+                    rows = shared[file] if file in shared else read_slice(self.store, file, columns)
+                if isinstance(rows, Exception):
+                    raise rows
+                found.append(rows)
             except UNREADABLE as error:
-                fresh = self._newer(manifest) if isinstance(error, FileNotFoundError) else None
-                # Parts go when a run ends, and files when they are merged.
-                if fresh is not None and fresh.files != manifest.files:
-                    return self._run_rows(fresh, table, columns, {})
+                if isinstance(error, FileNotFoundError):
+                    # Parts go when a run ends, and files when they are merged.
+                    run_id = manifest.run.run_id
+                    fresh = self._tried(manifest_path(run_id), lambda: Manifest.load(self.store, run_id))  # noqa: B023
+                    if fresh is not None and fresh.files != manifest.files:
+                        return self._run_rows(fresh, table, columns, {})
                 self._report(file.path, error)
         return found
-
-    def _file_slice(self, file: PartFile, columns: Sequence[str], shared: _Shared) -> pa.Table:
-        if file.first is None:
-            return decode(file.table, file.read(self.store), columns, file.rows, checked=True)
-        if not file.rows:
-            return SCHEMAS[file.table].empty_table().select(columns)
-        rows = shared[file] if file in shared else read_slice(self.store, file, columns)
-        if isinstance(rows, Exception):
-            raise rows
-        return rows
-
-    def _load(self, path: str) -> Manifest | None:
-        return self._tried(path, lambda: load_manifest(self.store, path))
-
-    def _newer(self, manifest: Manifest) -> Manifest | None:
-        run_id = manifest.run.run_id
-        return self._tried(manifest_path(run_id), lambda: Manifest.load(self.store, run_id))
-
-    def _indexed(self, own: set[str]) -> list[Manifest]:
-        """Return the manifests of the index of runs that have no manifest of their `own`."""
-        known, manifests = len(self.problems), []
-        for name, found in read_index(self.store):
-            if isinstance(found, Exception):
-                self._report(name, found)
-            elif found.run.run_id not in own:
-                manifests.append(found)
-        self._warn(known)
-        return manifests
 
     def _tried(self, path: str, read: Callable[[], T]) -> T | None:
         try:
@@ -286,21 +270,6 @@ class Results:
         """Warn of the problems after the first `known` ones."""
         for problem in self.problems[known:]:
             warnings.warn(problem, DamagedFileWarning, stacklevel=5)
-
-
-def _repeated(run_ids: Sequence[str], counts: Sequence[int]) -> pa.Array:
-    """Return each id as often as its count says, as a dictionary of those that appear."""
-    present = [(run_id, count) for run_id, count in zip(run_ids, counts, strict=True) if count]
-    places = np.repeat(np.arange(len(present), dtype=np.int32), [count for _, count in present])
-    return pa.DictionaryArray.from_arrays(pa.array(places), pa.array([i for i, _ in present], pa.string()))
-
-
-def _each_once(attempts: pa.Table) -> pa.Table:
-    """Return attempts by run and number; while files are being merged some are there twice."""
-    keys = list(zip(attempts["run_id"].to_pylist(), attempts["attempt"].to_pylist(), strict=True))
-    places = {key: place for place, key in enumerate(keys)}
-    order = [places[key] for key in sorted(places)]
-    return attempts if order == list(range(len(keys))) else by_appearance(attempts.take(order))
 
 
 def _joined(table: Table, columns: Sequence[str], found: Sequence[pa.Table]) -> pa.Table:

@@ -7,12 +7,12 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from enum import StrEnum
 from typing import Any, Final
 
 from tma_ray.decoding import DamagedFileError, Natural, SmallNatural, decode_json
-from tma_ray.results.layout import MANIFESTS, manifest_path, progress_path
+from tma_ray.results.layout import progress_path
 from tma_ray.results.storage import Store
 
 HASHED_ID: Final = re.compile(r".*-s\d+-([0-9a-f]{12})")
@@ -206,33 +206,10 @@ def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | No
     """Return the last record that an attempt has kept, None if there is none that can be read."""
     path = progress_path(run_id, attempt)
     try:
-        record = decode_json(store.read_bytes(path), AttemptRecord, store.where(path))
+        record = store.read_json(path, AttemptRecord)
     except (FileNotFoundError, DamagedFileError):
         return None
     return record if (record.run_id, record.attempt) == (run_id, attempt) else None
-
-
-def withdraw(store: Store, run_id: str, attempt: int) -> None:
-    """Replace the record of an attempt under way by one that it never began."""
-    store.write_bytes(progress_path(run_id, attempt), WITHDRAWN)
-
-
-def is_withdrawn(store: Store, run_id: str, attempt: int) -> bool:
-    """Return True if an attempt is known never to have begun."""
-    try:
-        return store.read_bytes(progress_path(run_id, attempt)) == WITHDRAWN
-    except FileNotFoundError:
-        return False
-
-
-def lost_without_record(store: Store, run_id: str, attempt: int) -> AttemptRecord:
-    """Return the record of a published attempt that kept none.
-
-    It has published nothing but its number, so that the run's manifest tells when it was started.
-    """
-    written_at, _ = store.stamps(MANIFESTS).get(manifest_path(run_id), (None, None))
-    started_at = datetime.fromtimestamp(written_at / 1e9, UTC) if written_at else datetime.now(UTC)
-    return AttemptRecord(run_id, attempt, started_at, 0.0, 0.0, "", "{}", AttemptOutcome.LOST)
 
 
 TRIAL_FILE: Final = "trial.json"
@@ -276,7 +253,7 @@ class TrialFile:
         """
         if not store.holds(TRIAL_FILE):
             return None
-        return decode_json(store.read_bytes(TRIAL_FILE), cls, store.where(TRIAL_FILE))
+        return store.read_json(TRIAL_FILE, cls)
 
     def save(self, store: Store) -> None:
         """Write it in one piece."""

@@ -193,11 +193,16 @@ def to_arrow(table: Table, schema: pa.Schema, rows: Sequence[Mapping[str, Any]])
     Raises:
         ValueError: a column missing, unknown, or of a wrong type; the message names table and column.
     """
-    defaults = _defaults(schema)
+    defaults = {f.name: default_of(f) for f in schema if f.nullable or DEFAULT in (f.metadata or {})}
     known, needed = set(schema.names), [f.name for f in schema if not f.nullable and f.name not in defaults]
     for row in rows:
         if not known.issuperset(row) or any(row.get(name) is None for name in needed):
-            raise _wrong_names(table, schema, {**defaults, **row})
+            unknown = [name for name in row if name not in known]
+            missing = [name for name in needed if row.get(name) is None]
+            raise ValueError(
+                f"a row of {table} has the columns {', '.join(schema.names)}; "
+                f"missing: {', '.join(missing) or 'none'}; unknown: {', '.join(unknown) or 'none'}"
+            )
     columns = [
         _to_array(table, field, [row.get(field.name, defaults.get(field.name)) for row in rows])
         for field in schema
@@ -230,26 +235,6 @@ def completed(schema: pa.Schema, names: Sequence[str], rows: pa.Table) -> pa.Tab
 def selected(schema: pa.Schema, names: Sequence[str]) -> pa.Schema:
     """Return the columns `names` of `schema`, in their order."""
     return pa.schema([schema.field(name) for name in names], schema.metadata)
-
-
-def _defaults(schema: pa.Schema) -> dict[str, Any]:
-    """Return the defaults that columns of `schema` name."""
-    found = {}
-    for field in schema:
-        try:
-            found[field.name] = default_of(field)
-        except KeyError:
-            continue
-    return found
-
-
-def _wrong_names(table: Table, schema: pa.Schema, row: Mapping[str, Any]) -> ValueError:
-    unknown = [name for name in row if name not in schema.names]
-    missing = [field.name for field in schema if not field.nullable and row.get(field.name) is None]
-    return ValueError(
-        f"a row of {table} has the columns {', '.join(schema.names)}; "
-        f"missing: {', '.join(missing) or 'none'}; unknown: {', '.join(unknown) or 'none'}"
-    )
 
 
 def _to_array(table: Table, field: pa.Field, values: list[Any]) -> pa.Array:

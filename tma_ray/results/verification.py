@@ -6,7 +6,7 @@ import threading
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from typing import Any, Final
 
@@ -222,7 +222,7 @@ class RootVerification:
     runs: int
     files: tuple[tuple[str, str], ...]
     damage: tuple[Damage, ...] = ()
-    unlisted: tuple[str, ...] = field(default=())
+    unlisted: tuple[str, ...] = ()
 
 
 def verify_root(store: Store) -> RootVerification:
@@ -232,7 +232,23 @@ def verify_root(store: Store) -> RootVerification:
         ResultsRootError: the root does not exist, or is one of another version.
     """
     check_root(store)
-    manifests, damage = _manifests(store)
+    damage: list[Damage] = []
+
+    def report(path: str, error: Exception) -> None:
+        damage.append(Damage(path, damage_reason(error, store.where(path))))
+
+    manifests, paths = [], store.files(MANIFESTS)
+    for path in paths:
+        try:
+            manifests.append(load_manifest(store, path))
+        except UNREADABLE as error:
+            report(path, error)
+    own = {PurePosixPath(path).stem for path in paths}
+    for name, each in read_index(store):
+        if isinstance(each, Exception):
+            report(name, each)
+        elif each.run.run_id not in own:
+            manifests.append(each)
     lost = lost_manifests(store, manifests, {PurePosixPath(each.path).stem for each in damage})
     damage += [Damage(path, str(error), PurePosixPath(path).stem) for path, error in lost.items()]
     for _, inspection in Inspector(store, raise_refusals=False).inspect_all(manifests):
@@ -244,24 +260,11 @@ def verify_root(store: Store) -> RootVerification:
     damage += (Damage(*found) for found in damaged_inputs(store, [manifest.run for manifest in manifests]))
     listed = {(file.path, file.sha256) for manifest in manifests for file in manifest.files}
     known = {manifest.run.run_id for manifest in manifests}
-    unlisted = tuple(_unlisted(store, {path for path, _ in listed}, known))
-    return RootVerification(len(manifests), tuple(sorted(listed)), tuple(dict.fromkeys(damage)), unlisted)
-
-
-def _manifests(store: Store) -> tuple[list[Manifest], list[Damage]]:
-    found, damage, paths = [], [], store.files(MANIFESTS)
-    for path in paths:
-        try:
-            found.append(load_manifest(store, path))
-        except UNREADABLE as error:
-            damage.append(Damage(path, damage_reason(error, store.where(path))))
-    own = {PurePosixPath(path).stem for path in paths}
-    for name, each in read_index(store):
-        if isinstance(each, Exception):
-            damage.append(Damage(name, damage_reason(each, store.where(name))))
-        elif each.run.run_id not in own:
-            found.append(each)
-    return found, damage
+    rows = [path for table in DATA_TABLES for path in store.files(f"{TABLES}/{table}")]
+    unlisted = [path for path in rows if path not in {path for path, _ in listed}]
+    unlisted += [path for path in store.files(POLICIES) if PurePosixPath(path).parts[1] not in known]
+    files = tuple(sorted(listed))
+    return RootVerification(len(manifests), files, tuple(dict.fromkeys(damage)), tuple(unlisted))
 
 
 def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
@@ -298,9 +301,7 @@ def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damag
 
 
 def _tables_about_runs(store: Store) -> Iterator[Damage]:
-    for table in Table:
-        if table in DATA_TABLES:
-            continue
+    for table in (table for table in Table if table not in DATA_TABLES):
         for path in store.files(f"{TABLES}/{table}"):
             try:
                 decode(table, store.read_bytes(path))
@@ -322,9 +323,3 @@ def _foreign_policies(store: Store, manifests: Iterable[Manifest]) -> Iterator[D
             continue
         if saved_spec != decode_json(manifest.run.spec, dict[str, Any], path):
             yield Damage(path, "it is not the spec of its run", manifest.run.run_id)
-
-
-def _unlisted(store: Store, listed: set[str], run_ids: set[str]) -> Iterator[str]:
-    for table in DATA_TABLES:
-        yield from (path for path in store.files(f"{TABLES}/{table}") if path not in listed)
-    yield from (path for path in store.files(POLICIES) if PurePosixPath(path).parts[1] not in run_ids)

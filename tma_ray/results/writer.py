@@ -74,7 +74,7 @@ class RunWriter:
         return self._parts
 
     def finish(self) -> tuple[PartFile, ...]:
-        """Write and returns the canonical files, one per data table, also for tables without rows.
+        """Write and return the canonical files, one per data table, also for tables without rows.
 
         Their bytes depend on the rows only, not on how these were split over parts and attempts.
 
@@ -82,15 +82,15 @@ class RunWriter:
             FileNotFoundError: a part is gone.
             DamagedFileError: a part is not what was written.
         """
-        return tuple(self._merge(table) for table in DATA_TABLES)
-
-    def _merge(self, table: Table) -> PartFile:
-        """Write the rows of all parts, and those that no part holds yet."""
-        parts = [decode(table, part.read(self.store)) for part in self._parts if part.table is table]
-        schema, last = SCHEMAS[table], [_with_run_id(self.run_id, rows) for rows in self._buffer[table]]
-        parts += [completed(schema, schema.names, rows) for rows in last]
-        path = final_path(self.run_id, self.attempt, table)
-        return self._write(path, table, pa.concat_tables([schema.empty_table(), *parts]))
+        files = []
+        for table, buffered in self._buffer.items():
+            schema = SCHEMAS[table]
+            parts = [decode(table, part.read(self.store)) for part in self._parts if part.table is table]
+            last = [_with_run_id(self.run_id, rows) for rows in buffered]
+            parts += [completed(schema, schema.names, rows) for rows in last]
+            path = final_path(self.run_id, self.attempt, table)
+            files.append(self._write(path, table, pa.concat_tables([schema.empty_table(), *parts])))
+        return tuple(files)
 
     def _write(self, path: str, table: Table, rows: pa.Table) -> PartFile:
         return PartFile.write(self.store, path, table, len(rows), encode(table, rows))

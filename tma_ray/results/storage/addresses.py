@@ -7,7 +7,7 @@ is not there. Here a file is missing only if the place itself said so.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import PurePosixPath
 from textwrap import shorten
 from typing import Any, Final, TypeVar, cast
@@ -16,7 +16,7 @@ import pyarrow as pa
 from pyarrow import fs
 
 from tma_ray.decoding import MOST_TEXT_BYTES, check_size
-from tma_ray.results.storage.base import ObjectStoreError, Stamp, Store, Version
+from tma_ray.results.storage.base import ObjectStoreError, Stamp, Store, Version, opened_ranges
 
 T = TypeVar("T")
 
@@ -43,221 +43,139 @@ class AddressStore(Store, schemes=("*",)):
     Such file systems have no conditional writes: `create` and `replace` look first, and exclude nobody.
 
     Args:
-        filesystem: any `pyarrow.fs.FileSystem`.
+        filesystem: any file system of fsspec.
         base: path of the root in it.
     """
 
     def __init__(self, filesystem: Any, base: str) -> None:
         super().__init__(base.rstrip("/"))
         self.filesystem = filesystem
-        self.is_object_store = filesystem.type_name == "abfs"
+        protocol = filesystem.protocol
+        self._scheme = protocol if isinstance(protocol, str) else protocol[0]
+        self.is_object_store = self._scheme == "abfs"
 
     @classmethod
     def at(cls, uri: str) -> AddressStore:
-        """Return the store at an address.
+        try:
+            from fsspec.core import url_to_fs
+            from fsspec.implementations.arrow import ArrowFSWrapper
 
-        Raises:
-            ObjectStoreError: neither library knows its scheme, or one is missing.
-        """
-        return cls(*open_address(uri))
+            with suppress(pa.ArrowInvalid, ValueError):  # not pyarrow's own: fsspec may know it
+                filesystem, path = fs.FileSystem.from_uri(uri)
+                handler = getattr(filesystem, "handler", None)
+                if isinstance(handler, fs.FSSpecHandler):  # pyarrow hands some over to fsspec itself
+                    return cls(handler.fs, path)
+                return cls(ArrowFSWrapper(filesystem), path)
+            return cls(*url_to_fs(uri))
+        except (ImportError, ValueError) as error:
+            where = uri.split("@")[-1]  # no password
+            raise ObjectStoreError(
+                f"{where}: {error}; pip install 'tma_ray[addresses]' has the libraries for https:// and hf://"
+            ) from error
 
     def __str__(self) -> str:
-        name = self.filesystem.type_name.removeprefix("py::fsspec+")
-        return self.base if "://" in self.base else f"{name}://{self.base.lstrip('/')}"
+        return self.base if "://" in self.base else f"{self._scheme}://{self.base.lstrip('/')}"
 
     def _read(self, path: str, most_bytes: int) -> bytes:
-        with self.filesystem.open_input_file(self.full_path(path)) as file:  # a stream would ask bit by bit
-            check_size(self.where(path), file.size(), most_bytes)
+        with self._opened(path) as file, _reached(self.where(path)):
+            check_size(self.where(path), file.size, most_bytes)
             return cast("bytes", file.read())
 
     def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
-        with self.filesystem.open_input_file(self.full_path(path)) as file:
-            return read(file)
+        with self._opened(path) as file:
+
+            def fetch(start: int, size: int) -> bytes:
+                with _reached(self.where(path)):
+                    file.seek(start)
+                    return cast("bytes", file.read(size))
+
+            return read(opened_ranges(fetch, file.size))
+
+    def _opened(self, path: str) -> Any:
+        if not self.exists(path):
+            raise FileNotFoundError(self.where(path))
+        with _reached(self.where(path)):
+            return self.filesystem.open(self.full_path(path), "rb")
 
     def read_version(self, path: str) -> tuple[bytes, Version]:
-        """Return the content of a small file, which is its version too."""
         data = self._read(path, MOST_TEXT_BYTES)
         return data, data
 
     def write_bytes(self, path: str, data: bytes) -> None:
-        """Write or replaces a file.
+        """Write or replace a file.
 
         Raises:
             ObjectStoreError: addresses of this kind can only be read.
         """
         try:
             self._make_parent(path)
-            with self.filesystem.open_output_stream(self.full_path(path), compression=None) as stream:
+            with _reached(self.where(path)), self.filesystem.open(self.full_path(path), "wb") as stream:
                 stream.write(data)  # one write: an object store publishes even an interrupted stream
         except NotImplementedError as error:
             raise ObjectStoreError(f"{self}: results at an address of this kind can only be read") from error
 
     def create(self, path: str, data: bytes) -> bool:
-        """Write a new file; False if there is one. Two may write at the same instant."""
         if self.exists(path):
             return False
         self.write_bytes(path, data)
         return True
 
     def replace(self, path: str, data: bytes, version: Version) -> bool:
-        """Replace a file of this `version`; False if it is another. Two may write at the same instant."""
         if not self.exists(path) or self.read_version(path)[1] != version:
             return False
         self.write_bytes(path, data)
         return True
 
     def exists(self, path: str) -> bool:
-        """True if there is a file at `path`."""
-        return bool(self._info(path).type == fs.FileType.File)
+        return self._kind(self.full_path(path), path) == "file"
 
     def stamps(self, folder: str = "") -> dict[str, Stamp]:
-        """Return the `Stamp` of each of `files` below `folder`, by path, sorted."""
-        found = self._listed(folder, recursive=True)
-        files = [info for info in found if info.type == fs.FileType.File]
-        return dict(sorted((f.path.removeprefix(self._prefix), (f.mtime_ns, f.size)) for f in files))
+        found = {
+            path.removeprefix(self._prefix): (
+                fs.FileInfo(path, mtime=info.get("mtime")).mtime_ns,
+                info["size"],
+            )
+            for path, info in self._listed(folder).items()
+            if info["type"] == "file"
+        }
+        return dict(sorted(found.items()))
 
     def _names(self, folder: str) -> set[str]:
-        return {info.base_name for info in self._listed(folder)}
+        return {PurePosixPath(path).name for path in self._listed(folder, maxdepth=1)}
 
-    def _listed(self, folder: str, *, recursive: bool = False) -> list[fs.FileInfo]:
+    def _listed(self, folder: str, maxdepth: int | None = None) -> dict[str, dict[str, Any]]:
+        """Return what fsspec says of all below `folder`, by path."""
         full = self.full_path(folder) if folder else self.base
-        selector = fs.FileSelector(full, recursive=recursive, allow_not_found=True)
-        return cast("list[fs.FileInfo]", self.filesystem.get_file_info(selector))
+        with _reached(self.where(folder)):
+            if not self.filesystem.isdir(full):
+                if self._kind(full, folder):
+                    raise NotADirectoryError(full)
+                return {}
+            found = self.filesystem.find(full, maxdepth=maxdepth, withdirs=True, detail=True)
+        return {path: info for path, info in found.items() if path.strip("/") != full.strip("/")}
 
     def move(self, source: str, destination: str) -> None:
-        """Move a file, replacing what is at `destination`."""
         self._make_parent(destination)
-        self.filesystem.move(self.full_path(source), self.full_path(destination))
+        with _reached(self.where(source)):
+            self.filesystem.mv(self.full_path(source), self.full_path(destination), recursive=True)
 
     def delete(self, path: str) -> None:
-        """Delete a file, or a folder with all it holds."""
-        kind = self._info(path).type
-        if kind == fs.FileType.File:
-            self.filesystem.delete_file(self.full_path(path))
-        elif kind == fs.FileType.Directory:
-            self.filesystem.delete_dir(self.full_path(path))
+        if self._kind(self.full_path(path), path):
+            with _reached(self.where(path)):
+                self.filesystem.rm(self.full_path(path), recursive=True)
 
-    def _info(self, path: str) -> fs.FileInfo:
-        return self.filesystem.get_file_info(self.full_path(path))
+    def _kind(self, full: str, path: str) -> str:
+        """Return "file", "directory" or another word of fsspec's for what lies there; empty for nothing."""
+        try:
+            with _reached(self.where(path)):
+                return str(self.filesystem.info(full)["type"])
+        except FileNotFoundError:
+            return ""
 
     def _make_parent(self, path: str) -> None:
         if not self.is_object_store:  # which has no folders to make
-            parent = str(PurePosixPath(self.full_path(path)).parent)
-            self.filesystem.create_dir(parent, recursive=True)
-
-
-def open_address(uri: str) -> tuple[Any, str]:
-    """Return the file system and path of an address that pyarrow or fsspec knows.
-
-    Raises:
-        ObjectStoreError: neither knows it, or a library is missing.
-    """
-    where = uri.split("@")[-1]  # no password
-    try:
-        filesystem, path = _opened(uri)
-    except (ImportError, ValueError) as error:
-        raise ObjectStoreError(
-            f"{where}: {error}; pip install 'tma_ray[addresses]' has the libraries for https:// and hf://"
-        ) from error
-    if isinstance(filesystem, fs.FileSystem):
-        return filesystem, path
-    return fs.PyFileSystem(AddressHandler(filesystem)), path
-
-
-def _opened(uri: str) -> tuple[Any, str]:
-    """Return the file system of an address, pyarrow's or fsspec's, and the path in it."""
-    with suppress(pa.ArrowInvalid, ValueError):  # not its own: fsspec may know it
-        filesystem, path = fs.FileSystem.from_uri(uri)
-        handler = getattr(filesystem, "handler", None)  # pyarrow hands some over to fsspec itself
-        return (handler.fs if isinstance(handler, fs.FSSpecHandler) else filesystem), path
-    from fsspec.core import url_to_fs
-
-    return cast("tuple[Any, str]", url_to_fs(uri))
-
-
-class AddressHandler(fs.FSSpecHandler):  # type: ignore[misc] # pyarrow has no types
-    """A file system of fsspec, for pyarrow, that tells missing files from places that cannot be reached."""
-
-    def get_file_info(self, paths: list[str]) -> list[fs.FileInfo]:
-        """Return type and size of each path.
-
-        Raises:
-            ObjectStoreError: the place cannot be reached, or refuses.
-        """
-        return [self._info(path) for path in paths]
-
-    def get_file_info_selector(self, selector: fs.FileSelector) -> list[fs.FileInfo]:
-        """Return the entries of a folder; raise the errors of `get_file_info`."""
-        with self._reached(selector.base_dir):
-            found: list[fs.FileInfo] = super().get_file_info_selector(selector)
-        if not found:
-            self._info(selector.base_dir)
-        return found
-
-    def open_input_file(self, path: str) -> pa.PythonFile:
-        """Return a file to read.
-
-        Raises:
-            FileNotFoundError: the place lacks it.
-            ObjectStoreError: the place cannot be reached, or refuses.
-        """
-        if self._info(path).type != fs.FileType.File:
-            raise FileNotFoundError(path)
-        return self._opened(path, "r")
-
-    def open_input_stream(self, path: str) -> pa.PythonFile:
-        """Return a file to read; raises as `open_input_file`."""
-        return self.open_input_file(path)
-
-    def open_output_stream(self, path: str, metadata: Any) -> pa.PythonFile:  # noqa: ARG002 - as pyarrow asks
-        """Return a file to write; raises as `get_file_info`."""
-        return self._opened(path, "w")
-
-    def create_dir(self, path: str, recursive: bool) -> None:
-        """Make a folder; raises as `get_file_info`."""
-        with self._reached(path):
-            super().create_dir(path, recursive)
-
-    def _opened(self, path: str, mode: str) -> pa.PythonFile:
-        with self._reached(path):
-            file = self.fs.open(path, mode=f"{mode}b")
-        return pa.PythonFile(_ReachedFile(file, self.fs.unstrip_protocol(path)), mode=mode)
-
-    def _reached(self, path: str) -> AbstractContextManager[None]:
-        return _reached(self.fs.unstrip_protocol(path))
-
-    def _info(self, path: str) -> fs.FileInfo:
-        try:
-            with self._reached(path):
-                return self._create_file_info(path, self.fs.info(path))
-        except FileNotFoundError:
-            return fs.FileInfo(path, fs.FileType.NotFound)
-
-
-class _ReachedFile:
-    """A file of fsspec's whose failures are ours."""
-
-    def __init__(self, file: Any, where: str) -> None:
-        self._file = file
-        self._where = where
-
-    def read(self, size: int = -1) -> bytes:
-        """Return the next `size` bytes, or all that are left."""
-        with _reached(self._where):
-            return cast("bytes", self._file.read(size))
-
-    def write(self, data: bytes) -> int:
-        """Write bytes, some of them when the file is closed."""
-        with _reached(self._where):
-            return cast("int", self._file.write(data))
-
-    def close(self) -> None:
-        """Write what is left."""
-        with _reached(self._where):
-            self._file.close()
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._file, name)
+            with _reached(self.where(path)):
+                self.filesystem.makedirs(str(PurePosixPath(self.full_path(path)).parent), exist_ok=True)
 
 
 @contextmanager
@@ -273,7 +191,10 @@ def _reached(where: str) -> Iterator[None]:
     except (ObjectStoreError, *EXPECTED):
         raise
     except Exception as error:  # of whichever library speaks to the place
-        cause = _refusal(error)
+        causes: list[BaseException] = [error]
+        while causes[-1].__cause__ is not None:
+            causes.append(causes[-1].__cause__)
+        cause = next((each for each in causes if not _says_absent(each)), None)
         if cause is None:
             raise FileNotFoundError(f"{where} is not there") from error
         problem = "cannot be reached" if _status(cause) is None else "was refused"
@@ -281,14 +202,6 @@ def _reached(where: str) -> Iterator[None]:
         raise ObjectStoreError(
             f"{where} {problem}: {reason}; check the address, the network, and who may read there"
         ) from error
-
-
-def _refusal(error: BaseException) -> BaseException | None:
-    """Return the first of an error and its causes that is not of a missing file, None if all are."""
-    causes = [error]
-    while causes[-1].__cause__ is not None:
-        causes.append(causes[-1].__cause__)
-    return next((cause for cause in causes if not _says_absent(cause)), None)
 
 
 def _says_absent(error: BaseException) -> bool:

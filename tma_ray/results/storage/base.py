@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import copy
 import hashlib
+import io
+import json
 import logging
 import re
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, ClassVar, Final, Self, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, TypeAlias, TypeVar
 from uuid import uuid4
 
 import pyarrow as pa
 
 from tma_ray.arguments import check_kind
-from tma_ray.decoding import MOST_BYTES, MOST_TEXT_BYTES, DamagedFileError
+from tma_ray.decoding import MOST_BYTES, MOST_TEXT_BYTES, DamagedFileError, decode_json
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 T = TypeVar("T")
 
@@ -37,6 +43,12 @@ FIRST_PAUSE: Final = 1.0
 
 LONGEST_PAUSE: Final = 60.0
 """Longest pause between two tries, s."""
+
+READ_AHEAD_BYTES: Final = 2**20
+"""Bytes that are read at a time of a remote file that is read in parts."""
+
+CONTINUES: Final = "what was published before is safe, and the same command continues from there"
+"""End of messages about a storage that fails."""
 
 logger = logging.getLogger(__name__)
 
@@ -140,6 +152,14 @@ class Store(ABC):
             if hashlib.sha256(data).hexdigest() != self._recorded[path]:
                 raise DamagedFileError(f"{self.where(path)} is damaged: its sha256 is not the recorded one")
         return data
+
+    def read_json(self, path: str, kind: type[T]) -> T:
+        """Return the content of a JSON file as a `kind`; raises as `read_bytes` and `decode_json`."""
+        return decode_json(self.read_bytes(path), kind, self.where(path))
+
+    def write_json(self, path: str, record: DataclassInstance, indent: int | None = None) -> None:
+        """Write a dataclass as JSON."""
+        self.write_bytes(path, json.dumps(asdict(record), indent=indent).encode())
 
     def read_parts(self, path: str, read: Callable[[Any], T]) -> T:
         """Return the result of `read` for the opened file, of which it need not read all.
@@ -271,6 +291,35 @@ class Store(ABC):
 
     def _mark(self) -> str:
         return "tma_ray-"
+
+
+class _Ranges(io.RawIOBase):
+    """A remote file, whose bytes from `start` on `fetch` returns."""
+
+    def __init__(self, fetch: Callable[[int, int], bytes], size: int) -> None:
+        self._fetch, self._size, self._at = fetch, size, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        self._at = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._size}[whence]
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        count = max(0, min(len(buffer), self._size - self._at))
+        if count:
+            buffer[:count] = self._fetch(self._at, count)
+            self._at += count
+        return count
+
+
+def opened_ranges(fetch: Callable[[int, int], bytes], size: int) -> pa.PythonFile:
+    """Return a remote file of `size` bytes for pyarrow; `fetch` is given first byte and number of bytes."""
+    return pa.PythonFile(io.BufferedReader(_Ranges(fetch, size), READ_AHEAD_BYTES), mode="r")
 
 
 def retry(action: Callable[[], T], seconds: float, give_up: Callable[[], bool] = lambda: False) -> T:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import configparser
-import io
 import json
 import os
 import re
@@ -15,12 +14,18 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from textwrap import shorten
 from typing import Any, Final, TypeVar
-from urllib.parse import SplitResult, parse_qsl, unquote, urlencode, urlsplit
-
-import pyarrow as pa
+from urllib.parse import parse_qsl, unquote, urlencode, urlsplit
 
 from tma_ray.decoding import MOST_TEXT_BYTES, check_size
-from tma_ray.results.storage.base import ObjectStoreError, Stamp, StorageError, Store, Version
+from tma_ray.results.storage.base import (
+    CONTINUES,
+    ObjectStoreError,
+    Stamp,
+    StorageError,
+    Store,
+    Version,
+    opened_ranges,
+)
 
 T = TypeVar("T")
 
@@ -43,9 +48,6 @@ REQUEST_TIME: Final = timedelta(hours=1)
 
 PART_BYTES: Final = 10 * 2**20
 """Size from which an object is uploaded in parts, and of each part."""
-
-READ_AHEAD_BYTES: Final = 2**20
-"""Bytes that are read at a time of an object that is read in parts."""
 
 FILE_CREDENTIALS_TIME: Final = timedelta(minutes=5)
 """Time after which keys in AWS's own files are read again: others may renew them."""
@@ -100,15 +102,31 @@ class BucketStore(Store, schemes=("s3", "gs")):
             ValueError: a URI with credentials, without bucket, or with a parameter not in `PARAMETERS`.
             ObjectStoreError: the region of the bucket cannot be found out.
         """
-        _refuse_credentials(uri)
+        scheme, _, rest = uri.partition("://")
+        start = re.split("[/?#]", rest)[0]
+        # A colon is enough: a secret may hold a slash, after which the rest of it looks like a path.
+        if "@" in start or ":" in start or "@" in uri.partition("?")[2]:
+            raise ValueError(
+                f"a {scheme}:// root must not hold credentials, since roots are shown and logged: give "
+                f"{scheme}://bucket/folder, and {_CREDENTIALS[scheme]} in the environment"
+            )
         parts = urlsplit(uri)
-        options = _parameters(parts)
-        path = "/".join([parts.netloc, *(name for name in unquote(parts.path).split("/") if name)])
-        if parts.scheme == "s3":
-            options = _s3_options(parts.netloc, options)
-        objects = _open(parts.scheme, parts.netloc, options)
+        scheme, bucket = parts.scheme, parts.netloc
+        if not bucket:
+            raise ValueError(f"a {scheme}:// root needs a bucket: {scheme}://bucket/folder")
+        options = dict(parse_qsl(parts.query, keep_blank_values=True))
+        unknown = sorted(set(options) - set(PARAMETERS[scheme]))
+        if unknown or parts.fragment:
+            raise ValueError(
+                f"{scheme}://{bucket} cannot take the parameter {(unknown or ['#'])[0]!r}; known are "
+                f"{', '.join(PARAMETERS[scheme])}, and credentials belong in the environment"
+            )
+        if scheme == "s3":
+            options = _s3_options(bucket, options)
+        path = "/".join([bucket, *(name for name in unquote(parts.path).split("/") if name)])
         query = f"?{urlencode(options)}" if options else ""
-        return cls(objects, f"{parts.scheme}://{path}", f"{parts.scheme}://{parts.netloc}{parts.path}{query}")
+        objects = _open(scheme, bucket, options)
+        return cls(objects, f"{scheme}://{path}", f"{scheme}://{bucket}{parts.path}{query}")
 
     def __str__(self) -> str:
         return f"{self._scheme}://{self.base}"
@@ -125,7 +143,6 @@ class BucketStore(Store, schemes=("s3", "gs")):
         return self._get(path, most_bytes)[0]
 
     def read_version(self, path: str) -> tuple[bytes, Version]:
-        """Return content and tag of a small object."""
         data, meta = self._get(path, MOST_TEXT_BYTES)
         return data, {name: meta[name] for name in ("e_tag", "version") if meta.get(name)}
 
@@ -138,20 +155,20 @@ class BucketStore(Store, schemes=("s3", "gs")):
     def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
         with _explained(self.where(path)):
             size = self._objects.head(self._key(path))["size"]
-            file = io.BufferedReader(_ObjectFile(self._objects, self._key(path), size), READ_AHEAD_BYTES)
-            return read(pa.PythonFile(file, mode="r"))
+
+            def fetch(start: int, length: int) -> bytes:
+                return bytes(self._objects.get_range(self._key(path), start=start, length=length))
+
+            return read(opened_ranges(fetch, size))
 
     def write_bytes(self, path: str, data: bytes) -> None:
-        """Write or replaces an object."""
         with _explained(self.where(path)):
             self._objects.put(self._key(path), data, chunk_size=PART_BYTES)
 
     def create(self, path: str, data: bytes) -> bool:
-        """Write a new object by a conditional request; False if there is one."""
         return self._put_if(path, data, "create")
 
     def replace(self, path: str, data: bytes, version: Version) -> bool:
-        """Replace an object of this `version` by a conditional request; False if it is another."""
         return self._put_if(path, data, version)
 
     def _put_if(self, path: str, data: bytes, condition: Any) -> bool:
@@ -165,7 +182,6 @@ class BucketStore(Store, schemes=("s3", "gs")):
             return True
 
     def exists(self, path: str) -> bool:
-        """True if there is an object at `path`."""
         try:
             with _explained(self.where(path)):
                 self._objects.head(self._key(path))
@@ -174,7 +190,6 @@ class BucketStore(Store, schemes=("s3", "gs")):
         return True
 
     def stamps(self, folder: str = "") -> dict[str, Stamp]:
-        """Return the `Stamp` of each of `files` below `folder`, by path, sorted."""
         with _explained(self.where(folder)):
             found = {each["path"]: each for each in self._listed(folder)}
         parents = {path.rpartition("/")[0] for path in found} | {self._prefix_of(folder)}
@@ -192,12 +207,10 @@ class BucketStore(Store, schemes=("s3", "gs")):
         return {path.rpartition("/")[2] for path in paths} - {""}
 
     def move(self, source: str, destination: str) -> None:
-        """Copy an object, then deletes it at `source`."""
         with _explained(self.where(source)):
             self._objects.rename(self._key(source), self._key(destination))
 
     def delete(self, path: str) -> None:
-        """Delete an object, and all below a folder of this name."""
         key = self._key(path)
         with _explained(self.where(path)):
             inner = [each["path"] for each in self._listed(path)]
@@ -207,7 +220,6 @@ class BucketStore(Store, schemes=("s3", "gs")):
                 self._objects.delete(key)
 
     def check_listable(self) -> None:
-        """Refuse a bucket that does not exist or cannot be listed."""
         self._names("")
 
     def _listed(self, folder: str) -> Iterator[Mapping[str, Any]]:
@@ -219,31 +231,6 @@ class BucketStore(Store, schemes=("s3", "gs")):
 
     def _prefix_of(self, folder: str) -> str:
         return self._key(folder) if folder else self._folder
-
-
-class _ObjectFile(io.RawIOBase):
-    """An object that is read in parts."""
-
-    def __init__(self, objects: Any, key: str, size: int) -> None:
-        self._objects, self._key, self._size, self._at = objects, key, size, 0
-
-    def readable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        self._at = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._size}[whence]
-        return self._at
-
-    def readinto(self, buffer: Any) -> int:
-        count = min(len(buffer), self._size - self._at)
-        if count <= 0:
-            return 0
-        buffer[:count] = bytes(self._objects.get_range(self._key, start=self._at, length=count))
-        self._at += count
-        return count
 
 
 @contextmanager
@@ -264,41 +251,9 @@ def _explained(where: str) -> Iterator[None]:
         text = str(error).partition("\n\nDebug source")[0]
         if isinstance(error, FileNotFoundError) and "NoSuchBucket" not in text:
             raise FileNotFoundError(f"{where} is not there") from error
-        raise ObjectStoreError(f"{where}: {_advice(text)} ({shorten(text, REASON_LENGTH)})") from error
-
-
-def _advice(text: str) -> str:
-    for code, advice in _ADVICE.items():
-        if code in text:
-            return advice
-    return (
-        "the object store went on failing after all retries; what was published before is safe, and the same "
-        "command continues from there"
-    )
-
-
-def _refuse_credentials(uri: str) -> None:
-    scheme, _, rest = uri.partition("://")
-    bucket = re.split("[/?#]", rest)[0]
-    # A colon is enough: a secret may hold a slash, after which the rest of it looks like a path.
-    if "@" in bucket or ":" in bucket or "@" in uri.partition("?")[2]:
-        raise ValueError(
-            f"a {scheme}:// root must not hold credentials, since roots are shown and logged: give "
-            f"{scheme}://bucket/folder, and {_CREDENTIALS[scheme]} in the environment"
-        )
-
-
-def _parameters(parts: SplitResult) -> dict[str, str]:
-    if not parts.netloc:
-        raise ValueError(f"a {parts.scheme}:// root needs a bucket: {parts.scheme}://bucket/folder")
-    given = dict(parse_qsl(parts.query, keep_blank_values=True))
-    unknown = sorted(set(given) - set(PARAMETERS[parts.scheme]))
-    if unknown or parts.fragment:
-        raise ValueError(
-            f"{parts.scheme}://{parts.netloc} cannot take the parameter {(unknown or ['#'])[0]!r}; known are "
-            f"{', '.join(PARAMETERS[parts.scheme])}, and credentials belong in the environment"
-        )
-    return given
+        known = (advice for code, advice in _ADVICE.items() if code in text)
+        advice = next(known, "the object store went on failing after all retries; " + CONTINUES)
+        raise ObjectStoreError(f"{where}: {advice} ({shorten(text, REASON_LENGTH)})") from error
 
 
 def _s3_options(bucket: str, given: dict[str, str]) -> dict[str, str]:

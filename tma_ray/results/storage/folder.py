@@ -19,7 +19,15 @@ import pyarrow as pa
 
 from tma_ray.commands.values import expanded
 from tma_ray.decoding import MOST_TEXT_BYTES, DamagedFileError, check_file, read_file
-from tma_ray.results.storage.base import TEMPORARY, ResultsRootError, Stamp, StorageError, Store, Version
+from tma_ray.results.storage.base import (
+    CONTINUES,
+    TEMPORARY,
+    ResultsRootError,
+    Stamp,
+    StorageError,
+    Store,
+    Version,
+)
 
 T = TypeVar("T")
 
@@ -58,7 +66,6 @@ class FolderStore(Store, schemes=("", "file")):
 
     @classmethod
     def at(cls, uri: str) -> FolderStore:
-        """Return the store at a path or a ``file://`` address."""
         path = unquote(urlsplit(uri).path) if uri.startswith("file://") else uri
         return cls(expanded(path).absolute().as_posix())
 
@@ -78,12 +85,10 @@ class FolderStore(Store, schemes=("", "file")):
                 return read(file)
 
     def read_version(self, path: str) -> tuple[bytes, Version]:
-        """Return content and checksum of a small file."""
         data = self._read(path, MOST_TEXT_BYTES)
         return data, hashlib.sha256(data).hexdigest()
 
     def write_bytes(self, path: str, data: bytes) -> None:
-        """Write or replaces a file."""
         target = self._own_path(path)
         with explained_disk(self.where(path)):
             write_file(target, self._aside(), data)
@@ -95,7 +100,6 @@ class FolderStore(Store, schemes=("", "file")):
             return write_file(target, self._aside(), data, exclusive=True)
 
     def replace(self, path: str, data: bytes, version: Version) -> bool:
-        """Replace a file of this `version` under the lock of the root's folder; False if it is another."""
         with explained_disk(self.where(path)), locked_folder(Path(self.base)):
             try:
                 if self.read_version(path)[1] != version:
@@ -106,16 +110,13 @@ class FolderStore(Store, schemes=("", "file")):
             return True
 
     def exists(self, path: str) -> bool:
-        """True if there is a file at `path`."""
         with explained_disk(self.where(path)):
             return Path(self.full_path(path)).is_file()
 
     def holds(self, path: str) -> bool:
-        """True if anything lies at `path`: a file, or something else in its place."""
         return os.path.lexists(self.full_path(path))
 
     def stamps(self, folder: str = "") -> dict[str, Stamp]:
-        """Return the `Stamp` of each of `files` below `folder`, by path, sorted."""
         full = self.full_path(folder) if folder else self.base
         self._refuse_links_out(folder)
         with explained_disk(self.where(folder)), suppress(FileNotFoundError):
@@ -129,7 +130,6 @@ class FolderStore(Store, schemes=("", "file")):
         return set()
 
     def move(self, source: str, destination: str) -> None:
-        """Move a file, replacing what is at `destination`."""
         old, new = self._own_path(source), self._own_path(destination)
         with explained_disk(self.where(source)):
             make_folder(new.parent)
@@ -146,18 +146,15 @@ class FolderStore(Store, schemes=("", "file")):
             delete(here)
 
     def check_place(self, *folders: str) -> None:
-        """Refuse a folder that cannot be a results root, and links in `folders` that lead out of it."""
         with explained_disk(self.where("")):
             refuse_place(Path(self.base))
         for folder in folders:
             self._refuse_links_out(folder)
 
     def check_access(self) -> None:
-        """Refuse a folder that cannot be a results root."""
         self.check_place()
 
     def clear_temporaries(self, older_than: float) -> None:
-        """Delete temporary files of this root that are older than `older_than` s."""
         self._refuse_links_out(TEMPORARY)
         for name in sorted(self._names(TEMPORARY)):
             if self.is_temporary(f"{TEMPORARY}/{name}"):
@@ -220,10 +217,7 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
         if kinds is not None and error.errno not in kinds:
             raise
         advice = _ADVICE.get(error.errno or 0, "the disk refuses it")
-        raise StorageError(
-            f"{where}: {advice} ({error}); what was published before is safe, and the same command continues "
-            f"from there"
-        ) from error
+        raise StorageError(f"{where}: {advice} ({error}); {CONTINUES}") from error
 
 
 def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
@@ -266,7 +260,14 @@ def locked_folder(folder: Path) -> Iterator[None]:
     make_folder(folder)
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        _lock(descriptor)
+        deadline = time.monotonic() + LOCK_SECONDS
+        with suppress(OSError):  # without locks
+            while time.monotonic() < deadline:
+                try:
+                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                except BlockingIOError:
+                    time.sleep(LOCK_PAUSE)
         yield
     finally:
         os.close(descriptor)
@@ -289,20 +290,6 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def _lock(descriptor: int) -> None:
-    """Lock an open folder, unless its file system has no locks or another process keeps it too long."""
-    deadline = time.monotonic() + LOCK_SECONDS
-    while time.monotonic() < deadline:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            time.sleep(LOCK_PAUSE)
-        except OSError:
-            return
-        else:
-            return
-
-
 def links_out(base: str, path: str) -> bool:
     """True if a symbolic link between the folder `base` and `path` leads out of it, or nowhere."""
     place, linked = base, False
@@ -317,11 +304,11 @@ def links_out(base: str, path: str) -> bool:
         return True
 
 
-def stamps_below(base: str, folder: str) -> Iterator[tuple[str, tuple[int | None, int | None]]]:
-    """Yield paths from `base`, times of writing (ns since 1970) and bytes of all files below `folder`.
+def stamps_below(base: str, folder: str) -> Iterator[tuple[str, Stamp]]:
+    """Yield path from `base` and `Stamp` of all files below `folder`.
 
-    Time and bytes are None of what lies in the place of a file: pipes, sockets and devices, links that lead
-    nowhere, in a circle or out of `base`, folders that are called like a file or cannot be listed.
+    Both parts of the stamp are None for what lies in the place of a file: pipes, sockets and devices, links
+    that lead nowhere, in a circle or out of `base`, folders that are called like a file or cannot be listed.
 
     Raises:
         OSError: `folder` itself cannot be listed.
@@ -337,29 +324,22 @@ def stamps_below(base: str, folder: str) -> Iterator[tuple[str, tuple[int | None
                 continue
             if stat.S_ISREG(found.st_mode):
                 yield path, (found.st_mtime_ns, found.st_size)
-            elif not stat.S_ISDIR(found.st_mode) or (entry.is_symlink() and _strays(base, path)):
+            elif not stat.S_ISDIR(found.st_mode) or (
+                entry.is_symlink()
+                and (
+                    links_out(base, path) or Path(folder).resolve().is_relative_to(Path(entry.path).resolve())
+                )
+            ):
                 yield path, (None, None)
             else:
-                yield from _stamps_in(base, entry.path)
-
-
-def _stamps_in(base: str, folder: str) -> Iterator[tuple[str, tuple[int | None, int | None]]]:
-    path = folder[len(base) + 1 :]
-    if path.endswith(FILE_ENDINGS):
-        yield path, (None, None)
-    try:
-        yield from stamps_below(base, folder)
-    except FileNotFoundError:  # it went meanwhile
-        return
-    except OSError:
-        yield path, (None, None)
-
-
-def _strays(base: str, path: str) -> bool:
-    """Return True if a link to a folder leads out of the folder `base`, or to one that the link lies in."""
-    return links_out(base, path) or Path(base, path).parent.resolve().is_relative_to(
-        Path(base, path).resolve()
-    )
+                if path.endswith(FILE_ENDINGS):
+                    yield path, (None, None)
+                try:
+                    yield from stamps_below(base, entry.path)
+                except FileNotFoundError:  # it went meanwhile
+                    continue
+                except OSError:
+                    yield path, (None, None)
 
 
 def refuse_place(folder: Path) -> None:
