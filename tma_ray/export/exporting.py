@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import shutil
@@ -18,18 +17,13 @@ from gymnasium import spaces
 
 from tma_ray import __version__
 from tma_ray.envs import Environment, make_environment
-from tma_ray.export.model_card import CARD_FILE, ExportedFile, OnnxFacts, history_of, model_card
-from tma_ray.export.onnx_file import OPSET, largest_difference, onnx_model, require_onnx
+from tma_ray.export.model_card import CARD_FILE, history_of, model_card
+from tma_ray.export.onnx_file import COMPARED, ONNX_FILE, largest_difference, onnx_model, require_onnx
 from tma_ray.runs.inputs import arguments, import_plugins, write_inputs
 from tma_ray.runs.saved_policies import SavedPolicy, find_policy
-from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Policy, load_policy, policy_layers
 
-ONNX_FILE: Final = "policy.onnx"
 PLAYGROUND_FILE: Final = "playground.html"
-
-COMPARED: Final = 256
-"""On how many random observations the ONNX file is compared with the policy."""
 
 
 @dataclass(frozen=True)
@@ -90,18 +84,17 @@ def export(
             (folder / ONNX_FILE).unlink(missing_ok=True)
             (folder / PLAYGROUND_FILE).unlink(missing_ok=True)
             saved.load(*_spaces(environment))  # refuses one that does not fit
-            facts = _write_onnx(saved, environment, folder) if onnx else None
+            difference = _write_onnx(saved, environment, folder) if onnx else None
             if playground:
                 from tma_ray.playground.page import policy_page  # here, since it needs the compiled engine
 
                 (folder / PLAYGROUND_FILE).write_text(policy_page(saved, results), encoding="utf-8")
-            card = model_card(
-                saved.spec, environment, history_of(saved, results), _files(folder), facts, licence
-            )
+            history = history_of(saved, results)
+            card = model_card(saved.spec, environment, history, folder, difference, licence)
             (folder / CARD_FILE).write_text(card)
     finally:
         environment.close()
-    return Export(output, saved.spec.run_id, facts.difference if facts else None)
+    return Export(output, saved.spec.run_id, difference)
 
 
 def _check_output(output: Path) -> None:
@@ -134,20 +127,12 @@ def _spaces(environment: Environment) -> tuple[spaces.Box, spaces.Box]:
     return observations, actions
 
 
-def _write_onnx(saved: SavedPolicy, environment: Environment, folder: Path) -> OnnxFacts:
+def _write_onnx(saved: SavedPolicy, environment: Environment, folder: Path) -> float:
+    """Write the ONNX file; return the largest difference of its actions from the policy's."""
     observations, actions = _spaces(environment)
     policy: Policy = saved.read(folder, load_policy)
-    layers = saved.read(folder, policy_layers)
-    sizes = observations.shape[0], actions.shape[0]
-    model = onnx_model(layers, sizes, _properties(saved.spec))
-    examples = _examples(observations)
-    difference = largest_difference(model, policy, examples, actions.high - actions.low)
-    (folder / ONNX_FILE).write_bytes(model.SerializeToString(deterministic=True))
-    return OnnxFacts(ONNX_FILE, OPSET, len(examples), difference)
-
-
-def _properties(spec: RunSpec) -> dict[str, str]:
-    return {
+    layers, spec = saved.read(folder, policy_layers), saved.spec
+    properties = {
         "run_id": spec.run_id,
         "environment": spec.environment,
         "embodiment": spec.embodiment,
@@ -158,20 +143,15 @@ def _properties(spec: RunSpec) -> dict[str, str]:
         "physics_version": str(spec.physics_version),
         "tma_ray_version": __version__,
     }
-
-
-def _examples(observations: spaces.Box) -> np.ndarray:
-    """Return random observations (n, o): normal without bounds, uniform between bounds."""
+    model = onnx_model(layers, (observations.shape[0], actions.shape[0]), properties)
+    # Random observations: normal without bounds, uniform between bounds.
     rng = np.random.default_rng(0)
     bounded = np.isfinite(observations.low) & np.isfinite(observations.high)
     low, high = (np.where(bounded, bound, 0.0) for bound in (observations.low, observations.high))
     shape = (COMPARED, *observations.shape)
-    values = np.where(bounded, rng.uniform(low, high, shape), rng.normal(0.0, 2.0, shape))
-    return values.astype(np.float32)
-
-
-def _files(folder: Path) -> list[ExportedFile]:
-    return [
-        ExportedFile(path.name, path.stat().st_size, hashlib.sha256(path.read_bytes()).hexdigest())
-        for path in sorted(folder.iterdir())
-    ]
+    examples = np.where(bounded, rng.uniform(low, high, shape), rng.normal(0.0, 2.0, shape)).astype(
+        np.float32
+    )
+    difference = largest_difference(model, policy, examples, actions.high - actions.low)
+    (folder / ONNX_FILE).write_bytes(model.SerializeToString(deterministic=True))
+    return difference

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -18,6 +17,11 @@ from tma_ray.students import Policy
 if TYPE_CHECKING:
     import onnx
     from torch import nn
+
+ONNX_FILE: Final = "policy.onnx"
+
+COMPARED: Final = 256
+"""Number of random observations on which the ONNX file is compared with the policy."""
 
 OPSET: Final = 20
 """Version of ONNX's operators: the first with GELU."""
@@ -65,8 +69,12 @@ def onnx_model(
     import torch
     from onnx import checker, helper
 
+    logger = logging.getLogger("torch.onnx")  # remarks on operators of packages that are not installed
+    level = logger.level
+    logger.setLevel(logging.ERROR)
     try:
-        with _quiet():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             program = torch.onnx.export(
                 layers,
                 (torch.zeros(2, sizes[0]),),
@@ -82,6 +90,8 @@ def onnx_model(
         raise NotExpressibleError(
             f"torch cannot export the policy to ONNX: {reason}; leave it out with --no-onnx"
         ) from error
+    finally:
+        logger.setLevel(level)
     assert program is not None
     model: onnx.ModelProto = program.model_proto
     graph = model.graph
@@ -91,20 +101,6 @@ def onnx_model(
     helper.set_model_props(model, dict(properties))
     checker.check_model(model, full_check=True)
     return model
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Context without the exporter's remarks on operators of packages that are not installed."""
-    logger = logging.getLogger("torch.onnx")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        logger.setLevel(level)
 
 
 def largest_difference(
@@ -123,10 +119,18 @@ def largest_difference(
     Raises:
         NotExpressibleError: it is over `TOLERANCE` of the range of an action.
     """
+    from onnx.reference import ReferenceEvaluator
+
+    sessions: list[Any] = [ReferenceEvaluator(model)]
+    with suppress(ImportError):
+        import onnxruntime
+
+        content = model.SerializeToString()
+        sessions.append(onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"]))
     largest = 0.0
-    for run in _runtimes(model):
+    for session in sessions:
         for batch in (observations, observations[:1]):
-            difference = np.abs(run(batch) - policy(batch))
+            difference = np.abs(session.run([OUTPUT], {INPUT: batch})[0] - policy(batch))
             if not (difference <= TOLERANCE * np.maximum(widths, 1.0)).all():
                 raise NotExpressibleError(
                     f"actions of the ONNX file differ by up to {difference.max():.3g} from the policy's: it "
@@ -134,22 +138,3 @@ def largest_difference(
                 )
             largest = max(largest, float(difference.max()))
     return largest
-
-
-def _runtimes(model: onnx.ModelProto) -> list[Callable[[NDArray[np.float32]], NDArray[np.float32]]]:
-    from onnx.reference import ReferenceEvaluator
-
-    sessions: list[Any] = [ReferenceEvaluator(model)]
-    try:
-        import onnxruntime
-    except ImportError:
-        pass
-    else:
-        content = model.SerializeToString()
-        sessions.append(onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"]))
-    return [partial(_run, session) for session in sessions]
-
-
-def _run(session: Any, batch: NDArray[np.float32]) -> NDArray[np.float32]:
-    actions: NDArray[np.float32] = session.run([OUTPUT], {INPUT: batch})[0]
-    return actions

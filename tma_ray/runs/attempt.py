@@ -128,7 +128,9 @@ class Attempt:
                 if run.finished:
                     break
                 stopping = should_stop()
-                if stopping or self._checkpoint_due(run):
+                evaluated = run.progress.evaluations > self._saved_evaluations
+                waited = time.monotonic() - self._saved_at
+                if stopping or evaluated or waited > self._placement.checkpoint_seconds:
                     publish(self._checkpoint(run, should_stop))
                     log.publish()
                 if stopping:
@@ -178,7 +180,15 @@ class Attempt:
         fetch(self._store, self.spec)
         writer = RunWriter(self._store, self.spec.run_id, self._number)
         run = Run(self.spec, self._teacher(self.spec), writer, placement)
-        self._resume(run)
+        checkpoint = retry(lambda: self._checkpoints.restore(run), placement.outage_seconds)
+        if checkpoint is not None:
+            run.writer = RunWriter(self._store, self.spec.run_id, self._number, checkpoint.parts)
+            if checkpoint.fingerprint != self.fingerprint:
+                logger.warning(
+                    "run %s resumes on another machine or with other libraries: its results will be sound, "
+                    "but not bit-identical to an uninterrupted run",
+                    self.spec.run_id,
+                )
         self._started, self._first_step = time.monotonic(), run.progress.step
         self._saved_at, self._saved_evaluations = self._started, run.progress.evaluations
         self._run = run
@@ -193,22 +203,6 @@ class Attempt:
         )
         self._keep_record()
         return run
-
-    def _resume(self, run: Run) -> None:
-        checkpoint = retry(lambda: self._checkpoints.restore(run), self._placement.outage_seconds)
-        if checkpoint is None:
-            return
-        run.writer = RunWriter(self._store, self.spec.run_id, self._number, checkpoint.parts)
-        if checkpoint.fingerprint != self.fingerprint:
-            logger.warning(
-                "run %s resumes on another machine or with other libraries: its results will be sound, "
-                "but not bit-identical to an uninterrupted run",
-                self.spec.run_id,
-            )
-
-    def _checkpoint_due(self, run: Run) -> bool:
-        evaluated = run.progress.evaluations > self._saved_evaluations
-        return evaluated or time.monotonic() - self._saved_at > self._placement.checkpoint_seconds
 
     def _checkpoint(self, run: Run, should_stop: Callable[[], bool]) -> tuple[PartFile, ...]:
         """Write rows and state; return the parts of the run so far."""

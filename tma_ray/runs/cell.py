@@ -23,7 +23,6 @@ from tma_ray.students import STUDENTS, Student, canonical_student, check_hyperpa
 from tma_ray.tasks import KnowledgeLevel, TaskSpace, TestSet
 from tma_ray.teachers import (
     TEACHERS,
-    Teacher,
     canonical_teacher,
     check_limits,
     effective_level,
@@ -93,7 +92,16 @@ def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[flo
     if twice:
         raise ValueError(f"challenge {name!r}: the bounds of {twice[0]} are given twice; give them once")
     given = {dimension: value.split(BOUNDS_SEPARATOR) for dimension, value in text.items()}
-    return base, {dimension: _pair(dimension, pair) for dimension, pair in {**given, **space}.items()}
+    bounds = {}
+    for dimension, values in {**given, **space}.items():
+        try:
+            low, high = map(float, values)  # type: ignore[arg-type] # refused below
+        except (TypeError, ValueError):
+            low = high = math.nan
+        if not (math.isfinite(low) and math.isfinite(high)):
+            raise ValueError(f"bounds {values!r} of {dimension}: expected two numbers, low and high")
+        bounds[dimension] = low, high
+    return base, bounds
 
 
 def bounded(space: TaskSpace, bounds: Bounds) -> TaskSpace:
@@ -121,16 +129,6 @@ def canonical_challenge(name: str, space: TaskSpace, chosen: TaskSpace) -> str:
         if (own.low, own.high) != (new.low, new.high)
     }
     return join_name(base_name(name), others)
-
-
-def _pair(dimension: str, values: Sequence[Any]) -> tuple[float, float]:
-    try:
-        low, high = (float(value) for value in values)
-    except (TypeError, ValueError):
-        low = high = math.nan
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise ValueError(f"bounds {values!r} of {dimension}: expected two numbers, low and high")
-    return low, high
 
 
 OWN_CHALLENGE = "original"
@@ -197,7 +195,16 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     check_kind("cell", cell, Cell, "a Cell(teacher=...)")
     level = effective_level(TEACHERS.get(cell.teacher), cell.teacher, cell.expert_knowledge)
     teacher = make_teacher(cell.teacher, cell.teacher_hyperparameters)
-    student = _checked_student(cell, teacher)
+    student = check_hyperparameters(cell.student, cell.student_hyperparameters)
+    own = STUDENTS.origin(base_name(cell.student)) is None  # all that ship can play without learning
+    if teacher.wants_evaluations and not own:
+        plays = getattr(STUDENTS.get(cell.student), "sample_actions", None)
+        if plays in (None, Student.sample_actions):
+            raise ValueError(
+                f"teacher {cell.teacher!r} has episodes played from which the student does not learn, and "
+                f"student {cell.student!r} does not define sample_actions, which chooses the actions there: "
+                f"define it, or choose another teacher"
+            )
     environment, options = environment_settings(cell.environment, cell.environment_options)
     body = {"embodiment": cell.embodiment} if cell.embodiment else {}
     canonical_body, world = _world(cell, options | body)
@@ -229,20 +236,6 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         inputs=inputs | student_inputs | teacher_inputs,
         **world,
     )
-
-
-def _checked_student(cell: Cell, teacher: Teacher) -> Any:
-    """Return the student's hyper-parameters; refuses one that cannot play without learning if it has to."""
-    hyperparameters = check_hyperparameters(cell.student, cell.student_hyperparameters)
-    if not teacher.wants_evaluations or STUDENTS.origin(base_name(cell.student)) is None:
-        return hyperparameters  # all that ship can
-    if getattr(STUDENTS.get(cell.student), "sample_actions", None) in (None, Student.sample_actions):
-        raise ValueError(
-            f"teacher {cell.teacher!r} has episodes played from which the student does not learn, and "
-            f"student {cell.student!r} does not define sample_actions, which chooses the actions there: "
-            f"define it, or choose another teacher"
-        )
-    return hyperparameters
 
 
 def _world(cell: Cell, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:

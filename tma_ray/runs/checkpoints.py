@@ -7,7 +7,7 @@ import json
 import logging
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from tma_ray.decoding import DamagedFileError, Natural, Sha256, decode_json
@@ -46,36 +46,26 @@ class StateFile:
 
 
 @dataclass(frozen=True)
-class _Index:
-    """Content of an index file: a `Checkpoint` without its name."""
+class Checkpoint:
+    """One complete checkpoint.
+
+    Attributes:
+        step: environment steps of the run.
+        fingerprint: fingerprint of the machine that wrote it.
+        parts: result rows that belong to the run so far.
+        files: state files by their path in a saved run.
+        name: name of its folder, which its index does not hold.
+    """
 
     step: Natural
     fingerprint: str
     parts: tuple[PartFile, ...]
     files: Mapping[str, StateFile]
+    name: str = ""
 
     def __post_init__(self) -> None:
         for path in self.files:
             check_path(path)
-
-
-@dataclass(frozen=True)
-class Checkpoint:
-    """One complete checkpoint.
-
-    Attributes:
-        name: name of its folder.
-        step: environment steps of the run.
-        fingerprint: fingerprint of the machine that wrote it.
-        parts: result rows that belong to the run so far.
-        files: state files by their path in a saved run.
-    """
-
-    name: str
-    step: int
-    fingerprint: str
-    parts: tuple[PartFile, ...]
-    files: Mapping[str, StateFile]
 
     def to_bytes(self) -> bytes:
         """Return the content of the index file."""
@@ -94,8 +84,7 @@ class Checkpoint:
         Raises:
             DamagedFileError: no index, or one that names files elsewhere.
         """
-        index = decode_json(data, _Index, f"the index of checkpoint {name}")
-        return cls(name, **vars(index))
+        return replace(decode_json(data, cls, f"the index of checkpoint {name}"), name=name)
 
 
 class Checkpoints:
@@ -122,10 +111,14 @@ class Checkpoints:
         incremental, self._intact = self._intact, False  # until the index is there
         with tempfile.TemporaryDirectory() as place, explained_disk(place, DISK_FULL):
             unchanged = run.save(Path(place), incremental)
-            new = self._write(name, Path(place))
+            new = {}
+            for source in sorted(path for path in Path(place).rglob("*") if path.is_file()):
+                path, data = source.relative_to(place).as_posix(), source.read_bytes()
+                self._store.write_bytes(f"{self._folder}/{name}/{path}", data)
+                new[path] = StateFile(f"{name}/{path}", hashlib.sha256(data).hexdigest(), len(data))
         before = self._latest.files if self._latest and unchanged else {}
         files = {**{path: before[path] for path in unchanged}, **new}
-        checkpoint = Checkpoint(name, step, fingerprint, tuple(parts), files)
+        checkpoint = Checkpoint(step, fingerprint, tuple(parts), files, name)
         index = checkpoint.to_bytes()
         self._store.write_bytes(f"{self._folder}/{name}/{INDEX}", index)
         self._tidy([checkpoint, self._latest] if self._latest else [checkpoint])
@@ -150,14 +143,6 @@ class Checkpoints:
         """Delete all checkpoints of the run; called once its results are published."""
         self._store.delete(self._folder)
 
-    def _write(self, name: str, place: Path) -> dict[str, StateFile]:
-        files = {}
-        for source in sorted(path for path in place.rglob("*") if path.is_file()):
-            path, data = source.relative_to(place).as_posix(), source.read_bytes()
-            self._store.write_bytes(f"{self._folder}/{name}/{path}", data)
-            files[path] = StateFile(f"{name}/{path}", hashlib.sha256(data).hexdigest(), len(data))
-        return files
-
     def _tidy(self, kept: Sequence[Checkpoint]) -> None:
         """Delete files that no kept checkpoint needs; the index of each first, so that no half is valid."""
         needed = {f"{each.name}/{INDEX}" for each in kept}
@@ -167,7 +152,8 @@ class Checkpoints:
             inner = path.removeprefix(f"{self._folder}/")
             folders.setdefault(inner.split("/")[0], []).append(inner)
         for folder, paths in folders.items():
-            if _attempt_of(folder) > self._attempt:
+            number = folder.rpartition("-attempt-")[2]
+            if number.isdigit() and int(number) > self._attempt:
                 continue
             if needed.isdisjoint(paths):
                 self._store.delete(f"{self._folder}/{folder}")
@@ -191,9 +177,3 @@ class Checkpoints:
         except (FileNotFoundError, DamagedFileError):
             return None
         return checkpoint
-
-
-def _attempt_of(folder: str) -> int:
-    """Return the attempt that wrote a checkpoint's folder, -1 if it has no such name."""
-    number = folder.rpartition("-attempt-")[2]
-    return int(number) if number.isdigit() else -1

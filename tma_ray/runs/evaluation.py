@@ -150,7 +150,12 @@ class Trials:
         parts = []
         for first in range(0, len(tasks), WORLDS):
             rows = slice(first, first + WORLDS)
-            parts.append(self._play(seeds[rows], tasks[rows], act, budget))
+            if self._worlds is None or len(tasks[rows]) > len(self._environments):
+                self.close()
+                options = arguments(self._spec, "environment")
+                self._environments = [self._make(self._spec.environment, **options) for _ in tasks[rows]]
+                self._worlds = lock_step(self._environments)
+            parts.append(played_episodes(self._worlds, seeds[rows], tasks[rows], act, budget))
             budget -= int(parts[-1][1].sum())
             if budget <= 0:
                 return None
@@ -161,16 +166,6 @@ class Trials:
         """Close all worlds."""
         for environment in self._environments:
             environment.close()
-
-    def _play(
-        self, seeds: list[int], tasks: Task, act: Act, budget: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        if self._worlds is None or len(tasks) > len(self._environments):
-            self.close()
-            options = arguments(self._spec, "environment")
-            self._environments = [self._make(self._spec.environment, **options) for _ in tasks]
-            self._worlds = lock_step(self._environments)
-        return played_episodes(self._worlds, seeds, tasks, act, budget)
 
 
 class Recorder:

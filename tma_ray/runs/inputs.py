@@ -81,21 +81,18 @@ def import_plugins(spec: RunSpec, *parts: str) -> None:
             finally:
                 _importing.reset(token)
             if source is None or source.digest != plugin.digest:
-                raise ValueError(_other_version(part, name, source))
+                found = "one that ships with tma_ray" if source is None else f"version {source.digest}"
+                installed = source is not None and source.installed
+                remedy = "install the same version everywhere" if installed else "start it again"
+                raise ValueError(
+                    f"{part} {name!r}: this machine has {found}, which is not what the run was planned with; "
+                    f"its source differs or was edited since: {remedy}"
+                )
 
 
 def importing_plugins() -> bool:
     """Return True while a module is imported for its plug-in."""
     return _importing.get()
-
-
-def _other_version(part: str, name: str, source: PluginSource | None) -> str:
-    found = "one that ships with tma_ray" if source is None else f"version {source.digest}"
-    remedy = "install the same version everywhere" if source and source.installed else "start it again"
-    return (
-        f"{part} {name!r}: this machine has {found}, which is not what the run was planned with; "
-        f"its source differs or was edited since: {remedy}"
-    )
 
 
 MOST_BYTES = 20 * 2**20
@@ -128,11 +125,23 @@ def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dic
     """
     shown, files = dict(options), {}
     for option, value in options.items():
-        path = _path_in(value)
-        if path is not None:
-            file = _captured_file(path)
-            shown[option] = file.name + str(value)[len(base_name(str(value))) :]
-            files[f"{part}.{option}"] = file
+        if not isinstance(value, (str, Path)):
+            continue
+        name = base_name(str(value))
+        path = expanded(name)
+        if not (path.suffix or len(path.parts) > 1) or not path.is_file():
+            continue
+        size = path.stat().st_size
+        if size > MOST_BYTES:
+            raise ValueError(
+                f"{path} has {size / 2**20:.0f} MiB: an input of a run may have {MOST_BYTES / 2**20:.0f} "
+                f"MiB, as every process of the run holds it; let a plug-in read larger data"
+            )
+        data = path.read_bytes()
+        file = InputFile(path.name, hashlib.sha256(data).hexdigest())
+        _contents[file.sha256] = data
+        shown[option] = file.name + str(value)[len(name) :]
+        files[f"{part}.{option}"] = file
     return shown, files
 
 
@@ -213,28 +222,6 @@ def write_inputs(spec: RunSpec, folder: Path) -> None:
     """
     for file in spec.inputs.values():
         (folder / file.name).write_bytes(_provided(file).read_bytes())
-
-
-def _path_in(value: object) -> Path | None:
-    """Return the file that the value of an option names, None if it names none."""
-    if not isinstance(value, (str, Path)):
-        return None
-    path = expanded(base_name(str(value)))
-    looks_like_one = bool(path.suffix) or len(path.parts) > 1
-    return path if looks_like_one and path.is_file() else None
-
-
-def _captured_file(path: Path) -> InputFile:
-    size = path.stat().st_size
-    if size > MOST_BYTES:
-        raise ValueError(
-            f"{path} has {size / 2**20:.0f} MiB: an input of a run may have {MOST_BYTES / 2**20:.0f} MiB, as "
-            f"every process of the run holds it; let a plug-in read larger data"
-        )
-    data = path.read_bytes()
-    sha256 = hashlib.sha256(data).hexdigest()
-    _contents[sha256] = data
-    return InputFile(path.name, sha256)
 
 
 def _provided(file: InputFile) -> Path:

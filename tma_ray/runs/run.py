@@ -18,7 +18,7 @@ from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec, Streams, landscape_of, placement_generator
 from tma_ray.runs.teaching import Reply, TeacherLink
 from tma_ray.students import Student, Transition, make_player, make_student
-from tma_ray.tasks import Answer, Episode, EpisodeSoFar, Outcomes, Query, QueryKind, Task, TeacherUpdate
+from tma_ray.tasks import Answer, Episode, EpisodeSoFar, Query, QueryKind, Task, TeacherUpdate
 
 
 @dataclass
@@ -229,7 +229,12 @@ class Run:
             assert query.observations is not None, "a query for values holds observations"
             return self.student.state_values(query.observations)
         if query.kind is QueryKind.EVALUATION:
-            return self._evaluate(query)
+            assert query.tasks is not None, "a query for an evaluation holds tasks"
+            left = self.spec.schedule.steps - self.progress.step
+            tasks = np.stack([self._world_task(task) for task in query.tasks])
+            outcomes = self._trials.evaluate(self.student, tasks, query.greedy, left)
+            self.progress.step += left if outcomes is None else int(outcomes.lengths.sum())
+            return outcomes
         if recorder is None:
             raise ValueError(
                 f"teacher {self.spec.teacher!r} asked for a trajectory that was not recorded: "
@@ -238,14 +243,6 @@ class Run:
         trajectory = recorder.trajectory()
         bonuses = self.student.entropy_bonuses(trajectory.observations[:-1])
         return replace(trajectory, entropy_bonuses=bonuses) if bonuses.any() else trajectory
-
-    def _evaluate(self, query: Query) -> Outcomes | None:
-        assert query.tasks is not None, "a query for an evaluation holds tasks"
-        left = self.spec.schedule.steps - self.progress.step
-        tasks = np.stack([self._world_task(task) for task in query.tasks])
-        outcomes = self._trials.evaluate(self.student, tasks, query.greedy, left)
-        self.progress.step += left if outcomes is None else int(outcomes.lengths.sum())
-        return outcomes
 
     def _events(self, step: int) -> None:
         """Do everything that is due at `step`: evaluation, probe, training statistics, then a reset."""

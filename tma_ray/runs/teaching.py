@@ -66,7 +66,7 @@ class InlineTeacher:
         self._name = spec.teacher
         self._teacher = make_teacher(base_name(spec.teacher), arguments(spec, "teacher"))
         placement = placement_generator(spec)
-        landscape = landscape_of(spec, placement)
+        landscape = landscape_of(spec, placement)  # the first draw of `placement`
         knowledge = expert_knowledge(
             spec.expert_knowledge,
             spec.task_space,
@@ -111,18 +111,15 @@ class InlineTeacher:
             task, trains = proposal.task, proposal.trains
             self._check(task, (self._space.size,))
         elif query.kind is QueryKind.EVALUATION:
-            self._check_evaluation(query)
+            if not self._teacher.wants_evaluations:
+                raise ValueError(
+                    f"teacher {self._name!r} asked for an evaluation: declare wants_evaluations = True in "
+                    f"its class"
+                )
+            assert query.tasks is not None, "a query for an evaluation holds tasks"
+            self._check(query.tasks, (max(len(query.tasks), 1), self._space.size))
         updates = tuple(self._teacher.drain_updates())
         return Reply(task, query, updates, self._teacher.wants_trajectory, trains)
-
-    def _check_evaluation(self, query: Query) -> None:
-        if not self._teacher.wants_evaluations:
-            raise ValueError(
-                f"teacher {self._name!r} asked for an evaluation: declare wants_evaluations = True in its "
-                f"class"
-            )
-        assert query.tasks is not None, "a query for an evaluation holds tasks"
-        self._check(query.tasks, (max(len(query.tasks), 1), self._space.size))
 
     def _check(self, tasks: Any, shape: tuple[int, ...]) -> None:
         if not isinstance(tasks, np.ndarray) or tasks.shape != shape or tasks.dtype != np.float32:

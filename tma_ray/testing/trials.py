@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import cached_property, partial
+from functools import cached_property
 from operator import attrgetter
 from typing import Any
 
@@ -137,7 +137,12 @@ class Scenario:
 
     def episode(self, task: Task, index: int, pupil: TrialStudent) -> Episode:
         """Return the pupil's episode number `index`, counted from 0, on `task`."""
-        observation = np.array([self._difficulty(task), 0.2 + index / 1000], dtype=np.float32)
+        free = self.space.width > 0
+        easy = self.space.clip(np.nan_to_num(task))  # the kit reports it; a pupil can play anything
+        mean = float(self.space.normalise(self.landscape.to_world(easy))[free].mean())
+        # About uniform in [0, 1] for uniform tasks, in any number of dimensions.
+        difficulty = 1 / (1 + float(np.exp(-1.7 * np.sqrt(12 * free.sum()) * (mean - 0.5))))
+        observation = np.array([difficulty, 0.2 + index / 1000], dtype=np.float32)
         luck = UNSTEADINESS if index % 2 else -UNSTEADINESS
         fixed = {TrialStudent.HOPELESS: -100.0, TrialStudent.PERFECT: 300.0}
         episodic_return = fixed.get(pupil, float(_returns(observation[None])[0]) + luck)
@@ -159,13 +164,6 @@ class Scenario:
             episodic_returns, episodic_returns > MASTERY_RETURN, np.full(len(tasks), STEPS, dtype=np.int64)
         )
 
-    def _difficulty(self, task: Task) -> float:
-        """About uniform in [0, 1] for uniform tasks, in any number of dimensions."""
-        free = self.space.width > 0
-        task = self.space.clip(np.nan_to_num(task))  # the kit reports it; a pupil can play anything
-        mean = float(self.space.normalise(self.landscape.to_world(task))[free].mean())
-        return 1 / (1 + float(np.exp(-1.7 * np.sqrt(12 * free.sum()) * (mean - 0.5))))
-
 
 SCENARIOS = (
     Scenario("line", TaskSpace.from_bounds({"x": (-1, 1)})),
@@ -182,22 +180,20 @@ def play(
 ) -> list[Task]:
     """Return the tasks of the episodes numbered from `first` up to but not including `last`."""
     tasks = []
+
+    def values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
+        return VALUE_SHARE * _returns(observations)
+
+    def evaluate(queried: Task, _greedy: bool) -> Outcomes:
+        check_tasks(queried, scenario.space, "the query for an evaluation")
+        return scenario.outcomes(queried, index, pupil)
+
     for index in range(first, last):
         proposal = teacher.propose()
         tasks.append(proposal.task)
         episode = replace(scenario.episode(proposal.task, index, pupil), trains=proposal.trains)
-        report_episode(teacher, episode, _state_values, partial(_evaluate, scenario, index, pupil))
+        report_episode(teacher, episode, values, evaluate)
     return tasks
-
-
-def _evaluate(scenario: Scenario, index: int, pupil: TrialStudent, tasks: Task, _greedy: bool) -> Outcomes:
-    """Return the outcomes of `tasks` (n, d), having refused any outside the space."""
-    check_tasks(tasks, scenario.space, "the query for an evaluation")
-    return scenario.outcomes(tasks, index, pupil)
-
-
-def _state_values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
-    return VALUE_SHARE * _returns(observations)
 
 
 def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -215,25 +211,6 @@ class Saved:
     state: bytes
     episodes: int
     last: int
-
-
-@dataclass(frozen=True)
-class Job:
-    """Instructions for the new process: where to find the teacher, and what to play on.
-
-    Attributes:
-        module: module that defines the teacher.
-        name: name in that module, dotted when it is defined inside another class.
-        hyperparameters: that it is made with.
-        level: level of its expert knowledge.
-        saved: the states to play on.
-    """
-
-    module: str
-    name: str
-    hyperparameters: Mapping[str, Any]
-    level: KnowledgeLevel
-    saved: tuple[Saved, ...]
 
 
 START = "import sys; sys.path[:] = sys.argv[1:]; from tma_ray.testing.trials import main; main()"
@@ -254,7 +231,7 @@ def continued(
     Raises:
         RuntimeError: the new process failed; the message holds its errors.
     """
-    job = Job(teacher.__module__, teacher.__qualname__, hyperparameters, level, saved)
+    job = (teacher.__module__, teacher.__qualname__, hyperparameters, level, saved)
     command = [sys.executable, "-c", START, *sys.path]
     process = subprocess.run(command, input=pickle.dumps(job), capture_output=True, check=False)  # noqa: S603
     if process.returncode:
@@ -268,11 +245,11 @@ def continued(
 
 def main() -> None:
     """Play the job on the standard input; write a list of tasks (n, d) to the standard output."""
-    job: Job = pickle.load(sys.stdin.buffer)
-    teacher = attrgetter(job.name)(importlib.import_module(job.module))
+    module, name, hyperparameters, level, states = pickle.load(sys.stdin.buffer)
+    teacher = attrgetter(name)(importlib.import_module(module))
     results = []
-    for saved in job.saved:
-        new = saved.scenario.started(teacher, job.hyperparameters, job.level, OTHER_SEED)
+    for saved in states:
+        new = saved.scenario.started(teacher, hyperparameters, level, OTHER_SEED)
         new.load_state(pickle.loads(saved.state))
         results.append(np.stack(play(new, saved.scenario, saved.episodes, saved.last)))
     sys.stdout.buffer.write(pickle.dumps(results))
