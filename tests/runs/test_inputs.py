@@ -20,7 +20,7 @@ from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec, inputs
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.spec import InputFile
 from tma_ray.terrain.parkour import DEFAULT_WEIGHTS
-from tma_ray.viewing.rendering import EpisodeSettings, RenderSettings, open_rendered, render
+from tma_ray.viewing.rendering import EpisodeSettings, open_rendered, render
 
 HOPPER = Path(__file__).parents[2] / "examples" / "hopper.toml"
 
@@ -147,9 +147,9 @@ def test_a_release_plays_without_the_files_it_was_made_with(
     assert "class Inquisitive" in plugin.files["odd_teachers.py"].decode()
 
     monkeypatch.setattr(inputs, "_contents", {})
-    rendered = open_rendered(RenderSettings(hopped.run_id, released))
+    rendered = open_rendered(EpisodeSettings(hopped.run_id, released))
     assert rendered.environment.get_wrapper_attr("embodiment").name == "hopper"
-    rendered.close()
+    rendered.environment.close()
     picture = tmp_path / "hopper.png"
     render(EpisodeSettings(hopped.run_id, released, steps=2), picture)
     assert picture.exists()
@@ -157,9 +157,9 @@ def test_a_release_plays_without_the_files_it_was_made_with(
     exported = export(hopped.run_id, tmp_path / "exported", released, onnx=False)
     shutil.rmtree(released)
     monkeypatch.setattr(inputs, "_contents", {})
-    rendered = open_rendered(RenderSettings(str(exported.folder)))
+    rendered = open_rendered(EpisodeSettings(str(exported.folder)))
     assert rendered.environment.get_wrapper_attr("embodiment").name == "hopper"
-    rendered.close()
+    rendered.environment.close()
 
 
 @pytest.mark.usefixtures("elsewhere")

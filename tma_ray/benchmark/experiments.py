@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from tma_ray.arguments import check_known
 from tma_ray.benchmark.matrices import (
     CASE_STUDIES,
     MATRICES,
@@ -17,7 +18,6 @@ from tma_ray.benchmark.matrices import (
     TEACHER_SEARCH,
     Matrix,
 )
-from tma_ray.part_names import nearest
 from tma_ray.tasks import KnowledgeLevel
 
 
@@ -135,19 +135,13 @@ def _stump_tracks(seeds: int, *levels: KnowledgeLevel) -> tuple[Matrix, ...]:
     return tuple(_lite(matrix, seeds, *levels) for matrix in (ORIGINAL_SPACE, *STUMP_TRACKS_CHALLENGES))
 
 
-def _today(seeds: int) -> tuple[Matrix, ...]:
-    """Return the teachers of today on the original space, an unfeasible one and a rugged one."""
-    names = ("original", "mostly_unfeasible", "rugged_difficulty")
-    return tuple(
-        replace(matrix, teachers=TEACHERS_OF_TODAY)
-        for matrix in _stump_tracks(seeds, KnowledgeLevel.HIGH)
-        if matrix.name in names
-    )
-
-
 LITE_1_STAGES: dict[str, tuple[Matrix, ...]] = {
     "core": _stump_tracks(5, KnowledgeLevel.HIGH),
-    "today": _today(3),
+    "today": tuple(
+        replace(matrix, teachers=TEACHERS_OF_TODAY)
+        for matrix in _stump_tracks(3, KnowledgeLevel.HIGH)
+        if matrix.name in ("original", "mostly_unfeasible", "rugged_difficulty")
+    ),
     "levels": _stump_tracks(3, KnowledgeLevel.NONE, KnowledgeLevel.LOW),
     "parkour": tuple(_lite(matrix, 3) for matrix in PARKOUR),
     "seeds": _stump_tracks(10, KnowledgeLevel.HIGH),
@@ -241,7 +235,5 @@ def find_experiment(name: str) -> Experiment:
         ValueError: there is none; the message holds the nearest match.
     """
     known = {experiment.name: experiment for experiment in EXPERIMENTS}
-    if name not in known:
-        hint = nearest(name, known)
-        raise ValueError(f"no experiment {name!r}: {hint}known: {', '.join(known)}")
+    check_known("experiment", name, known, "known:")
     return known[name]

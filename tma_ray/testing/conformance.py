@@ -9,8 +9,7 @@ import json
 import pickle
 import random
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 from unittest import SkipTest
@@ -140,7 +139,13 @@ class TeacherConformance:
         assert ranks == sorted(set(ranks)), f"{self._name} lists knowledge_levels {levels}; let them rise"
         for level in KnowledgeLevel:
             if level.rank < ranks[0]:
-                self._check_refusal(level)
+                refusal = ""
+                try:
+                    effective_level(self.teacher, self._name, level)
+                except ValueError as error:
+                    refusal = str(error)
+                problem = f"{self._name} cannot run at level {level.value!r} and does not say so"
+                assert self._name in refusal, problem
             else:
                 assert effective_level(self.teacher, self._name, level) in levels
         scenario = self.claimed_scenarios()[0]
@@ -280,14 +285,6 @@ class TeacherConformance:
             _RECORDS[key] = Record(tasks, states, teacher.drain_updates())
         return _RECORDS[key]
 
-    def _check_refusal(self, level: KnowledgeLevel) -> None:
-        refusal = ""
-        try:
-            effective_level(self.teacher, self._name, level)
-        except ValueError as error:
-            refusal = str(error)
-        assert self._name in refusal, f"{self._name} cannot run at level {level.value!r} and does not say so"
-
 
 def check_quickly(name: str) -> None:
     """Check within seconds, and without pytest, what a teacher promises, before anything is spent on it.
@@ -306,29 +303,22 @@ def check_quickly(name: str) -> None:
         contract.test_unknown_hyperparameters_are_refused()
         contract.test_hyperparameters_never_change()
         for number, scenario in enumerate(contract.claimed_scenarios()):
-            with _explained(name, scenario):
+            try:
                 contract._started(scenario)
                 if number < QUICK_SCENARIOS:
                     contract.test_tasks_stay_inside_the_space(scenario)
                     contract.test_the_seed_determines_the_curriculum(scenario)
+            except AssertionError:
+                raise
+            except Exception as error:  # of the teacher's own code
+                bounds = zip(scenario.space.names, scenario.space.low, scenario.space.high, strict=True)
+                box = ", ".join(f"{dimension} {low:g}..{high:g}" for dimension, low, high in bounds)
+                raise ValueError(
+                    f"{name} fails in the task space {box} ({error!r}): correct it, or declare its limits in "
+                    f"its class, most_dimensions or constant_dimensions; --debug shows where"
+                ) from error
     except AssertionError as error:
         raise ValueError(f"{name} breaks the contract of teachers: {error}") from error
-
-
-@contextmanager
-def _explained(name: str, scenario: Scenario) -> Iterator[None]:
-    """Name the space in which a teacher's own code fails."""
-    try:
-        yield
-    except AssertionError:
-        raise
-    except Exception as error:
-        bounds = zip(scenario.space.names, scenario.space.low, scenario.space.high, strict=True)
-        box = ", ".join(f"{dimension} {low:g}..{high:g}" for dimension, low, high in bounds)
-        raise ValueError(
-            f"{name} fails in the task space {box} ({error!r}): correct it, or declare its limits in its "
-            f"class, most_dimensions or constant_dimensions; --debug shows where"
-        ) from error
 
 
 def _global_state() -> dict[str, Any]:

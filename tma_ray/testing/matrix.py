@@ -65,17 +65,12 @@ def cells_of(
     """
     for teacher, challenge in itertools.product(teachers, challenges):
         check_limits(TEACHERS.get(teacher), teacher, challenge.task_space)
-    return [
-        SimulatedCell(challenge, teacher, level, _usable(teacher, level))
-        for teacher in dict.fromkeys(teachers)
-        for level in dict.fromkeys(levels)
-        for challenge in dict.fromkeys(challenges)
-    ]
-
-
-def _usable(teacher: str, level: KnowledgeLevel) -> KnowledgeLevel | None:
-    kind = TEACHERS.get(teacher)
-    return effective_level(kind, teacher, level) if knows_enough(kind, level) else None
+    cells = []
+    for teacher, level in itertools.product(dict.fromkeys(teachers), dict.fromkeys(levels)):
+        kind = TEACHERS.get(teacher)
+        used = effective_level(kind, teacher, level) if knows_enough(kind, level) else None
+        cells += [SimulatedCell(each, teacher, level, used) for each in dict.fromkeys(challenges)]
+    return cells
 
 
 def run_cells(
@@ -159,29 +154,13 @@ def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd
         }
         if cell.effective_level is None:
             rows.append(names)
-        else:
-            key = cell.challenge.name, cell.teacher, cell.effective_level
-            rows += [names | _row(cell.challenge, run) for run in played[key]]
+            continue
+        for run in played[cell.challenge.name, cell.teacher, cell.effective_level]:
+            row = {"seed": run.seed, "effective_knowledge": run.level.value, "mastered_percent": run.mastered}
+            for name, later in RECOVERY.items() if cell.challenge.resets else ():
+                row[name] = run.curve[round((cell.challenge.resets[0] + later) * POINTS) - 1]
+            rows.append(names | row | dict(zip(CURVE, run.curve, strict=True)))
     return pd.DataFrame(rows, columns=[*NAMES, *MEASURES, *CURVE]).astype({"seed": "Int64"})
-
-
-def _row(challenge: SimulatedChallenge, run: SimulatedRun) -> dict[str, object]:
-    return {
-        "seed": run.seed,
-        "effective_knowledge": run.level.value,
-        "mastered_percent": run.mastered,
-        **_recovery(challenge, run),
-        **dict(zip(CURVE, run.curve, strict=True)),
-    }
-
-
-def _recovery(challenge: SimulatedChallenge, run: SimulatedRun) -> dict[str, float]:
-    """Mastered shares around the first reset, if there is one."""
-    if not challenge.resets:
-        return {}
-    return {
-        name: run.curve[round((challenge.resets[0] + later) * POINTS) - 1] for name, later in RECOVERY.items()
-    }
 
 
 def _settle(wanted: Connection) -> None:

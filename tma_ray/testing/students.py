@@ -32,10 +32,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.arguments import check_fields
+from tma_ray.arguments import check_fields, check_known
 from tma_ray.benchmark import find_challenge, load_test_set
-from tma_ray.part_names import nearest
-from tma_ray.tasks import Answer, Episode, Outcomes, Query, QueryKind, Task, TaskSpace, TestSet, Trajectory
+from tma_ray.tasks import Answer, Episode, Outcomes, QueryKind, Task, TaskSpace, TestSet, Trajectory
 from tma_ray.teachers import Teacher
 
 DISCOUNT = 0.99
@@ -56,32 +55,25 @@ def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues
     """
     query = teacher.observe(episode)
     while query is not None:
-        query = teacher.answer(_answer(teacher, query, episode, (state_values, evaluate)))
-
-
-def _answer(teacher: Teacher, query: Query, episode: Episode, pupil: tuple[StateValues, Evaluate]) -> Answer:
-    state_values, evaluate = pupil
-    if query.kind is QueryKind.STATE_VALUES:
-        assert query.observations is not None, "a query for values holds observations"
-        return state_values(query.observations)
-    wanted = "wants_trajectory" if query.kind is QueryKind.TRAJECTORY else "wants_evaluations"
-    if not getattr(teacher, wanted):
-        raise ValueError(
-            f"{type(teacher).__name__} made a query of the kind {query.kind.value!r}: declare "
-            f"{wanted} = True in its class"
-        )
-    if query.kind is QueryKind.TRAJECTORY:
-        return even_trajectory(episode)
-    assert query.tasks is not None, "a query for an evaluation holds tasks"
-    return evaluate(query.tasks, query.greedy)
-
-
-def even_trajectory(episode: Episode) -> Trajectory:
-    """Return the steps of a simulated episode: nothing changes, and rewards come evenly."""
-    observations = np.tile(episode.initial_observation, (episode.length + 1, 1))
-    rewards = np.full(episode.length, episode.episodic_return / episode.length)
-    actions = np.zeros((episode.length, 1), np.float32)
-    return Trajectory(observations, actions, rewards, terminated=False, gamma=DISCOUNT)
+        answer: Answer
+        wanted = "wants_trajectory" if query.kind is QueryKind.TRAJECTORY else "wants_evaluations"
+        if query.kind is QueryKind.STATE_VALUES:
+            assert query.observations is not None, "a query for values holds observations"
+            answer = state_values(query.observations)
+        elif not getattr(teacher, wanted):
+            raise ValueError(
+                f"{type(teacher).__name__} made a query of the kind {query.kind.value!r}: declare "
+                f"{wanted} = True in its class"
+            )
+        elif query.kind is QueryKind.TRAJECTORY:  # nothing changes, and rewards come evenly
+            observations = np.tile(episode.initial_observation, (episode.length + 1, 1))
+            rewards = np.full(episode.length, episode.episodic_return / episode.length)
+            actions = np.zeros((episode.length, 1), np.float32)
+            answer = Trajectory(observations, actions, rewards, terminated=False, gamma=DISCOUNT)
+        else:
+            assert query.tasks is not None, "a query for an evaluation holds tasks"
+            answer = evaluate(query.tasks, query.greedy)
+        query = teacher.answer(answer)
 
 
 Array = NDArray[np.float64]
@@ -173,7 +165,15 @@ class SimulatedStudent:
     ) -> None:
         self.aptitude = aptitude = aptitude or StudentParameters()
         self._easy, self._hard = np.asarray(easy, dtype=np.float64), np.asarray(hard, dtype=np.float64)
-        self._check()
+        if self._easy.ndim != 1 or self._easy.shape != self._hard.shape or np.any(self._easy == self._hard):
+            raise ValueError(
+                f"easy {self._easy} and hard {self._hard}: expected two tasks that differ in every dimension"
+            )
+        if aptitude.regions**self._easy.size > MOST_REGIONS:
+            raise ValueError(
+                f"regions = {aptitude.regions} in each of {self._easy.size} dimensions are over "
+                f"{MOST_REGIONS:,} in all; choose fewer"
+            )
         self._rng = rng
         self._axis = (np.arange(aptitude.regions) + 0.5) / aptitude.regions
         self._precision = -0.5 * (aptitude.regions / aptitude.reach) ** 2
@@ -224,18 +224,6 @@ class SimulatedStudent:
         if (observations == observations[0]).all():  # a trajectory
             return np.repeat(DISCOUNTED_SHARE * self._expected(observations[:1]), len(observations))
         return DISCOUNTED_SHARE * self._expected(observations)
-
-    def _check(self) -> None:
-        easy, hard, regions = self._easy, self._hard, self.aptitude.regions
-        if easy.ndim != 1 or easy.shape != hard.shape or np.any(easy == hard):
-            raise ValueError(
-                f"easy {easy} and hard {hard}: expected two tasks that differ in every dimension"
-            )
-        if regions**easy.size > MOST_REGIONS:
-            raise ValueError(
-                f"regions = {regions} in each of {easy.size} dimensions are over {MOST_REGIONS:,} in all; "
-                f"choose fewer"
-            )
 
     def _expected(self, observations: NDArray[np.float32]) -> Array:
         demands = observations.astype(np.float64)
@@ -341,7 +329,5 @@ def find_simulated_challenge(name: str) -> SimulatedChallenge:
         ValueError: there is none; the message holds the nearest match.
     """
     known = {challenge.name: challenge for challenge in SIMULATED_CHALLENGES}
-    if name not in known:
-        hint = nearest(name, known)
-        raise ValueError(f"no simulated challenge {name!r}: {hint}known: {', '.join(known)}")
+    check_known("simulated challenge", name, known, "known:")
     return known[name]

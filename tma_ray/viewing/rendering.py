@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 import numpy as np
@@ -19,7 +20,7 @@ from tma_ray.commands.values import COORDINATE
 from tma_ray.envs import ENVIRONMENTS, Environment, make_environment, mastery_return
 from tma_ray.part_names import nearest
 from tma_ray.runs.inputs import arguments
-from tma_ray.runs.saved_policies import SavedPolicy, StepPolicy, find_policy
+from tma_ray.runs.saved_policies import StepPolicy, find_policy
 from tma_ray.tasks import EpisodeSoFar, Task, TaskSpace, check_task
 
 Frame = NDArray[np.uint8]
@@ -37,7 +38,7 @@ QUALITY = 20
 
 
 def check_picture(path: Path) -> None:
-    """Refuse a file that `write_frames` could not draw_text.
+    """Refuse a file that `write_frames` could not write.
 
     Raises:
         ValueError: another ending than .mp4, .gif and .png, no such folder or one that cannot be written
@@ -131,24 +132,14 @@ RANDOM, ZERO = "random", "zero"
 """Names of the untrained policies."""
 
 
-def random_policy(actions: spaces.Box, rng: np.random.Generator) -> StepPolicy:
-    """Return a policy whose actions are uniform, whatever it observes."""
-    return lambda _: rng.uniform(actions.low, actions.high).astype(np.float32)
-
-
-def zero_policy(actions: spaces.Box) -> StepPolicy:
-    """Return a policy whose actions are all zero."""
-    return lambda _: np.zeros(actions.shape, np.float32)
-
-
 DEFAULT_ENVIRONMENT, DEFAULT_EMBODIMENT = "stump_tracks", "classic_bipedal"
 FRAME_RATE = 50
 """Frames per second of an environment that does not say."""
 
 
 @dataclass(frozen=True)
-class RenderSettings:
-    """Settings of rendering: policy, environment, and how much is shown.
+class EpisodeSettings:
+    """Settings of one rendered episode: policy, environment, task, and how much is shown.
 
     Attributes:
         policy: "random" (uniform actions), "zero" (all zero), the folder of a saved policy, or a run of
@@ -157,8 +148,9 @@ class RenderSettings:
         environment: registered name or ``module:Name``; None for that of the run, else Stump Tracks.
         embodiment: name of the body, empty for none; None for that of the run, else the classic bipedal.
         seed: seed of worlds, random tasks and random actions.
-        steps: after which an episode is left, if it has not ended.
+        steps: number of steps after which an episode is left, if it has not ended.
         every: steps from one frame to the next.
+        task: task in the form that `parse_task` accepts.
     """
 
     policy: str = RANDOM
@@ -168,6 +160,7 @@ class RenderSettings:
     seed: int = 0
     steps: int = 1000
     every: int = 2
+    task: str | None = None
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -195,29 +188,12 @@ class RenderedEnvironment:
     domain: TaskSpace
     threshold: float
 
-    @property
-    def frame_rate(self) -> Fraction:
-        """Steps of the environment in a second."""
-        return Fraction(self.environment.metadata.get("render_fps", FRAME_RATE))
-
-    def acting_policy(self, rng: np.random.Generator) -> StepPolicy:
-        """Return the policy that acts; `rng` draws random actions."""
-        actions = self.environment.action_space
-        assert isinstance(actions, spaces.Box)
-        if self.trained is not None:
-            return self.trained
-        return zero_policy(actions) if self.policy == ZERO else random_policy(actions, rng)
-
     def frame(self) -> Frame:
         """Return the current frame (height, width, 3)."""
         return np.asarray(self.environment.render(), dtype=np.uint8)
 
-    def close(self) -> None:
-        """Close the environment."""
-        self.environment.close()
 
-
-def open_rendered(settings: RenderSettings) -> RenderedEnvironment:
+def open_rendered(settings: EpisodeSettings) -> RenderedEnvironment:
     """Return the environment that settings describe, all of which has been checked.
 
     Raises:
@@ -225,7 +201,20 @@ def open_rendered(settings: RenderSettings) -> RenderedEnvironment:
     """
     policy = settings.policy
     saved = None if policy in (RANDOM, ZERO) else find_policy(policy, settings.results)
-    made = _make(settings.environment, settings.embodiment, saved)
+    spec = saved.spec if saved else None
+    name = settings.environment or (spec.environment if spec else DEFAULT_ENVIRONMENT)
+    known = arguments(spec, "environment") if spec else {}
+    options = known if spec and spec.environment == name else {}
+    body = settings.embodiment
+    if body is None and "embodiment" not in options:
+        body = known.get("embodiment", "") if spec else DEFAULT_EMBODIMENT
+    if body:
+        options["embodiment"] = body
+    elif body is not None:
+        options.pop("embodiment", None)
+    if "rgb_array" not in ENVIRONMENTS.get(name).metadata.get("render_modes", ()):
+        raise ValueError(f"environment {name!r} cannot be drawn: it has no render mode 'rgb_array'")
+    made = make_environment(name, render_mode="rgb_array", **options)
     try:
         observations, actions = made.observation_space, made.action_space
         if not (isinstance(observations, spaces.Box) and isinstance(actions, spaces.Box)):
@@ -241,35 +230,6 @@ def open_rendered(settings: RenderSettings) -> RenderedEnvironment:
     except ValueError:
         made.close()
         raise
-
-
-def _make(name: str | None, embodiment: str | None, saved: SavedPolicy | None) -> Environment:
-    """Return the environment, which draws frames."""
-    spec = saved.spec if saved else None
-    name = name or (spec.environment if spec else DEFAULT_ENVIRONMENT)
-    known = arguments(spec, "environment") if spec else {}
-    options = known if spec and spec.environment == name else {}
-    body = embodiment
-    if body is None and "embodiment" not in options:
-        body = known.get("embodiment", "") if spec else DEFAULT_EMBODIMENT
-    if body:
-        options["embodiment"] = body
-    elif body is not None:
-        options.pop("embodiment", None)
-    if "rgb_array" not in ENVIRONMENTS.get(name).metadata.get("render_modes", ()):
-        raise ValueError(f"environment {name!r} cannot be drawn: it has no render mode 'rgb_array'")
-    return make_environment(name, render_mode="rgb_array", **options)
-
-
-@dataclass(frozen=True)
-class EpisodeSettings(RenderSettings):
-    """Settings of one rendered episode.
-
-    Attributes:
-        task: task in the form that `parse_task` accepts.
-    """
-
-    task: str | None = None
 
 
 @dataclass
@@ -297,13 +257,19 @@ def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
     check_picture(output)
     rendered = open_rendered(settings)
     try:
-        tasks, actions = (np.random.default_rng([settings.seed, stream]) for stream in range(2))
+        tasks, rng = (np.random.default_rng([settings.seed, stream]) for stream in range(2))
         episode = RenderedEpisode(task=parse_task(settings.task, rendered.space, rendered.domain, tasks))
         every = 0 if output.suffix == ".png" else settings.every
-        frames = _play(rendered, rendered.acting_policy(actions), settings, episode, every)
-        write_frames(output, frames, rendered.frame_rate / settings.every)
+        actions: Any = rendered.environment.action_space
+        untrained: dict[str, StepPolicy] = {
+            RANDOM: lambda _: rng.uniform(actions.low, actions.high).astype(np.float32),
+            ZERO: lambda _: np.zeros(actions.shape, np.float32),
+        }
+        policy = rendered.trained or untrained[rendered.policy]
+        rate = Fraction(rendered.environment.metadata.get("render_fps", FRAME_RATE))
+        write_frames(output, _play(rendered, policy, settings, episode, every), rate / settings.every)
     finally:
-        rendered.close()
+        rendered.environment.close()
     return episode
 
 
