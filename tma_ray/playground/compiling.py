@@ -64,7 +64,14 @@ def build(folder: Path | None = None) -> bytes:
     require_zig()
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
-        munk = folder or _downloaded(place)
+        munk = folder
+        if munk is None:
+            wanted = f"pymunk=={metadata.version('pymunk')}"
+            pip = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--no-binary", ":all:"]
+            subprocess.run([*pip, "--dest", name, wanted], check=True)  # noqa: S603
+            with tarfile.open(next(place.glob("pymunk-*.tar.gz"))) as packed:
+                packed.extractall(place, filter="data")
+            munk = next(place.glob("pymunk-*/Munk2D"))
         (place / "kernels.c").write_text(kernels_in_c())
         for file in ("chipmunk_calls.h", "sine.c"):
             (place / file).write_bytes((DATA / file).read_bytes())
@@ -76,11 +83,7 @@ def build(folder: Path | None = None) -> bytes:
 
 
 def require_zig() -> None:
-    """Refuse to go on without the compiler.
-
-    Raises:
-        CompilerMissingError: it is not installed in the pinned version.
-    """
+    """Refuse to go on without the compiler of the pinned version."""
     found = metadata.version("ziglang") if find_spec("ziglang") else "none"
     if found != ZIG:
         raise CompilerMissingError(f"ziglang {found} is installed: pip install ziglang=={ZIG}")
@@ -103,7 +106,15 @@ def kernels_in_c() -> str:
     handles, nothing, line = np.zeros(1, np.int64), np.zeros((0, 4)), np.zeros(2)
     terrain = Terrain(np.zeros((0, 4, 2)), 1.0, nothing, line, 0.0, 0, nothing, nothing, handles[:0], 0.0)
     single, heights = np.zeros(1, np.float32), np.zeros(3)
-    translation = Translation(_externals())
+    kinds = {types.void: NOTHING, types.intp: WHOLE, types.intc: WHOLE, types.float64: REAL}
+    externals: dict[str, Type] = {
+        name: kinds[value.sig.return_type]
+        for name, value in vars(symbols).items()
+        if isinstance(value, types.ExternalFunction)
+    }
+    vectors = ("body_rotation", "body_position", "body_velocity")
+    externals |= dict.fromkeys(vectors, Record((REAL, REAL))) | {"other_shape": WHOLE}
+    translation = Translation(externals)
     counter = translation.function(count_contact, (WHOLE, WHOLE, WHOLE))[0]
     translation.export("step", step, floats, integers, observation)
     hung = chains(terrain)
@@ -115,26 +126,3 @@ def kernels_in_c() -> str:
     call = f"{counter}(ADDRESS(b), ADDRESS(a), ADDRESS(n));"
     callback = f"void count_arbiter(cpBody *b, cpArbiter *a, void *n) {{ {call} }}"
     return translation.text('#include "chipmunk_calls.h"') + callback + "\n"
-
-
-def _externals() -> dict[str, Type]:
-    """Return the types of the results of Chipmunk's functions, by the names that kernels call them by."""
-    kinds = {types.void: NOTHING, types.intp: WHOLE, types.intc: WHOLE, types.float64: REAL}
-    found: dict[str, Type] = {
-        name: kinds[value.sig.return_type]
-        for name, value in vars(symbols).items()
-        if isinstance(value, types.ExternalFunction)
-    }
-    vectors = ("body_rotation", "body_position", "body_velocity")
-    return found | dict.fromkeys(vectors, Record((REAL, REAL))) | {"other_shape": WHOLE}
-
-
-def _downloaded(place: Path) -> Path:
-    """Return Chipmunk's sources, of the version that this machine runs."""
-    wanted = f"pymunk=={metadata.version('pymunk')}"
-    pip = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--no-binary", ":all:"]
-    subprocess.run([*pip, "--dest", str(place), wanted], check=True)  # noqa: S603
-    archive = next(place.glob("pymunk-*.tar.gz"))
-    with tarfile.open(archive) as packed:
-        packed.extractall(place, filter="data")
-    return next(place.glob("pymunk-*/Munk2D"))

@@ -16,7 +16,6 @@ from tma_ray.physics.base import GRAVITY, HANGING_STEPS, TIME_STEP, settings_for
 from tma_ray.physics.chipmunk import hung, settled
 from tma_ray.physics.compiled.step import BEFORE, GOAL_X, TERRAIN, new_memory, simulation_in
 from tma_ray.physics.kernels import NOTHING
-from tma_ray.physics.rules import BodyArrays, StepArrays
 from tma_ray.tasks import MASTERY_RETURN, TaskSpace
 from tma_ray.terrain import FIXED, GROUND_HEIGHT, Terrain, parkour, stump_tracks
 from tma_ray.terrain.base import STARTPAD_STEPS, STEP
@@ -47,10 +46,16 @@ def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
     arrays, built = step_arrays(body, made.rules), settled(body, settings)
     floats, integers = vectors = new_memory(arrays, len(built.limits), settings, 0)
     parts = simulation_in(*vectors)._asdict()
-    views = {
-        name: [_place(part, integers if name in WHOLE else floats), list(part.shape)]
-        for name, part in parts.items()
-    }
+    views = {}
+    for name, part in parts.items():
+        vector = integers if name in WHOLE else floats
+        place = (part.ctypes.data - vector.ctypes.data) // 8 if part.size else 0
+        views[name] = [place, list(part.shape)]
+    reach = 0.0
+    if len(arrays.grips):  # height of a hanging body's highest grip sensor over its spawn point, m
+        nothing, flat = np.zeros((0, 4)), np.array([[-1.0, 0.0, 1.0, 0.0]])
+        world = Terrain(nothing, 1.0, nothing, np.zeros(2), 0.0, 0, flat, nothing, np.zeros(0, np.int64), 0.0)
+        reach = -float(hung(world, built, arrays).spawn[1])
     return {
         "built": {
             name: stored(value) if isinstance(value, np.ndarray) else value
@@ -66,23 +71,12 @@ def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
         "motors": len(arrays.motors),
         "grips": len(arrays.grips),
         "parts": len(arrays.critical),
-        "reach": _reach(built, arrays) if len(arrays.grips) else 0.0,
+        "reach": reach,
         "rays": arrays.rays.tolist(),
         "sensors": [
             [int(part), *place] for part, place in zip(arrays.grip_part, arrays.grips.tolist(), strict=True)
         ],
     }
-
-
-def _place(part: NDArray[Any], vector: NDArray[Any]) -> int:
-    return (part.ctypes.data - vector.ctypes.data) // 8 if part.size else 0
-
-
-def _reach(body: BodyArrays, arrays: StepArrays) -> float:
-    """Return the height of a hanging body's highest grip sensor over its spawn point, in m."""
-    nothing, flat = np.zeros((0, 4)), np.array([[-1.0, 0.0, 1.0, 0.0]])
-    world = Terrain(nothing, 1.0, nothing, np.zeros(2), 0.0, 0, flat, nothing, np.zeros(0, np.int64), 0.0)
-    return -float(hung(world, body, arrays).spawn[1])
 
 
 def variants(name: str) -> list[str]:

@@ -164,12 +164,7 @@ class Committer:
         return whole
 
     def publish(self, run: RunRecord, attempt: int, parts: Sequence[PartFile]) -> None:
-        """Make the parts of a committed checkpoint the visible rows of the run.
-
-        Args:
-            run: description of the run.
-            attempt: number of the attempt that reports.
-            parts: all parts of the run so far, in order.
+        """Make `parts`, all of the run so far in order, its visible rows: a checkpoint holds them.
 
         Raises:
             StaleAttemptError: a later attempt is accepted, or the run is done.
@@ -183,12 +178,7 @@ class Committer:
         self._replace(published, Manifest(run, RunStatus.RUNNING, attempt, tuple(parts)))
 
     def finish(self, run: RunRecord, attempt: int, final: Sequence[PartFile]) -> None:
-        """Publish canonical files and policy of a run that has ended, then removes its staging folder.
-
-        Args:
-            run: description of the run.
-            attempt: number of the attempt that reports.
-            final: result of `RunWriter.finish`, one file per data table.
+        """Publish the files that `RunWriter.finish` returned, and the policy; then remove the staging folder.
 
         Raises:
             StaleAttemptError: a later attempt is accepted, or another one has finished the run.
@@ -234,10 +224,6 @@ class Committer:
 
         Cells that the campaign has written before and that are not among `rows` stay: a campaign
         may be run teacher by teacher.
-
-        Args:
-            campaign: name of the campaign.
-            rows: columns of the table but campaign.
         """
         key = tuple(name for name in SCHEMAS[Table.CELLS].names if name != "run_id")
         self._merge(Table.CELLS, campaign, [{"campaign": campaign, **row} for row in rows], key)

@@ -47,22 +47,14 @@ class _Source:
 
 
 def input_path(sha256: str) -> str:
-    """Path of the file with this content.
-
-    Raises:
-        ValueError: not the hexadecimal SHA-256 of anything.
-    """
+    """Path of the file with this content; a ValueError for what is not a hexadecimal SHA-256."""
     if not re.fullmatch(r"[0-9a-f]{64}", sha256):
         raise ValueError(f"sha256 {sha256!r}: expected 64 hexadecimal digits")
     return f"{INPUTS}/{sha256}"
 
 
 def plugin_path(digest: str) -> str:
-    """Path of the source of a plug-in.
-
-    Raises:
-        ValueError: not the digest of a source.
-    """
+    """Path of the source of a plug-in; a ValueError for what is not a hexadecimal digest."""
     if not re.fullmatch(r"[0-9a-f]+", digest):
         raise ValueError(f"digest {digest!r}: expected hexadecimal digits")
     return f"{INPUTS}/plugin-{digest}.json"

@@ -43,12 +43,7 @@ _ID: Final = re.compile(rf"[0-9a-zA-Z_-]{{1,{LONGEST_ID}}}")
 
 @dataclass(frozen=True)
 class RootFile:
-    """The content of `ROOT_FILE`.
-
-    Attributes:
-        format: kind of the folder.
-        schema_version: schema version of its files.
-    """
+    """The content of `ROOT_FILE`: kind of the folder, and schema version of its files."""
 
     format: str
     schema_version: Natural

@@ -196,12 +196,7 @@ class LeaseFile:
     process: Process | None = None
 
     def standing(self, now: float, seconds: float) -> Standing:
-        """Return the state of the holder.
-
-        Args:
-            now: s since 1970.
-            seconds: time without renewal after which a holder counts as dead, s.
-        """
+        """Return the state of the holder at `now`; one without renewal for `seconds` counts as dead."""
         if now - self.renewed_at >= seconds or (self.process is not None and self.process.is_dead()):
             return Standing.DEAD
         return Standing.AHEAD if self.renewed_at - now >= seconds else Standing.ALIVE
@@ -209,12 +204,7 @@ class LeaseFile:
 
 @dataclass(frozen=True)
 class StopRequest:
-    """Ask a holder to leave: the one of a lease, or, where that could not be read, of a name.
-
-    Attributes:
-        token: token of the lease, or empty.
-        holder: name of the holder, or empty.
-    """
+    """Ask a holder to leave: by the token of its lease, or by its name where that could not be read."""
 
     token: str = ""
     holder: str = ""
@@ -336,11 +326,7 @@ class Lease:
             self._refuse_renewal(_readable(self.store))
 
     def keep(self) -> None:
-        """Renew the lease if a quarter of its time has passed; cheap enough for every turn of a loop.
-
-        Raises:
-            RootInUseError: errors of `renew`.
-        """
+        """Renew the lease, as `renew`, once a quarter of its time has passed; cheap enough for a loop."""
         if self._clock() - self._renewed_at >= self.seconds / 4:
             self.renew()
 

@@ -76,12 +76,7 @@ class PartFile:
         return cls(table, path, rows, hashlib.sha256(data).hexdigest())
 
     def read(self, store: Store) -> bytes:
-        """Return the content.
-
-        Raises:
-            FileNotFoundError: the file is not there.
-            DamagedFileError: its content is not what was written.
-        """
+        """Return the content; raises as `read_checked`."""
         return read_checked(store, self.path, self.sha256)
 
     def to_json(self) -> dict[str, Any]:
@@ -118,12 +113,7 @@ class Manifest:
 
     @staticmethod
     def load(store: Store, run_id: str) -> Manifest:
-        """Return the manifest of a run.
-
-        Raises:
-            FileNotFoundError: the run has published nothing.
-            DamagedFileError: errors of `load_manifest`.
-        """
+        """Return the manifest of a run, also from the index; raises as `load_manifest`."""
         try:
             return load_manifest(store, manifest_path(run_id))
         except FileNotFoundError:
@@ -243,13 +233,7 @@ def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table
 def read_slices(
     store: Store, files: Sequence[PartFile], columns: Sequence[str]
 ) -> Mapping[PartFile, pa.Table | Exception]:
-    """Return the rows of each run in one file, or why they cannot be read.
-
-    Args:
-        store: the results root.
-        files: runs' rows in the same file.
-        columns: names of columns, in this order.
-    """
+    """Return the rows of each run in one file, or why they cannot be read."""
     if len(files) <= FEW:
         return {file: _tried(store, file, columns) for file in files}
     try:

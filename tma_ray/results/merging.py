@@ -128,11 +128,7 @@ def pack(
 
 
 def _rows_of(results: Results, table: Table, run_id: str) -> pa.Table:
-    """Return the rows of one run.
-
-    Raises:
-        DamagedFileError: some cannot be read.
-    """
+    """Return the rows of one run; a DamagedFileError if some cannot be read."""
     before = len(results.problems)
     rows = results.table(table, [run_id])
     if len(results.problems) > before:
@@ -426,20 +422,16 @@ def _files(store: Store) -> dict[str, int]:
 
 
 @dataclass(frozen=True)
-class Shard:
-    """Additions of one batch.
+class Shard(Copy):
+    """Additions of one batch, and what was left out of it.
 
     Attributes:
         runs: number of runs that were added.
         cells: number of rows added to the table of cells.
-        policy_files: files of policies that were left out, being neither JSON nor safetensors.
-        damaged: a message for each run that was left out, since it is damaged.
     """
 
     runs: int
     cells: int
-    policy_files: tuple[str, ...]
-    damaged: tuple[str, ...]
 
 
 def add_shard(results: Results, target: Store, name: str, contents: Contents = LEAN) -> Shard:
@@ -476,20 +468,13 @@ def add_shard(results: Results, target: Store, name: str, contents: Contents = L
         target.write_bytes(table_path(Table.CELLS, name), encode(Table.CELLS, rows))
     unsafe = copy_beside(results, target, new, contents)
     write_index(target, (*before.runs(), *packed))
-    return Shard(len(new), len(cells), unsafe, tuple(dict.fromkeys([*results.problems, *damaged])))
+    return Shard(unsafe, tuple(dict.fromkeys([*results.problems, *damaged])), len(new), len(cells))
 
 
 def start_from(store: Store, source: Store) -> int:
-    """Copy the runs of a root that are done, with their cells, to another that lacks them.
+    """Copy the runs of a root that are done, with their cells, to another that lacks them; return how many.
 
     A campaign on that root takes them as its own, and does what is missing. Files keep their paths.
-
-    Args:
-        store: the root to begin with; an empty place becomes one.
-        source: a results root or a release.
-
-    Returns:
-        How many runs were copied.
 
     Raises:
         ResultsRootError: `source` is not a results root, or a file of that path and another content is there.

@@ -236,11 +236,7 @@ def decode(
 
 
 def opened(data: bytes) -> pq.ParquetFile:
-    """Return a Parquet file of which only the end was read: how many rows and which columns it has.
-
-    Raises:
-        OSError, pa.ArrowException: the bytes are not a Parquet file.
-    """
+    """Return a Parquet file of which only the end was read: how many rows and which columns it has."""
     return pq.ParquetFile(pa.BufferReader(data))
 
 
@@ -256,11 +252,7 @@ def schema_version(file: Any) -> int:
 
 
 def unreadable_rows(table: Table, data: bytes) -> Iterator[tuple[int, int]]:
-    """Yield first and end of the rows of each row group in which a page is damaged.
-
-    Raises:
-        OSError, pa.ArrowException: the bytes are not a Parquet file at all.
-    """
+    """Yield first and end of the rows of each row group in which a page is damaged."""
     source = pa.BufferReader(data)
     file, first = _opened(table, source), 0
     for group in range(file.num_row_groups):
@@ -301,11 +293,7 @@ def _check_size(
     columns: Sequence[str],
     most_rows: int,
 ) -> None:
-    """Refuse columns of row groups that would fill the memory.
-
-    Raises:
-        DamagedFileError: too many rows or bytes, or pages that do not tell their size.
-    """
+    """Refuse columns of row groups that would fill the memory."""
     rows = sum(file.metadata.row_group(group).num_rows for group in groups)
     if rows > most_rows:
         raise DamagedFileError(f"it claims {rows:,} rows, more than {most_rows:,} of {table}")

@@ -62,11 +62,7 @@ DEFAULT: Final = b"default"
 
 
 def default_of(field: pa.Field) -> Any:
-    """Return the value of a column that did not exist when rows were written.
-
-    Raises:
-        KeyError: it has always existed: it is neither nullable, nor does it name a default.
-    """
+    """Return the value of a column that did not exist when rows were written; a KeyError if it always has."""
     metadata = field.metadata or {}
     if DEFAULT in metadata:
         return json.loads(metadata[DEFAULT])

@@ -79,11 +79,7 @@ class Checkpoint:
 
     @classmethod
     def from_bytes(cls, name: str, data: bytes) -> Checkpoint:
-        """Return the checkpoint of an index file.
-
-        Raises:
-            DamagedFileError: no index, or one that names files elsewhere.
-        """
+        """Return the checkpoint of an index file; a DamagedFileError for anything else."""
         return replace(decode_json(data, cls, f"the index of checkpoint {name}"), name=name)
 
 

@@ -76,11 +76,7 @@ class Status:
 
 
 def check_device(device: str) -> None:
-    """Check that a text is torch's name of a kind of device.
-
-    Raises:
-        ValueError: the message says what was expected.
-    """
+    """Check that a text is torch's name of a kind of device."""
     kind, _, index = device.partition(":")
     if kind not in DEVICES:
         raise ValueError(f"device {device!r}: {nearest(kind, DEVICES)}expected one of {', '.join(DEVICES)}")
@@ -91,11 +87,7 @@ def check_device(device: str) -> None:
 
 
 def check_available(device: str) -> None:
-    """Check that this machine has a device.
-
-    Raises:
-        ValueError: the message says so.
-    """
+    """Check that this machine has a device."""
     if not is_available(device):
         raise ValueError(f"device {device!r}: torch finds none on this machine; use 'cpu'")
 

@@ -48,11 +48,7 @@ class SavedPolicy:
                 (place / path.name).write_bytes(self.store.read_bytes(str(path)))
 
     def read(self, place: Path, reader: Callable[[str, Path], T]) -> T:
-        """Return the result of `reader` for the student's name and the copy in `place`.
-
-        Raises:
-            PolicyFileError: errors of the reader, naming the original.
-        """
+        """Return the result of `reader` for the student's name and the copy in `place`."""
         try:
             return reader(self.spec.student, place)
         except PolicyFileError as error:  # which names the copy
@@ -114,11 +110,7 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
 
 
 def results_of(saved: SavedPolicy, results: str | Path) -> Results | None:
-    """Return the results of the run of `saved`: in the root that it lies in, else in `results`.
-
-    Returns:
-        None if neither is a root that has the run.
-    """
+    """Return the results of the run of `saved`, of its own root or `results`; None if neither has them."""
     folder = Path(saved.store.where(saved.folder))
     beside = not saved.store.is_object_store and folder.parent.name == POLICIES
     for root in [folder.parent.parent, results] if beside else [results]:

@@ -261,11 +261,7 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def _canonical(content: Mapping[str, Any]) -> str:
-    """Return the JSON that is hashed and stored.
-
-    Raises:
-        ValueError: a number is infinite or NaN, which JSON does not have.
-    """
+    """Return the JSON that is hashed and stored, which has neither infinity nor NaN."""
     try:
         return json.dumps(content, sort_keys=True, allow_nan=False)
     except ValueError as error:
@@ -298,9 +294,7 @@ def placement_generator(spec: RunSpec) -> np.random.Generator:
 def landscape_of(spec: RunSpec, placement: np.random.Generator) -> ShuffledSpace | None:
     """Return the map from the teacher's tasks to the world's, None if the space is not shuffled.
 
-    Args:
-        spec: spec of the run.
-        placement: generator of `placement_generator`; the shuffle is its first draw.
+    The shuffle is the first draw of the `placement_generator`.
     """
     return ShuffledSpace.shuffle(spec.task_space, placement, spec.cuts) if spec.cuts else None
 

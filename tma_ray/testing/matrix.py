@@ -164,11 +164,7 @@ def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd
 
 
 def _settle(wanted: Connection) -> None:
-    """Prepare a worker: one thread, also in torch if a teacher imports it; no life after its parent's.
-
-    Args:
-        wanted: pipe whose other end the parent closes when it wants no more runs, or ends.
-    """
+    """Prepare a worker: one thread, also in torch; no life after its parent closes the end of `wanted`."""
     unblock_sigint()
     threadpool_limits(limits=1)
     os.environ["OMP_NUM_THREADS"] = "1"

@@ -110,11 +110,7 @@ class Store(ABC):
         """Return the store of this kind at a folder or address; raises as `open`."""
 
     def recorded(self, sha256: Mapping[str, str]) -> Self:
-        """Return this store limited to files with recorded checksums: nothing else is ever shown.
-
-        Args:
-            sha256: checksum of each file by path, hexadecimal. Files are read whole to be compared with it.
-        """
+        """Return this store limited to files with recorded checksums, by path; nothing else is ever shown."""
         limited = copy.copy(self)
         limited._recorded = dict(sha256)
         return limited
@@ -208,18 +204,10 @@ class Store(ABC):
         """
 
     def clear_temporaries(self, older_than: float) -> None:  # noqa: B027 - only a disk keeps any
-        """Delete temporary files that killed processes left on a disk; other files in their folder stay.
-
-        Args:
-            older_than: age of what goes, s; younger files may be in the making.
-        """
+        """Delete temporary files of killed processes on a disk that are older than `older_than` s."""
 
     def check_listable(self) -> None:  # noqa: B027 - a folder that is missing lists like an empty one
-        """Refuse an object store whose bucket does not exist.
-
-        Raises:
-            ObjectStoreError: the bucket does not exist, or we may not list it.
-        """
+        """Refuse an object store whose bucket does not exist or cannot be listed: an ObjectStoreError."""
 
     def check_access(self) -> None:
         """Check the rights to list, write, read and delete outside of a disk; leaves nothing there.

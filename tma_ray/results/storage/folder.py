@@ -164,11 +164,7 @@ class FolderStore(Store, schemes=("", "file")):
                         delete(file)
 
     def temporary(self) -> str:
-        """Return a new path for a temporary file, whose folder is made; the name has the root's inode.
-
-        Raises:
-            DamagedFileError: the folder is a symbolic link that leads out of the root.
-        """
+        """Return a new path for a temporary file, whose folder is made; the name has the root's inode."""
         self._refuse_links_out(TEMPORARY)
         make_folder(Path(self.base, TEMPORARY))
         return super().temporary()
@@ -221,17 +217,7 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
 
 
 def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
-    """Write a file by way of a `temporary` one, atomically and durably.
-
-    Args:
-        target: path of the file.
-        temporary: a name in an existing folder of the same file system; nothing is left there.
-        data: the content.
-        exclusive: True to write only if the file does not exist yet.
-
-    Returns:
-        False if it was to be new and is not.
-    """
+    """Write a file by way of a `temporary` one next to it, atomically; False if `exclusive` and it exists."""
     make_folder(target.parent)
     try:
         with temporary.open("wb") as file:
@@ -343,11 +329,7 @@ def stamps_below(base: str, folder: str) -> Iterator[tuple[str, Stamp]]:
 
 
 def refuse_place(folder: Path) -> None:
-    """Refuse a folder that holds more than results.
-
-    Raises:
-        ResultsRootError: it is the root of the file system, the user's home, or the top of a source checkout.
-    """
+    """Refuse a folder that holds more than results: of the system, the user, or a source checkout."""
     place = Path(os.path.realpath(folder))  # no error of links in a circle
     if place == Path(place.anchor):
         problem = "the root of the file system"
