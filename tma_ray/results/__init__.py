@@ -40,7 +40,6 @@ from tma_ray.results.manifest import Manifest, PartFile, read_checked
 from tma_ray.results.merging import (
     LEAN,
     WHOLE,
-    Compaction,
     Contents,
     Copy,
     Shard,
@@ -51,7 +50,6 @@ from tma_ray.results.merging import (
 )
 from tma_ray.results.parquet import (
     PUBLISHED_FILE,
-    PUBLISHED_SCHEMA,
     leave_pandas_out,
     read_published,
     write_published,
@@ -83,7 +81,7 @@ from tma_ray.results.storage import (
     explained_disk,
     retry,
 )
-from tma_ray.results.verification import Damage, Inspector, RootVerification, damage_reason, verify_root
+from tma_ray.results.verification import Damage, Inspector, damage_reason, verify_root
 from tma_ray.results.writer import RunWriter
 
 __all__ = [
@@ -100,7 +98,6 @@ __all__ = [
     "NO_PHYSICS_VERSION",
     "POLICIES",
     "PUBLISHED_FILE",
-    "PUBLISHED_SCHEMA",
     "SCHEMAS",
     "SCHEMA_VERSION",
     "SIMULATED",
@@ -109,7 +106,6 @@ __all__ = [
     "AttemptOutcome",
     "AttemptRecord",
     "Committer",
-    "Compaction",
     "Contents",
     "Copy",
     "Damage",
@@ -127,7 +123,6 @@ __all__ = [
     "Results",
     "ResultsRootError",
     "RootInUseError",
-    "RootVerification",
     "RunProgress",
     "RunRecord",
     "RunStatus",

@@ -20,9 +20,6 @@ from tma_ray.results.storage import Store
 _Fields: TypeAlias = dict[int, Any]
 """Numbers and structures of Thrift by the number of their field."""
 
-HEADER_BYTES: Final = (512, 1 << 16)
-"""Bytes that are read to find the header of a page: at first, and if it is longer."""
-
 PAGE_BYTES: Final = 1024
 """Bytes that a page counts besides its content: many empty ones take time."""
 
@@ -80,7 +77,7 @@ def _pages(source: Any, chunk: Any) -> Iterator[_Fields]:
         at = min(at, chunk.dictionary_page_offset or at)
     end = at + chunk.total_compressed_size
     while at < end:
-        for most in HEADER_BYTES:
+        for most in (512, 1 << 16):  # few headers are longer
             with suppress(IndexError, RecursionError):
                 page, size = _structure(source.read_at(most, at), 0)
                 break

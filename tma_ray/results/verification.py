@@ -6,7 +6,7 @@ import threading
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any, Final
 
@@ -93,53 +93,51 @@ class Inspector:
     def __init__(self, store: Store, *, raise_refusals: bool = True) -> None:
         self._store = store
         self._raise_refusals = raise_refusals
-        self._shared: dict[str, tuple[Inspection, tuple[tuple[int, int], ...]]] = {}
+        self._shared: dict[str, tuple[str, bool, tuple[tuple[int, int], ...]]] = {}
         self._lock = threading.Lock()
 
-    def inspect(self, manifest: Manifest) -> Inspection:
-        """Return the problems of the files that a manifest lists.
+    def inspect_all(self, manifests: Sequence[Manifest]) -> Iterator[tuple[Manifest, Inspection]]:
+        """Yield each manifest with what is wrong with its files.
 
         Raises:
             StorageError: the storage refuses to read.
         """
-        found = [self._inspect_file(manifest.run.run_id, file) for file in manifest.files]
-        return Inspection(
-            tuple(damage for each in found for damage in each.damage),
-            tuple(path for each in found for path in each.newer),
-        )
-
-    def inspect_all(self, manifests: Sequence[Manifest]) -> Iterator[tuple[Manifest, Inspection]]:
-        """Yield each manifest with what is wrong with its files."""
         # Small files of a disk are read faster by one thread.
         with ThreadPoolExecutor(_THREADS if self._store.is_object_store else 1) as executor:
-            yield from zip(manifests, executor.map(self.inspect, manifests), strict=True)
+            yield from zip(manifests, executor.map(self._inspect, manifests), strict=True)
 
-    def _inspect_file(self, run_id: str, file: PartFile) -> Inspection:
-        if file.first is None:
-            return self._inspect_whole(file, run_id, file.rows)
-        with self._lock:
-            if file.path not in self._shared:
-                found = self._inspect_whole(file, "", None)
-                self._shared[file.path] = found, damaged_rows(self._store, file) if found.damage else ()
-        found, hit = self._shared[file.path]
-        if not found.damage:
-            return found
-        return Inspection(tuple(replace(each, run_id=run_id) for each in found.damage if is_hit(file, hit)))
+    def _inspect(self, manifest: Manifest) -> Inspection:
+        damage, newer = [], []
+        for file in manifest.files:
+            if file.first is None:
+                problem, has_more = self._look(file)
+                hit = True
+            else:
+                with self._lock:
+                    if file.path not in self._shared:
+                        problem, has_more = self._look(file)
+                        rows = damaged_rows(self._store, file) if problem else ()
+                        self._shared[file.path] = problem, has_more, rows
+                problem, has_more, rows = self._shared[file.path]
+                hit = is_hit(file, rows)
+            if problem and hit:
+                damage.append(Damage(file.path, problem, manifest.run.run_id))
+            if has_more:
+                newer.append(file.path)
+        return Inspection(tuple(damage), tuple(newer))
 
-    def _inspect_whole(self, file: PartFile, run_id: str, rows: int | None) -> Inspection:
+    def _look(self, file: PartFile) -> tuple[str, bool]:
+        """Return the damage of a file, empty for none, and True if it has unknown columns."""
         try:
             parquet = opened(file.read(self._store))
             count = parquet.metadata.num_rows
-            if rows is not None and count != rows:
-                raise DamagedFileError(f"it has {count:,} rows, but the manifest says {rows:,}")
+            if file.first is None and count != file.rows:
+                raise DamagedFileError(f"it has {count:,} rows, but the manifest says {file.rows:,}")
         except UNREADABLE as error:
             if self._raise_refusals and isinstance(error, StorageError):
                 raise
-            return Inspection(
-                (Damage(file.path, damage_reason(error, self._store.where(file.path)), run_id),)
-            )
-        unknown = set(parquet.schema_arrow.names) - set(SCHEMAS[file.table].names)
-        return Inspection(newer=(file.path,) if unknown else ())
+            return damage_reason(error, self._store.where(file.path)), False
+        return "", not set(parquet.schema_arrow.names) <= set(SCHEMAS[file.table].names)
 
 
 def lost_manifests(

@@ -30,30 +30,7 @@ from tma_ray.results.storage.base import (
 T = TypeVar("T")
 
 ATTEMPTS: Final = 10
-"""Tries of one request, with random pauses that grow up to `LONGEST_PAUSE`: about a minute in all."""
-
-FIRST_PAUSE: Final = timedelta(seconds=0.5)
-LONGEST_PAUSE: Final = timedelta(seconds=20)
-PAUSE_GROWTH: Final = 3.5
-"""A pause is drawn uniformly between the first one and this many times the one before."""
-
-SILENCE: Final = timedelta(seconds=30)
-"""Silence after which a request counts as lost: a store may take long to copy a large object."""
-
-CONNECT_TIME: Final = timedelta(seconds=10)
-"""Time that a connection may take."""
-
-REQUEST_TIME: Final = timedelta(hours=1)
-"""Time that one request may take, however slow the connection is."""
-
-PART_BYTES: Final = 10 * 2**20
-"""Size from which an object is uploaded in parts, and of each part."""
-
-FILE_CREDENTIALS_TIME: Final = timedelta(minutes=5)
-"""Time after which keys in AWS's own files are read again: others may renew them."""
-
-REASON_LENGTH: Final = 300
-"""Most characters of an answer of the store that are shown."""
+"""Tries of one request, with random pauses that grow: about a minute in all."""
 
 PARAMETERS: Final = {"s3": ("region", "scheme", "endpoint_override"), "gs": ("scheme", "endpoint_override")}
 """Parameters of a URI, after its question mark."""
@@ -163,7 +140,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
 
     def write_bytes(self, path: str, data: bytes) -> None:
         with _explained(self.where(path)):
-            self._objects.put(self._key(path), data, chunk_size=PART_BYTES)
+            self._objects.put(self._key(path), data, chunk_size=10 * 2**20)  # larger ones go in parts
 
     def create(self, path: str, data: bytes) -> bool:
         return self._put_if(path, data, "create")
@@ -253,7 +230,7 @@ def _explained(where: str) -> Iterator[None]:
             raise FileNotFoundError(f"{where} is not there") from error
         known = (advice for code, advice in _ADVICE.items() if code in text)
         advice = next(known, "the object store went on failing after all retries; " + CONTINUES)
-        raise ObjectStoreError(f"{where}: {advice} ({shorten(text, REASON_LENGTH)})") from error
+        raise ObjectStoreError(f"{where}: {advice} ({shorten(text, 300)})") from error
 
 
 def _s3_options(bucket: str, given: dict[str, str]) -> dict[str, str]:
@@ -285,15 +262,13 @@ def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
         endpoint = f"{options.get('scheme', 'https')}://{endpoint}"
     client: Any = {
         "allow_http": endpoint.startswith("http://"),
-        "connect_timeout": CONNECT_TIME,
-        "read_timeout": SILENCE,
-        "timeout": REQUEST_TIME,
+        "connect_timeout": timedelta(seconds=10),
+        "read_timeout": timedelta(seconds=30),  # a store may take long to copy a large object
+        "timeout": timedelta(hours=1),  # however slow the connection is
     }
-    retries: Any = {
-        "max_retries": ATTEMPTS - 1,
-        "retry_timeout": REQUEST_TIME,
-        "backoff": {"init_backoff": FIRST_PAUSE, "max_backoff": LONGEST_PAUSE, "base": PAUSE_GROWTH},
-    }
+    # A pause is drawn uniformly between the first one and `base` times the one before.
+    pauses = {"init_backoff": timedelta(seconds=0.5), "max_backoff": timedelta(seconds=20), "base": 3.5}
+    retries: Any = {"max_retries": ATTEMPTS - 1, "retry_timeout": timedelta(hours=1), "backoff": pauses}
     config: Any = {"endpoint" if scheme == "s3" else "base_url": endpoint} if endpoint else {}
     if scheme == "gs":
         return GCSStore(bucket, config=config, client_options=client, retry_config=retries)
@@ -344,7 +319,7 @@ def _profile(name: str) -> dict[str, str]:
 
 def _keys(profile: Mapping[str, str]) -> dict[str, Any]:
     """Return the keys of a profile as obstore takes them, with the time at which it asks again."""
-    expires: Any = datetime.now(UTC) + FILE_CREDENTIALS_TIME
+    expires: Any = datetime.now(UTC) + timedelta(minutes=5)  # others may renew the keys in the files
     if "aws_access_key_id" in profile:
         names = "aws_access_key_id", "aws_secret_access_key", "aws_session_token"
         key, secret, token = (profile.get(name) for name in names)

@@ -48,10 +48,7 @@ CHECKOUT: Final = (".git", "pyproject.toml")
 """Names of which the top folder of a source checkout has one."""
 
 LOCK_SECONDS: Final = 5.0
-"""How long to wait for a lock that another process keeps, which may be frozen, s."""
-
-LOCK_PAUSE: Final = 0.005
-"""Between two tries to get it, s."""
+"""Time to wait for a lock that another process keeps, which may be frozen, s; then it is done without."""
 
 FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")
 """Endings of names that no folder of a root has."""
@@ -147,7 +144,18 @@ class FolderStore(Store, schemes=("", "file")):
 
     def check_place(self, *folders: str) -> None:
         with explained_disk(self.where("")):
-            refuse_place(Path(self.base))
+            place = Path(os.path.realpath(self.base))  # no error of links in a circle
+            problem = ""
+            if place == Path(place.anchor):
+                problem = "the root of the file system"
+            elif place == Path(os.path.expanduser("~")).resolve():  # noqa: PTH111 - some users have no home
+                problem = "your home folder"
+            elif any((place / name).exists() for name in CHECKOUT):
+                problem = "the top of a source checkout"
+            if problem:
+                raise ResultsRootError(
+                    f"{self} is {problem}: results need a folder of their own, such as {place / 'results'}"
+                )
         for folder in folders:
             self._refuse_links_out(folder)
 
@@ -253,7 +261,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
                     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     break
                 except BlockingIOError:
-                    time.sleep(LOCK_PAUSE)
+                    time.sleep(0.005)
         yield
     finally:
         os.close(descriptor)
@@ -326,22 +334,6 @@ def stamps_below(base: str, folder: str) -> Iterator[tuple[str, Stamp]]:
                     continue
                 except OSError:
                     yield path, (None, None)
-
-
-def refuse_place(folder: Path) -> None:
-    """Refuse a folder that holds more than results: of the system, the user, or a source checkout."""
-    place = Path(os.path.realpath(folder))  # no error of links in a circle
-    if place == Path(place.anchor):
-        problem = "the root of the file system"
-    elif place == Path(os.path.expanduser("~")).resolve():  # noqa: PTH111 - some users have no home
-        problem = "your home folder"
-    elif any((place / name).exists() for name in CHECKOUT):
-        problem = "the top of a source checkout"
-    else:
-        return
-    raise ResultsRootError(
-        f"{folder} is {problem}: results need a folder of their own, such as {place / 'results'}"
-    )
 
 
 def delete(path: Path) -> None:
