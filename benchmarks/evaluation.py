@@ -62,7 +62,7 @@ def in_lock_step(evaluation: Evaluation, student: Student) -> dict[str, float]:
     """Play the test set; return steps, and microseconds per step, of which acting takes a part."""
     timed = Timed(student)
     start = time.process_time()
-    rows = evaluation(timed)
+    rows = evaluation(timed.act_greedily)
     seconds = time.process_time() - start
     steps = sum(row["length"] for row in rows)
     return {

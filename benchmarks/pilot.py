@@ -154,7 +154,7 @@ def walker(student: str, seed: int, folder: Path) -> Path:
         loop = loop_of(cell, seed)
         loop.train(WALKER_STEPS)
         trained: Any = loop.student
-        rows = Evaluation(effective_spec(cell, seed, Schedule()))(trained)
+        rows = Evaluation(effective_spec(cell, seed, Schedule()))(trained.act_greedily)
         mastered = np.mean([row["episodic_return"] > MASTERY_RETURN for row in rows])
         print(f"walker {seed} masters {mastered:.0%} of the easy tasks", flush=True)
         trained.save_start(file.with_suffix(".part"))

@@ -385,7 +385,7 @@ class Lease:
         return written or self._is_ours(_look(self.store)[0])
 
 
-def ask_to_stop(store: Store, seconds: float = LEASE_SECONDS) -> str:
+def ask_to_stop(store: Store) -> str:
     """Ask the campaign that holds a results root to stop with checkpoints; return its name.
 
     From any machine that sees the root. The campaign looks every few seconds.
@@ -406,7 +406,7 @@ def ask_to_stop(store: Store, seconds: float = LEASE_SECONDS) -> str:
         return heartbeat.holder
     if current is None:
         raise NotRunningError(f"no campaign is running on {store}: there is nothing to stop")
-    if current.standing(now, seconds) is Standing.DEAD:
+    if current.standing(now, LEASE_SECONDS) is Standing.DEAD:
         raise NotRunningError(f"{current.holder} is dead: there is nothing to stop on {store}")
     store.write_json(STOP_FILE, StopRequest(token=current.token))
     return current.holder

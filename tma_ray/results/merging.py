@@ -434,7 +434,7 @@ class Shard(Copy):
     cells: int
 
 
-def add_shard(results: Results, target: Store, name: str, contents: Contents = LEAN) -> Shard:
+def add_shard(results: Results, target: Store, name: str) -> Shard:
     """Add to a root those runs of another that are done and that it lacks, with their cells.
 
     No table that is there is changed: each gets one file called `name`, and the index a line for each run.
@@ -443,7 +443,6 @@ def add_shard(results: Results, target: Store, name: str, contents: Contents = L
         results: the root of the batch, which may have begun with the runs of `target`.
         target: the root that grows; an empty place becomes one.
         name: name of the new files; letters, digits, "_" and "-".
-        contents: tables and files to copy.
 
     Raises:
         ResultsRootError: `target` is not a results root, or has files of that name.
@@ -455,18 +454,18 @@ def add_shard(results: Results, target: Store, name: str, contents: Contents = L
     for table in Table:
         if target.exists(table_path(table, name)):
             raise ResultsRootError(f"{target.where(table_path(table, name))} exists: choose another name")
-    sound, damaged = sound_runs(results, contents)
+    sound, damaged = sound_runs(results, LEAN)
     new = [manifest for manifest in sound if manifest.run.run_id not in known]
     ids = known | {manifest.run.run_id for manifest in new}
     there = {tuple(row.values()) for row in before.table(Table.CELLS).to_pylist()}
     cells = {tuple(row.values()) for row in results.table(Table.CELLS, ids).to_pylist()} - there
-    packed = pack(results, new, target, name, lambda: None, contents) if new else []
+    packed = pack(results, new, target, name, lambda: None, LEAN) if new else []
     if cells:
         schema = SCHEMAS[Table.CELLS]
         added = [dict(zip(schema.names, row, strict=True)) for row in sorted(cells)]
         rows = to_arrow(Table.CELLS, schema, added)
         target.write_bytes(table_path(Table.CELLS, name), encode(Table.CELLS, rows))
-    unsafe = copy_beside(results, target, new, contents)
+    unsafe = copy_beside(results, target, new, LEAN)
     write_index(target, (*before.runs(), *packed))
     return Shard(unsafe, tuple(dict.fromkeys([*results.problems, *damaged])), len(new), len(cells))
 

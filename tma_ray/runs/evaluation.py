@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -22,13 +22,6 @@ Environment = gymnasium.Env[Any, Any]
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 """Actions (n, a) for observations (n, o)."""
-
-
-class GreedyPolicy(Protocol):
-    """Policy that acts without exploration."""
-
-    def act_greedily(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return deterministic actions (n, a) for observations (n, o)."""
 
 
 def played_episodes(
@@ -64,22 +57,16 @@ class Evaluation:
     release, whose test worlds differ from one evaluation to the next).
     """
 
-    def __init__(self, spec: RunSpec, make: Callable[..., Environment] = make_environment) -> None:
+    def __init__(self, spec: RunSpec) -> None:
         self.test_set = spec.test_set
         self._seeds = evaluation_seeds(spec.test_set)
         options = arguments(spec, "environment")
-        self._environments = [make(spec.environment, **options) for _ in range(len(spec.test_set))]
+        self._environments = [make_environment(spec.environment, **options) for _ in spec.test_set.tasks]
         self._worlds = lock_step(self._environments)
 
-    def __call__(self, policy: GreedyPolicy) -> list[dict[str, Any]]:
-        """Play one episode of every test task.
-
-        Returns:
-            Rows of the table of evaluations, without run and step.
-        """
-        episodic_returns, lengths = played_episodes(
-            self._worlds, self._seeds, self.test_set.tasks, policy.act_greedily
-        )
+    def __call__(self, act: Act) -> list[dict[str, Any]]:
+        """Play an episode of each test task; return rows of the table of evaluations without run and step."""
+        episodic_returns, lengths = played_episodes(self._worlds, self._seeds, self.test_set.tasks, act)
         return [
             {
                 "test_set": self.test_set.name,
@@ -108,13 +95,8 @@ class Trials:
     of the student and on what was drawn before; nothing else is kept between two evaluations.
     """
 
-    def __init__(
-        self,
-        spec: RunSpec,
-        seed: np.random.SeedSequence,
-        make: Callable[..., Environment] = make_environment,
-    ) -> None:
-        self._spec, self._make = spec, make
+    def __init__(self, spec: RunSpec, seed: np.random.SeedSequence) -> None:
+        self._spec = spec
         self._rng = np.random.default_rng(seed)
         self._environments: list[Environment] = []
         self._worlds: LockStep | None = None
@@ -153,7 +135,9 @@ class Trials:
             if self._worlds is None or len(tasks[rows]) > len(self._environments):
                 self.close()
                 options = arguments(self._spec, "environment")
-                self._environments = [self._make(self._spec.environment, **options) for _ in tasks[rows]]
+                self._environments = [
+                    make_environment(self._spec.environment, **options) for _ in tasks[rows]
+                ]
                 self._worlds = lock_step(self._environments)
             parts.append(played_episodes(self._worlds, seeds[rows], tasks[rows], act, budget))
             budget -= int(parts[-1][1].sum())

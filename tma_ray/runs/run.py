@@ -248,7 +248,7 @@ class Run:
         """Do everything that is due at `step`: evaluation, probe, training statistics, then a reset."""
         schedule = self.spec.schedule
         if step % schedule.evaluation_interval == 0 or step == schedule.steps:
-            rows = [{"step": step, **row} for row in self._evaluation(self.student)]
+            rows = [{"step": step, **row} for row in self._evaluation(self.student.act_greedily)]
             self.writer.add(Table.EVALUATIONS, rows)
             self.progress.evaluations += 1
         if step % schedule.probe_interval == 0:
