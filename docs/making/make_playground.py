@@ -22,8 +22,7 @@ from analysis.names import label
 from tma_ray.embodiments import embodiment_names
 from tma_ray.playground.compiling import WASM, ZIG, build, digest, kernels_in_c
 from tma_ray.playground.contents import variants
-from tma_ray.playground.page import Start, page_html
-from tma_ray.playground.policies import policy_record
+from tma_ray.playground.page import Start, page_html, policy_record
 from tma_ray.results import Results
 from tma_ray.runs.saved_policies import find_policy
 

@@ -15,7 +15,7 @@ from replays import in_chromium, in_node, recorded, sine_of_the_page
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs import make_environment
 from tma_ray.playground.contents import constants, worlds
-from tma_ray.playground.policies import policy_record
+from tma_ray.playground.page import policy_record
 from tma_ray.runs.saved_policies import find_policy
 from tma_ray.terrain.parkour import creeper_points
 

@@ -10,8 +10,7 @@ from typing import Any, Literal
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tma_ray.playground.page import policy_page
-from tma_ray.playground.policies import network_record
+from tma_ray.playground.page import network_record, policy_page
 from tma_ray.runs.saved_policies import find_policy
 from tma_ray.viewing.play import PlaySettings, play
 

@@ -1,7 +1,7 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
-from tma_ray.results.committer import Committer, StaleAttemptError, accepted_manifest
+from tma_ray.results.committer import Committer, RunWriter, StaleAttemptError, accepted_manifest
 from tma_ray.results.inputs import (
     input_path,
     keep_input,
@@ -82,7 +82,6 @@ from tma_ray.results.storage import (
     retry,
 )
 from tma_ray.results.verification import Damage, Inspector, damage_reason, verify_root
-from tma_ray.results.writer import RunWriter
 
 __all__ = [
     "BOX2D",

@@ -14,8 +14,7 @@ from tma_ray.arguments import check_fields, check_names, check_whole
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import make_environment
 from tma_ray.playground.contents import PLAYED
-from tma_ray.playground.page import RANDOM, ZERO, Start, page_html
-from tma_ray.playground.policies import policy_record
+from tma_ray.playground.page import RANDOM, ZERO, Start, page_html, policy_record
 from tma_ray.runs.saved_policies import find_policy
 from tma_ray.tasks import TaskSpace
 from tma_ray.viewing.rendering import parse_task
