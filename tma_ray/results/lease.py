@@ -26,13 +26,7 @@ from tma_ray.results.storage.base import Version
 
 @dataclass(frozen=True)
 class Process:
-    """A process, as others on its machine can find it.
-
-    Attributes:
-        boot: id of the machine's start, new after every restart.
-        namespace: namespace of the number.
-        pid: number of the process.
-    """
+    """A process, as others on its machine find it: start of the machine, namespace of the number, number."""
 
     boot: str
     namespace: str

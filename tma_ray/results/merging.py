@@ -182,12 +182,7 @@ _MERGED: Final = re.compile(rf"{TABLES}/[^/]+/[^/]+\.parquet")
 
 @dataclass(frozen=True)
 class Journal:
-    """Files to delete in the end, by this call or, if it is killed, by the next.
-
-    Attributes:
-        unless_used: files that go if no manifest lists them.
-        replaced: files that go in any case.
-    """
+    """Files to delete in the end: those that no manifest lists, and those that were replaced."""
 
     unless_used: tuple[str, ...] = ()
     replaced: tuple[str, ...] = ()

@@ -106,11 +106,7 @@ class AttemptRecord:
 
 @dataclass(frozen=True)
 class ScheduleFacts:
-    """Facts of a spec's schedule that readers use.
-
-    Attributes:
-        steps: training budget, environment steps.
-    """
+    """Training budget of a spec's schedule, environment steps: what readers use of it."""
 
     steps: Natural | None = None
 

@@ -68,12 +68,7 @@ class Damage:
 
 @dataclass(frozen=True)
 class Inspection:
-    """Findings in the files of one run.
-
-    Attributes:
-        damage: list of what is not as it was written.
-        newer: files with columns that this version does not know.
-    """
+    """Damage in the files of one run, and those files that have columns that this version does not know."""
 
     damage: tuple[Damage, ...] = ()
     newer: tuple[str, ...] = ()
