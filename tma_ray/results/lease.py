@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
-from enum import Enum, auto
 from pathlib import Path
 from types import TracebackType
 from typing import Final, NoReturn, Self
@@ -162,17 +161,6 @@ class HeartbeatWriter:
                 Heartbeat(self._holder, self._clock(), ended=True).write(self._store)
 
 
-class Standing(Enum):
-    """State of a lease's holder, as far as the lease tells."""
-
-    ALIVE = auto()
-    """Renewed a short while ago."""
-    DEAD = auto()
-    """Not renewed for long, or by a process of this machine that has ended."""
-    AHEAD = auto()
-    """Renewed in the future: its clock or ours is wrong, and times tell nothing."""
-
-
 @dataclass(frozen=True)
 class LeaseFile:
     """Content of a lease.
@@ -189,11 +177,13 @@ class LeaseFile:
     renewed_at: Seconds
     process: Process | None = None
 
-    def standing(self, now: float, seconds: float) -> Standing:
-        """Return the state of the holder at `now`; one without renewal for `seconds` counts as dead."""
-        if now - self.renewed_at >= seconds or (self.process is not None and self.process.is_dead()):
-            return Standing.DEAD
-        return Standing.AHEAD if self.renewed_at - now >= seconds else Standing.ALIVE
+    def is_dead(self, now: float, seconds: float) -> bool:
+        """True if it was not renewed for `seconds`, or by a process of this machine that has ended."""
+        return now - self.renewed_at >= seconds or (self.process is not None and self.process.is_dead())
+
+    def is_ahead(self, now: float, seconds: float) -> bool:
+        """True if it was renewed in the future: its clock or ours is wrong, and times tell nothing."""
+        return self.renewed_at - now >= seconds and not self.is_dead(now, seconds)
 
 
 @dataclass(frozen=True)
@@ -281,7 +271,7 @@ class Lease:
         """
         self.store.check_place()
         silent = _readable(self.store)
-        if silent is not None and silent.standing(self._clock(), self.seconds) is Standing.AHEAD:
+        if silent is not None and silent.is_ahead(self._clock(), self.seconds):
             logger.warning(
                 "the lease of %s on %s is %.0f s ahead of the clock here; watching it for %.0f s",
                 silent.holder,
@@ -298,10 +288,13 @@ class Lease:
             if heartbeat is not None:
                 self._refuse(LeaseFile(heartbeat.holder, "", heartbeat.at))
             logger.warning("%s; no campaign gives signs of life: it is replaced", found)
-        elif found is not None and found != silent and not self._is_ours(found):
-            standing = found.standing(self._clock(), self.seconds)
-            if standing is not Standing.DEAD:
-                self._refuse(found)
+        elif (
+            found is not None
+            and found != silent
+            and not self._is_ours(found)
+            and not found.is_dead(self._clock(), self.seconds)
+        ):
+            self._refuse(found)
         if not self._write(found, version) or not self._is_ours(_look(self.store)[0]):
             self._refuse(_readable(self.store))
 
@@ -400,7 +393,7 @@ def ask_to_stop(store: Store) -> str:
         return heartbeat.holder
     if current is None:
         raise NotRunningError(f"no campaign is running on {store}: there is nothing to stop")
-    if current.standing(now, LEASE_SECONDS) is Standing.DEAD:
+    if current.is_dead(now, LEASE_SECONDS):
         raise NotRunningError(f"{current.holder} is dead: there is nothing to stop on {store}")
     store.write_json(STOP_FILE, StopRequest(token=current.token))
     return current.holder
@@ -414,10 +407,8 @@ def holder_of(store: Store, seconds: float = LEASE_SECONDS) -> str | None:
     now, current = time.time(), _look(store)[0]
     if current is None:
         return None
-    if isinstance(current, LeaseFile):
-        standing = current.standing(now, seconds)
-        if standing is not Standing.AHEAD:
-            return current.holder if standing is Standing.ALIVE else None
+    if isinstance(current, LeaseFile) and not current.is_ahead(now, seconds):
+        return None if current.is_dead(now, seconds) else current.holder
     heartbeat = _beating(store, now)
     return heartbeat.holder if heartbeat is not None else None
 
