@@ -216,9 +216,6 @@ class Saved:
 START = "import sys; sys.path[:] = sys.argv[1:]; from tma_ray.testing.trials import main; main()"
 """The new process looks for modules where this one does."""
 
-OTHER_SEED = 99
-"""Whatever the new teacher draws at its start, the state replaces."""
-
 
 def continued(
     teacher: type[Teacher],
@@ -249,7 +246,7 @@ def main() -> None:
     teacher = attrgetter(name)(importlib.import_module(module))
     results = []
     for saved in states:
-        new = saved.scenario.started(teacher, hyperparameters, level, OTHER_SEED)
+        new = saved.scenario.started(teacher, hyperparameters, level, seed=99)  # which the state replaces
         new.load_state(pickle.loads(saved.state))
         results.append(np.stack(play(new, saved.scenario, saved.episodes, saved.last)))
     sys.stdout.buffer.write(pickle.dumps(results))

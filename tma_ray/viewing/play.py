@@ -66,20 +66,6 @@ def play(settings: PlaySettings, output: Path | None = None) -> Path:
         ValueError: no such policy, one that the page cannot show or that does not fit the body, an
             environment that the page does not have, or a task outside its valid domain.
     """
-    page = play_page(settings)
-    if output is not None:
-        output.write_text(page, encoding="utf-8")
-        return output
-    with tempfile.NamedTemporaryFile(
-        "w", prefix="tma_ray-", suffix=".html", encoding="utf-8", delete=False
-    ) as file:
-        file.write(page)
-    webbrowser.open(Path(file.name).as_uri())
-    return Path(file.name)
-
-
-def play_page(settings: PlaySettings) -> str:
-    """Return the playground as HTML; arguments and errors as of `play`."""
     named = [name for name in dict.fromkeys(settings.policies) if name not in UNTRAINED]
     records = [policy_record(find_policy(name, settings.results), settings.results) for name in named]
     first: dict[str, Any] = (
@@ -103,4 +89,14 @@ def play_page(settings: PlaySettings) -> str:
         space = TaskSpace.from_bounds(bounds)
     task = parse_task(settings.task, space, made.valid_domain, np.random.default_rng([settings.seed, 0]))
     places = tuple(UNTRAINED[name] if name in UNTRAINED else named.index(name) for name in settings.policies)
-    return page_html(records, Start(environment, embodiment, places, tuple(map(float, task)), settings.seed))
+    start = Start(environment, embodiment, places, tuple(map(float, task)), settings.seed)
+    page = page_html(records, start)
+    if output is not None:
+        output.write_text(page, encoding="utf-8")
+        return output
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="tma_ray-", suffix=".html", encoding="utf-8", delete=False
+    ) as file:
+        file.write(page)
+    webbrowser.open(Path(file.name).as_uri())
+    return Path(file.name)

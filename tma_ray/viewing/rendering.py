@@ -30,12 +30,6 @@ SHADES, HUES = 192, 64
 """Colours that all frames of a .gif share: such as many pixels have, as in a sky, and such as differ most,
 as that of a red hand."""
 
-PALETTE_FRAMES = 12
-"""From how many frames, evenly spaced, those colours are chosen."""
-
-QUALITY = 20
-"""x264's constant rate factor: 0 is lossless, 51 worst."""
-
 
 def check_picture(path: Path) -> None:
     """Refuse a file that `write_frames` could not write.
@@ -88,7 +82,10 @@ def _write_mp4(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
             if stream is None:
                 stream = container.add_stream("libx264", rate=frames_per_second)
                 stream.height, stream.width = even.shape[:2]
-                stream.pix_fmt, stream.options = "yuv420p", {"crf": str(QUALITY)}
+                stream.pix_fmt, stream.options = (
+                    "yuv420p",
+                    {"crf": "20"},
+                )  # constant rate factor: 0 is lossless, 51 worst
             container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(even), "rgb24")))
         assert stream is not None
         container.mux(stream.encode(None))
@@ -96,7 +93,7 @@ def _write_mp4(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
 
 def _write_gif(path: Path, frames: Iterable[Frame], frames_per_second: Fraction) -> None:
     kept = list(frames)
-    chosen = np.linspace(0, len(kept) - 1, min(PALETTE_FRAMES, len(kept))).round().astype(int)
+    chosen = np.linspace(0, len(kept) - 1, min(12, len(kept))).round().astype(int)
     mosaic = Image.fromarray(np.concatenate([kept[index] for index in chosen]))
     palette = Image.new("P", (1, 1))
     palette.putpalette(
@@ -133,8 +130,6 @@ RANDOM, ZERO = "random", "zero"
 
 
 DEFAULT_ENVIRONMENT, DEFAULT_EMBODIMENT = "stump_tracks", "classic_bipedal"
-FRAME_RATE = 50
-"""Frames per second of an environment that does not say."""
 
 
 @dataclass(frozen=True)
@@ -266,7 +261,7 @@ def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
             ZERO: lambda _: np.zeros(actions.shape, np.float32),
         }
         policy = rendered.trained or untrained[rendered.policy]
-        rate = Fraction(rendered.environment.metadata.get("render_fps", FRAME_RATE))
+        rate = Fraction(rendered.environment.metadata.get("render_fps", 50))
         write_frames(output, _play(rendered, policy, settings, episode, every), rate / settings.every)
     finally:
         rendered.environment.close()

@@ -20,12 +20,6 @@ from tma_ray.results.storage.base import ObjectStoreError, Stamp, Store, Version
 
 T = TypeVar("T")
 
-ABSENT: Final = (404, 410)
-"""HTTP answers of a place that lacks the file."""
-
-REASON_LENGTH: Final = 200
-"""Most characters of a library's own message that are shown."""
-
 EXPECTED: Final = (
     NotImplementedError,
     ImportError,
@@ -198,7 +192,7 @@ def _reached(where: str) -> Iterator[None]:
         if cause is None:
             raise FileNotFoundError(f"{where} is not there") from error
         problem = "cannot be reached" if _status(cause) is None else "was refused"
-        reason = shorten(str(cause), REASON_LENGTH, placeholder=" …") or type(cause).__name__
+        reason = shorten(str(cause), 200, placeholder=" …") or type(cause).__name__
         raise ObjectStoreError(
             f"{where} {problem}: {reason}; check the address, the network, and who may read there"
         ) from error
@@ -206,7 +200,7 @@ def _reached(where: str) -> Iterator[None]:
 
 def _says_absent(error: BaseException) -> bool:
     status = _status(error)
-    return isinstance(error, FileNotFoundError) if status is None else status in ABSENT
+    return isinstance(error, FileNotFoundError) if status is None else status in (404, 410)
 
 
 def _status(error: BaseException) -> int | None:

@@ -44,9 +44,6 @@ FIRST_PAUSE: Final = 1.0
 LONGEST_PAUSE: Final = 60.0
 """Longest pause between two tries, s."""
 
-READ_AHEAD_BYTES: Final = 2**20
-"""Bytes that are read at a time of a remote file that is read in parts."""
-
 CONTINUES: Final = "what was published before is safe, and the same command continues from there"
 """End of messages about a storage that fails."""
 
@@ -307,7 +304,8 @@ class _Ranges(io.RawIOBase):
 
 def opened_ranges(fetch: Callable[[int, int], bytes], size: int) -> pa.PythonFile:
     """Return a remote file of `size` bytes for pyarrow; `fetch` is given first byte and number of bytes."""
-    return pa.PythonFile(io.BufferedReader(_Ranges(fetch, size), READ_AHEAD_BYTES), mode="r")
+    ahead = 2**20  # bytes that are read at a time
+    return pa.PythonFile(io.BufferedReader(_Ranges(fetch, size), ahead), mode="r")
 
 
 def retry(action: Callable[[], T], seconds: float, give_up: Callable[[], bool] = lambda: False) -> T:
