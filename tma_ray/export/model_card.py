@@ -107,8 +107,8 @@ def model_card(
         environment: environment that it was trained in.
         history: result of `history_of`.
         folder: folder of the card, whose files it lists.
-        difference: largest absolute difference of the ONNX file's actions from the policy's; None if there
-            is no such file.
+        difference: largest absolute difference of the ONNX file's actions from the policy's; None without
+            such a file.
         licence: licence of the policy, empty if none was given.
     """
     evaluations, libraries = history

@@ -8,6 +8,9 @@ import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 from typing import Any, Final, TypeAlias
 
 import pyarrow as pa
@@ -373,18 +376,34 @@ def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
         yield path, kind
 
 
+class _Refusal(MetaPathFinder):
+    """Import finder that refuses pandas."""
+
+    def find_spec(
+        self,
+        fullname: str,
+        path: Sequence[str] | None,  # noqa: ARG002  # as the protocol has it
+        target: ModuleType | None = None,  # noqa: ARG002
+    ) -> ModuleSpec | None:
+        if fullname == "pandas":
+            raise ModuleNotFoundError("pandas is left out", name=fullname)
+        return None
+
+
 def leave_pandas_out() -> None:
     """Let pyarrow convert lists without pandas in this process, unless pandas is imported already.
 
     What asks for a data frame still gets one: pyarrow then imports pandas after all. Call it before other
     threads import anything.
     """
-    if "pandas" not in sys.modules:
-        sys.modules["pandas"] = None  # type: ignore[assignment] # refuses its import
-        try:
-            pa.array([0])  # looks for pandas once in a process
-        finally:
-            del sys.modules["pandas"]
+    if "pandas" in sys.modules:
+        return
+    refusal = _Refusal()
+    sys.meta_path.insert(0, refusal)
+    try:
+        pa.array([0])  # looks for pandas once in a process
+    finally:
+        sys.meta_path.remove(refusal)
 
 
 PUBLISHED_FILE: Final = "published.parquet"
