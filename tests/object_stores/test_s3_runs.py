@@ -18,13 +18,11 @@ from tma_ray.cli.trying import _Trial
 from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table, create_root
 from tma_ray.results.layout import LEASE_FILE
 from tma_ray.results.storage import bucket
-from tma_ray.runs import Placement, RunSpec
+from tma_ray.runs import RunSpec
 
 FORTY = 40
 
 EXPIRED = json.dumps({"holder": "dead", "token": "old", "renewed_at": 0.0, "process": None}).encode()
-
-OFTEN = Placement(checkpoint_seconds=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -49,28 +47,6 @@ def test_a_run_interrupted_in_a_bucket_gives_the_files_of_one_on_a_disk(
     store = Store.open(s3_root)
     assert store.files(CHECKPOINTS) == store.files("staging") == store.files("tmp") == ()
     assert [path.split("/")[-1] for path in store.files("policies")].count("policy.safetensors") == 1
-
-
-@pytest.mark.parametrize("damage", ["flip", "truncate", "no_file", "no_index"])
-@pytest.mark.slow
-def test_a_damaged_checkpoint_falls_back_to_the_one_before(
-    s3_root: str, short: tuple[RunSpec, dict[str, bytes]], damage: str
-) -> None:
-    spec, expected = short
-    assert run(spec, s3_root, stop_after=5, placement=OFTEN) == "stopped"
-    store = Store.open(s3_root)
-    indices = [path for path in store.files(CHECKPOINTS) if path.endswith("index.json")]
-    assert len(indices) == 2, "the newest and the one before"
-    state = indices[-1].replace("index.json", "run.pickle")
-    content = store.read_bytes(state)
-    if damage == "flip":
-        store.write_bytes(state, content[:-1] + b"x")
-    elif damage == "truncate":
-        store.write_bytes(state, content[: len(content) // 2])
-    else:
-        store.delete(state if damage == "no_file" else indices[-1])
-    assert run(spec, s3_root) == "done"
-    assert data_files(s3_root) == expected
 
 
 @pytest.mark.slow
@@ -112,17 +88,6 @@ def test_an_outage_ends_the_attempt_and_the_next_one_continues(
     assert seen["episode"] == list(range(5))
     assert run(spec, s3_root) == "done"
     assert data_files(s3_root) == expected
-
-
-def test_a_lease_in_a_bucket_holds_off_a_second_campaign(s3_root: str, tmp_path: Path) -> None:
-    store = Store.open(s3_root)
-    with Lease(store, "the first one") as lease:
-        with pytest.raises(RootInUseError, match="the first one"):
-            Lease(Store.open(s3_root), "the second one").acquire()
-        lease.renew()
-    with Lease(store, "the third one"):
-        pass
-    assert store.files() == ()
 
 
 @pytest.mark.parametrize("left", [None, EXPIRED, b"{"], ids=["nothing", "an expired lease", "a damaged one"])

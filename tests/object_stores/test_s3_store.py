@@ -1,7 +1,13 @@
 """A bucket on a real server: whole objects, patience, plain errors, few requests."""
 
-import pickle
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
 import time
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,22 +24,6 @@ LARGE = bytes(11_000_000)
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bucket, "ATTEMPTS", 3)
-
-
-def test_objects_are_written_replaced_listed_moved_and_deleted(s3_root: str) -> None:
-    store = pickle.loads(pickle.dumps(Store.open(s3_root)))
-    store.write_bytes("a/one", b"1")
-    store.write_bytes("a/one", b"11")
-    store.write_bytes("a/b/two", b"2")
-    store.move("a/b/two", "c/two")
-    assert store.files() == ("a/one", "c/two")
-    assert (store.read_bytes("a/one"), store.exists("a"), store.exists("c/two")) == (b"11", False, True)
-    store.delete("a")
-    store.delete("missing")
-    assert store.files() == ("c/two",)
-    for missing in (lambda: store.read_bytes("a/one"), lambda: store.move("a/one", "b")):
-        with pytest.raises(FileNotFoundError):
-            missing()
 
 
 def test_requests_are_few(s3_root: str, proxy: Proxy) -> None:
@@ -145,3 +135,42 @@ def test_missing_rights_are_refused_before_anything_starts(s3_root: str, proxy: 
 def test_a_usable_root_is_left_empty(s3_root: str, tmp_path: Path) -> None:
     check_usable(Store.open(s3_root))
     assert Store.open(s3_root).files() == ()
+
+
+REPLACER = """
+import sys
+from itertools import count
+from tma_ray.results import Store
+
+store = Store.open(sys.argv[1])
+for number in count():
+    store.write_bytes("checkpoint", bytes([number % 256]) * 25_000_000)  # three parts of one upload
+    print(number, flush=True)
+"""
+
+
+def kill_midway(script: str, arguments: list[str], delay: float, look: Callable[[], object]) -> int:
+    """Kill the script `delay` seconds after it first said a number; return the last one that it said."""
+    command = [sys.executable, "-c", script, *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        said = int(process.stdout.readline())
+        look()
+        time.sleep(delay)
+        process.send_signal(signal.SIGKILL)
+        return max([said, *(int(line) for line in process.stdout if line.endswith("\n"))])
+
+
+@pytest.mark.slow
+def test_a_large_object_whose_replacement_is_killed_keeps_its_old_content(s3_root: str) -> None:
+    chance, store, cut = random.Random(1), Store.open(s3_root), 0
+
+    def look() -> int:
+        content = store.read_bytes("checkpoint")
+        assert content == content[:1] * 25_000_000
+        return content[0]
+
+    for _ in range(6):
+        said = kill_midway(REPLACER, [s3_root], chance.uniform(0.0, 0.3), look)
+        cut += look() == said
+    assert cut > 0, "some uploads were cut off"

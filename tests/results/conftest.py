@@ -1,8 +1,9 @@
+import shutil
 from pathlib import Path
 
 import pytest
 from obstore.store import MemoryStore
-from results_examples import make_record
+from results_examples import OLD_ROOT, make_record
 
 from tma_ray.results import RunRecord, Store
 from tma_ray.results.storage import BucketStore
@@ -21,3 +22,9 @@ def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
 @pytest.fixture
 def record() -> RunRecord:
     return make_record("run-1")
+
+
+@pytest.fixture
+def old_root(tmp_path: Path) -> Path:
+    """A copy of a root that the first version wrote."""
+    return Path(shutil.copytree(OLD_ROOT, tmp_path / "root"))

@@ -1,6 +1,7 @@
 """Rows and runs for the tests of the results package."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,9 @@ from tma_ray.results.storage import BucketStore
 from tma_ray.tasks import ScoredBox, TeacherUpdate, WeightedGaussian
 
 TASKS_PER_EVALUATION = 5
+
+OLD_ROOT = Path(__file__).parents[1] / "compatibility" / "version_1" / "root"
+"""Results of the first version of the schema."""
 
 
 def make_record(run_id: str) -> RunRecord:

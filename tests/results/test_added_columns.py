@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import pyarrow as pa
@@ -26,8 +25,6 @@ from tma_ray.results import (
 )
 from tma_ray.results import Store as ResultsStore
 
-OLD_ROOT = Path(__file__).parents[1] / "compatibility" / "version_1" / "root"
-
 ADDED = {
     Table.EVALUATIONS: pa.field("falls", pa.int32(), nullable=True),
     Table.EPISODES: pa.field("precision", pa.string(), nullable=False, metadata={"default": '"float32"'}),
@@ -35,11 +32,6 @@ ADDED = {
     Table.CELLS: pa.field("tier", pa.dictionary(pa.int32(), pa.string()), nullable=True),
     Table.RUNS: pa.field("device", pa.string(), nullable=False, metadata={"default": '"cpu"'}),
 }
-
-
-@pytest.fixture
-def old_root(tmp_path: Path) -> Path:
-    return Path(shutil.copytree(OLD_ROOT, tmp_path / "root"))
 
 
 @pytest.fixture

@@ -1,22 +1,37 @@
+"""Leases and heartbeats: who holds a root, who asks it to stop, and who is alive."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
 import math
+import multiprocessing
 import subprocess
 import sys
 import time
+from collections import Counter
+from dataclasses import replace
+from multiprocessing.synchronize import Barrier
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tma_ray.results import (
+    Heartbeat,
     HeartbeatWriter,
+    LearnerProgress,
     Lease,
     NotRunningError,
     RootInUseError,
+    RunProgress,
     Store,
     ask_to_stop,
     holder_of,
 )
-from tma_ray.results.layout import LEASE_FILE, STOP_FILE
-from tma_ray.results.lease import STOP_CHECK_SECONDS
+from tma_ray.results.layout import HEARTBEAT_FILE, LEASE_FILE, STOP_FILE
+from tma_ray.results.lease import HEARTBEAT_SECONDS, SILENT_SECONDS, STOP_CHECK_SECONDS, Process
 
 
 class Clock:
@@ -201,3 +216,123 @@ def test_a_lease_from_the_future_is_watched_and_taken_if_nobody_renews_it(
         with pytest.raises(RootInUseError, match="lost"):
             other.renew()
     assert waits[0] == 50.0
+
+
+def test_a_campaign_beats_now_and_then_and_says_when_it_leaves(store: Store) -> None:
+    assert Heartbeat.load(store) is None
+    clock = Clock()
+    pulse = HeartbeatWriter(store, "stumps on head-1", clock)
+    pulse.beat({"run": RunProgress(1000, 250.0)})
+    first = Heartbeat.load(store)
+    runs = {"run": RunProgress(1000, 250.0)}
+    assert first == Heartbeat("stumps on head-1", clock.now, runs, process=Process.this())
+    clock.now += HEARTBEAT_SECONDS - 1
+    pulse.beat({})
+    assert Heartbeat.load(store) == first
+    clock.now += 1
+    learner = LearnerProgress("node-1", "cuda", 48, 40, 5_000.0, 0.7, 21.5, 79.2)
+    pulse.beat({}, [learner])
+    second = Heartbeat.load(store)
+    assert second is not None
+    assert second.learners == (learner,)
+    assert second.alive(clock.now)
+    assert not second.alive(clock.now + SILENT_SECONDS)
+    pulse.end()
+    last = Heartbeat.load(store)
+    assert last is not None
+    assert last.ended
+    assert not last.alive(clock.now)
+
+
+def test_a_campaign_whose_process_is_known_to_be_dead_is_not_alive(store: Store) -> None:
+    pulse = HeartbeatWriter(store, "stumps on head-1", Clock())
+    pulse.beat({})
+    given, this = Heartbeat.load(store), Process.this()
+    assert given is not None
+    assert this is not None
+    assert given.alive(Clock.now)
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    assert not replace(given, process=replace(this, pid=ended.pid)).alive(Clock.now)
+    elsewhere = replace(this, pid=ended.pid, boot="that of another machine")
+    assert replace(given, process=elsewhere).alive(Clock.now)
+
+
+def test_a_zombie_does_not_speak_for_its_successor(store: Store) -> None:
+    zombie, successor = (
+        HeartbeatWriter(store, "zombie", Clock()),
+        HeartbeatWriter(store, "successor", Clock()),
+    )
+    zombie.beat({})
+    successor.beat({})
+    zombie.end()
+    heartbeat = Heartbeat.load(store)
+    assert heartbeat is not None
+    assert (heartbeat.holder, heartbeat.ended) == ("successor", False)
+
+
+def test_a_damaged_heartbeat_is_none(store: Store) -> None:
+    for content in (
+        b"",
+        b"[]",
+        b'{"holder": 1}',
+        b'{"holder": "a", "at": 1, "runs": {"r": 3}, "ended": false}',
+    ):
+        store.write_bytes(HEARTBEAT_FILE, content)
+        assert Heartbeat.load(store) is None
+
+
+PROCESSES, ROUNDS = 3, 15
+
+EXPIRED = {"holder": "dead", "token": "old", "renewed_at": 0.0, "process": None}
+
+LEFT_BEHIND = {"nothing": None, "an expired lease": json.dumps(EXPIRED), "a damaged lease": "{"}
+
+
+def ask(place: str, barrier: Barrier, answers: Any) -> None:
+    """Ask for the lease of each root in `place` as soon as all processes are ready; keep what it gets."""
+    for root in sorted(Path(place).iterdir()):
+        lease = Lease(Store.open(root), f"process {multiprocessing.current_process().name}")
+        barrier.wait(60)
+        try:
+            lease.acquire()
+            lease.renew()
+        except RootInUseError:
+            answers.put((root.name, "refused"))
+        else:
+            answers.put((root.name, "got it"))
+
+
+@pytest.mark.parametrize("left", LEFT_BEHIND)
+def test_exactly_one_of_several_processes_gets_it(tmp_path: Path, left: str) -> None:
+    assert_one_gets_it(tmp_path, LEFT_BEHIND[left])
+
+
+def test_a_new_lease_needs_no_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "no locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    assert_one_gets_it(tmp_path, None)
+
+
+def assert_one_gets_it(tmp_path: Path, content: str | None) -> None:
+    for number in range(ROUNDS):
+        root = tmp_path / f"root-{number:02d}"
+        root.mkdir()
+        if content is not None:
+            (root / LEASE_FILE).write_text(content)
+    context = multiprocessing.get_context("fork")
+    barrier, answers = context.Barrier(PROCESSES), context.Queue()
+    processes = [
+        context.Process(target=ask, args=(str(tmp_path), barrier, answers)) for _ in range(PROCESSES)
+    ]
+    for process in processes:
+        process.start()
+    found = Counter(answers.get(timeout=60) for _ in range(PROCESSES * ROUNDS))
+    for process in processes:
+        process.join(60)
+        assert process.exitcode == 0
+    assert {root: found[root.name, "got it"] for root in tmp_path.iterdir()} == dict.fromkeys(
+        tmp_path.iterdir(), 1
+    )

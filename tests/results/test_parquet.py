@@ -1,5 +1,9 @@
+from __future__ import annotations
+
 import io
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -96,3 +100,23 @@ def test_rows_are_the_same_by_value_and_order() -> None:
     assert parquet.same_rows(Table.EPISODES, rows, episodes("a", 3))
     for others in (episodes("b", 3), rows.slice(1), rows.take([1, 0, 2])):
         assert not parquet.same_rows(Table.EPISODES, rows, others)
+
+
+SCRIPT = """
+import sys
+from tma_ray.results import leave_pandas_out
+leave_pandas_out()
+import pyarrow as pa
+table = pa.table({"step": pa.array([1, 2]), "name": pa.array(["a", None])})
+assert "pandas" not in sys.modules
+frame = table.to_pandas()
+assert frame.step.tolist() == [1, 2]
+import pandas as pd
+assert pa.Table.from_pandas(pd.DataFrame({"step": [3]})).to_pylist() == [{"step": 3}]
+leave_pandas_out()
+assert pa.array(pd.Series([1.0, float("nan")])).null_count == 1
+"""
+
+
+def test_lists_become_columns_without_pandas() -> None:
+    subprocess.run([sys.executable, "-c", SCRIPT], check=True)

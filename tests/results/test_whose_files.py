@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from results_examples import make_record, make_rows
+from results_examples import OLD_ROOT, make_record, make_rows
 
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results import (
@@ -31,8 +31,6 @@ from tma_ray.results.committer import TEMPORARY_SECONDS
 from tma_ray.results.layout import CHECKPOINTS, FOLDERS, STAGING
 from tma_ray.results.merging import JOURNAL
 
-VERSION_1 = Path(__file__).parents[1] / "compatibility" / "version_1" / "root"
-
 CHANGES: dict[str, Callable[[Store], object]] = {
     "write": lambda store: store.write_bytes("link/file", b"ours"),
     "create": lambda store: store.create("link/new", b"ours"),
@@ -46,7 +44,7 @@ MAKERS: dict[str, Callable[[Store], object]] = {
     "check_usable": check_usable,
     "create_root": create_root,
     "Committer": Committer,
-    "start_from": lambda store: start_from(store, Store.open(VERSION_1)),
+    "start_from": lambda store: start_from(store, Store.open(OLD_ROOT)),
     "Lease": lambda store: Lease(store, "campaign").acquire(),
 }
 
@@ -273,7 +271,7 @@ def test_a_root_in_a_folder_of_more_than_results_is_read_and_not_written(tmp_pat
 
 
 def test_an_old_root_without_marks_is_read_and_continued(tmp_path: Path) -> None:
-    shutil.copytree(VERSION_1, tmp_path / "root")
+    shutil.copytree(OLD_ROOT, tmp_path / "root")
     left = aged(tmp_path / "root" / "tmp" / "0123456789abcdef0123456789abcdef", "half")
     runs = len(Results.open(tmp_path / "root").runs())
     committer = finished(tmp_path / "root")

@@ -138,12 +138,6 @@ def test_every_trajectory_asked_for_is_given(tmp_path: Path) -> None:
     assert [dict(row["scalars"])["heard"] for row in heard] == list(range(1, len(episodes) + 1))
 
 
-def test_a_trajectory_must_be_announced(tmp_path: Path) -> None:
-    spec = small_spec(tmp_path, teacher="odd_teachers:Undeclared")
-    with pytest.raises(ValueError, match="declare wants_trajectory = True"):
-        run(spec, tmp_path / "root")
-
-
 def test_a_teacher_that_leaves_its_space_fails_the_run_by_name(tmp_path: Path) -> None:
     spec = small_spec(tmp_path, teacher="odd_teachers:Outsider")
     with pytest.raises(ValueError, match="teacher 'odd_teachers:Outsider' left its task space"):

@@ -167,10 +167,17 @@ def test_a_run_ends_where_an_evaluation_takes_what_is_left(tmp_path: Path) -> No
     asked.close()
 
 
-@pytest.mark.parametrize(("teacher", "said"), [("Covert", "does not learn"), ("Prying", "for an evaluation")])
+@pytest.mark.parametrize(
+    ("teacher", "said"),
+    [
+        ("Covert", "does not learn: declare wants_evaluations"),
+        ("Prying", "for an evaluation: declare wants_evaluations"),
+        ("Undeclared", "declare wants_trajectory"),
+    ],
+)
 def test_it_must_be_announced(tmp_path: Path, teacher: str, said: str) -> None:
     spec = small_spec(tmp_path, teacher=f"odd_teachers:{teacher}")
-    with pytest.raises(ValueError, match=f"{said}: declare wants_evaluations = True"):
+    with pytest.raises(ValueError, match=f"{said} = True"):
         run(spec, tmp_path / "root")
 
 

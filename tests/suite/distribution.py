@@ -25,7 +25,6 @@ SERVICES: dict[str, tuple[str, ...]] = {
     "s3_server": (
         "tests/analysis/test_baselines.py",
         "tests/object_stores/test_s3_campaign.py",
-        "tests/object_stores/test_s3_killed_writer.py",
         "tests/object_stores/test_s3_runs.py",
         "tests/object_stores/test_s3_store.py",
     ),
