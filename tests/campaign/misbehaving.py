@@ -5,8 +5,6 @@ They look for files in a folder: a file that a hyper-parameter named would be an
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 import time
 from dataclasses import dataclass
@@ -23,20 +21,6 @@ class Raising(Random):
 
     def sample(self) -> Task:
         raise ZeroDivisionError("a teacher's own mistake")
-
-
-@dataclass
-class Dying(Random):
-    """Kills its process at its 40th episode, but only once: a file `died` in a folder says that it has."""
-
-    folder: str = ""
-    episodes_: int = 0
-
-    def observe(self, episode: Episode) -> None:
-        self.episodes_ += 1
-        if self.episodes_ == 40 and not Path(self.folder, "died").exists():
-            Path(self.folder, "died").touch()
-            os.kill(os.getpid(), signal.SIGKILL)
 
 
 @dataclass

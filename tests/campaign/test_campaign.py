@@ -19,7 +19,7 @@ from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.progress import ProgressView, Snapshot, overview
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
-from tma_ray.results import Committer, Lease, Results, RootInUseError, RunStatus, Store, Table
+from tma_ray.results import Committer, Lease, RootInUseError, Store, Table
 from tma_ray.runs import Cell, run_locally
 from tma_ray.tasks import KnowledgeLevel
 
@@ -123,29 +123,6 @@ def test_a_damaged_run_is_done_again_and_nothing_else(tmp_path: Path) -> None:
     assert data_files(root) == before
     attempts = [(row["run_id"], row["attempt"]) for row in rows(root, Table.ATTEMPTS)]
     assert {run for run, attempt in attempts if attempt == 1} == {first, second}
-
-
-@pytest.mark.slow
-def test_an_exception_fails_its_run_and_the_rest_goes_on(tmp_path: Path) -> None:
-    both = campaign(idle("misbehaving:Raising"), idle("random"))
-    ended = execute(both, tmp_path, teachers=TeacherPlacement.INLINE)
-    assert (ended.done, ended.failed) == (1, 1)
-    failed = [run for run in Results.open(tmp_path).runs() if run.status is RunStatus.FAILED]
-    assert [run.run.teacher for run in failed] == ["misbehaving:Raising"]
-    assert "a teacher's own mistake" in str(failed[0].error)
-    assert "sample" in str(failed[0].error), "the traceback names the function"
-
-
-@pytest.mark.slow
-def test_a_killed_process_is_replaced_and_nothing_is_lost_or_doubled(tmp_path: Path) -> None:
-    dying = {"folder": str(tmp_path)}
-    cell = replace(idle("misbehaving:Dying"), teacher_hyperparameters=dying)
-    ended = execute(campaign(cell), tmp_path / "killed", checkpoint_seconds=0.05)
-    assert (tmp_path / "died").exists()
-    assert ended.done == 1
-    attempts = rows(tmp_path / "killed", Table.ATTEMPTS)
-    assert [(row["attempt"], row["outcome"]) for row in attempts] == [(0, "lost"), (1, "done")]
-    assert data_files(tmp_path / "killed") == alone(campaign(cell), tmp_path / "undisturbed")
 
 
 def test_a_stopped_campaign_leaves_checkpoints_and_continues_wherever_its_teachers_are(

@@ -1,8 +1,9 @@
-"""The head of a cluster that a campaign has joined: without tma_ray, and gone for longer than Ray waits."""
+"""Clusters that a campaign has joined: a head that is damaged or gone, nodes that come later, and the cost."""
 
 from __future__ import annotations
 
 import os
+import pty
 import shutil
 import signal
 import subprocess
@@ -12,10 +13,11 @@ from pathlib import Path
 
 import psutil
 import pytest
-from local_head import Head, local_head
+from local_head import RAY, Head, local_head
 from test_interrupts import ARGUMENTS, HELPERS, wait_for_a_checkpoint
 
 from tma_ray.commands.exits import RAY_LOST, REFUSED
+from tma_ray.results import Results, RunStatus
 
 PATIENCE = 40
 """How long this cluster's processes wait for their head, s."""
@@ -68,3 +70,56 @@ def test_workers_without_tma_ray_are_refused_and_a_head_that_is_gone_is_waited_f
         assert "has not answered" in said.read_text()
         assert "the same command continues" in said.read_text()
         assert "Traceback" not in said.read_text()
+
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.slow
+def test_runs_wait_for_nodes_only_where_some_will_come(tmp_path: Path) -> None:
+    flags = (
+        "--teachers random --seeds 2 --steps 1000 --evaluation-interval 1000 --probe-interval 1000 "
+        f"--training-window 1000 --memory-per-run 0.5 --results {tmp_path / 'root'}"
+    )
+    with local_head("--num-cpus=0") as head:
+        command = [sys.executable, "experiments/quickstart.py", "--address", head.address, *flags.split()]
+        refused = subprocess.run(command, cwd=ROOT, env=head.environment, capture_output=True, text=True)
+        assert refused.returncode == 2
+        assert "give '--autoscaling' if the cluster adds them by itself" in refused.stderr
+        assert not (tmp_path / "root").exists()
+
+        campaign = subprocess.Popen(
+            [*command, "--autoscaling"], cwd=ROOT, env=head.environment, stdout=subprocess.PIPE, text=True
+        )
+        assert campaign.stdout is not None
+        assert any("0/2 runs done, 2 waiting" in line for line in campaign.stdout)
+        node = subprocess.Popen(
+            [RAY, "start", "--block", f"--address={head.address}", "--num-cpus=2",
+             "--object-store-memory=100000000", "--dashboard-agent-listen-port=0"],
+            env=head.environment, stdout=subprocess.DEVNULL, start_new_session=True,
+        )  # fmt: skip
+        try:
+            assert campaign.wait(timeout=300) == 0
+        finally:
+            node.send_signal(signal.SIGTERM)
+            node.wait(timeout=60)
+            campaign.kill()
+    assert [run.status for run in Results.open(tmp_path / "root").runs()] == [RunStatus.DONE] * 2
+
+
+@pytest.mark.slow
+def test_a_long_campaign_is_refused_on_a_cluster_though_it_has_a_terminal(tmp_path: Path) -> None:
+    """As ``ray submit --tmux`` starts it, where nobody would see a question."""
+    watched, terminal = pty.openpty()
+    with local_head("--num-cpus=7", "--memory=50000000000") as head:
+        command = [sys.executable, "experiments/quickstart.py", "--students", "sac", "--steps", "20M"]
+        refused = subprocess.run(
+            [*command, "--address", head.address, "--results", tmp_path / "root"],
+            cwd=ROOT, env=head.environment, stdin=terminal, stdout=terminal, stderr=subprocess.PIPE,
+            text=True, timeout=100, check=False,
+        )  # fmt: skip
+    shown = os.read(watched, 10_000).decode()
+    assert refused.returncode == 2
+    assert "with 6 runs at once on the cluster's 1 node" in shown
+    assert "pass --yes" in refused.stderr
+    assert not (tmp_path / "root").exists()

@@ -1,4 +1,4 @@
-"""Runs whose process is lost, or only out of sight."""
+"""Runs whose process is lost, silent or out of sight; storages that refuse for a while."""
 
 from __future__ import annotations
 
@@ -9,13 +9,23 @@ from typing import Any
 import pytest
 import ray
 from ray.exceptions import ActorUnavailableError, RayError, RayTaskError
-from small_runs import data_files, rows
+from small_runs import data_files, rows, small_spec
 from test_campaign import alone, campaign, execute, idle, settings
 
 from tma_ray.campaign.executors.actors import SeedActor, reason_for_loss
-from tma_ray.campaign.failures import FIRST_PAUSE, LONGEST_PAUSE, Retries
+from tma_ray.campaign.failures import (
+    FIRST_PAUSE,
+    LOG_SECONDS,
+    LONGEST_PAUSE,
+    OutageError,
+    Retries,
+    RetryingCommitter,
+    Silence,
+)
 from tma_ray.campaign.settings import TeacherPlacement
-from tma_ray.results import Committer, StorageError, Table
+from tma_ray.results import Committer, RootInUseError, StorageError, Store, Table
+from tma_ray.results.storage import FolderStore
+from tma_ray.results.storage import base as storage_errors
 from tma_ray.runs.attempt import Report
 
 
@@ -112,3 +122,81 @@ def test_who_is_silent_for_too_long_is_lost(tmp_path: Path, monkeypatch: pytest.
     assert (ended.done, ended.failed) == (0, 1)
     attempts = rows(tmp_path, Table.ATTEMPTS)
     assert [(row["attempt"], row["outcome"]) for row in attempts] == [(0, "lost"), (1, "lost")]
+
+
+def test_runs_that_do_not_answer_are_logged_once_a_minute_and_lost_after_their_time(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    clock = Clock()
+    silence = Silence(most_seconds=300.0, clock=clock)
+    for _ in range(600):
+        assert not silence.lasts("first")
+        assert not silence.lasts("second")
+        clock.now += 0.5
+    assert len(caplog.records) == 300 / LOG_SECONDS
+    assert "first, second do not answer" in caplog.messages[-1]
+    silence.end("second")
+    clock.now += 0.5
+    assert silence.lasts("first")
+    assert not silence.lasts("second"), "its time began anew"
+
+
+@pytest.fixture(autouse=True)
+def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(storage_errors, "FIRST_PAUSE", 0.01)
+
+
+def refusing(monkeypatch: pytest.MonkeyPatch, times: float) -> list[str]:
+    """Has the storage refuse that often; returns the list of what it refused."""
+    write, refused = FolderStore.write_bytes, []
+
+    def refuse(store: Store, path: str, data: bytes) -> None:
+        if len(refused) < times:
+            refused.append(path)
+            raise StorageError("the disk is full")
+        write(store, path, data)
+
+    monkeypatch.setattr(FolderStore, "write_bytes", refuse)
+    return refused
+
+
+def test_what_was_refused_is_tried_again_and_the_lease_looked_after_each_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    committer, looks = Committer.open(tmp_path / "root"), []
+    retrying = RetryingCommitter(committer, lambda: looks.append(True), seconds=60.0)
+    run = small_spec(tmp_path).record()
+    refused = refusing(monkeypatch, times=3)
+    assert retrying.call(Committer.start, run) == 0
+    assert len(refused) == 3
+    assert len(looks) == 4
+    published = committer.manifest(run.run_id)
+    assert published is not None
+    assert published.attempt == 0
+
+
+def test_an_outage_that_lasts_ends_the_campaign_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    retrying = RetryingCommitter(Committer.open(tmp_path / "root"), lambda: None, seconds=0.05)
+    refusing(monkeypatch, times=float("inf"))
+    with pytest.raises(OutageError, match=r"ends after 0 s of retries: the disk is full"):
+        retrying.call(Committer.start, small_spec(tmp_path).record())
+
+
+def test_nothing_is_published_into_a_root_that_was_lost_during_the_outage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    committer, looks = Committer.open(tmp_path / "root"), []
+
+    def lost_the_second_time() -> None:
+        looks.append(True)
+        if len(looks) > 1:
+            raise RootInUseError("another campaign has taken it")
+
+    run: Any = small_spec(tmp_path).record()
+    retrying = RetryingCommitter(committer, lost_the_second_time, seconds=60.0)
+    refusing(monkeypatch, times=1)
+    with pytest.raises(RootInUseError):
+        retrying.call(Committer.start, run)
+    assert committer.manifest(run.run_id) is None

@@ -13,7 +13,7 @@ SERVICES: dict[str, tuple[str, ...]] = {
     "cluster": (
         "tests/campaign/test_campaign.py",
         "tests/campaign/test_cohorts.py",
-        "tests/campaign/test_storage_access.py",
+        "tests/campaign/test_preflight.py",
         "tests/campaign/test_retries.py",
         "tests/campaign/test_seeing.py",
     ),
