@@ -1,4 +1,4 @@
-"""Clusters that a campaign has joined: a head that is damaged or gone, nodes that come later, and the cost."""
+"""Clusters that a campaign has joined: heads that are damaged or gone, nodes that come later, their cost."""
 
 from __future__ import annotations
 

@@ -1,15 +1,18 @@
-"""Processes that are killed: workers, teachers and drivers, at each place where it could hurt."""
+"""Processes that are killed at each place where it could hurt, nodes that freeze, and code that raises."""
 
 from __future__ import annotations
 
-import random
 import signal
 import time
 
 import pytest
-from faults import Fault, Site, kill, wait_for
+from faults import Fault, Site, wait_for
 from nodes import Nodes
 from saboteur import HOLD
+
+from tma_ray.results import Results, RunStatus
+
+pytestmark = pytest.mark.chaos
 
 WORKER_PLACES = (
     "kill-in-step",
@@ -44,7 +47,6 @@ def killed_workers(site: Site, places: tuple[str, ...]) -> list[float]:
     return times
 
 
-@pytest.mark.chaos
 def test_a_worker_killed_in_a_checkpoint_and_the_driver_in_a_publication(
     single: Site, undisturbed_short: dict[str, bytes], faults: list[Fault]
 ) -> None:
@@ -57,7 +59,6 @@ def test_a_worker_killed_in_a_checkpoint_and_the_driver_in_a_publication(
     check(single.compare("worker, then driver killed", 2, undisturbed_short, [fault]), faults)
 
 
-@pytest.mark.chaos
 @pytest.mark.parametrize("place", WORKER_PLACES)
 def test_a_worker_killed(
     clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault], place: str
@@ -65,26 +66,6 @@ def test_a_worker_killed(
     times = killed_workers(clustered, (place,))
     assert clustered.outcomes() == ["done", "done", "lost"]
     check(clustered.compare(f"worker: {place}", 1, undisturbed, times), faults)
-
-
-@pytest.mark.chaos
-def test_workers_killed_from_outside_at_random(
-    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault]
-) -> None:
-    """Both kinds of actors, some of them while they start."""
-    chance, times = random.Random(0), []
-    clustered.ask(HOLD)
-    driver = clustered.start()
-    for kind in ("SeedActor", "TeacherActor", "SeedActor", "TeacherActor"):
-        wait_for(lambda kind=kind: nodes.workers(kind))
-        time.sleep(chance.uniform(0, 2))
-        victims = nodes.workers(kind)
-        if victims:
-            kill(chance.choice(victims))
-            times.append(time.time())
-    clustered.withdraw(HOLD)
-    clustered.finish(driver)
-    check(clustered.compare("worker killed from outside", len(times), undisturbed, times), faults)
 
 
 def drivers_killed(site: Site, places: tuple[str, ...]) -> list[float]:
@@ -99,7 +80,6 @@ def drivers_killed(site: Site, places: tuple[str, ...]) -> list[float]:
     return times
 
 
-@pytest.mark.chaos
 def test_drivers_killed_in_every_publication(
     clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
 ) -> None:
@@ -107,18 +87,61 @@ def test_drivers_killed_in_every_publication(
     check(clustered.compare("driver killed at each place", len(times), undisturbed, times), faults)
 
 
-@pytest.mark.chaos
-def test_drivers_killed_while_their_runs_train(
-    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
+def trained_somewhere(site: Site, nodes: Nodes) -> int:
+    """Wait until every run has a checkpoint; return a node that trains one."""
+    wait_for(lambda: len({path.parts[-3] for path in site.checkpoints()}) == 2)
+    seeds = set(nodes.workers("SeedActor"))
+    return next(number for number in nodes.living if nodes.processes(number) & seeds)
+
+
+def test_a_frozen_node_that_thaws_after_its_runs_were_given_away(
+    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault]
 ) -> None:
-    times = []
     clustered.ask(HOLD)
-    for count in range(3):
-        driver = clustered.start()
-        wait_for(lambda count=count: clustered.taken_up(count))
-        driver.kill()
-        driver.wait()
-        times.append(time.time())
+    driver = clustered.start()
+    number = trained_somewhere(clustered, nodes)
+    frozen = nodes.freeze(number)
+    fault = time.time()
+    nodes.add()
+    try:
+        wait_for(lambda: clustered.taken_up(1))
+    finally:
+        nodes.thaw(frozen)
+    wait_for(lambda: nodes.ended(frozen))  # they find their successors and end
     clustered.withdraw(HOLD)
+    clustered.finish(driver)
+    nodes.kill(number)
+    assert "lost" in clustered.outcomes()
+    check(clustered.compare("node frozen, thawed later", 1, undisturbed, [fault]), faults)
+
+
+def test_a_node_frozen_for_a_moment_costs_nothing(
+    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault]
+) -> None:
+    clustered.ask(HOLD)
+    driver = clustered.start()
+    frozen = nodes.freeze(trained_somewhere(clustered, nodes))
+    time.sleep(1.5)
+    nodes.thaw(frozen)
+    clustered.withdraw(HOLD)
+    clustered.finish(driver)
+    assert clustered.outcomes() == ["done", "done"]
+    check(clustered.compare("node frozen for 1.5 s", 1, undisturbed, []), faults)
+
+
+@pytest.mark.parametrize("part", ["teacher", "environment", "student"])
+def test_a_part_that_raises(
+    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault], part: str
+) -> None:
+    clustered.ask(f"raise-in-{part}")
+    clustered.finish(clustered.start(), 1)
+    runs = Results.open(clustered.root).runs()
+    assert sorted(run.status for run in runs) == [RunStatus.DONE, RunStatus.FAILED]
+    (failed,) = (run for run in runs if run.status is RunStatus.FAILED)
+    assert "own mistake" in str(failed.error)
+    assert "saboteur.py" in str(failed.error), "the traceback names the file"
+    assert "\x1b" not in str(failed.error)
+    assert clustered.outcomes() == ["done", "failed"], "it was not tried again"
+    fault = time.time()
     clustered.finish(clustered.start())
-    check(clustered.compare("driver killed in training", len(times), undisturbed, times), faults)
+    check(clustered.compare(f"{part} raises", 1, undisturbed, [fault]), faults)

@@ -6,7 +6,6 @@ import time
 
 import pytest
 from faults import FLAGS, Fault, Site, wait_for
-from nodes import Nodes
 from saboteur import FULL_DISK, HOLD
 from test_processes import check
 
@@ -46,31 +45,6 @@ def test_no_space_left_until_the_campaign_gives_up(
     fault = time.time()
     clustered.finish(clustered.start())
     check(clustered.compare("no space left, campaign ended", 1, undisturbed, [fault]), faults)
-
-
-@pytest.mark.parametrize("damage", ["flip", "truncate", "remove", "index"])
-def test_a_damaged_checkpoint(
-    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault], damage: str
-) -> None:
-    clustered.ask(HOLD)
-    driver = clustered.start()
-    wait_for(lambda: len(clustered.checkpoints()) >= 3)
-    driver.kill()
-    driver.wait()
-    wait_for(lambda: not nodes.workers("SeedActor"))
-    newest = clustered.checkpoints()[-1]
-    file = newest if damage == "index" else newest.with_name("run.pickle")
-    content = file.read_bytes()
-    if damage == "remove":
-        file.unlink()
-    else:
-        half = len(content) // 2
-        flipped = content[:half] + bytes([content[half] ^ 1]) + content[half + 1 :]
-        file.write_bytes(flipped if damage == "flip" else content[:half])
-    fault = time.time()
-    clustered.withdraw(HOLD)
-    clustered.finish(clustered.start())
-    check(clustered.compare(f"checkpoint damaged: {damage}", 1, undisturbed, [fault]), faults)
 
 
 def test_a_second_driver_on_the_same_root(
