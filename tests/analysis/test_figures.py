@@ -1,18 +1,32 @@
+"""Figures: what they show, their files, and the command that writes all that results allow."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
+from PIL import Image
+from synthetic_results import SyntheticCampaign
 
 from analysis.charts.base import END
-from analysis.charts.paper.style import png
+from analysis.charts.paper.style import Vector, png, save
+from analysis.commands.figures import write_figures
 from analysis.data.curricula import Axis
 from analysis.data.frames import GROUP
 from analysis.figures import learning_curve, mastery_map, seeds_chart
 from analysis.formatting import amount, duration, number, plus_minus
 from analysis.looks import look, shown_together
 from analysis.names import label, short_labels, teacher_order
+from tma_ray.cli import main
 from tma_ray.commands.texts import visible
 
 LOOK_OF_FRONTIER = ("#cc8866", ">", (0, (6, 2)))
@@ -150,3 +164,99 @@ def test_drawing_leaves_settings_alone_and_repeats_itself() -> None:
 )
 def test_numbers_as_text(text: str, expected: str) -> None:
     assert text == expected
+
+
+def figure() -> Figure:
+    shown = Figure(figsize=(2, 1))
+    shown.subplots().plot([1, 2], label="ALP-GMM ★")
+    shown.legend()
+    return shown
+
+
+@pytest.mark.parametrize("vector", Vector)
+def test_the_same_figure_gives_the_same_bytes(tmp_path: Path, vector: Vector) -> None:
+    first = [file.read_bytes() for file in save(figure(), tmp_path / "one", vector)]
+    second = [file.read_bytes() for file in save(figure(), tmp_path / "two", vector)]
+    assert first == second
+    starts = {Vector.PDF: b"%PDF", Vector.SVG: b"<?xml"}
+    assert first[0].startswith(starts[vector])
+    assert first[1].startswith(b"\x89PNG")
+
+
+def test_endings_are_added_and_folders_made(tmp_path: Path) -> None:
+    files = save(figure(), tmp_path / "deep" / "after-0.5", Vector.SVG)
+    assert files == (tmp_path / "deep" / "after-0.5.svg", tmp_path / "deep" / "after-0.5.png")
+    assert all(file.is_file() for file in files)
+
+
+@pytest.mark.slow
+def test_no_file_tells_when_it_was_written(tmp_path: Path) -> None:
+    for vector in Vector:
+        for file in save(figure(), tmp_path / vector, vector):
+            content = file.read_bytes()
+            assert b"CreationDate" not in content
+            assert b"<dc:date>" not in content
+            assert b"tIME" not in content
+
+
+@pytest.mark.slow
+def test_bytes_do_not_depend_on_the_process(tmp_path: Path) -> None:
+    code = "import sys, test_saving as t; t.save(t.figure(), sys.argv[1], t.Vector(sys.argv[2]))"
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    for vector in Vector:
+        for seed in ("1", "2"):
+            environment = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": path}
+            arguments = [sys.executable, "-c", code, str(tmp_path / seed), vector.value]
+            subprocess.run(arguments, check=True, env=environment)
+        for ending in (vector.value, "png"):
+            first, second = ((tmp_path / f"{seed}.{ending}").read_bytes() for seed in "12")
+            assert first == second
+
+
+def names(files: tuple[Path, ...]) -> set[str]:
+    return {file.name for file in files}
+
+
+@pytest.mark.slow
+def test_the_papers_own_numbers_give_its_radar_and_its_bars(tmp_path: Path) -> None:
+    written = write_figures("paper-2021", tmp_path, "svg")
+    assert names(written.files) == {
+        "radar.svg", "radar.png", "bars-parkour.svg", "bars-parkour.png", "bars-stump_tracks.svg",
+        "bars-stump_tracks.png",
+    }  # fmt: skip
+    assert not written.left_out
+
+
+@pytest.mark.slow
+def test_a_campaign_gives_curves_maps_films_and_says_what_is_missing(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path / "root", episode_steps=20_000, updates=4, evaluation_every=500_000)
+    for teacher in ("random", "alp_gmm"):
+        for seed in range(2):
+            campaign.run(teacher, seed)
+    written = write_figures(tmp_path / "root", tmp_path / "figures")
+    found = names(written.files)
+    place = "original-classic_bipedal-sac-low"
+    assert found >= {
+        "bars-stump_tracks.pdf", "curves-01-stump_tracks-original-low.png",
+        "pairs-01-stump_tracks-original-low.png", f"{place}-mastery-stump_tracks.pdf", f"{place}-film.pdf",
+        f"{place}-motion.gif",
+    }  # fmt: skip
+    assert any(text.startswith("radar: ") for text in written.left_out)
+    with Image.open(tmp_path / "figures" / f"{place}-motion.gif") as motion:
+        assert motion.n_frames > 1
+
+
+@pytest.mark.slow
+def test_only_some_are_drawn_if_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = str(tmp_path / "figures")
+    assert main(["figures", "paper-2021", "-o", output, "--only", "radar"]) == 0
+    assert capsys.readouterr().out.split() == [f"{output}/radar.pdf", f"{output}/radar.png"]
+    assert main(["figures", "paper-2021", "-o", output, "--only", "radr"]) == 2
+    error = capsys.readouterr().err
+    assert "no figure's name begins with 'radr'" in error
+    assert "radar, bars-parkour, bars-stump_tracks" in error
+    assert main(["figures", "paper-2021", "-o", output, "--only", "parkour"]) == 0
+    assert capsys.readouterr().out.split() == [f"{output}/bars-parkour.pdf", f"{output}/bars-parkour.png"]
+    SyntheticCampaign(tmp_path / "empty")
+    assert main(["figures", str(tmp_path / "empty"), "-o", output]) == 0
+    assert "holds no runs yet" in capsys.readouterr().err
