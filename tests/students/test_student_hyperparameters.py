@@ -74,9 +74,9 @@ def test_given_values_replace_defaults():
         ("ppo", "batch_size", 1, "more than 1"),
         ("ppo", "value_clip_range", -1, "expected more than 0"),
         ("ppo", "activation", "tahn", "did you mean 'tanh'"),
-        ("ppo", "averaged_steps", -1, "averaged_steps = -1: expected 0 or more"),
+        ("ppo", "averaged_steps", -1, "averaged_steps = -1: expected at least 0"),
         ("sac", "buffer_size", 0, "expected more than 0"),
-        ("sac", "exploration_steps", -1, "neither under 0"),
+        ("sac", "exploration_steps", -1, "exploration_steps = -1: expected at least 0"),
     ],
 )
 def test_unfit_values_are_refused_with_a_helpful_message(name, key, value, message):
