@@ -5,10 +5,9 @@ from __future__ import annotations
 import functools
 import itertools
 import string
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,6 +28,7 @@ from analysis.charts.base import (
     Panel,
     Rule,
     Scale,
+    grid,
     require,
     require_unique,
     significant,
@@ -50,9 +50,6 @@ DOUBT = "\N{DAGGER}"
 """Mark of a result that may be a slip of who published it."""
 
 Pair = tuple[str, str]
-
-Beside = Callable[[float, float], Mark]
-"""Draws a mark right of the values, given the start of its lane and the width of lanes."""
 
 
 class Whisker(StrEnum):
@@ -77,17 +74,6 @@ class Results:
     rows: pd.DataFrame
     different: list[Pair]
     untested: list[Pair]
-
-    def letters(self) -> dict[str, str]:
-        """Return the letters of each teacher, with a blank for each it has not; "?" of one never tested."""
-        names = list(self.rows.index)
-        never = [name for name in names if sum(name in pair for pair in self.untested) >= len(names) - 1]
-        numbers = compact_letter_display([name for name in names if name not in never], self.different)
-        count = max((number + 1 for own in numbers.values() for number in own), default=0)
-        return dict.fromkeys(never, "?") | {
-            name: "".join(string.ascii_letters[number] if number in own else " " for number in range(count))
-            for name, own in numbers.items()
-        }
 
 
 def bars_with_pairs(
@@ -118,54 +104,6 @@ def bars_with_pairs(
         ValueError: nothing to draw, or several results of a teacher in one panel.
     """
     whisker = Whisker(whisker)
-    table = _table(table, measure, whisker, by)
-    teachers = sorted(table["teacher"].unique(), key=teacher_order)
-    results = _results(table, tests, by)
-    found = [each for each in itertools.chain(*results) if each]
-    brackets = max(len(each.different) for each in found) <= MOST_BRACKETS
-    start, end = _limits(table, measure)
-    lane = LANE * (end - start)
-    marks = {each.titles: list(_bars(each, teachers, start)) for each in found}
-    used = 0
-    for each in found:
-        beside = _brackets(each, teachers) if brackets else _letters(each, teachers)
-        for number, draw in beside:
-            marks[each.titles].append(draw(end + lane * number, lane))
-            used = max(used, number + 1)
-    names = short_labels(teachers)
-    axes = (
-        Scale("", Kind.NUMBER, start, end + lane * (used + 0.5 if used else 0), last_tick=end, grid=True),
-        Scale(kind=Kind.TEACHERS, rows={teacher: names[teacher] for teacher in teachers}),
-    )
-    headings = {each.titles[1] for each in found}
-    rows = [
-        [each and _panel(each, marks[each.titles], axes, len(headings) == 1, line == 0) for each in row]
-        for line, row in enumerate(results)
-    ]
-    width = TWO_COLUMNS if len(rows[0]) > 1 else ONE_COLUMN
-    return Chart(
-        "bars",
-        rows,
-        heading=headings.pop() if len(headings) == 1 else "",
-        note="\n".join([f"{name}; whiskers: one {whisker.value}", *_notes(found, brackets)]),
-        legend=Legend.NONE,
-        size=(width, max(1.7, 0.7 + (0.3 + 0.135 * len(teachers)) * len(rows))),
-        letters=6.5,
-    )
-
-
-def _panel(
-    each: Results, marks: Sequence[Mark], axes: tuple[Scale, Scale], single: bool, first: bool
-) -> Panel:
-    """Return a panel, headed by its challenge where there is a `single` column of levels."""
-    remark = "no results" if each.rows.empty else ""
-    if single:
-        return Panel(*axes, marks, each.titles[0], remark=remark)
-    return Panel(*axes, marks, each.titles[1] if first else "", side=each.titles[0], remark=remark)
-
-
-def _table(table: pd.DataFrame, measure: str, whisker: Whisker, by: tuple[str, str]) -> pd.DataFrame:
-    """Return `by`, teacher, mean, whisker (0 where there is none) and doubt (empty where there is none)."""
     mean, std = f"{measure}_mean", f"{measure}_std"
     require(table, [*by, "teacher", "n", mean, std], "results")
     table = table[table[mean].notna()]
@@ -174,118 +112,123 @@ def _table(table: pd.DataFrame, measure: str, whisker: Whisker, by: tuple[str, s
     error = table[std] / (np.sqrt(table["n"]) if whisker is Whisker.ERROR else 1.0)
     doubt = table["doubt"].fillna("") if "doubt" in table else ""
     columns = {"mean": table[mean].astype(float), "whisker": error.fillna(0.0), "doubt": doubt}
-    return table[[*by, "teacher"]].assign(**columns)
-
-
-def _results(table: pd.DataFrame, tests: pd.DataFrame, by: tuple[str, str]) -> list[list[Results | None]]:
-    """Return the results of panels in rows of one length; rows are wrapped if there is a single column."""
+    table = table[[*by, "teacher"]].assign(**columns)
+    teachers = sorted(table["teacher"].unique(), key=teacher_order)
     rows, columns = (sorted(table[column].unique(), key=functools.partial(order, column)) for column in by)
-    found = [[_at_place(table, tests, by, (row, column)) for column in columns] for row in rows]
-    if len(columns) > 1:
-        return [list(line) for line in found]
-    panels: list[Results | None] = [panel for (panel,) in found]
-    panels += [None] * (-len(panels) % COLUMNS if len(panels) > COLUMNS else 0)
-    return [panels[start : start + COLUMNS] for start in range(0, len(panels), COLUMNS)]
-
-
-def _at_place(
-    table: pd.DataFrame, tests: pd.DataFrame, by: tuple[str, str], place: tuple[object, object]
-) -> Results:
-    rows = _at(table, by, place).set_index("teacher")[["mean", "whisker", "doubt"]]
-    here = _at(tests, by, place)
-    here = here[here["first"].isin(rows.index) & here["second"].isin(rows.index)]
-    tested = {frozenset(pair) for pair in _pairs(here[here["p"].notna()])}
-    untested = [
-        pair for pair in itertools.combinations(sorted(rows.index), 2) if frozenset(pair) not in tested
-    ]
-    titles = title(by[0], place[0]), title(by[1], place[1])
-    return Results(titles, rows, _pairs(significant(here)), untested)
-
-
-def _at(frame: pd.DataFrame, by: tuple[str, str], place: tuple[object, object]) -> pd.DataFrame:
-    """Return the rows of one panel; element by element, since pools are tuples in some tables."""
-    here = [values == place for values in frame[list(by)].itertuples(index=False, name=None)]
-    return frame[np.array(here, dtype=bool)]
-
-
-def _pairs(tests: pd.DataFrame) -> list[Pair]:
-    return list(tests[["first", "second"]].itertuples(index=False, name=None))
-
-
-def _limits(table: pd.DataFrame, measure: str) -> tuple[float, float]:
-    """Return the ends of the axis of values: no whisker of a percentage goes below 0."""
-    percent = measure.endswith("percent")
+    results = [[_results(table, tests, by, (row, column)) for column in columns] for row in rows]
+    found = list(itertools.chain(*results))
+    percent = measure.endswith("percent")  # no whisker of a percentage goes below 0
     low = 0.0 if percent else min(0.0, (table["mean"] - table["whisker"]).min())
     high = max((table["mean"] + table["whisker"]).max(), LEAST_PERCENT if percent else 0.0)
-    return 1.02 * low, 1.02 * high if high > low else low + 1.0
+    start, end = 1.02 * low, 1.02 * high if high > low else low + 1.0
+    lane = LANE * (end - start)
+    brackets = max(len(each.different) for each in found) <= MOST_BRACKETS
+    beside = [list((_brackets if brackets else _letters)(each, teachers, end, lane)) for each in found]
+    used = max((number + 1 for marks in beside for number, _ in marks), default=0)
+    names = short_labels(teachers)
+    axes = (
+        Scale("", Kind.NUMBER, start, end + lane * (used + 0.5 if used else 0), last_tick=end, grid=True),
+        Scale(kind=Kind.TEACHERS, rows={teacher: names[teacher] for teacher in teachers}),
+    )
+    single = len(columns) == 1
+    panels = [
+        Panel(
+            *axes,
+            [*_bars(each, teachers, start), *(mark for _, mark in marks)],
+            each.titles[0] if single else each.titles[1] if place < len(columns) else "",
+            side="" if single else each.titles[0],
+            remark="no results" if each.rows.empty else "",
+        )
+        for place, (each, marks) in enumerate(zip(found, beside, strict=True))
+    ]
+    lines = grid(panels, COLUMNS if single else len(columns))
+    return Chart(
+        "bars",
+        lines,
+        heading=found[0].titles[1] if single else "",
+        note="\n".join([f"{name}; whiskers: one {whisker.value}", *_notes(found, brackets)]),
+        legend=Legend.NONE,
+        size=(
+            TWO_COLUMNS if len(lines[0]) > 1 else ONE_COLUMN,
+            max(1.7, 0.7 + (0.3 + 0.135 * len(teachers)) * len(lines)),
+        ),
+        letters=6.5,
+    )
+
+
+def _results(
+    table: pd.DataFrame, tests: pd.DataFrame, by: tuple[str, str], place: tuple[object, object]
+) -> Results:
+    def pairs(tests: pd.DataFrame) -> list[Pair]:
+        return list(tests[["first", "second"]].itertuples(index=False, name=None))
+
+    rows, here = (  # element by element, since pools are tuples in some tables
+        frame[np.array([values == place for values in zip(*(frame[each] for each in by), strict=True)], bool)]
+        for frame in (table, tests)
+    )
+    rows = rows.set_index("teacher")[["mean", "whisker", "doubt"]]
+    here = here[here["first"].isin(rows.index) & here["second"].isin(rows.index)]
+    tested = set(map(frozenset, pairs(here[here["p"].notna()])))
+    every = itertools.combinations(sorted(rows.index), 2)
+    untested = [pair for pair in every if frozenset(pair) not in tested]
+    return Results((title(by[0], place[0]), title(by[1], place[1])), rows, pairs(significant(here)), untested)
 
 
 def _bars(each: Results, teachers: Sequence[str], start: float) -> Iterator[Mark]:
-    for place, teacher in enumerate(teachers):
-        if each.rows.empty:
-            return
+    line = Look(INK, "", "-")
+    for place, teacher in enumerate(() if each.rows.empty else teachers):
         if teacher not in each.rows.index:
-            yield Label(x=start, y=place, text="\N{EN DASH}", look=Look(MUTED, "", "-"), beside=True)
+            yield Label(x=start, y=place, text="\N{EN DASH}", look=line._replace(colour=MUTED), beside=True)
             continue
         mean, whisker = (float(each.rows[name][teacher]) for name in ("mean", "whisker"))
-        style = look(teacher)
         if is_baseline(teacher):
-            yield Rule(x=mean, look=style._replace(dashes=(0, (3, 2))))
-        yield Bar(x=mean, y=place, look=style, teacher=teacher)
+            yield Rule(x=mean, look=look(teacher)._replace(dashes=(0, (3, 2))))
+        yield Bar(x=mean, y=place, look=look(teacher), teacher=teacher)
         if whisker > 0:
-            ends: dict[str, Any] = {
-                "low": mean - whisker,
-                "high": mean + whisker,
-                "size": 0.0,
-                "width": 0.95,
-                "cap": 2.0,
-            }
-            yield Interval(x=mean, y=place, look=Look(INK, "", "-"), teacher=teacher, **ends)
+            ends: dict[str, float] = {"low": mean - whisker, "high": mean + whisker}
+            style: dict[str, float] = {"size": 0.0, "width": 0.95, "cap": 2.0}
+            yield Interval(x=mean, y=place, look=line, teacher=teacher, **ends, **style)
         if each.rows["doubt"][teacher]:
             yield Label(x=mean + whisker, y=place, text=DOUBT, beside=True, about=f"doubt-{teacher}")
 
 
-def _brackets(each: Results, teachers: Sequence[str]) -> Iterator[tuple[int, Beside]]:
-    """Yield the lane of a bracket for each pair of teachers that differ, and the bracket."""
+def _brackets(
+    each: Results, teachers: Sequence[str], start: float, lane: float
+) -> Iterator[tuple[int, Mark]]:
+    """Yield a bracket for each pair of teachers that differ, and its lane; the first is at `start`."""
     places = {teacher: place for place, teacher in enumerate(teachers)}
     spans = lanes({(min(s), max(s)) for s in ((places[a], places[b]) for a, b in each.different)})
     for (low, high), number in spans.items():
         about = f"{teachers[low]} differs from {teachers[high]}"
-        yield number, functools.partial(_bracket, low + 0.16, high - 0.16, about)
+        xs = start + lane * number + lane * np.array([0.3, 0.75, 0.75, 0.3])
+        ys = np.array([low + 0.16, low + 0.16, high - 0.16, high - 0.16])
+        yield number, Curve(x=xs, y=ys, look=Look(INK, "", "-"), width=0.95, about=about)
 
 
-def _bracket(low: float, high: float, about: str, start: float, lane: float) -> Mark:
-    xs = start + lane * np.array([0.3, 0.75, 0.75, 0.3])
-    return Curve(x=xs, y=np.array([low, low, high, high]), look=Look(INK, "", "-"), width=0.95, about=about)
-
-
-def _letters(each: Results, teachers: Sequence[str]) -> Iterator[tuple[int, Beside]]:
-    """Yield the column of each letter of each teacher, and the letter."""
-    letters = each.letters()
+def _letters(each: Results, teachers: Sequence[str], start: float, lane: float) -> Iterator[tuple[int, Mark]]:
+    """Yield the letters of each teacher and their columns; "?" of one that was never tested."""
+    names = list(each.rows.index)
+    never = [name for name in names if sum(name in pair for pair in each.untested) >= len(names) - 1]
+    letters = compact_letter_display([name for name in names if name not in never], each.different)
     for place, teacher in enumerate(teachers):
-        for column, letter in enumerate(letters.get(teacher, "")):
-            if letter != " ":
-                yield column, functools.partial(_letter, place, letter)
+        for column in [0] if teacher in never else letters.get(teacher, ()):
+            text = "?" if teacher in never else string.ascii_letters[column]
+            yield column, Label(x=start + lane * column + 0.6 * lane, y=place, text=text)
 
 
-def _letter(place: float, letter: str, start: float, lane: float) -> Mark:
-    return Label(x=start + 0.6 * lane, y=place, text=letter)
-
-
-def _notes(panels: Sequence[Results], brackets: bool) -> list[str]:
+def _notes(panels: Sequence[Results], brackets: bool) -> Iterator[str]:
     sign = "<" if brackets else "\N{GREATER-THAN OR EQUAL TO}"
     test = f"(after Holm, p\N{NO-BREAK SPACE}{sign}\N{NO-BREAK SPACE}0.05)."
     text = "Brackets join teachers that" if brackets else "Teachers that share a letter do not"
-    notes = [f"{text} differ significantly {test}"]
+    yield f"{text} differ significantly {test}"
     if any(panel.rows["doubt"].astype(bool).any() for panel in panels):
-        notes.append(f"{DOUBT} A doubtful result: the tables say why.")
+        yield f"{DOUBT} A doubtful result: the tables say why."
     untested = [(panel, pair) for panel in panels for pair in panel.untested]
     if untested:
         panel, (first, second) = untested[0]
         more = f" and {len(untested) - 1} more" if len(untested) > 1 else ""
         where = ", ".join(panel.titles).lower()
-        notes.append(f"Pairs without a test: {label(first)} and {label(second)} ({where}){more}.")
-    return notes
+        yield f"Pairs without a test: {label(first)} and {label(second)} ({where}){more}."
 
 
 def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> dict[str, list[int]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,13 +92,11 @@ def learning_curves(
         against: title of the horizontal axis.
     """
     names = short_labels(table["teacher"].astype(str), LONGEST_NAME)
-    many = len(table) and table.groupby("teacher")["step"].size().max() > MOST_MARKED
+    width = 1.4 if len(table) and table.groupby("teacher")["step"].size().max() > MOST_MARKED else 2.0
     marks = [
         curve
         for teacher in sorted(names, key=teacher_order)
-        for curve in _curves(
-            table[table["teacher"] == teacher], look(teacher), names[teacher], teacher, 1.4 if many else 2.0
-        )
+        for curve in _curves(table, teacher, look(teacher), names[teacher], width)
     ]
     y = Scale(quantity, Kind.PERCENT if "%" in quantity else Kind.NUMBER, grid=True)
     panel = Panel(Scale(against, Kind.STEPS), y, [*marks, *_ceiling(ceiling, marks)])
@@ -117,10 +115,10 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Chart:
 
 
 def _curves(
-    rows: pd.DataFrame, style: Look, name: str, teacher: str, width: float, fill: str = ""
+    table: pd.DataFrame, teacher: str, style: Look, name: str, width: float, fill: str = ""
 ) -> Iterator[Curve]:
-    """Yield the line of some rows of mean and standard_error, sorted by step; nothing of no values."""
-    rows = rows[rows["mean"].notna()].sort_values("step")
+    """Yield the line of a teacher's rows of mean and standard_error, by step; nothing of no values."""
+    rows = table[(table["teacher"] == teacher) & table["mean"].notna()].sort_values("step")
     if rows.empty:
         return
     mean, error = (rows[column].fillna(0).to_numpy(np.float64) for column in ("mean", "standard_error"))
@@ -235,113 +233,85 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns:
     if all(table.empty for table in tables):
         raise ValueError("no panel has results: expected at least one with something to draw")
     stars = [part.stars(every) for part in parts]
-    looks = LineLooks(line for table in tables for line in _lines(table))
+    looks = _line_looks(tables)
     split = len(parts) > len(panels)
-    starred = [line for line in looks.lines if any(line in set(found["line"]) for found in stars)]
+    starred = [line for line in looks if any(line in set(found["line"]) for found in stars)]
     steps = Scale(STEPS, Kind.STEPS, 0.0, max(table["step"].max() for table in tables if len(table)))
-    drawn = [
-        _panel(part, table, found, looks, steps, _starred(starred, found, split))
-        for part, table, found in zip(parts, tables, stars, strict=True)
-    ]
-    rows = grid(drawn, 1 if split else columns)
-    width = TWO_COLUMNS if len(rows[0]) > 1 else ONE_COLUMN
+    drawn = []
+    for part, table, found in zip(parts, tables, stars, strict=True):
+        marks = [
+            curve
+            for (teacher, level), (style, name, fill) in looks.items()
+            for curve in _curves(table[table[LEVEL] == level], teacher, style, name, 1.7, fill)
+        ]
+        rows = []
+        for line in starred:
+            mine = found[found["line"] == line]
+            if len(mine) or not split:
+                ways = mine["difference"] > 0, mine["difference"] < 0
+                above, below = (list(mine.loc[way, "step"]) for way in ways)
+                style, _, fill = looks[line]
+                rows.append(StarRow(style, fill, above, below, "-".join(line)))
+        drawn.append(
+            Panel(
+                steps,
+                Scale(part.name, _kind(part.measure), grid=True),
+                [*marks, *_ceiling(part.ceiling, marks)],
+                part.title,
+                stars=rows,
+                remark="no results" if table.empty else "",
+            )
+        )
+    lines = grid(drawn, 1 if split else columns)
     return Chart(
         "curves",
-        rows,
-        keys=_star_keys(parts, stars),
+        lines,
+        keys=list(_star_keys(parts, stars)),
         legend=Legend.BESIDE if split else Legend.TOP,
-        size=(width, 0.45 + len(rows) * (1.9 + 0.09 * (0 if split else len(starred)))),
+        size=(
+            TWO_COLUMNS if len(lines[0]) > 1 else ONE_COLUMN,
+            0.45 + len(lines) * (1.9 + 0.09 * (0 if split else len(starred))),
+        ),
         letters=7.5,
     )
 
 
-def _starred(starred: Sequence[Line], found: pd.DataFrame, split: bool) -> list[Line]:
-    return [line for line in starred if not split or line in set(found["line"])]
+def _kind(measure: str) -> Kind:
+    return Kind.PERCENT if measure.endswith("percent") else Kind.NUMBER
 
 
-def _panel(
-    part: CurvePanel,
-    table: pd.DataFrame,
-    found: pd.DataFrame,
-    looks: LineLooks,
-    steps: Scale,
-    rows: list[Line],
-) -> Panel:
-    marks = [
-        curve
-        for line in looks.lines
-        for curve in _curves(
-            table[(table["teacher"] == line[0]) & (table["expert_knowledge"] == line[1])],
-            looks.look(line),
-            looks.name(line),
-            line[0],
-            1.7,
-            looks.fill(line),
-        )
-    ]
-    stars = []
-    for line in rows:
-        mine = found[found["line"] == line]
-        above, below = (
-            list(mine.loc[way, "step"]) for way in (mine["difference"] > 0, mine["difference"] < 0)
-        )
-        stars.append(StarRow(looks.look(line), looks.fill(line), above, below, "-".join(line)))
-    kind = Kind.PERCENT if part.measure.endswith("percent") else Kind.NUMBER
-    remark = "no results" if table.empty else ""
-    ceiling = _ceiling(part.ceiling, marks)
-    return Panel(
-        steps, Scale(part.name, kind, grid=True), [*marks, *ceiling], part.title, stars=stars, remark=remark
-    )
-
-
-def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> list[Key]:
-    """Return legend entries for full and hollow stars, of those that there are."""
+def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> Iterator[Key]:
+    """Yield legend entries for full and hollow stars, of those that there are."""
     tests = [panel.tests for panel in panels if panel.tests is not None and len(panel.tests)]
     references = sorted({str(name) for table in tests for name in table["second"]})
     levels = any("teacher" in table for table in tests)
-    names = " or ".join(title("expert_knowledge", n).lower() if levels else label(n) for n in references)
+    names = " or ".join(title(LEVEL, name).lower() if levels else label(name) for name in references)
     differences = np.concatenate([found["difference"].to_numpy(float) for found in stars])
-    return [
-        Key("*", f"{word} {names} (p < 0.05 after Holm)", full, 6)
-        for word, full, there in (
-            ("above", True, (differences > 0).any()),
-            ("below", False, (differences < 0).any()),
-        )
-        if there
-    ]
+    for word, full, there in (("above", True, differences > 0), ("below", False, differences < 0)):
+        if there.any():
+            yield Key("*", f"{word} {names} (p < 0.05 after Holm)", full, 6)
 
 
-class LineLooks:
-    """Looks of the lines of one figure: told apart by teacher, and by level where there are several."""
+def _line_looks(tables: Sequence[pd.DataFrame]) -> dict[Line, tuple[Look, str, str]]:
+    """Return look, name and colour inside markers of each line, in order.
 
-    def __init__(self, lines: Iterable[Line]) -> None:
-        self.lines = sorted(set(lines), key=lambda line: (teacher_order(line[0]), order(LEVEL, line[1])))
-        self._names = short_labels(teacher for teacher, _ in self.lines)
-        self._several_levels = len({level for _, level in self.lines}) > 1
-
-    def name(self, line: Line) -> str:
-        """Return the name of a line in the legend."""
-        teacher, level = line
-        if not self._several_levels:
-            return self._names[teacher]
-        told = title("expert_knowledge", level)
-        return f"{self._names[teacher]}, {told.lower()}" if len(self._names) > 1 else told
-
-    def look(self, line: Line) -> Look:
-        """Return colour, marker and dashes of a line."""
-        style = look(line[0])
-        return style._replace(dashes=_DASHES.get(line[1], "-")) if self._several_levels else style
-
-    def fill(self, line: Line) -> str:
-        """Return the colour inside its markers, paler for less knowledge."""
-        pale = _PALE.get(line[1], 0.0) if self._several_levels else 0.0
-        colour = look(line[0]).colour
-        parts = [int(colour[place : place + 2], 16) for place in (1, 3, 5)]
-        return "#" + "".join(f"{round(part + (255 - part) * pale):02x}" for part in parts)
-
-
-def _lines(table: pd.DataFrame) -> set[Line]:
-    return set(table[["teacher", "expert_knowledge"]].itertuples(index=False, name=None))
+    Lines are told apart by teacher, and by level where there are several: by dashes, and by markers that are
+    paler for less knowledge.
+    """
+    lines = {line for table in tables for line in zip(table["teacher"], table[LEVEL], strict=True)}
+    names = short_labels(teacher for teacher, _ in lines)
+    several = len({level for _, level in lines}) > 1
+    found = {}
+    for teacher, level in sorted(lines, key=lambda line: (teacher_order(line[0]), order(LEVEL, line[1]))):
+        style, name, pale = look(teacher), names[teacher], 0.0
+        if several:
+            told, pale = title(LEVEL, level), _PALE.get(level, 0.0)
+            style = style._replace(dashes=_DASHES.get(level, "-"))
+            name = f"{name}, {told.lower()}" if len(names) > 1 else told
+        parts = [int(style.colour[place : place + 2], 16) for place in (1, 3, 5)]
+        fill = "#" + "".join(f"{round(part + (255 - part) * pale):02x}" for part in parts)
+        found[teacher, level] = style, name, fill
+    return found
 
 
 def _table(
@@ -374,17 +344,17 @@ def body_panels(
         ValueError: the runs are not of one comparison.
     """
     _one(runs, COMPARED)
-    panels = []
-    if runs["embodiment"].nunique() > 1 or any(PLUS in pool for pool in runs["pool"]):
-        tests = pairwise(runs, measure, BASELINE, [*COMPARED, "step"], detectable=False)
-        curves = pooled(runs, [measure], ["step"])
-        panels.append(CurvePanel("All bodies", curves, tests, measure, name, ceiling))
-    for body in sorted(runs["embodiment"].unique()):
-        mine = runs[runs["embodiment"] == body]
-        curves = pooled(mine, [measure], ["embodiment", "step"])
-        tests = pairwise(mine, measure, BASELINE, [*COMPARED, "embodiment", "step"], detectable=False)
-        panels.append(CurvePanel(title("embodiment", body), curves, tests, measure, name, ceiling))
-    return panels
+
+    def panel(heading: str, mine: pd.DataFrame, by: list[str]) -> CurvePanel:
+        tests = pairwise(mine, measure, BASELINE, [*COMPARED, *by], detectable=False)
+        return CurvePanel(heading, pooled(mine, [measure], by), tests, measure, name, ceiling)
+
+    several = runs["embodiment"].nunique() > 1 or any(PLUS in pool for pool in runs["pool"])
+    bodies = [
+        panel(title("embodiment", body), runs[runs["embodiment"] == body], ["embodiment", "step"])
+        for body in sorted(runs["embodiment"].unique())
+    ]
+    return [panel("All bodies", runs, ["step"]), *bodies] if several else bodies
 
 
 def knowledge_panels(
@@ -402,7 +372,7 @@ def knowledge_panels(
     Raises:
         ValueError: the runs of a challenge differ in more than level and teacher.
     """
-    within = [column for column in COMPARED if column != "expert_knowledge"]
+    within = [column for column in COMPARED if column != LEVEL]
     panels = []
     for challenge in sorted(runs["challenge"].unique(), key=lambda value: order("challenge", value)):
         mine = runs[runs["challenge"] == challenge]
@@ -410,7 +380,7 @@ def knowledge_panels(
         for measure, name in measures.items():
             tests, same = None, [*within, "teacher", "step"]
             if reference is not None:
-                tests = pairwise(mine, measure, reference.value, same, "expert_knowledge", detectable=False)
+                tests = pairwise(mine, measure, reference.value, same, LEVEL, detectable=False)
             curves = pooled(mine, [measure], ["step"])
             panels.append(CurvePanel(title("challenge", challenge), curves, tests, measure, name))
     return panels
@@ -450,24 +420,21 @@ def pairwise_curves(
     size, tests = len(teachers) - 1, significant(tests)
     if size > LARGEST:
         return difference_matrix(table, tests, teachers, name)
-    error, percent = table["standard_error"].fillna(0.0), measure.endswith("percent")
-    low = 0.0 if percent else min(0.0, (table["mean"] - error).min())
+    error = table["standard_error"].fillna(0.0)
+    low = 0.0 if measure.endswith("percent") else min(0.0, (table["mean"] - error).min())
     top = max((table["mean"] + error).max(), low + LEAST_PERCENT)
     axes = (
         Scale(STEPS, Kind.STEPS, 0.0, table["step"].max()),
-        Scale(name, Kind.PERCENT if percent else Kind.NUMBER, low, top + 0.16 * (top - low)),
+        Scale(name, _kind(measure), low, top + 0.16 * (top - low)),
     )
     names, legend = short_labels(teachers, 15), short_labels(teachers)
     rows: list[list[Panel | None]] = [[None] * size for _ in range(size)]
-    for row, column in itertools.product(range(size), repeat=2):
-        if column <= row:
-            pair = teachers[column], teachers[row + 1]
-            rows[row][column] = Panel(
-                *axes,
-                [*_pair(table, pair, legend), *_pair_stars(tests, pair, top + 0.1 * (top - low))],
-                title=names[pair[0]] if row == column else "",
-                side=names[pair[1]],
-            )
+    for column, row in itertools.combinations_with_replacement(range(size), 2):
+        pair = teachers[column], teachers[row + 1]
+        lines = [curve for name in pair for curve in _curves(table, name, look(name), legend[name], 1.2)]
+        stars = _pair_stars(tests, pair, top + 0.1 * (top - low))
+        heading = names[pair[0]] if row == column else ""
+        rows[row][column] = Panel(*axes, [*lines, *stars], heading, side=names[pair[1]])
     return Chart(
         "pairs",
         rows,
@@ -479,11 +446,6 @@ def pairwise_curves(
         ),
         letters=6.5,
     )
-
-
-def _pair(table: pd.DataFrame, pair: tuple[str, str], names: Mapping[str, str]) -> Iterator[Curve]:
-    for teacher in pair:
-        yield from _curves(table[table["teacher"] == teacher], look(teacher), names[teacher], teacher, 1.2)
 
 
 def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> Iterator[Dots]:

@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import singledispatchmethod
+from functools import singledispatch
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -50,9 +50,6 @@ MOST_ACROSS = 4
 BINARY = {"float32": "f4", "float64": "f8", "int32": "i4"}
 """Types of arrays that are embedded as bytes, and their names in plotly.js."""
 
-_ADDRESS = re.compile(r"""(["'`])https?://(?!www\.w3\.org/)[^"'`]*\1""")
-"""A string of a program that is nothing but an address, other than that of a namespace of XML."""
-
 _SYMBOLS = {
     "": "circle", "o": "circle", "s": "square", "D": "diamond", "^": "triangle-up", "v": "triangle-down",
     "P": "cross", "X": "x", "p": "pentagon", "h": "hexagon", "<": "triangle-left", ">": "triangle-right",
@@ -88,11 +85,6 @@ class Plot:
     frames: tuple[dict[str, Any], ...]
 
     @property
-    def height(self) -> int:
-        """Height in CSS pixels."""
-        return int(self.layout["height"])
-
-    @property
     def json(self) -> str:
         """All of it as JSON that may stand in a script element of a page."""
         whole = {"data": list(self.traces), "layout": self.layout, "frames": list(self.frames)}
@@ -101,51 +93,40 @@ class Plot:
 
 @dataclass(frozen=True, eq=False)
 class PageChart:
-    """A chart as a page shows it: plots under one caption."""
+    """A chart as a page shows it: plots under one caption, `across` of them side by side."""
 
     title: str
     caption: str
     plots: tuple[Plot, ...]
-
-    @property
-    def across(self) -> int:
-        """Number of plots side by side where there is room."""
-        return min(len(self.plots), MOST_ACROSS)
+    across: int
 
 
 def on_page(chart: Chart) -> PageChart:
     """Return a chart as a page shows it, a plot for each of its panels."""
-    panels = chart.all_panels
-    counts = Counter(panel.teacher for panel in panels)
-    plots, seen = [], Counter[str]()
-    for panel in panels:
+    counts, seen, plots = Counter(panel.teacher for panel in chart.all_panels), Counter[str](), []
+    for panel in chart.all_panels:
         seen[panel.teacher] += 1
-        parts = [
-            panel.teacher,
-            str(seen[panel.teacher]) if counts[panel.teacher] > 1 or panel.subtitle else "",
-        ]
-        plots.append(_plot("-".join(filter(None, [chart.name, *parts])), chart, panel))
-    return PageChart(chart.title, chart.caption, tuple(plots))
+        number = str(seen[panel.teacher]) if counts[panel.teacher] > 1 or panel.subtitle else ""
+        name = "-".join(filter(None, [chart.name, panel.teacher, number]))
+        traces, frames = _traces(panel), []
+        for moment in panel.moments:
+            shown = panel.at(moment)
+            changes = [_change(old, new) for old, new in zip(traces, _traces(shown), strict=True)]
+            places = [place for place, change in enumerate(changes) if change]
+            frame = {"name": str(moment), "traces": places, "data": [changes[place] for place in places]}
+            if shown.title != panel.title:
+                frame["layout"] = {"title": {"text": _heading(shown)}}
+            frames.append(frame)
+        layout = _layout(chart, panel)
+        plots.append(Plot(name, chart.title, panel.teacher, tuple(traces), layout, tuple(frames)))
+    return PageChart(chart.title, chart.caption, tuple(plots), min(len(plots), MOST_ACROSS))
 
 
 def plotly_library() -> str:
     """Return plotly.js, as it may stand in a script element, without addresses to send to or load from."""
-    return _ADDRESS.sub(r"\1\1", str(get_plotlyjs())).replace("</script", "<\\/script")
-
-
-def _plot(name: str, chart: Chart, panel: Panel) -> Plot:
-    traces = _traces(panel)
-    frames = [_frame(panel, moment, traces) for moment in panel.moments]
-    return Plot(name, chart.title, panel.teacher, tuple(traces), _layout(chart, panel), tuple(frames))
-
-
-def _frame(panel: Panel, moment: object, traces: list[Trace]) -> dict[str, Any]:
-    """Return the changes of the traces at a moment, by their place."""
-    shown = panel.at(moment)
-    changes = [_change(old, new) for old, new in zip(traces, _traces(shown), strict=True)]
-    places = [place for place, change in enumerate(changes) if change]
-    frame = {"name": str(moment), "traces": places, "data": [changes[place] for place in places]}
-    return frame | ({"layout": {"title": {"text": _heading(shown)}}} if shown.title != panel.title else {})
+    # Strings that are nothing but an address, other than that of a namespace of XML.
+    address = r"""(["'`])https?://(?!www\.w3\.org/)[^"'`]*\1"""
+    return re.sub(address, r"\1\1", str(get_plotlyjs())).replace("</script", "<\\/script")
 
 
 def _change(old: Trace, new: Trace) -> Trace:
@@ -171,7 +152,7 @@ def _traces(panel: Panel) -> list[Trace]:
     """Return the traces of a panel; a name is in the legend once."""
     traces, named = [], set[str]()
     for mark in panel.marks:
-        for trace in Traces(panel).of(mark):
+        for trace in _traces_of(mark, panel):
             whose = {"teacher": mark.teacher, "comparison": mark.comparison}
             meta = {name: value for name, value in whose.items() if value}
             shown = bool(mark.name) and trace.get("showlegend", True) and mark.name not in named
@@ -184,141 +165,124 @@ def _traces(panel: Panel) -> list[Trace]:
     return traces
 
 
-class Traces:
-    """Traces of the marks of a panel."""
+@singledispatch
+def _traces_of(mark: Mark, _: Panel) -> Iterator[Trace]:
+    """Yield the traces of a mark of a panel.
 
-    def __init__(self, panel: Panel) -> None:
-        self._panel = panel
+    Raises:
+        TypeError: a kind of mark that pages do not draw.
+    """
+    raise TypeError(f"{type(mark).__name__} is not drawn on pages: expected a mark of analysis.charts.base")
 
-    @singledispatchmethod
-    def of(self, mark: Mark) -> Iterator[Trace]:
-        """Yield the traces of a mark.
 
-        Raises:
-            TypeError: a kind of mark that pages do not draw.
-        """
-        raise TypeError(
-            f"{type(mark).__name__} is not drawn on pages: expected a mark of analysis.charts.base"
-        )
-
-    @of.register
-    def _curve(self, mark: Curve) -> Iterator[Trace]:
-        if mark.low is not None and mark.high is not None:
-            yield _scatter(
-                x=_positions(np.concatenate([mark.x, mark.x[::-1]])),
-                y=np.concatenate([mark.high, mark.low[::-1]]).astype(np.float32),
-                mode="lines",
-                fill="toself",
-                fillcolor=_transparent(mark.look.colour, mark.opacity),
-                line={"width": 0},
-                hoverinfo="skip",
-                showlegend=False,
-            )
-        if mark.y is not None:
-            marked = bool(mark.look.marker) and mark.width >= 1.5
-            yield _scatter(
-                x=_positions(mark.x),
-                y=mark.y.astype(np.float32),
-                mode="lines+markers" if marked else "lines",
-                line={"color": mark.look.colour, "dash": _dash(mark.look), "width": mark.width},
-                marker={"color": mark.look.colour, "symbol": _SYMBOLS[mark.look.marker], "size": 5},
-                **_hover(mark, "" if mark.name else "<extra></extra>"),
-            )
-
-    @of.register
-    def _dots(self, mark: Dots) -> Iterator[Trace]:
-        marker: dict[str, Any] = {
-            "symbol": _SYMBOLS[mark.look.marker],
-            "size": mark.size,
-            "opacity": mark.opacity,
-        }
-        marker["symbol"] += "-open" if mark.hollow else ""
-        if mark.edge:
-            marker["line"] = {"color": mark.edge, "width": 0.5}
-        if mark.values is not None and mark.colours is not None:
-            values = np.asarray(mark.values, np.float64)
-            marker |= {"color": values.tolist(), "cmin": mark.colours.low, "cmax": mark.colours.high}
-            marker |= {"colorscale": colour_scale(mark.colours.name)}
-        else:
-            marker["color"] = mark.look.colour
-        xs, ys = _rows(self._panel.x, mark.x), _rows(self._panel.y, mark.y)
-        yield _scatter(x=xs, y=ys, mode="markers", marker=marker, **_hover(mark))
-
-    @of.register
-    def _interval(self, mark: Interval) -> Iterator[Trace]:
-        there = bool(np.isfinite(mark.x))
-        sides = {"array": mark.high - mark.x, "arrayminus": mark.x - mark.low}
-        error = {side: [round(length, 2) if length > 0 else 0.0] * there for side, length in sides.items()}
-        look = {"color": mark.look.colour, "thickness": mark.width, "width": mark.cap}
+@_traces_of.register
+def _(mark: Curve, _: Panel) -> Iterator[Trace]:
+    colour = mark.look.colour
+    if mark.low is not None and mark.high is not None:
         yield _scatter(
-            x=[mark.x] * there,
-            y=_rows(self._panel.y, [mark.y] * there),
-            mode="markers",
-            marker={"color": mark.look.colour, "symbol": _SYMBOLS[mark.look.marker], "size": mark.size},
-            error_x={**error, **look},
-            **_hover(mark),
+            x=_positions(np.concatenate([mark.x, mark.x[::-1]])),
+            y=np.concatenate([mark.high, mark.low[::-1]]).astype(np.float32),
+            mode="lines",
+            fill="toself",
+            fillcolor=_transparent(colour, mark.opacity),
+            line={"width": 0},
+            hoverinfo="skip",
+            showlegend=False,
         )
-
-    @of.register
-    def _bar(self, mark: Bar) -> Iterator[Trace]:
-        shape = {"orientation": "h", "width": mark.height, "opacity": mark.opacity}
-        yield {"type": "bar", "x": [mark.x], "y": [mark.y], **shape, "marker": {"color": mark.look.colour}}
-
-    @of.register
-    def _cells(self, mark: Cells) -> Iterator[Trace]:
-        columns = len(mark.xs)
-        texts = [list(mark.words[start : start + columns]) for start in range(0, len(mark.words), columns)]
-        values = [[None if np.isnan(value) else float(value) for value in row] for row in mark.values]
-        yield {
-            "type": "heatmap",
-            "x": mark.xs,
-            "y": mark.ys,
-            "z": values,
-            "text": [[_shown(text) for text in row] for row in texts],
-            "zmin": mark.colours.low,
-            "zmax": mark.colours.high,
-            "colorscale": colour_scale(mark.colours.name),
-            "showscale": False,
-            "xgap": 1,
-            "ygap": 1,
-            "hovertemplate": _template(mark.hover, "z") + "<extra></extra>",
-        }
-
-    @of.register
-    def _shapes(self, mark: Shapes) -> Iterator[Trace]:
-        xs: list[float | None] = []
-        ys: list[float | None] = []
-        for outline in mark.outlines:  # one trace, with a gap after each
-            xs += [*_short(outline.xs), None]
-            ys += [*_short(outline.ys), None]
-        line = {"color": mark.look.colour, "width": mark.width}
-        fill = _transparent(mark.look.colour, mark.opacity)
-        yield _scatter(x=xs, y=ys, mode="lines", line=line, fill="toself", fillcolor=fill, hoverinfo="skip")
-
-    @of.register
-    def _rule(self, mark: Rule) -> Iterator[Trace]:
-        marks = [mark for mark in self._panel.marks if isinstance(mark, Curve) and len(mark.x)]
-        ends = (
-            [min(each.x.min() for each in marks), max(each.x.max() for each in marks)]
-            if marks
-            else [0.0, 1.0]
-        )
-        line = {"color": mark.look.colour, "dash": _dash(mark.look), "width": mark.width}
-        at = (
-            {"x": [mark.x] * 2, "y": ends}
-            if mark.y is None
-            else {"x": _positions(np.array(ends)), "y": [mark.y] * 2}
-        )
+    if mark.y is not None:
         yield _scatter(
-            **at, mode="lines", line=line, hovertemplate="%{y:.0f}" if mark.x is None else "%{x:.0f}"
+            x=_positions(mark.x),
+            y=mark.y.astype(np.float32),
+            mode="lines+markers" if mark.look.marker and mark.width >= 1.5 else "lines",
+            line={"color": colour, "dash": _dash(mark.look), "width": mark.width},
+            marker={"color": colour, "symbol": _SYMBOLS[mark.look.marker], "size": 5},
+            **_hover(mark, "" if mark.name else "<extra></extra>"),
         )
 
-    @of.register
-    def _label(self, mark: Label) -> Iterator[Trace]:
-        place = "middle right" if mark.beside else "middle center"
-        font = {"color": mark.look.colour, "size": 12}
-        text = [_shown(mark.text)]
-        yield _scatter(x=[mark.x], y=[mark.y], mode="text", text=text, textposition=place, textfont=font)
+
+@_traces_of.register
+def _(mark: Dots, panel: Panel) -> Iterator[Trace]:
+    symbol = _SYMBOLS[mark.look.marker] + ("-open" if mark.hollow else "")
+    marker: dict[str, Any] = {"symbol": symbol, "size": mark.size, "opacity": mark.opacity}
+    if mark.edge:
+        marker["line"] = {"color": mark.edge, "width": 0.5}
+    if mark.values is not None and mark.colours is not None:
+        values = np.asarray(mark.values, np.float64)
+        marker |= {"color": values.tolist(), "cmin": mark.colours.low, "cmax": mark.colours.high}
+        marker["colorscale"] = colour_scale(mark.colours.name)
+    else:
+        marker["color"] = mark.look.colour
+    xs, ys = _rows(panel.x, mark.x), _rows(panel.y, mark.y)
+    yield _scatter(x=xs, y=ys, mode="markers", marker=marker, **_hover(mark))
+
+
+@_traces_of.register
+def _(mark: Interval, panel: Panel) -> Iterator[Trace]:
+    there = bool(np.isfinite(mark.x))
+    sides = {"array": mark.high - mark.x, "arrayminus": mark.x - mark.low}
+    error = {side: [round(length, 2) if length > 0 else 0.0] * there for side, length in sides.items()}
+    look = {"color": mark.look.colour, "thickness": mark.width, "width": mark.cap}
+    yield _scatter(
+        x=[mark.x] * there,
+        y=_rows(panel.y, [mark.y] * there),
+        mode="markers",
+        marker={"color": mark.look.colour, "symbol": _SYMBOLS[mark.look.marker], "size": mark.size},
+        error_x={**error, **look},
+        **_hover(mark),
+    )
+
+
+@_traces_of.register
+def _(mark: Bar, _: Panel) -> Iterator[Trace]:
+    shape = {"orientation": "h", "width": mark.height, "opacity": mark.opacity}
+    yield {"type": "bar", "x": [mark.x], "y": [mark.y], **shape, "marker": {"color": mark.look.colour}}
+
+
+@_traces_of.register
+def _(mark: Cells, _: Panel) -> Iterator[Trace]:
+    texts = [_shown(text) for text in mark.words]
+    columns, colours = len(mark.xs), mark.colours
+    yield {
+        "type": "heatmap",
+        "x": mark.xs,
+        "y": mark.ys,
+        "z": [[None if np.isnan(value) else float(value) for value in row] for row in mark.values],
+        "text": [texts[start : start + columns] for start in range(0, len(texts), columns)],
+        "zmin": colours.low,
+        "zmax": colours.high,
+        "colorscale": colour_scale(colours.name),
+        "showscale": False,
+        "xgap": 1,
+        "ygap": 1,
+        "hovertemplate": _template(mark.hover, "z") + "<extra></extra>",
+    }
+
+
+@_traces_of.register
+def _(mark: Shapes, _: Panel) -> Iterator[Trace]:
+    xs = [each for outline in mark.outlines for each in (*_short(outline.xs), None)]  # with a gap after each
+    ys = [each for outline in mark.outlines for each in (*_short(outline.ys), None)]
+    line = {"color": mark.look.colour, "width": mark.width}
+    fill = _transparent(mark.look.colour, mark.opacity)
+    yield _scatter(x=xs, y=ys, mode="lines", line=line, fill="toself", fillcolor=fill, hoverinfo="skip")
+
+
+@_traces_of.register
+def _(mark: Rule, panel: Panel) -> Iterator[Trace]:
+    curves = [mark.x for mark in panel.marks if isinstance(mark, Curve) and len(mark.x)]
+    ends = [min(x.min() for x in curves), max(x.max() for x in curves)] if curves else [0.0, 1.0]
+    x, y = ([mark.x] * 2, ends) if mark.y is None else (_positions(np.array(ends)), [mark.y] * 2)
+    line = {"color": mark.look.colour, "dash": _dash(mark.look), "width": mark.width}
+    hover = "%{y:.0f}" if mark.x is None else "%{x:.0f}"
+    yield _scatter(x=x, y=y, mode="lines", line=line, hovertemplate=hover)
+
+
+@_traces_of.register
+def _(mark: Label, _: Panel) -> Iterator[Trace]:
+    place = "middle right" if mark.beside else "middle center"
+    font = {"color": mark.look.colour, "size": 12}
+    text = [_shown(mark.text)]
+    yield _scatter(x=[mark.x], y=[mark.y], mode="text", text=text, textposition=place, textfont=font)
 
 
 def _scatter(**own: Any) -> Trace:
@@ -351,32 +315,23 @@ def _layout(chart: Chart, panel: Panel) -> dict[str, Any]:
         layout |= {"hovermode": "x unified"} if curves else {}
     if panel.x.kind is Kind.STEPS:
         layout["meta"] = {"marks_step": True}
-    return layout | _rows_layout(panel)
-
-
-def _rows_layout(panel: Panel) -> dict[str, Any]:
-    """Return height, margins and ``meta`` of a panel with rows, which close up where some are left out."""
-    rows = list(panel.y.rows)
-    teachers = sorted({mark.teacher for mark in panel.marks if mark.teacher}, key=teacher_order)
+    rows = list(panel.y.rows)  # which close up where some are left out
     if panel.y.kind is Kind.TEACHERS:
         above = 14 + 20 * (bool(panel.title) + bool(panel.subtitle))
         frame = ROWS_FRAME + above
-        return {
-            "height": frame + ROW * len(rows),
-            "margin": {"l": 20, "r": 14, "t": above, "b": 46},
-            "meta": {"teachers": rows, "line_height": ROW, "frame_height": frame},
-        }
-    if panel.y.kind is not Kind.COMPARISONS:
-        return {}
-    rule = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "line": {"color": "#e6e8eb", "width": 1}}
-    sizes = {"spacing": SPACING, "least_height": LEAST, "frame_height": COMPARISONS_FRAME}
-    return {
-        "height": COMPARISONS_FRAME + max(LEAST, SPACING * (len(teachers) + 1)) * len(rows),
-        "margin": {"l": 20, "r": 16, "t": 56, "b": 60},
-        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": -0.01, "yanchor": "top"},
-        "shapes": [{**rule, "y0": place + 0.5, "y1": place + 0.5} for place in range(len(rows) - 1)],
-        "meta": {"rows": rows, "teachers": teachers, **sizes},
-    }
+        layout["height"] = frame + ROW * len(rows)
+        layout["margin"] = {"l": 20, "r": 14, "t": above, "b": 46}
+        layout["meta"] = {"teachers": rows, "line_height": ROW, "frame_height": frame}
+    if panel.y.kind is Kind.COMPARISONS:
+        teachers = sorted({mark.teacher for mark in panel.marks if mark.teacher}, key=teacher_order)
+        layout["height"] = COMPARISONS_FRAME + max(LEAST, SPACING * (len(teachers) + 1)) * len(rows)
+        layout["margin"] = {"l": 20, "r": 16, "t": 56, "b": 60}
+        layout["legend"] = {"orientation": "h", "x": 0, "xanchor": "left", "y": -0.01, "yanchor": "top"}
+        rule = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "line": {"color": "#e6e8eb", "width": 1}}
+        layout["shapes"] = [{**rule, "y0": y + 0.5, "y1": y + 0.5} for y in range(len(rows) - 1)]
+        sizes = {"spacing": SPACING, "least_height": LEAST, "frame_height": COMPARISONS_FRAME}
+        layout["meta"] = {"rows": rows, "teachers": teachers, **sizes}
+    return layout
 
 
 def _axis(scale: Scale, panel: Panel) -> dict[str, Any]:
@@ -450,9 +405,8 @@ def _hover(mark: Mark, extra: str = "<extra></extra>") -> dict[str, Any]:
 
 
 def _template(hover: str, value: str) -> str:
-    names = {"value": value}
-    field = re.compile(r"\{(x|y|value|text)(:[^}]*)?\}")
-    return field.sub(lambda found: f"%{{{names.get(found[1], found[1])}{found[2] or ''}}}", hover)
+    """Return `hover` with its fields as plotly.js has them; `value` is the name of a point's value there."""
+    return re.sub(r"\{(x|y|text)(:[^}]*)?\}", r"%{\1\2}", hover).replace("{value", f"%{{{value}")
 
 
 def _dash(look: Look) -> str:
@@ -478,19 +432,14 @@ def _shown(text: str) -> str:
 def _compact(value: Any) -> Any:
     """Return plain data that takes little room: whole numbers as integers, arrays of numbers as bytes."""
     if isinstance(value, np.ndarray):
-        return _binary(value)
+        if value.dtype == np.int64 and value.size and np.abs(value).max() <= np.iinfo(np.int32).max:
+            value = value.astype(np.int32)
+        kind = BINARY.get(str(value.dtype))
+        if kind is None or not value.size:
+            return _compact(value.tolist())
+        return {"dtype": kind, "bdata": base64.b64encode(value.tobytes()).decode()}
     if isinstance(value, float):
         return int(value) if value.is_integer() else value
     if isinstance(value, Mapping):
         return {name: _compact(each) for name, each in value.items()}
     return [_compact(each) for each in value] if isinstance(value, list | tuple) else value
-
-
-def _binary(values: NDArray[Any]) -> Any:
-    """Return numbers (n,) as plotly.js reads them from bytes; other values as a list."""
-    if values.dtype == np.int64 and values.size and np.abs(values).max() <= np.iinfo(np.int32).max:
-        values = values.astype(np.int32)
-    kind = BINARY.get(str(values.dtype))
-    if kind is None or not values.size:
-        return _compact(values.tolist())
-    return {"dtype": kind, "bdata": base64.b64encode(values.tobytes()).decode()}

@@ -23,7 +23,6 @@ from analysis.charts.base import (
 )
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import number
-from analysis.looks import Look, look, shown_together
 from analysis.names import label, short_labels, teacher_order, title
 from tma_ray.benchmark import ORIGINAL_SPACE, STUMP_TRACKS_CHALLENGES, Matrix, find_challenge
 from tma_ray.tasks import KnowledgeLevel
@@ -35,30 +34,25 @@ HEIGHT = 3.08
 """Height of a radar with its titles on paper, without notes, inches."""
 
 
-class Star(NamedTuple):
-    """A significant result: a teacher better than Random, on one of the axes."""
-
-    teacher: str
-    axis: int
-
-
-@dataclass(frozen=True, eq=False)
-class Spoke:
-    """A teacher's line around a radar.
+class Ratios(NamedTuple):
+    """Results at one level of expert knowledge as ratios of Random's.
 
     Attributes:
-        teacher: its teacher.
-        name: entry of the legend.
-        look: colour, marker and dashes.
-        radii: one for each axis; NaN where there is none.
-        full: for each axis True if its mark is full, since the result differs from Random's.
+        ratios: ratios by teacher, one for each axis; NaN where there is none; infinite where the teacher is
+            over 0 and Random is not, 1 where both are at 0.
+        shares: results over the best one of their axis where ratios are infinite, by teacher and axis.
+        upper: best result on the original space, for each axis; NaN where it says nothing.
+        differ: differences from Random that are significant, by teacher and axis.
+        doubts: teachers and axes of results that may be slips of who published them.
+        missing: sentences on results that are not drawn.
     """
 
-    teacher: str
-    name: str
-    look: Look
-    radii: Sequence[float]
-    full: Sequence[bool]
+    ratios: dict[str, list[float]]
+    shares: dict[tuple[str, int], float]
+    upper: list[float]
+    differ: dict[tuple[str, int], float]
+    doubts: set[tuple[str, int]]
+    missing: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,50 +64,24 @@ class Radar:
         axes: titles of the axes, clockwise from the top.
         rim: radius of the outermost ring; rings are ratios of Random.
         beyond: True for a band outside of the rim, for results over 0 where Random is at 0.
-        spokes: lines of teachers.
-        upper: best result on the original space by axis; NaN where it says nothing.
-        stars: significant results in the order of axes and teachers.
-        doubts: axis and radius of doubtful results.
-        note: text below it.
+        teachers: teachers that are drawn, and their entries of the legend.
+        results: results of these and of other teachers.
+        note: lines of text below it.
     """
 
     title: str
     axes: Sequence[str]
     rim: float
     beyond: bool
-    spokes: Sequence[Spoke]
-    upper: Sequence[float]
-    stars: Sequence[Star]
-    doubts: Sequence[tuple[int, float]]
-    note: str
+    teachers: Mapping[str, str]
+    results: Ratios
+    note: Sequence[str]
 
-
-class Ratios(NamedTuple):
-    """Results at one level of expert knowledge as ratios of Random's.
-
-    Attributes:
-        ratios: ratios by teacher, one for each axis; NaN where there is none; infinite where the teacher is
-            over 0 and Random is not, 1 where both are at 0.
-        shares: results over the best one of their axis where ratios are infinite, by teacher and axis.
-        upper: best result on the original space, for each axis; NaN where it says nothing.
-        stars: teachers and axes with a result significantly better than Random's.
-        differ: teachers and axes with a significant difference from Random, either way.
-        doubts: teachers and axes of results that may be slips of who published them.
-        missing: sentences on results that are not drawn.
-    """
-
-    ratios: dict[str, list[float]]
-    shares: dict[tuple[str, int], float]
-    upper: list[float]
-    stars: list[Star]
-    differ: set[tuple[str, int]]
-    doubts: set[tuple[str, int]]
-    missing: list[str]
-
-    def radius(self, teacher: str, axis: int, rim: float) -> float:
-        """Return the radius of a ratio: an infinite one lies in the band beyond the rim."""
-        ratio = self.ratios[teacher][axis]
-        return rim * (1 + BEYOND * self.shares.get((teacher, axis), 1.0)) if math.isinf(ratio) else ratio
+    def radius(self, teacher: str, axis: int) -> float:
+        """Return the radius of a result: an infinite ratio lies in the band beyond the rim."""
+        ratio = self.results.ratios[teacher][axis]
+        share = self.results.shares.get((teacher, axis), 1.0)
+        return self.rim * (1 + BEYOND * share) if math.isinf(ratio) else ratio
 
 
 def radar(
@@ -166,8 +134,32 @@ def radar(
         for level in KnowledgeLevel
         if level.value in set(results["expert_knowledge"])
     }
-    with shown_together(teachers):
-        return _chart(levels, teachers, [find_challenge(environment, name).title for name in names])
+    values = np.concatenate(
+        [line for each in levels.values() for line in (*each.ratios.values(), each.upper)]
+    )
+    rim = max(1.5, math.ceil(max(values[np.isfinite(values)], default=1.0) / 0.5 + 0.02) * 0.5)
+    titles = [find_challenge(environment, name).title for name in names]
+    others = [teacher for teacher in teachers if not is_baseline(teacher)]
+    rows: list[list[Radar]] = []
+    for start in range(0, max(len(others), 1), TOGETHER):
+        labels = short_labels([BASELINE, *others[start : start + TOGETHER]])
+        rows.append([])
+        for level, each in levels.items():
+            shown = {who: labels[who] for who in each.ratios if who in labels}
+            notes = [*each.missing, *(["\N{DAGGER} doubtful result"] if each.doubts else [])]
+            note = textwrap.wrap("; ".join(notes), 42) if start + TOGETHER >= len(others) else []
+            heading, beyond = title("expert_knowledge", level), bool(np.isinf(values).any())
+            rows[-1].append(Radar(heading, titles, rim, beyond, shown, each, note))
+    keys = [
+        Key("*", "better than Random (p < 0.05)", size=6),
+        Key("o", "differs from Random (= 1)", size=4),
+        Key("o", "does not", full=False, size=4),
+    ]
+    if not all(np.isnan(each.upper).all() for each in levels.values()):
+        keys.append(Key("+", "best on the original space", size=6))
+    width = TWO_COLUMNS if len(levels) > 1 else ONE_COLUMN
+    height = HEIGHT * len(rows) + 0.11 * max(len(each.note) for each in rows[-1])
+    return Chart("radar", rows, keys=keys, size=(width, height), letters=6.8)
 
 
 def ratios_of_random(
@@ -210,30 +202,22 @@ def ratios_of_random(
     best_of = {name: max(value for (_, place), value in means.items() if place == name) for _, name in means}
     doubtful = table[table["doubt"].fillna("").ne("")] if "doubt" in table else table[:0]
     same = (original.embodiments, original.students)
-    return Ratios(
-        ratios,
-        shares={
-            (teacher, axis): means[teacher, names[axis]] / best_of[names[axis]]
-            for teacher, line in ratios.items()
-            for axis, ratio in enumerate(line)
-            if math.isinf(ratio)
-        },
-        upper=[
-            _ratio(best, low) if (matrix.embodiments, matrix.students) == same else math.nan
-            for matrix, low in zip(challenges, lower, strict=True)
-        ],
-        stars=sorted(
-            (Star(*key) for key, gap in gaps.items() if gap > 0),
-            key=lambda star: (star.axis, teacher_order(star.teacher)),
-        ),
-        differ=set(gaps),
-        doubts={
-            (str(teacher), names.index(name))
-            for teacher, name in doubtful[["teacher", "challenge"]].itertuples(index=False)
-            if name in names
-        },
-        missing=[*_random_missing(names, lower, means), *_no_result(means, teachers, names)],
-    )
+    shares = {
+        (teacher, axis): means[teacher, names[axis]] / best_of[names[axis]]
+        for teacher, line in ratios.items()
+        for axis, ratio in enumerate(line)
+        if math.isinf(ratio)
+    }
+    upper = [
+        _ratio(best, low) if (matrix.embodiments, matrix.students) == same else math.nan
+        for matrix, low in zip(challenges, lower, strict=True)
+    ]
+    doubts = {
+        (str(teacher), names.index(name))
+        for teacher, name in doubtful[["teacher", "challenge"]].itertuples(index=False)
+        if name in names
+    }
+    return Ratios(ratios, shares, upper, gaps, doubts, list(_missing(means, teachers, names, lower)))
 
 
 def _ratio(mean: float, lower: float) -> float:
@@ -242,102 +226,30 @@ def _ratio(mean: float, lower: float) -> float:
     return mean / lower if lower > 0 else math.nan
 
 
-def _random_missing(
-    names: Sequence[str], lower: Sequence[float], means: Mapping[tuple[str, str], float]
+def _missing(
+    means: Mapping[tuple[str, str], float],
+    teachers: Sequence[str],
+    names: Sequence[str],
+    lower: Sequence[float],
 ) -> Iterator[str]:
-    """Yield sentences on challenges on which Random has no result or is at 0."""
+    """Yield sentences on results that are missing: of Random, over a Random of 0, of other teachers."""
+    baseline = label(BASELINE)
+    gaps: dict[str, list[str]] = {}
     for name, random in zip(names, lower, strict=True):
         words = name.replace("_", " ")
-        if math.isnan(random):
-            yield f"no ratio on {words}: {label('random')} has no result"
         found = {teacher: mean for (teacher, place), mean in means.items() if place == name and mean > 0}
+        if math.isnan(random):
+            yield f"no ratio on {words}: {baseline} has no result"
         if random == 0 and found:
             best = max(found, key=lambda teacher: found[teacher])
             yield (
-                f"{words}: {label('random')} is at 0, and who is over 0 beyond the rings, best "
+                f"{words}: {baseline} is at 0, and who is over 0 beyond the rings, best "
                 f"{label(best)} with {number(found[best])}"
             )
-
-
-def _no_result(
-    means: Mapping[tuple[str, str], float], teachers: Sequence[str], names: Sequence[str]
-) -> list[str]:
-    """Return sentences on teachers without results, with the challenges."""
-    gaps: dict[str, list[str]] = {}
     for teacher in teachers:
         absent = [name.replace("_", " ") for name in names if (teacher, name) not in means]
         if absent and not is_baseline(teacher):
             where = "" if len(absent) == len(names) else f" on {', '.join(absent)}"
             gaps.setdefault(where, []).append(label(teacher))
-    return [f"no results of {', '.join(who)}{where}" for where, who in sorted(gaps.items())]
-
-
-def _chart(levels: Mapping[str, Ratios], teachers: Sequence[str], titles: Sequence[str]) -> Chart:
-    """Return a row of radars, one for each level, for every `TOGETHER` teachers."""
-    values = [
-        value for each in levels.values() for line in (*each.ratios.values(), each.upper) for value in line
-    ]
-    rim = max(1.5, math.ceil(max(filter(math.isfinite, values), default=1.0) / 0.5 + 0.02) * 0.5)
-    beyond = any(map(math.isinf, values))
-    others = [teacher for teacher in teachers if not is_baseline(teacher)]
-    groups = [others[start : start + TOGETHER] for start in range(0, len(others), TOGETHER)] or [[]]
-    notes = {
-        level: textwrap.wrap(
-            "; ".join([*each.missing, *(["\N{DAGGER} doubtful result"] if each.doubts else [])]), 42
-        )
-        for level, each in levels.items()
-    }
-    rows = [
-        [
-            _radar(level, each, group, titles, rim, beyond, notes[level] if group is groups[-1] else [])
-            for level, each in levels.items()
-        ]
-        for group in groups
-    ]
-    keys = [
-        Key("*", "better than Random (p < 0.05)", size=6),
-        Key("o", "differs from Random (= 1)", size=4),
-        Key("o", "does not", full=False, size=4),
-    ]
-    if not all(np.isnan(each.upper).all() for each in levels.values()):
-        keys.append(Key("+", "best on the original space", size=6))
-    size = (
-        TWO_COLUMNS if len(levels) > 1 else ONE_COLUMN,
-        HEIGHT * len(rows) + 0.11 * max(map(len, notes.values())),
-    )
-    return Chart("radar", rows, keys=keys, size=size, letters=6.8)
-
-
-def _radar(
-    level: str,
-    each: Ratios,
-    group: Sequence[str],
-    titles: Sequence[str],
-    rim: float,
-    beyond: bool,
-    note: Sequence[str],
-) -> Radar:
-    names = short_labels([BASELINE, *group])
-    shown = [teacher for teacher in each.ratios if teacher in group or is_baseline(teacher)]
-    places = range(len(titles))
-    spokes = [
-        Spoke(
-            teacher,
-            names.get(teacher, label(teacher)),
-            look(teacher),
-            [each.radius(teacher, axis, rim) for axis in places],
-            [is_baseline(teacher) or (teacher, axis) in each.differ for axis in places],
-        )
-        for teacher in shown
-    ]
-    return Radar(
-        title("expert_knowledge", level),
-        titles,
-        rim,
-        beyond,
-        spokes,
-        [rim * (1 + BEYOND) if math.isinf(value) else value for value in each.upper],
-        [star for star in each.stars if star.teacher in group],
-        [(axis, each.radius(who, axis, rim)) for who, axis in sorted(each.doubts) if who in shown],
-        "\n".join(note),
-    )
+    for where, who in sorted(gaps.items()):
+        yield f"no results of {', '.join(who)}{where}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -31,8 +31,22 @@ def animate(chart: Chart, seconds: float = 6.0) -> bytes:
         seconds: length of the whole; the last frame stays for another second.
     """
     images = list(_images(chart))
-    palette = _palette(images)
-    pictures = [_quantized(image, palette) for image in images]
+    # All frames share their colours, so that still parts do not flicker.
+    few = [images[index] for index in spread(len(images), 5)]
+    width, height = few[0].size
+    sheet = Image.new("RGB", (width, height * len(few)))
+    for place, image in enumerate(few):
+        sheet.paste(image, (0, place * height))
+    colours = sheet.quantize(COLOURS - 1, dither=Image.Dither.NONE).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([255, 255, 255, *colours[: 3 * (COLOURS - 1)]])
+    pictures = []
+    for image in images:
+        found = image.quantize(palette=palette, dither=Image.Dither.NONE)
+        places = np.array(found)
+        places[(np.asarray(image) == 255).all(axis=2)] = 0  # white, to which Pillow only comes near
+        pictures.append(Image.fromarray(places, "P"))
+        pictures[-1].putpalette(found.getpalette() or [])
     # GIF counts hundredths of a second, and viewers slow down what is faster than two of them.
     pause = max(20, round(1000 * seconds / len(pictures) / 10) * 10)
     buffer = io.BytesIO()
@@ -63,26 +77,3 @@ def _images(chart: Chart) -> Iterator[Image.Image]:
         figure.set_layout_engine("none")  # panels stay where the first frame has them
         pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
         yield Image.fromarray(pixels[..., :3])
-
-
-def _palette(images: Sequence[Image.Image]) -> Image.Image:
-    """Return the colours that all frames share, so that still parts do not flicker."""
-    few = [images[index] for index in spread(len(images), 5)]
-    width, height = few[0].size
-    sheet = Image.new("RGB", (width, height * len(few)))
-    for place, image in enumerate(few):
-        sheet.paste(image, (0, place * height))
-    colours = sheet.quantize(COLOURS - 1, dither=Image.Dither.NONE).getpalette() or []
-    palette = Image.new("P", (1, 1))
-    palette.putpalette([255, 255, 255, *colours[: 3 * (COLOURS - 1)]])
-    return palette
-
-
-def _quantized(image: Image.Image, palette: Image.Image) -> Image.Image:
-    """Return `image` in the colours of `palette`, with paper exactly white: Pillow only comes near."""
-    found = image.quantize(palette=palette, dither=Image.Dither.NONE)
-    places = np.array(found)
-    places[(np.asarray(image) == 255).all(axis=2)] = 0
-    exact = Image.fromarray(places, "P")
-    exact.putpalette(found.getpalette() or [])
-    return exact

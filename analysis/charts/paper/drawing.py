@@ -13,20 +13,16 @@ from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from analysis.charts.base import (
     Cells,
     Chart,
-    Colours,
     Curve,
-    Dots,
     Kind,
     Legend,
-    Mark,
     Panel,
     Scale,
-    Shapes,
 )
 from analysis.charts.paper.legends import legend, legend_height, line_handle, mark_handle
 from analysis.charts.paper.marks import STAR_ROW, Marks, mappable
@@ -58,7 +54,9 @@ def draw(chart: Chart) -> Figure:
     """Return a chart as a figure of matplotlib; panels with moments are drawn as they are at the end."""
     if isinstance(chart.all_panels[0], Radar):
         return draw_radars(chart)
-    with mpl.rc_context(_letters(chart)):
+    size, names = chart.letters, ("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
+    letters: Any = {**dict.fromkeys(names, size), "axes.titlesize": size + (1 if size > 8 else 0.5)}
+    with mpl.rc_context(letters):
         figure, grid = lay_out(chart)
         for row, panels in zip(grid, chart.panels, strict=True):
             for axes, panel in zip(row, panels, strict=True):
@@ -66,12 +64,6 @@ def draw(chart: Chart) -> Figure:
                     Marks(axes, panel).draw()
         finish(figure, grid, chart)
     return figure
-
-
-def _letters(chart: Chart) -> Any:
-    size = chart.letters
-    names = ("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
-    return {**dict.fromkeys(names, size), "axes.titlesize": size + (1 if size > 8 else 0.5)}
 
 
 def lay_out(chart: Chart) -> tuple[Figure, Grid]:
@@ -172,14 +164,16 @@ def _name_axes(figure: Figure, grid: Grid, chart: Chart) -> None:
         once = len(titles) == 1 and len(chart.all_panels) > 1 and not flat
         noted = side == "x" and bool(chart.note)  # which is where a common title would be
         if once and not noted:
-            share(_unit(chart.all_panels[0], side, titles.pop()), fontsize=min(8.5, chart.letters + 1))
+            share(_axis_title(chart.all_panels[0], side), fontsize=min(8.5, chart.letters + 1))
             continue
         below = slice(-1, None) if once else slice(None)
         for row, panels in zip(grid[below], chart.panels[below], strict=True):
             for axes, panel in zip(row[:1] if flat else row, panels, strict=False):
-                if axes is not None and getattr(panel, side).title:
-                    text = _unit(panel, side, getattr(panel, side).title)
-                    getattr(axes, name)(_folded(text) if flat else text, **(FLAT if flat else {}))
+                if axes is not None and (text := _axis_title(panel, side)):
+                    if flat and len(text) > 22:  # in lines, the unit on a line of its own
+                        words, bracket, unit = text.partition(" (")
+                        text = "\n".join(textwrap.wrap(words, 22) + ([f"({unit}"] if bracket else []))
+                    getattr(axes, name)(text, **(FLAT if flat else {}))
     if len(grid) > 1 and grid[0][0] is not None:
         figure.align_ylabels([row[0] for row in grid if row[0] is not None])
 
@@ -188,28 +182,17 @@ FLAT: dict[str, Any] = {"rotation": 0, "ha": "right", "va": "center", "labelpad"
 """Place of the name of a narrow row of panels."""
 
 
-def _folded(name: str) -> str:
-    """Return a long name in lines, with its unit on a line of its own."""
-    words, bracket, unit = name.partition(" (")
-    lines = [*textwrap.wrap(words, 22), *([bracket.strip() + unit] if bracket else [])]
-    return "\n".join(lines) if len(name) > 22 else name
-
-
-def _unit(panel: Panel, side: str, title: str) -> str:
-    """Return the title of an axis; steps are in the unit that suits their number."""
+def _axis_title(panel: Panel, side: str) -> str:
+    """Return the title of an axis, with the unit of steps."""
     scale: Scale = getattr(panel, side)
-    if scale.kind is not Kind.STEPS:
-        return title
-    _, word = _step_unit(_last_step(panel))
-    return f"{title} ({word})" if word else title
+    unit = _step_unit(panel)[1] if scale.kind is Kind.STEPS and scale.title else ""
+    return f"{scale.title} ({unit})" if unit else scale.title
 
 
-def _last_step(panel: Panel) -> float:
+def _step_unit(panel: Panel) -> tuple[float, str]:
+    """Return size and name of the unit that suits the steps of a panel."""
     ends = [float(mark.x.max()) for mark in panel.marks if isinstance(mark, Curve) and len(mark.x)]
-    return panel.x.high if panel.x.high is not None else max(ends, default=1.0)
-
-
-def _step_unit(high: float) -> tuple[float, str]:
+    high = panel.x.high if panel.x.high is not None else max(ends, default=1.0)
     units = ((1e6, "millions"), (1e3, "thousands"))
     return next(((size, name) for size, name in units if high >= 2 * size), (1.0, ""))
 
@@ -219,8 +202,8 @@ def finish(figure: Figure, grid: Grid, chart: Chart) -> None:
     for row, panels in zip(grid, chart.panels, strict=True):
         for axes, panel in zip(row, panels, strict=True):
             if axes is not None and panel.x.kind is Kind.STEPS:
-                unit, _ = _step_unit(_last_step(panel))
-                axes.xaxis.set_major_formatter(FuncFormatter(functools.partial(_in_unit, unit)))
+                unit, _ = _step_unit(panel)
+                axes.xaxis.set_major_formatter(lambda step, _, unit=unit: f"{step / unit:g}")
     _colour_bars(figure, grid, chart)
     handles = _handles(chart)
     if chart.legend is Legend.CORNER:
@@ -240,10 +223,6 @@ def finish(figure: Figure, grid: Grid, chart: Chart) -> None:
         figure.supxlabel("\n".join(lines), fontsize=7, x=0.02, ha="left", linespacing=1.35)
 
 
-def _in_unit(unit: float, step: float, _: int) -> str:
-    return f"{step / unit:g}"
-
-
 def _handles(chart: Chart) -> list[Line2D]:
     """Return the entries of the legend: named marks, each once, and keys."""
     marks = {mark.name: mark for panel in chart.all_panels for mark in panel.marks if mark.name}
@@ -254,7 +233,7 @@ def _handles(chart: Chart) -> list[Line2D]:
 def _colour_bars(figure: Figure, grid: Grid, chart: Chart) -> None:
     """Draw the scale of colours once if all rows have the same, else next to each row that has one."""
     found = [
-        next((c for panel in row if panel for c in map(_colours, panel.marks) if c), None)
+        next((c for p in row if p for mark in p.marks if (c := getattr(mark, "colours", None))), None)
         for row in chart.panels
     ]
     same = found[0] is not None and all(each == found[0] for each in found)
@@ -275,7 +254,3 @@ def _colour_bars(figure: Figure, grid: Grid, chart: Chart) -> None:
         bar.ax.tick_params(color=MUTED)
         if colours.mark is not None:
             bar.ax.axhline(colours.mark, color="white", linewidth=1.2)
-
-
-def _colours(mark: Mark) -> Colours | None:
-    return mark.colours if isinstance(mark, Dots | Cells | Shapes) else None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import textwrap
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from analysis.charts.base import Chart
 from analysis.charts.paper.legends import legend, legend_height, look_handle, mark_handle
-from analysis.charts.radars import BEYOND, HEIGHT, Radar, Star
-from analysis.looks import INK, MUTED, RULE, look
+from analysis.charts.radars import BEYOND, HEIGHT, Radar
+from analysis.data.reference import BASELINE, is_baseline
+from analysis.looks import INK, MUTED, RULE, look, shown_together
 from analysis.names import teacher_order
 
 CENTRE, RADIUS = 1.36, 0.86
@@ -33,38 +34,26 @@ def draw_radars(chart: Chart) -> Figure:
     """Return rows of radars, each row with the legend of its teachers."""
     width, size = chart.size[0], chart.letters
     marks = [mark_handle(key) for key in chart.keys]
-    named = [[look_handle(each.look, each.name) for each in _spokes(row)] for row in chart.panels]
-    heights = [legend_height(handles, width, size) for handles in (marks, *named)]
-    total = chart.size[1] + sum(heights)
-    figure = Figure(figsize=(width, total))
-    legend(figure, marks, "upper center", size, bbox_to_anchor=(0.5, 1.0))
-    top = total - heights[0]
-    for row, handles, height in zip(chart.panels, named, heights[1:], strict=True):
-        legend(figure, handles, "upper center", size, bbox_to_anchor=(0.5, top / total))
-        top -= HEIGHT + height
-        for column, radar in enumerate(row):
-            RadarAxes(figure, (width * (column + 0.5) / len(row), top + CENTRE), radar, size).draw()
+    rows = [dict(item for radar in row for item in radar.teachers.items()) for row in chart.panels]
+    with shown_together(itertools.chain(*rows)):
+        named = [[look_handle(look(who), row[who]) for who in sorted(row, key=teacher_order)] for row in rows]
+        heights = [legend_height(handles, width, size) for handles in (marks, *named)]
+        total = chart.size[1] + sum(heights)
+        figure = Figure(figsize=(width, total))
+        legend(figure, marks, "upper center", size, bbox_to_anchor=(0.5, 1.0))
+        top = total - heights[0]
+        for row, handles, height in zip(chart.panels, named, heights[1:], strict=True):
+            legend(figure, handles, "upper center", size, bbox_to_anchor=(0.5, top / total))
+            top -= HEIGHT + height
+            for column, radar in enumerate(row):
+                RadarAxes(figure, (width * (column + 0.5) / len(row), top + CENTRE), radar, size).draw()
     return figure
 
 
-def _spokes(row: Sequence[Radar]) -> list[Any]:
-    """Return the lines of a row of radars, one of each teacher."""
-    found = {spoke.teacher: spoke for radar in row for spoke in radar.spokes}
-    return [found[teacher] for teacher in sorted(found, key=teacher_order)]
-
-
 class RadarAxes:
-    """A radar chart in a figure that is laid out in inches."""
+    """A radar in a figure: its centre, in inches, and the size of its letters, in points."""
 
     def __init__(self, figure: Figure, centre: tuple[float, float], radar: Radar, size: float) -> None:
-        """Add polar axes to a figure.
-
-        Args:
-            figure: figure that is drawn in.
-            centre: position from the lower left corner, inches.
-            radar: content.
-            size: size of the letters, points.
-        """
         self._figure, self._centre, self._radar, self._size = figure, centre, radar, size
         self._angles: NDArray[np.float64] = 2 * np.pi * np.arange(len(radar.axes)) / len(radar.axes)
         width, height = figure.get_size_inches()
@@ -81,22 +70,29 @@ class RadarAxes:
         for axis, name in enumerate(radar.axes):
             (x, y), align, up = self._place(axis)
             va = "bottom" if up > 0 else "top"
-            self._write(
-                x, y, "\n".join(_folded(name)), fontsize=self._size, ha=align, va=va, linespacing=1.05
-            )
-        heading: dict[str, Any] = {"fontsize": 8, "fontweight": "bold", "ha": "center", "va": "bottom"}
-        self._write(0, RADIUS + 0.58, radar.title, **heading)
-        note: dict[str, Any] = {
-            "fontsize": 6,
-            "color": MUTED,
-            "ha": "center",
-            "va": "top",
-            "linespacing": 1.25,
-        }
+            self._write(x, y, _folded(name), fontsize=self._size, ha=align, va=va, linespacing=1.05)
+        centre: dict[str, Any] = {"ha": "center", "fontsize": 8, "fontweight": "bold"}
+        self._write(0, RADIUS + 0.58, radar.title, va="bottom", **centre)
         if radar.note:
-            self._write(0, -RADIUS - 0.42, radar.note, **note)
-        self._draw_spokes()
-        self._draw_stars()
+            note = centre | {"fontsize": 6, "fontweight": "normal", "color": MUTED, "linespacing": 1.25}
+            self._write(0, -RADIUS - 0.42, "\n".join(radar.note), va="top", **note)
+        for teacher in radar.teachers:
+            self._draw_line(teacher)
+        upper = np.array(radar.results.upper)
+        upper[np.isinf(upper)] = radar.rim * (1 + BEYOND)
+        there = np.isfinite(upper)
+        if there.any():
+            plus: dict[str, Any] = {"marker": "+", "markersize": 6, "markeredgewidth": 1.2, "color": INK}
+            self._axes.plot(
+                self._angles[there], upper[there], linestyle="none", zorder=4, gid="upper", **plus
+            )
+        for teacher, axis in sorted(radar.results.doubts):
+            if teacher in radar.teachers:
+                place = self._angles[axis], radar.radius(teacher, axis)
+                style: dict[str, Any] = {"textcoords": "offset points", "fontsize": self._size, "zorder": 5}
+                self._axes.annotate("\N{DAGGER}", place, xytext=(3, 2), gid="doubt", **style)
+        for axis in range(len(radar.axes)):
+            self._draw_stars(axis)
 
     def _draw_rings(self) -> None:
         axes, rim = self._axes, self._radar.rim
@@ -108,87 +104,67 @@ class RadarAxes:
         fine: dict[str, Any] = {"color": RULE, "linewidth": 0.6, "zorder": 0}
         for angle in self._angles:
             axes.plot([angle, angle], [0, outer], **fine)
-        for ring in (*np.arange(0.5 if rim <= 2 else 1.0, rim, 0.5 if rim <= 2 else 1.0), rim):
+        step = 0.5 if rim <= 2 else 1.0
+        for ring in (*np.arange(step, rim, step), rim):
             self._ring(float(ring), **fine)
         for ring in np.arange(1, rim + 0.01):
             self._name_ring(float(ring), f"{ring:g}")
         if self._radar.beyond:
             self._ring(outer, linestyle=(0, (2, 2)), gid="beyond", **fine)
             self._name_ring(outer, "\N{INFINITY}")
-        random = look("random")
-        self._ring(1.0, color=random.colour, linestyle=random.dashes, linewidth=1.1, zorder=1, gid="random")
+        random = look(BASELINE)
+        self._ring(1.0, color=random.colour, linestyle=random.dashes, linewidth=1.1, zorder=1, gid=BASELINE)
 
-    def _draw_spokes(self) -> None:
-        """Draw lines where two neighbours have values, and a mark on each axis that has one."""
-        radar, around = self._radar, [*range(len(self._radar.axes)), 0]
-        for spoke in radar.spokes:
-            self._axes.plot(
-                np.append(self._angles, 2 * np.pi),
-                np.array([spoke.radii[axis] for axis in around]),
-                color=spoke.look.colour,
-                linestyle=spoke.look.dashes,
-                linewidth=1.1,
-                zorder=2,
-                label=spoke.teacher,
-            )
-            for angle, value, full in zip(self._angles, spoke.radii, spoke.full, strict=True):
-                if math.isfinite(value):
-                    self._axes.plot(
-                        [angle],
-                        [value],
-                        color=spoke.look.colour,
-                        marker=spoke.look.marker,
-                        markersize=3.4,
-                        markerfacecolor=spoke.look.colour if full else "white",
-                        markeredgewidth=0.7,
-                        zorder=3,
-                        clip_on=False,
-                    )
-        there = np.isfinite(radar.upper)
-        if there.any():
-            self._axes.plot(
-                self._angles[there],
-                np.array(radar.upper)[there],
-                linestyle="none",
-                marker="+",
-                color=INK,
-                markersize=6,
-                markeredgewidth=1.2,
-                zorder=4,
-                gid="upper",
-            )
-        for axis, radius in radar.doubts:
-            place = self._angles[axis], radius
-            style: dict[str, Any] = {"textcoords": "offset points", "fontsize": self._size, "zorder": 5}
-            self._axes.annotate("\N{DAGGER}", place, xytext=(3, 2), gid="doubt", **style)
-
-    def _draw_stars(self) -> None:
-        """Draw stars in short rows next to the name of their axis, in their order."""
-        for axis, name in enumerate(self._radar.axes):
-            mine: list[Star] = [star for star in self._radar.stars if star.axis == axis]
-            anchor, align, up = self._place(axis)
-            height = anchor[1] + up * (0.07 + 0.118 * len(_folded(name)))
-            if len(mine) > STAR_COLUMNS * STAR_ROWS:
-                text = f"\N{BLACK STAR} {len(mine)} teachers"
-                self._write(anchor[0], height, text, fontsize=self._size - 0.8, ha=align, va="center")
-                continue
-            for place, star in enumerate(mine):
-                row, column = divmod(place, STAR_COLUMNS)
-                reach = STAR_GAP * (min(STAR_COLUMNS, len(mine) - row * STAR_COLUMNS) - 1)
-                first = anchor[0] - reach * {"left": 0.0, "center": 0.5, "right": 1.0}[align]
-                first += {"left": 0.04, "center": 0.0, "right": -0.04}[align]
-                self._figure.add_artist(
-                    Line2D(
-                        [self._centre[0] + first + STAR_GAP * column],
-                        [self._centre[1] + height + up * row * STAR_GAP],
-                        transform=self._figure.dpi_scale_trans,
-                        marker="*",
-                        markersize=6.2,
-                        color=look(star.teacher).colour,
-                        markeredgewidth=0,
-                        linestyle="none",
-                    )
+    def _draw_line(self, teacher: str) -> None:
+        """Draw a line where two neighbours have values, and a mark on each axis that has one."""
+        radar, style = self._radar, look(teacher)
+        radii = [radar.radius(teacher, axis) for axis in range(len(radar.axes))]
+        line: dict[str, Any] = {"linestyle": style.dashes, "linewidth": 1.1, "zorder": 2, "label": teacher}
+        around = np.append(self._angles, 2 * np.pi)
+        self._axes.plot(around, np.array([*radii, radii[0]]), color=style.colour, **line)
+        for axis, (angle, value) in enumerate(zip(self._angles, radii, strict=True)):
+            full = is_baseline(teacher) or (teacher, axis) in radar.results.differ
+            if math.isfinite(value):
+                self._axes.plot(
+                    [angle],
+                    [value],
+                    color=style.colour,
+                    marker=style.marker,
+                    markersize=3.4,
+                    markerfacecolor=style.colour if full else "white",
+                    markeredgewidth=0.7,
+                    zorder=3,
+                    clip_on=False,
                 )
+
+    def _draw_stars(self, axis: int) -> None:
+        """Draw a star for each teacher that is better than Random, in short rows next to the axis's name."""
+        radar = self._radar
+        better = {who for (who, place), gap in radar.results.differ.items() if place == axis and gap > 0}
+        mine = sorted((who for who in better if who in radar.teachers), key=teacher_order)
+        (x, y), align, up = self._place(axis)
+        height = y + up * (0.07 + 0.118 * len(_folded(radar.axes[axis]).split("\n")))
+        if len(mine) > STAR_COLUMNS * STAR_ROWS:
+            text = f"\N{BLACK STAR} {len(mine)} teachers"
+            self._write(x, height, text, fontsize=self._size - 0.8, ha=align, va="center")
+            return
+        for place, teacher in enumerate(mine):
+            row, column = divmod(place, STAR_COLUMNS)
+            reach = STAR_GAP * (min(STAR_COLUMNS, len(mine) - row * STAR_COLUMNS) - 1)
+            first = x - reach * {"left": 0.0, "center": 0.5, "right": 1.0}[align]
+            first += {"left": 0.04, "center": 0.0, "right": -0.04}[align]
+            self._figure.add_artist(
+                Line2D(
+                    [self._centre[0] + first + STAR_GAP * column],
+                    [self._centre[1] + height + up * row * STAR_GAP],
+                    transform=self._figure.dpi_scale_trans,
+                    marker="*",
+                    markersize=6.2,
+                    color=look(teacher).colour,
+                    markeredgewidth=0,
+                    linestyle="none",
+                )
+            )
 
     def _ring(self, radius: float, **style: Any) -> None:
         around = np.append(self._angles, 2 * np.pi)
@@ -215,5 +191,5 @@ class RadarAxes:
         self._figure.text(*place, text, transform=self._figure.dpi_scale_trans, **style)
 
 
-def _folded(name: str) -> list[str]:
-    return textwrap.wrap(name, 11) or [name]
+def _folded(name: str) -> str:
+    return textwrap.fill(name, 11) or name
