@@ -8,6 +8,7 @@ import string
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -111,8 +112,8 @@ def bars_with_pairs(
     require_unique(table, [*by, "teacher"], "results")
     error = table[std] / (np.sqrt(table["n"]) if whisker is Whisker.ERROR else 1.0)
     doubt = table["doubt"].fillna("") if "doubt" in table else ""
-    columns = {"mean": table[mean].astype(float), "whisker": error.fillna(0.0), "doubt": doubt}
-    table = table[[*by, "teacher"]].assign(**columns)
+    values = {"mean": table[mean].astype(float), "whisker": error.fillna(0.0), "doubt": doubt}
+    table = table[[*by, "teacher"]].assign(**values)
     teachers = sorted(table["teacher"].unique(), key=teacher_order)
     rows, columns = (sorted(table[column].unique(), key=functools.partial(order, column)) for column in by)
     results = [[_results(table, tests, by, (row, column)) for column in columns] for row in rows]
@@ -185,8 +186,8 @@ def _bars(each: Results, teachers: Sequence[str], start: float) -> Iterator[Mark
             yield Rule(x=mean, look=look(teacher)._replace(dashes=(0, (3, 2))))
         yield Bar(x=mean, y=place, look=look(teacher), teacher=teacher)
         if whisker > 0:
-            ends: dict[str, float] = {"low": mean - whisker, "high": mean + whisker}
-            style: dict[str, float] = {"size": 0.0, "width": 0.95, "cap": 2.0}
+            ends: dict[str, Any] = {"low": mean - whisker, "high": mean + whisker}
+            style: dict[str, Any] = {"size": 0.0, "width": 0.95, "cap": 2.0}
             yield Interval(x=mean, y=place, look=line, teacher=teacher, **ends, **style)
         if each.rows["doubt"][teacher]:
             yield Label(x=mean + whisker, y=place, text=DOUBT, beside=True, about=f"doubt-{teacher}")

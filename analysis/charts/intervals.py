@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -45,30 +46,27 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
     steps = dict(list(points[points["value"].notna()].groupby("step", sort=False)))
 
     def at(step: Any) -> Panel:
-        here = steps.get(step, points[:0])
-        marks = [
-            mark
-            for place, teacher in enumerate(teachers)
-            for mark in _run_by_run(here[here["teacher"] == teacher], teacher, rows[teacher], place)
-        ]
+        here, marks = steps.get(step, points[:0]), list[Mark]()
+        for place, (teacher, label) in enumerate(rows.items()):
+            mine = here[here["teacher"] == teacher]
+            marks.append(
+                Dots(
+                    x=[round(float(value), 2) for value in mine["value"]],
+                    y=[place] * len(mine),
+                    words=[f"{label}, seed {seed}" for seed in mine["seed"]],
+                    hover="{text}: {x:.1f}",
+                    look=look(teacher)._replace(marker="o"),
+                    teacher=teacher,
+                    size=8.0,
+                    hollow=True,
+                    opacity=0.75,
+                )
+            )
+            words, style = f"{label}: mean {{}} of {{}}", {"size": 11.0, "width": 2.0, "cap": 5.0}
+            marks.append(_mean(mine["value"], teacher, place, words, **style))
         return Panel(*axes, marks)
 
     return _moving(name, at, list(dict.fromkeys(points["step"])), heading, caption, len(rows))
-
-
-def _run_by_run(rows: pd.DataFrame, teacher: str, name: str, place: int) -> Iterator[Mark]:
-    yield Dots(
-        x=[round(float(value), 2) for value in rows["value"]],
-        y=[place] * len(rows),
-        words=[f"{name}, seed {seed}" for seed in rows["seed"]],
-        hover="{text}: {x:.1f}",
-        look=look(teacher)._replace(marker="o"),
-        teacher=teacher,
-        size=8.0,
-        hollow=True,
-        opacity=0.75,
-    )
-    yield _mean(rows["value"], teacher, place, f"{name}: mean {{}} of {{}}", size=11.0, width=2.0, cap=5.0)
 
 
 def _mean(values: pd.Series, teacher: str, place: float, words: str, **own: Any) -> Interval:
@@ -93,8 +91,7 @@ def _mean(values: pd.Series, teacher: str, place: float, words: str, **own: Any)
 
 def _moving(name: str, at: Any, moments: Sequence[object], heading: str, caption: str, rows: int) -> Chart:
     """Return a chart of one panel that shows the ends of runs, or any of its moments."""
-    end = at(END)
-    panel = Panel(end.x, end.y, end.marks, moments=moments, moment=at)
+    panel = replace(at(END), moments=moments, moment=at)
     return Chart(name, [[panel]], heading, caption, size=(5.2, 0.9 + 0.42 * rows))
 
 
@@ -154,7 +151,28 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> Cha
             colon; each is a panel.
         name: identifier of the chart.
     """
-    panels = [_ranks(heading, ranks) for heading, ranks in boards.items()]
+    panels = []
+    for heading, ranks in boards.items():
+        labels = short_labels([rank.teacher for rank in ranks], LONGEST_NAME)
+        marks = [
+            Interval(
+                x=float(rank.rank),
+                y=float(place),
+                low=float(rank.best),
+                high=float(rank.worst),
+                look=look(rank.teacher),
+                teacher=rank.teacher,
+                words=[f"{labels[rank.teacher]}: rank {rank.rank}, {rank.best} to {rank.worst} open"],
+                hover="{text}",
+                size=9.0,
+                width=3.0,
+            )
+            for place, rank in enumerate(ranks)
+        ]
+        x = Scale("Rank", low=0.5, high=max(rank.of for rank in ranks) + 0.5, whole=True, grid=True)
+        y = Scale(kind=Kind.TEACHERS, rows={rank.teacher: labels[rank.teacher] for rank in ranks})
+        title, _, subtitle = heading.partition(": ")
+        panels.append(Panel(x, y, marks, f"{title[:1].upper()}{title[1:]}", subtitle))
     caption = (
         "Marks are ranks by the mean. Lines are ranks that tests leave open: the best is one more than the "
         "number of teachers found better, the worst the number of teachers less those found worse."
@@ -162,27 +180,3 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> Cha
     size = 6.2, sum(0.7 + 0.24 * len(panel.y.rows) for panel in panels)
     rows = grid(panels, 1)
     return Chart(name, rows, "Ranks", caption, note=caption, size=size, letters=7.5)
-
-
-def _ranks(heading: str, ranks: Sequence[Rank]) -> Panel:
-    labels = short_labels([rank.teacher for rank in ranks], LONGEST_NAME)
-    rows = {rank.teacher: labels[rank.teacher] for rank in ranks}
-    marks = [
-        Interval(
-            x=float(rank.rank),
-            y=float(place),
-            low=float(rank.best),
-            high=float(rank.worst),
-            look=look(rank.teacher),
-            teacher=rank.teacher,
-            words=[f"{rows[rank.teacher]}: rank {rank.rank}, {rank.best} to {rank.worst} open"],
-            hover="{text}",
-            size=9.0,
-            width=3.0,
-        )
-        for place, rank in enumerate(ranks)
-    ]
-    x = Scale("Rank", low=0.5, high=max(rank.of for rank in ranks) + 0.5, whole=True, grid=True)
-    title, _, subtitle = heading.partition(": ")
-    title = f"{title[:1].upper()}{title[1:]}"
-    return Panel(x, Scale(kind=Kind.TEACHERS, rows=rows), marks, title, subtitle)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -52,38 +52,48 @@ def mastery_chart(
         caption: content and number of runs.
     """
     tasks = tasks.sort_values("task_index", ignore_index=True)
-    points, plane = _places(shares, tasks, axes)
-    words = [", ".join(f"{value:.4g}" for value in task) for task in stack(tasks["task"])]
-    draw = _cells(points, words) if plane else None
-    draw = draw or _dots(points, words)
+    values = stack(tasks["task"])
+    words = [", ".join(f"{value:.4g}" for value in task) for task in values]
+    if len(axes) == 2 == values.shape[1]:
+        points = values.astype(np.float64)
+        draw, scales = _cells(points, words) or _dots(points, words), _scales(axes, points)
+    else:  # in a square
+        mean = shares[shares["step"] == END].groupby("task_index")["share"].mean()
+        mean = mean.reindex(tasks["task_index"]).fillna(-1)
+        rank = np.argsort(np.argsort(-mean.to_numpy(), kind="stable"), kind="stable")
+        side = int(np.ceil(np.sqrt(2 * len(tasks))))  # charts are wider than high
+        points = np.column_stack([rank % side, -(rank // side)]).astype(np.float64)
+        draw, scales = _dots(points, words), (Scale(shown=False), Scale(shown=False))
     names = short_labels(shares["teacher"].astype(str), LONGEST_NAME)
-    scales = _scales(axes, points) if plane else (Scale(shown=False), Scale(shown=False))
-    panels = []
-    for teacher in sorted(names, key=teacher_order):
-        steps = dict(list(shares[shares["teacher"] == teacher].groupby("step", sort=False)))
-        percent: dict[object, Array] = {step: _percent(rows, tasks) for step, rows in steps.items()}
-        panels.append(_panel(teacher, names[teacher], percent, scales, draw))
+    panels = [
+        _panel(shares[shares["teacher"] == teacher], tasks["task_index"], names[teacher], scales, draw)
+        for teacher in sorted(names, key=teacher_order)
+    ]
     rows = grid(panels, 4)
-    side = 2.75 if len(panels) < 4 else 2.25
-    size = side * len(rows[0]) + 1.2, (side + 0.1) * len(rows) + 0.55
+    width = 2.75 if len(panels) < 4 else 2.25
+    size = width * len(rows[0]) + 1.2, (width + 0.1) * len(rows) + 0.55
     return Chart(name, rows, "Which test tasks are mastered", caption, size=size, pixels=270)
 
 
 def _panel(
-    teacher: str,
+    shares: pd.DataFrame,
+    tasks: pd.Series,
     name: str,
-    percent: Mapping[object, Array],
     axes: tuple[Scale, Scale],
     draw: Callable[[Array], Mark],
 ) -> Panel:
-    def at(step: Any) -> Panel:
-        values = percent.get(step, np.full_like(next(iter(percent.values())), math.nan))
-        known = values[np.isfinite(values)]
-        title = f"{name}   {known.mean():.1f}\N{NO-BREAK SPACE}%" if len(known) else name
-        return Panel(*axes, [draw(values)], title, teacher=teacher)
+    """Return the panel of a teacher, with the share of runs in per cent beside its name."""
+    teacher = str(shares["teacher"].iloc[0])
+    steps = dict(list(shares.groupby("step", sort=False)))
 
-    end = at(END)
-    return Panel(*axes, end.marks, end.title, teacher=teacher, moments=list(percent), moment=at)
+    def at(step: Any) -> Panel:
+        values = steps.get(step, shares[:0]).set_index("task_index")["share"].reindex(tasks)
+        percent = (100 * values.to_numpy(np.float64)).round(1)
+        known = percent[np.isfinite(percent)]
+        title = f"{name}   {known.mean():.1f}\N{NO-BREAK SPACE}%" if len(known) else name
+        return Panel(*axes, [draw(percent)], title, teacher=teacher)
+
+    return replace(at(END), moments=list(steps), moment=at)
 
 
 def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> Chart:
@@ -162,21 +172,3 @@ def _scales(axes: Sequence[Axis], points: Array) -> tuple[Scale, Scale]:
         half = float(np.diff(centres).min()) / 2 if len(centres) > 1 else 0.5
         scales.append(Scale(axis.name, Kind.TASK, float(centres[0]) - half, float(centres[-1]) + half))
     return scales[0], scales[1]
-
-
-def _percent(rows: pd.DataFrame, tasks: pd.DataFrame) -> Array:
-    places = pd.Index(tasks["task_index"]).get_indexer(rows["task_index"])
-    values = np.full(len(tasks), np.nan)
-    values[places[places >= 0]] = 100 * rows["share"].to_numpy(float)[places >= 0]
-    return values.round(1)
-
-
-def _places(shares: pd.DataFrame, tasks: pd.DataFrame, axes: Sequence[Axis]) -> tuple[Array, bool]:
-    """Return the place of each task's mark (n, 2), and True if that is the task plane."""
-    values = stack(tasks["task"]).astype(np.float64)
-    if len(axes) == 2 == values.shape[1]:
-        return values, True
-    mean = shares[shares["step"] == END].groupby("task_index")["share"].mean().reindex(tasks["task_index"])
-    rank = np.argsort(np.argsort(-mean.fillna(-1).to_numpy(), kind="stable"), kind="stable")
-    side = int(np.ceil(np.sqrt(2 * len(tasks))))  # charts are wider than high
-    return np.column_stack([rank % side, -(rank // side)]).astype(np.float64), False

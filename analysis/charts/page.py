@@ -113,10 +113,10 @@ def on_page(chart: Chart) -> PageChart:
             shown = panel.at(moment)
             changes = [_change(old, new) for old, new in zip(traces, _traces(shown), strict=True)]
             places = [place for place, change in enumerate(changes) if change]
-            frame = {"name": str(moment), "traces": places, "data": [changes[place] for place in places]}
-            if shown.title != panel.title:
-                frame["layout"] = {"title": {"text": _heading(shown)}}
-            frames.append(frame)
+            frames.append(
+                {"name": str(moment), "traces": places, "data": [changes[place] for place in places]}
+                | ({"layout": {"title": {"text": _heading(shown)}}} if shown.title != panel.title else {})
+            )
         layout = _layout(chart, panel)
         plots.append(Plot(name, chart.title, panel.teacher, tuple(traces), layout, tuple(frames)))
     return PageChart(chart.title, chart.caption, tuple(plots), min(len(plots), MOST_ACROSS))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -74,19 +74,14 @@ def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
 
 def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -> Chart | None:
     """Return a panel for each scalar that a teacher logs, at most `MOST_PER_TEACHER` of a teacher."""
-    names = short_labels(curricula, LONGEST_NAME)
-    panels = [
-        Panel(
-            Scale(STEPS, Kind.STEPS),
-            Scale(whole=_whole(values), grid=True),
-            list(_series(teacher, values)),
-            names[teacher],
-            scalar.replace("_", " "),
-            teacher=teacher,
-        )
-        for teacher in sorted(curricula, key=teacher_order)
-        for scalar, values in list(scalars_of(curricula[teacher]).items())[:MOST_PER_TEACHER]
-    ]
+    names, panels = short_labels(curricula, LONGEST_NAME), []
+    for teacher in sorted(curricula, key=teacher_order):
+        for scalar, values in list(scalars_of(curricula[teacher]).items())[:MOST_PER_TEACHER]:
+            # Few whole numbers would get ticks between them.
+            whole = bool(values.max() - values.min() < 5 and (values % 1 == 0).all())
+            axes = Scale(STEPS, Kind.STEPS), Scale(whole=whole, grid=True)
+            heading = names[teacher], scalar.replace("_", " ")
+            panels.append(Panel(*axes, [_series(teacher, values)], *heading, teacher=teacher))
     rows = grid(panels, 4)
     size = 10.2, 0.4 + 1.8 * len(rows)
     return Chart(name, rows, "Teachers' logs", caption, size=size, pixels=230) if panels else None
@@ -97,24 +92,13 @@ def hidden_scalars(curricula: Mapping[str, Curriculum]) -> int:
     return sum(max(0, len(scalars_of(each)) - MOST_PER_TEACHER) for each in curricula.values())
 
 
-def _whole(values: pd.Series) -> bool:
-    """True if few whole numbers would get ticks between them."""
-    return bool(values.max() - values.min() < 5 and (values % 1 == 0).all())
-
-
-def _series(teacher: str, values: pd.Series) -> Iterator[Curve]:
-    look_of: dict[str, Any] = {
-        "look": look(teacher)._replace(marker="", dashes="-"),
-        "teacher": teacher,
-        "width": 1.5,
-    }
-    hover = "{y:.4g} at step {x:,d}"
+def _series(teacher: str, values: pd.Series) -> Curve:
+    style, hover = look(teacher)._replace(marker="", dashes="-"), "{y:.4g} at step {x:,d}"
+    own: dict[str, Any] = {"look": style, "teacher": teacher, "width": 1.5, "hover": hover}
     if len(values) <= BINS:
-        steps = values.index.to_numpy(np.float64)
-        yield Curve(x=steps, y=values.to_numpy(np.float64), hover=hover, **look_of)
-        return
+        return Curve(x=values.index.to_numpy(np.float64), y=values.to_numpy(np.float64), **own)
     part = np.arange(len(values)) * BINS // len(values)
     binned = pd.DataFrame({"step": values.index, "value": values.to_numpy()}).groupby(part)
     low, median, high = (binned["value"].agg(name).to_numpy(np.float64) for name in ("min", "median", "max"))
     steps = binned["step"].median().to_numpy(np.float64)
-    yield Curve(x=steps, y=median, low=low, high=high, hover=hover, opacity=0.2, **look_of)
+    return Curve(x=steps, y=median, low=low, high=high, opacity=0.2, **own)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import pandas as pd
 
-from analysis.charts.base import LONGEST_NAME, TWO_COLUMNS, Chart, Curve, Mark, Panel, Rule, Scale
+from analysis.charts.base import LONGEST_NAME, TWO_COLUMNS, Chart, Curve, Panel, Rule, Scale
 from analysis.looks import INK, MUTED, Look, look
 from analysis.names import label, short_labels
 
@@ -37,7 +37,10 @@ def course_chart(
         x = Scale("Seeds of every cell", low=float(seeds.min()) - 1, high=float(seeds.max()) + 1, whole=True)
         y = Scale("Difference (points)", low=-reach, high=reach, grid=True)
         title = f"Against {label(reference)}" if len(courses) > 1 else ""
-        panels.append(Panel(x, y, list(_marks(table, teacher, margin, reach)), title))
+        width = np.array([seeds.iloc[0] - 1, seeds.iloc[-1] + 1])
+        band = Curve(x=width, low=np.full(2, -margin), high=np.full(2, margin), look=BAND)
+        marks = [band, Rule(y=0.0, look=BAND, width=0.8), *_course(table, seen, teacher, 2 * reach)]
+        panels.append(Panel(x, y, marks, title))
     caption = (
         "Difference with its repeated confidence interval at each look. Over the upper boundary the teacher "
         "is better, under the lower one worse, and alike where all of the interval is in the grey band. "
@@ -47,25 +50,15 @@ def course_chart(
     return Chart(name, [panels], heading, caption, size=(TWO_COLUMNS, 2.9))
 
 
-def _marks(table: pd.DataFrame, teacher: str, margin: float, reach: float) -> Iterator[Mark]:
-    seeds = table["seeds"].to_numpy(float)
-    width = np.array([seeds[0] - 1, seeds[-1] + 1])
-    yield Curve(x=width, low=np.full(2, -margin), high=np.full(2, margin), look=BAND)
-    yield Rule(y=0.0, look=BAND, width=0.8)
-    for side in ("better", "worse"):
-        bounds = np.clip(table[side].to_numpy(float), -2 * reach, 2 * reach)
-        yield Curve(
-            x=seeds,
-            y=bounds,
-            look=BOUNDARY,
-            width=1.2,
-            name="boundary of a verdict" if side == "better" else "",
-            hover=f"{side} beyond {{y:.1f}}",
-        )
-    seen = table[table["value"].notna()]
+def _course(table: pd.DataFrame, seen: pd.DataFrame, teacher: str, reach: float) -> Iterator[Curve]:
+    """Yield both boundaries, and the differences that were seen with their intervals, within ± `reach`."""
+    for side, name in (("better", "boundary of a verdict"), ("worse", "")):
+        bounds = np.clip(table[side].to_numpy(float), -reach, reach)
+        seeds, hover = table["seeds"].to_numpy(float), f"{side} beyond {{y:.1f}}"
+        yield Curve(x=seeds, y=bounds, look=BOUNDARY, width=1.2, name=name, hover=hover)
     style = look(teacher)
     for place, low, high in seen[["seeds", "low", "high"]].to_numpy(float):
-        ends = np.clip([low, high], -2 * reach, 2 * reach)
+        ends = np.clip([low, high], -reach, reach)
         yield Curve(x=np.full(2, place), y=ends, look=style._replace(dashes="-"), width=1.4)
     if len(seen):
         yield Curve(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from functools import cache
 from itertools import chain
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from analysis.charts.page import PageChart, on_page, plotly_library
+from analysis.charts.page import on_page, plotly_library
 from analysis.charts.profiles import FEWEST, profile_chart
 from analysis.comparisons.boards import THRESHOLDS, overall_rows, performance_profiles
 from analysis.comparisons.sentences import caveat
@@ -23,12 +23,19 @@ from analysis.looks import look
 from analysis.measures.pooling import COMPARED
 from analysis.measures.tested import HEADLINE, QUANTITIES
 from analysis.names import challenge_title, marked_label, teacher_order
+from analysis.statistics import SIGNIFICANCE
+from tma_ray.commands.exits import installed_version
 from tma_ray.commands.texts import visible
 
 
 def page(template: str, **content: Any) -> str:
     """Return the page that `template`, of the folder of templates, makes of `content`."""
-    return _environment().get_template(template).render(**content)
+    told = {
+        "version": installed_version("tma_ray"),
+        "written": datetime.now(UTC),
+        "significance": SIGNIFICANCE,
+    }
+    return _environment().get_template(template).render(**told, **content)
 
 
 @cache
@@ -42,7 +49,10 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["data_uri"] = _data_uri
+    environment.policies["json.dumps_kwargs"] = {}  # keys stay in their order
+    environment.filters["data_uri"] = lambda content, kind: (
+        f"data:{kind};base64,{base64.b64encode(content).decode()}"
+    )
     environment.globals["plotly_library"] = plotly_library
     return environment
 
@@ -83,10 +93,6 @@ def write_page(folder: Path, text: str, beside: Mapping[str, bytes]) -> Path:
     return index
 
 
-def _data_uri(content: bytes, kind: str) -> str:
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
-
-
 FILTERS = {
     "engine": "Engine",
     "experiment": "Experiment",
@@ -99,90 +105,46 @@ FILTERS = {
 """Columns by which comparisons may be chosen, and what readers call them."""
 
 
-@dataclass(frozen=True)
-class Choice:
-    """An option of a control: value in the data, name, colour, and True if it is shown at first."""
-
-    value: str
-    name: str
-    colour: str = ""
-    shown: bool = True
-
-
-@dataclass(frozen=True)
-class Filter:
-    """A column by which comparisons may be chosen, with its values."""
-
-    column: str
-    name: str
-    choices: tuple[Choice, ...]
-
-
-@dataclass(frozen=True)
-class Controls:
-    """Controls of a page.
-
-    Attributes:
-        teachers: teachers that may be left out.
-        filters: filters with more than one choice each.
-        steps: steps of evaluations, ascending.
-    """
-
-    teachers: tuple[Choice, ...]
-    filters: tuple[Filter, ...]
-    steps: tuple[Choice, ...]
-
-    @property
-    def hidden(self) -> int:
-        """Number of teachers that the page does not show at first."""
-        return sum(not teacher.shown for teacher in self.teachers)
-
-    @property
-    def any(self) -> bool:
-        """True if there is anything to choose."""
-        return len(self.teachers) > 1 or bool(self.filters) or len(self.steps) > 1
-
-
 def controls(
     comparisons: pd.DataFrame, teachers: Iterable[str], steps: Iterable[int], shown: Collection[str]
-) -> Controls:
-    """Return the controls of a page.
+) -> dict[str, Any] | None:
+    """Return the controls of a page, None if there is nothing to choose.
 
     Args:
         comparisons: one row each, with some of the columns of `FILTERS`.
         teachers: teachers of the page.
         steps: steps at which students were evaluated.
         shown: teachers that are shown at first.
+
+    Returns:
+        Teachers that may be left out; columns that tell comparisons apart, with their names and their values,
+        and the names of these; steps of evaluations, ascending, and their names.
     """
-    named = tuple(
-        Choice(teacher, marked_label(teacher), look(teacher).colour, teacher in shown)
+    named = [
+        {
+            "value": teacher,
+            "name": marked_label(teacher),
+            "colour": look(teacher).colour,
+            "shown": teacher in shown,
+        }
         for teacher in sorted(set(map(str, teachers)), key=teacher_order)
-    )
-    filters = [_filter(comparisons, column) for column in FILTERS if column in comparisons]
-    return Controls(
-        teachers=named,
-        filters=tuple(each for each in filters if len(each.choices) > 1 and not _repeats(comparisons, each)),
-        steps=tuple(Choice(str(step), f"{amount(step)} steps") for step in sorted(set(map(int, steps)))),
-    )
+    ]
+    filters = []
+    for column, name in ((each, name) for each, name in FILTERS.items() if each in comparisons):
+        values = list(dict.fromkeys(map(str, comparisons[column])))
+        # Experiments may be the challenges by other names.
+        repeated = column == "experiment" and bool((comparisons[column] == comparisons["challenge"]).all())
+        if len(values) > 1 and not repeated:
+            environments = comparisons["environment"].unique() if "environment" in comparisons else ()
+            filters.append((column, name, [(value, _name(column, value, environments)) for value in values]))
+    read_at = [(step, f"{amount(step)} steps") for step in sorted(set(map(int, steps)))]
+    found = {"teachers": named, "filters": filters, "steps": read_at}
+    return found if len(named) > 1 or filters or len(read_at) > 1 else None
 
 
-def _repeats(comparisons: pd.DataFrame, found: Filter) -> bool:
-    """True if experiments are the challenges by other names."""
-    return found.column == "experiment" and bool(
-        (comparisons["experiment"] == comparisons["challenge"]).all()
-    )
-
-
-def _filter(comparisons: pd.DataFrame, column: str) -> Filter:
-    values = list(dict.fromkeys(map(str, comparisons[column])))
-    environments = list(comparisons["environment"]) if "environment" in comparisons else []
-    choices = [Choice(value, _name(column, value, environments)) for value in values]
-    return Filter(column, FILTERS[column], tuple(choices))
-
-
-def _name(column: str, value: str, environments: Sequence[str]) -> str:
+def _name(column: str, value: str, environments: Iterable[str]) -> str:
     if column == "challenge":
-        for environment in dict.fromkeys(environments):
+        for environment in environments:
             if title := challenge_title(environment, value, ""):
                 return title
     if column == "engine":
@@ -234,43 +196,22 @@ CAPTION = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Overall:
-    """Content of the section over all challenges.
+def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> dict[str, Any]:
+    """Return the content of the section over all challenges.
 
-    Attributes:
-        rows: rows of `overall_rows`.
-        over: thresholds of the last column, as text.
-        charts: performance profiles, one for each level and budget.
-        quantity: name of the aggregated measure.
-        caveat: warning where a teacher has few runs of a challenge; else empty.
+    Args:
+        runs: all runs that count as results, of `pooling.pool_runs`.
+        measure: measure that is aggregated.
     """
-
-    rows: list[dict[str, Any]]
-    over: str
-    charts: list[PageChart]
-    quantity: str
-    caveat: str
-
-
-def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> Overall:
-    """Return the section on all runs that count as results, of `pooling.pool_runs`."""
-    over = " / ".join(map(str, THRESHOLDS))
-    return Overall(
-        overall_rows(runs, measure),
-        over,
-        list(_charts(runs, measure)),
-        QUANTITIES[measure],
-        _caveat(runs, measure),
-    )
-
-
-def _caveat(runs: pd.DataFrame, measure: str) -> str:
-    counted = runs[runs[measure].notna()]
-    return caveat(counted.groupby([*COMPARED, "teacher"], dropna=False)["run_id"].nunique().min())
-
-
-def _charts(runs: pd.DataFrame, measure: str) -> Iterator[PageChart]:
-    for count, (where, table) in enumerate(performance_profiles(runs, measure), start=1):
-        title = f"Performance profiles, {where}"
-        yield on_page(profile_chart(table, QUANTITIES[measure], f"profiles-{count}", title, CAPTION))
+    counted, quantity = runs[runs[measure].notna()], QUANTITIES[measure]
+    profiles = [
+        profile_chart(table, quantity, f"profiles-{count}", f"Performance profiles, {where}", CAPTION)
+        for count, (where, table) in enumerate(performance_profiles(runs, measure), start=1)
+    ]
+    return {
+        "rows": overall_rows(runs, measure),
+        "over": " / ".join(map(str, THRESHOLDS)),
+        "charts": list(map(on_page, profiles)),
+        "quantity": quantity,
+        "caveat": caveat(counted.groupby([*COMPARED, "teacher"], dropna=False)["run_id"].nunique().min()),
+    }

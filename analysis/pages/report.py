@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -24,17 +22,9 @@ from analysis.measures.run_measures import run_measures
 from analysis.measures.tested import HEADLINE, QUANTITIES, how_tested
 from analysis.names import label, teacher_order
 from analysis.pages.page import controls, leading, overall_section, page, page_folder, write_page
-from analysis.pages.sections import Section, overview, sections, threshold, thresholds
+from analysis.pages.sections import Section, distinct, overview, sections, threshold, thresholds
 from analysis.pages.videos import Video, by_comparison
-from analysis.statistics import SIGNIFICANCE
-from tma_ray.commands.exits import installed_version
 from tma_ray.tasks import MASTERY_RETURN
-
-
-def counts_of(cells: pd.DataFrame) -> dict[str, int]:
-    """Return the number of runs, in all and in each state."""
-    runs = cells.drop_duplicates("run_id")["status"].value_counts()
-    return {"runs": int(runs.sum())} | {status: int(runs.get(status, 0)) for status in STATUSES}
 
 
 def what_ran(cells: pd.DataFrame) -> str:
@@ -56,44 +46,38 @@ def unfinished(frames: Frames) -> dict[str, list[dict[str, Any]]]:
     runs = frames.cells.drop_duplicates("run_id").merge(
         reached.rename_axis("run_id").reset_index().astype({"run_id": object}), how="left", on="run_id"
     )
-    found: dict[str, list[dict[str, Any]]] = {}
-    for status in ("failed", "running"):
-        rows = runs[runs["status"] == status].sort_values([*GROUP, "seed"])
-        found[status] = [_described(row) for _, row in rows.iterrows()]
+    found: dict[str, list[dict[str, Any]]] = {"failed": [], "running": []}
+    for _, run in runs[runs["status"].isin(list(found))].sort_values([*GROUP, "seed"]).iterrows():
+        places = run["environment"], run["challenge"], run["student"], run["expert_knowledge"]
+        step, error = run["reached"], run["error"].strip()
+        found[run["status"]].append(
+            {
+                "run_id": run["run_id"],
+                "teacher": label(run["teacher"]),
+                "setting": ", ".join(places),
+                "seed": run["seed"],
+                "reached": "not evaluated yet" if pd.isna(step) else f"evaluated at {amount(step)}",
+                "steps": amount(run["steps"]),
+                "reason": error.splitlines()[-1] if error else "no message",
+                "error": error,
+            }
+        )
     return found
-
-
-def _described(run: pd.Series) -> dict[str, Any]:
-    lines = run["error"].strip().splitlines()
-    return {
-        "run_id": run["run_id"],
-        "teacher": label(run["teacher"]),
-        "setting": f"{run['environment']}, {run['challenge']}, {run['student']}, {run['expert_knowledge']}",
-        "seed": run["seed"],
-        "reached": "not evaluated yet"
-        if pd.isna(run["reached"])
-        else f"evaluated at {amount(run['reached'])}",
-        "steps": amount(run["steps"]),
-        "reason": lines[-1] if lines else "no message",
-        "error": run["error"].strip(),
-    }
 
 
 def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
     """Return machines and versions of the runs, one entry per distinct fingerprint."""
-    found = []
-    for fingerprint, rows in attempts.astype({"fingerprint": object, "host": object}).groupby("fingerprint"):
-        content = parsed(fingerprint) or {"fingerprint": fingerprint}
-        found.append(
-            {
-                "hosts": sorted(rows["host"].unique()),
-                "attempts": len(rows),
-                "time": duration(rows["wall_seconds"].sum()),
-                "speed": number(rows["env_steps_per_second"].median(), 0),
-                "content": content,
-            }
-        )
-    return found
+    fingerprints = attempts.astype({"fingerprint": object, "host": object}).groupby("fingerprint")
+    return [
+        {
+            "hosts": sorted(rows["host"].unique()),
+            "attempts": len(rows),
+            "time": duration(rows["wall_seconds"].sum()),
+            "speed": number(rows["env_steps_per_second"].median(), 0),
+            "content": parsed(fingerprint) or {"fingerprint": fingerprint},
+        }
+        for fingerprint, rows in fingerprints
+    ]
 
 
 def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
@@ -117,22 +101,17 @@ def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
     return found
 
 
-@dataclass(frozen=True)
-class Download:
-    """A CSV file of the report: name, meaning of a row, and content."""
+class Download(NamedTuple):
+    """A CSV file of the report: name, meaning of a row, content, and the content compressed by gzip."""
 
     name: str
     row: str
     content: bytes
-
-    @property
-    def compressed(self) -> bytes:
-        """The content compressed by gzip, always to the same bytes."""
-        return gzip.compress(self.content, mtime=0)
+    compressed: bytes
 
 
-def downloads(frames: Frames, measured: Measured) -> list[Download]:
-    """Return the tables of a report, in order."""
+def downloads(frames: Frames, measured: Measured) -> Iterator[Download]:
+    """Yield the tables of a report, in order."""
     curves = [
         aggregate(table, value).assign(measure=value)
         for table, value in (
@@ -141,24 +120,22 @@ def downloads(frames: Frames, measured: Measured) -> list[Download]:
             (measured.training, "training_return"),
         )
     ]
-    tasks = mastered_tasks(frames, measured.finals).merge(
-        frames.test_tasks.assign(
-            task=frames.test_tasks["task"].map(lambda task: " ".join(f"{x:g}" for x in task))
-        )
-    )
+    words = frames.test_tasks["task"].map(lambda task: " ".join(f"{x:g}" for x in task))
     tables = {
         "summary": ("one teacher in one comparison", measured.summary),
         "seeds": ("one run at its final evaluation", measured.finals),
         "tests": ("one test against Random, with Holm's adjustment of p", measured.tests),
         "learning_curves": ("one measure of one teacher at one step", pd.concat(curves, ignore_index=True)),
-        "mastered_tasks": ("one test task and the share of seeds that master it", tasks),
+        "mastered_tasks": (
+            "one test task and the share of seeds that master it",
+            mastered_tasks(frames, measured.finals).merge(frames.test_tasks.assign(task=words)),
+        ),
         "measures": ("one run: area under its curve, steps to a share, forgetting", run_measures(frames)),
         "runs": ("one run of one cell and its state", frames.cells.drop(columns="spec")),
     }
-    return [
-        Download(f"{name}.csv", row, table.to_csv(index=False, lineterminator="\n").encode())
-        for name, (row, table) in tables.items()
-    ]
+    for name, (row, table) in tables.items():
+        content = table.to_csv(index=False, lineterminator="\n").encode()
+        yield Download(f"{name}.csv", row, content, gzip.compress(content, mtime=0))
 
 
 def write_report(
@@ -185,7 +162,7 @@ def write_report(
     shown = leading(measured.finals, HEADLINE, frames.cells["teacher"], COMPARISON)
     with shown_together(frames.cells["teacher"]):
         parts = list(sections(frames, measured, shown))
-        tables = downloads(frames, measured)
+        tables = list(downloads(frames, measured))
         text = _render(frames, measured, parts, tables, videos, shown, reload)
     pictures = {f"{picture.name}.png": picture.png for part in parts for picture in part.pictures}
     return write_page(output, text, pictures | {table.name: table.content for table in tables})
@@ -211,12 +188,15 @@ def _render(
 ) -> str:
     cells = frames.cells
     verdicts, notes = root_verdicts(frames)
+    states = cells.drop_duplicates("run_id")["status"].value_counts()
+    quantity, titles = QUANTITIES[HEADLINE], distinct([part.title for part in parts])
+    caption = "Marks are means over seeds, lines their 95 % intervals. Choose above what is shown and when."
     return page(
         "report.html.j2",
         reload=reload,
         campaigns=sorted(name for name in cells["campaign"].unique() if name),
         ran=what_ran(cells),
-        counts=counts_of(cells),
+        counts={"runs": int(states.sum())} | {status: int(states.get(status, 0)) for status in STATUSES},
         warnings=[*frames.notes, *notes],
         controls=controls(
             cells[COMPARISON].drop_duplicates().sort_values(COMPARISON),
@@ -224,7 +204,7 @@ def _render(
             measured.evaluations["step"].unique(),
             shown,
         ),
-        overview=list(overview(measured)),
+        overview=overview(parts, titles, quantity, "All comparisons", caption),
         sections=parts,
         overall=overall_section(runs_after(frames)),
         videos=by_comparison(videos),
@@ -235,10 +215,7 @@ def _render(
         machines=machines(frames.machine_times),
         downloads=tables,
         mastery=thresholds(cells) or number(MASTERY_RETURN, 0),
-        significance=SIGNIFICANCE,
         ceilings=ceilings_in_words(frames),
-        quantity=QUANTITIES[HEADLINE],
+        quantity=quantity,
         how_tested=how_tested(HEADLINE, "all teachers of a comparison against Random"),
-        version=installed_version("tma_ray"),
-        written=datetime.now(UTC),
     )

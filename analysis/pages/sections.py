@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +22,7 @@ from analysis.comparisons.frame import along_baseline, reference_of, verdict
 from analysis.comparisons.measured import Measured, curricula_of, in_whose_space, which_runs
 from analysis.comparisons.sentences import caveat, findings
 from analysis.data.curricula import Curriculum, moments, task_axes
-from analysis.data.frames import GROUP, Frames
+from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
 from analysis.looks import look
@@ -39,6 +38,49 @@ from analysis.measures.tested import FINAL, HEADLINE, PAPERS, QUANTITIES
 from analysis.names import challenge_title, label, teacher_order
 from analysis.pages.page import FILTERS
 from analysis.statistics import describe
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """One comparison on a page.
+
+    Attributes:
+        anchor: identifier on the page.
+        title: title of the comparison.
+        chosen_by: its values in the columns of `page.FILTERS`.
+        rows: cells of the table, one row per teacher, at the ends of runs.
+        step_rows: their changes at every evaluation, by step, teacher and column.
+        points: teacher, seed, step (or `END`) and value of every run.
+        charts: for all teachers each.
+        sentences: findings.
+        panels: charts for one teacher each.
+        pictures: figures that stay as they are.
+    """
+
+    anchor: str
+    title: str
+    chosen_by: Mapping[str, str]
+    rows: Sequence[Mapping[str, Any]]
+    step_rows: Mapping[str, Mapping[str, Mapping[str, str]]]
+    points: pd.DataFrame
+    charts: Sequence[PageChart]
+    sentences: Sequence[str] = ()
+    panels: Sequence[PageChart] = ()
+    pictures: Sequence[Picture] = ()
+
+
+def overview(
+    found: Sequence[Section], titles: Iterable[str], quantity: str, heading: str, caption: str
+) -> list[PageChart]:
+    """Return the chart of several comparisons at once, if any run was evaluated."""
+    points = [section.points.assign(comparison=section.anchor) for section in found]
+    if len(found) < 2 or all(table.empty for table in points):
+        return []
+    table = pd.concat(points, ignore_index=True)
+    fewest = table.groupby(["comparison", "teacher"])["seed"].nunique().min()
+    rows = dict(zip((section.anchor for section in found), titles, strict=True))
+    caption = " ".join(filter(None, [caption, caveat(fewest)]))
+    return [on_page(overview_chart(table, rows, quantity, heading, caption))]
 
 
 def curve_caption(value: str, table: pd.DataFrame) -> str:
@@ -96,7 +138,7 @@ def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Ch
             yield learning_curves(curves, quantity, name, title, curve_caption(value, table), highest)
     if len(mine.finals):
         caption = f"Rings are seeds, marks their means with 95 % intervals; {counts(mine.finals)}."
-        points = points_of(mine, HEADLINE)
+        points = points_of(mine.evaluations, mine.finals, HEADLINE)
         yield seeds_chart(points, QUANTITIES[HEADLINE], f"{anchor}-seeds", "Seed by seed", caption)
 
 
@@ -128,12 +170,11 @@ def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart
     yield learning_curves(curves, MASTERED, name, title, caption, against="Environment steps that trained")
 
 
-def points_of(mine: Measured, column: str) -> pd.DataFrame:
+def points_of(along: pd.DataFrame, ends: pd.DataFrame, column: str) -> pd.DataFrame:
     """Return teacher, seed, step (or `END`) and value of every run, at every evaluation and at its end."""
     columns = ["teacher", "seed", "step", column]
-    along = mine.evaluations[columns].astype({"step": object})
-    ends = mine.finals[columns].assign(step=END)
-    return pd.concat([along, ends], ignore_index=True).rename(columns={column: "value"})
+    parts = [along[columns].astype({"step": object}), ends[[*columns[:2], column]].assign(step=END)]
+    return pd.concat(parts, ignore_index=True).rename(columns={column: "value"})
 
 
 def panels_of(
@@ -205,18 +246,28 @@ def _shares(frames: Frames, mine: Measured) -> pd.DataFrame:
 NONE = {"difference": "", "p": ""}
 
 
-def end_rows(mine: Measured) -> list[dict[str, Any]]:
-    """Return the rows of the table at the ends of runs, Random first."""
+def end_rows(mine: Measured) -> Iterator[dict[str, Any]]:
+    """Yield the rows of the table at the ends of runs, Random first."""
     tests = mine.tests[mine.tests["measure"] == HEADLINE]
-    rows = []
-    for teacher in sorted(mine.summary["teacher"], key=teacher_order):
-        group = mine.summary[mine.summary["teacher"] == teacher].iloc[0]
-        test = tests[tests["teacher"] == teacher]
-        against = _against_random(test.iloc[0]) if len(test) else NONE
-        untested = "baseline" if is_baseline(teacher) else "not evaluated yet"
-        worst = mine.finals.loc[mine.finals["teacher"] == teacher, HEADLINE].min()
-        rows.append({"verdict": untested, "worst": number(worst)} | _end_row(teacher, group) | against)
-    return rows
+    groups = {str(group["teacher"]): group for _, group in mine.summary.iterrows()}
+    for teacher in sorted(groups, key=teacher_order):
+        group, test = groups[teacher], tests[tests["teacher"] == teacher]
+        step = amount(group["step"]) if group["n"] else "\N{EN DASH}"
+        yield {
+            "name": teacher,
+            "teacher": label(teacher),
+            "colour": look(teacher).colour,
+            "seeds": f"{group['n']}" if group["n"] == group["seeds"] else f"{group['n']} of {group['seeds']}",
+            "step": step + "*" * bool(group["provisional"]),
+            "mastered": plus_minus(group[f"{HEADLINE}_mean"], group[f"{HEADLINE}_std"]),
+            "final": plus_minus(group[f"{FINAL}_mean"], group[f"{FINAL}_std"]),
+            "worst": number(mine.finals.loc[mine.finals["teacher"] == teacher, HEADLINE].min()),
+            "evaluation": plus_minus(group["evaluation_return_mean"], group["evaluation_return_std"]),
+            "training": f"{number(group['first_quarter_mean'])} → {number(group['last_quarter_mean'])}",
+            "provisional": group["provisional"],
+            "verdict": "baseline" if is_baseline(teacher) else "not evaluated yet",
+            **(_against_random(test.iloc[0].to_dict()) if len(test) else NONE),
+        }
 
 
 def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[str, str]]]:
@@ -236,39 +287,19 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
     key: Any
     for key, rows in curves.groupby(["step", "teacher"], sort=True):
         step, teacher = int(key[0]), str(key[1])
-        row = _step_row(step, rows) | ({"verdict": "baseline"} if is_baseline(teacher) else {})
+        columns = {"mastered": HEADLINE, "final": FINAL, "evaluation": "evaluation_return"}
+        samples = {name: describe(rows[column]) for name, column in columns.items()}
         test = tested.get((step, teacher))
-        found.setdefault(str(step), {})[teacher] = row | (_against_random(test) if test else NONE)
+        found.setdefault(str(step), {})[teacher] = {
+            "seeds": str(rows["run_id"].nunique()),
+            "step": amount(step),
+            "worst": number(rows[HEADLINE].min()),
+            "training": "",
+            "verdict": "baseline" if is_baseline(teacher) else "",
+            **{name: plus_minus(sample.mean, sample.std) for name, sample in samples.items()},
+            **(_against_random(test) if test else NONE),
+        }
     return found
-
-
-def _end_row(teacher: str, group: pd.Series) -> dict[str, Any]:
-    return {
-        "name": teacher,
-        "teacher": label(teacher),
-        "colour": look(teacher).colour,
-        "seeds": f"{group['n']}" if group["n"] == group["seeds"] else f"{group['n']} of {group['seeds']}",
-        "step": (amount(group["step"]) if group["n"] else "\N{EN DASH}") + "*" * bool(group["provisional"]),
-        "mastered": plus_minus(group[f"{HEADLINE}_mean"], group[f"{HEADLINE}_std"]),
-        "final": plus_minus(group[f"{FINAL}_mean"], group[f"{FINAL}_std"]),
-        "evaluation": plus_minus(group["evaluation_return_mean"], group["evaluation_return_std"]),
-        "training": f"{number(group['first_quarter_mean'])} → {number(group['last_quarter_mean'])}",
-        "provisional": group["provisional"],
-    }
-
-
-def _step_row(step: int, rows: pd.DataFrame) -> dict[str, str]:
-    mastered, final, returns = (describe(rows[name]) for name in (HEADLINE, FINAL, "evaluation_return"))
-    return {
-        "seeds": str(rows["run_id"].nunique()),
-        "step": amount(step),
-        "mastered": plus_minus(mastered.mean, mastered.std),
-        "final": plus_minus(final.mean, final.std),
-        "worst": number(rows[HEADLINE].min()),
-        "evaluation": plus_minus(returns.mean, returns.std),
-        "training": "",
-        "verdict": "",
-    }
 
 
 def _against_random(test: Mapping[str, Any]) -> dict[str, str]:
@@ -280,33 +311,6 @@ def _against_random(test: Mapping[str, Any]) -> dict[str, str]:
         "difference": f"{difference} {ends(test['low'], test['high'])}",
         "p": p_value(test["holm"]).removeprefix("p").removeprefix(" = ").strip(),
     }
-
-
-@dataclass(frozen=True, eq=False)
-class Section:
-    """One comparison.
-
-    Attributes:
-        anchor: identifier on the page.
-        title: title of the comparison.
-        chosen_by: its values in the columns of `controls.FILTERS`.
-        sentences: findings.
-        rows: cells of the table, one row per teacher, at the ends of runs.
-        step_rows: JSON of their changes at every evaluation.
-        charts: for all teachers each.
-        panels: charts for one teacher each.
-        pictures: figures that stay as they are.
-    """
-
-    anchor: str
-    title: str
-    chosen_by: dict[str, str]
-    sentences: list[str]
-    rows: list[dict[str, Any]]
-    step_rows: str
-    charts: list[PageChart]
-    panels: list[PageChart]
-    pictures: list[Picture]
 
 
 def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iterator[Section]:
@@ -322,18 +326,17 @@ def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iter
         leading = {teacher: each for teacher, each in curricula.items() if teacher in shown}
         ceiling = ceiling_percent(frames, str(mine.cells["environment"].iloc[0]))
         first = mine.cells.iloc[0]
+        charts = *charts_of(mine, anchor, ceiling), *trained_chart(frames, mine, anchor)
         yield Section(
             anchor=anchor,
             title=title,
             chosen_by={column: str(first[column]) for column in FILTERS},
             sentences=findings(mine.summary, mine.tests),
-            rows=end_rows(mine),
-            step_rows=json.dumps(step_rows(mine, measured)).replace("<", "\\u003c"),
-            charts=[
-                on_page(chart)
-                for chart in (*charts_of(mine, anchor, ceiling), *trained_chart(frames, mine, anchor))
-            ],
-            panels=[on_page(chart) for chart in panels_of(frames, mine, curricula, anchor)],
+            rows=list(end_rows(mine)),
+            step_rows=step_rows(mine, measured),
+            points=points_of(mine.evaluations, mine.finals, HEADLINE),
+            charts=list(map(on_page, charts)),
+            panels=list(map(on_page, panels_of(frames, mine, curricula, anchor))),
             pictures=list(pictures_of(mine, leading, anchor)),
         )
 
@@ -342,41 +345,19 @@ def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
     """Yield the anchor, title and part of each comparison of the root, in a fixed order."""
     several = {name: measured.cells[name].nunique() > 1 for name in ("experiment", "engine")}
     for count, mine in enumerate(measured.comparisons, start=1):
-        yield f"comparison-{count}", _title(mine.cells.iloc[0], several), mine
-
-
-def _title(comparison: pd.Series, several: dict[str, bool]) -> str:
-    """Return the title of a comparison."""
-    name = comparison["challenge"]
-    challenge = challenge_title(comparison["environment"], name, name)
-    parts = [
-        comparison["environment"].replace("_", " ").capitalize(),
-        challenge[:1].lower() + challenge[1:],
-        comparison["embodiment"].replace("_", " "),
-        comparison["student"].upper(),
-        f"expert knowledge {comparison['expert_knowledge']}",
-    ]
-    if several["engine"]:
-        parts.append(comparison["engine"])
-    if several["experiment"] and comparison["experiment"] != comparison["challenge"]:
-        parts.insert(0, comparison["experiment"])
-    return ", ".join(part for part in parts if part)
-
-
-def overview(measured: Measured) -> Iterator[PageChart]:
-    """Yield the chart of a root with several comparisons, if any run was evaluated."""
-    found = list(titled(measured))
-    if len(found) < 2 or measured.finals.empty:
-        return
-    points = [points_of(mine, HEADLINE).assign(comparison=anchor) for anchor, _, mine in found]
-    rows = dict(
-        zip((anchor for anchor, *_ in found), distinct([title for _, title, _ in found]), strict=True)
-    )
-    caption = "Marks are means over seeds, lines their 95 % intervals. Choose above what is shown and when."
-    few = caveat(measured.finals.groupby(GROUP)["run_id"].nunique().min())
-    caption += f" {few}" if few else ""
-    whole = pd.concat(points, ignore_index=True)
-    yield on_page(overview_chart(whole, rows, QUANTITIES[HEADLINE], "All comparisons", caption))
+        cell = mine.cells.iloc[0]
+        challenge = challenge_title(cell["environment"], cell["challenge"], cell["challenge"])
+        experiment = cell["experiment"] if cell["experiment"] != cell["challenge"] else ""
+        parts = [
+            experiment if several["experiment"] else "",
+            cell["environment"].replace("_", " ").capitalize(),
+            challenge[:1].lower() + challenge[1:],
+            cell["embodiment"].replace("_", " "),
+            cell["student"].upper(),
+            f"expert knowledge {cell['expert_knowledge']}",
+            cell["engine"] if several["engine"] else "",
+        ]
+        yield f"comparison-{count}", ", ".join(filter(None, parts)), mine
 
 
 def distinct(titles: Sequence[str]) -> list[str]:

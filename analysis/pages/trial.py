@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -18,7 +15,7 @@ from analysis.data.frames import Frames
 from analysis.formatting import ends, number
 from analysis.looks import shown_together
 from analysis.names import label, own_first
-from analysis.pages.page import Controls, page, write_page
+from analysis.pages.page import page, write_page
 from analysis.trials.design import Design, Released
 from analysis.trials.standing import Look, course, curves
 from analysis.trials.wording import (
@@ -88,17 +85,15 @@ def _render(
         ended=ENDINGS.get(looks[-1].ending, "") if looks else "",
         lines=[look_line(look) for look in looks],
         plan=[text.strip() for text in plan_lines(design, released)],
-        rows=[_row(row) for row in verdict_table(design, looks).to_dict("records")],
+        rows=[
+            row
+            | {"interval": ends(row["low"], row["high"])}
+            | {name: number(row[name]) for name in ("difference", "estimate")}
+            for row in verdict_table(design, looks).to_dict("records")
+        ],
         charts=[on_page(each) for each in shown],
         cost=f"{runs} of at most {most} runs" + (f", {hours:.1f} hours of runs" if hours else ""),
         methods=methods(design, looks[-1], _versions()) if looks else "",
         warnings=list(own.notes) if looks else [],
-        controls=Controls((), (), ()),
-        written=datetime.now(UTC),
+        controls=None,
     )
-
-
-def _row(row: Mapping[Hashable, Any]) -> dict[Hashable, Any]:
-    """Return a row of the table of verdicts as text."""
-    interval = ends(row["low"], row["high"])
-    return {**row, "interval": interval} | {name: number(row[name]) for name in ("difference", "estimate")}

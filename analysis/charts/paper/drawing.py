@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
 
 from analysis.charts.base import (
     Cells,
@@ -197,13 +197,17 @@ def _step_unit(panel: Panel) -> tuple[float, str]:
     return next(((size, name) for size, name in units if high >= 2 * size), (1.0, ""))
 
 
+def _in_unit(unit: float, step: float, _: int) -> str:
+    return f"{step / unit:g}"
+
+
 def finish(figure: Figure, grid: Grid, chart: Chart) -> None:
     """Add colour bars, legends, heading and note around the panels."""
     for row, panels in zip(grid, chart.panels, strict=True):
         for axes, panel in zip(row, panels, strict=True):
             if axes is not None and panel.x.kind is Kind.STEPS:
                 unit, _ = _step_unit(panel)
-                axes.xaxis.set_major_formatter(lambda step, _, unit=unit: f"{step / unit:g}")
+                axes.xaxis.set_major_formatter(FuncFormatter(functools.partial(_in_unit, unit)))
     _colour_bars(figure, grid, chart)
     handles = _handles(chart)
     if chart.legend is Legend.CORNER:
