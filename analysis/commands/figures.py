@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.baselines.catalogue import Sources, published, read
 from analysis.charts.paper.style import Vector, save
-from analysis.commands.tables import write_tables
+from analysis.commands.tables import Written, write_tables
 from analysis.comparisons.measured import measure
 from analysis.figures import Drawing, drawings, published_drawings
 from analysis.looks import shown_together
@@ -16,24 +14,9 @@ from analysis.tables.table import TableFormat
 from tma_ray.part_names import nearest
 
 
-@dataclass(frozen=True)
-class WrittenFigures:
-    """Files of `write_figures`.
-
-    Attributes:
-        files: vector and PNG files, and GIFs.
-        left_out: figures without enough data, with the reason.
-        warnings: limits of the data, in sentences.
-    """
-
-    files: tuple[Path, ...]
-    left_out: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-
 def write_figures(
     sources: Sources, output: Path, vector: Vector | str = Vector.PDF, only: str = ""
-) -> WrittenFigures:
+) -> Written:
     """Write the figures of the paper for which a root or a baseline has the data.
 
     Args:
@@ -47,8 +30,7 @@ def write_figures(
         ResultsRootError: no results root at that place.
         ValueError: an unknown format, or no figure of such a name.
     """
-    kind = Vector(vector)
-    baseline = published(sources)
+    kind, baseline = Vector(vector), published(sources)
     if baseline is not None:
         return _write(list(published_drawings(baseline.published())), output, kind, only, ())
     frames = read(sources)
@@ -56,9 +38,7 @@ def write_figures(
         return _write(list(drawings(frames, measure(frames))), output, kind, only, frames.notes)
 
 
-def _write(
-    found: list[Drawing], output: Path, kind: Vector, only: str, warnings: tuple[str, ...]
-) -> WrittenFigures:
+def _write(found: list[Drawing], output: Path, kind: Vector, only: str, warnings: tuple[str, ...]) -> Written:
     files: list[Path] = []
     left_out = []
     chosen = [drawing for drawing in found if f"-{only}" in f"-{drawing.name}"]
@@ -78,7 +58,7 @@ def _write(
             files[-1].write_bytes(figure)
         else:
             files += save(figure, output / drawing.name, kind)
-    return WrittenFigures(tuple(files), tuple(left_out), warnings)
+    return Written(tuple(files), warnings, left_out=tuple(left_out))
 
 
 PREAMBLE = r"""\documentclass{article}
@@ -93,16 +73,21 @@ PREAMBLE = r"""\documentclass{article}
 END = r"\end{document}" + "\n"
 
 
-@dataclass(frozen=True)
-class LatexReport:
-    """Document of `write_latex`, and the limits of its data in sentences."""
+# A table may be wider than the page of this document; in a paper its author decides.
+TABLE = r"""\input{tables/%s}
+\clearpage"""
 
-    document: Path
-    warnings: tuple[str, ...]
+# Without the ending: names have points of their own, as in "after-0.5", which braces keep together.
+FIGURE = r"""\begin{figure}[p]
+\centering
+\includegraphics[width=\linewidth,height=.85\textheight,keepaspectratio]{{figures/%s}.pdf}
+\caption{\protect\detokenize{%s}}
+\end{figure}
+\clearpage"""
 
 
-def write_latex(sources: Sources, folder: Path) -> LatexReport:
-    """Write the paper's tables and figures of a root, and a document with all of them.
+def write_latex(sources: Sources, folder: Path) -> Written:
+    """Write the paper's tables and figures of a root, and a document with all of them; return the document.
 
     Args:
         sources: results roots and baselines with runs.
@@ -113,31 +98,9 @@ def write_latex(sources: Sources, folder: Path) -> LatexReport:
     """
     tables = write_tables(sources, kind=TableFormat.LATEX, output=folder / "tables")
     figures = write_figures(sources, folder / "figures")
-    drawn = [file for file in figures.files if file.suffix == ".pdf"]
-    parts = [PREAMBLE, *map(_table, tables.files), *map(_figure, drawn), END]
+    drawn = [file.stem for file in figures.files if file.suffix == ".pdf"]
+    parts = [TABLE % file.name for file in tables.files] + [FIGURE % (stem, stem) for stem in drawn]
     document = folder / "report.tex"
-    document.write_text("\n".join(parts), encoding="utf-8")
-    left_out = (f"left out: {text}" for text in figures.left_out)
-    return LatexReport(document, tuple(dict.fromkeys(_of(tables.warnings, figures.warnings, left_out))))
-
-
-def _of(*groups: Iterable[str]) -> Iterable[str]:
-    return (text for group in groups for text in group)
-
-
-def _table(file: Path) -> str:
-    # A table may be wider than the page of this document; in a paper its author decides.
-    return rf"\input{{tables/{file.name}}}" + "\n" + r"\clearpage"
-
-
-def _figure(file: Path) -> str:
-    # Without the ending: names have points of their own, as in "after-0.5", which braces keep together.
-    lines = (
-        r"\begin{figure}[p]",
-        r"\centering",
-        rf"\includegraphics[width=\linewidth,height=.85\textheight,keepaspectratio]{{{{figures/{file.stem}}}.pdf}}",
-        rf"\caption{{\protect\detokenize{{{file.stem}}}}}",
-        r"\end{figure}",
-        r"\clearpage",
-    )
-    return "\n".join(lines)
+    document.write_text("\n".join([PREAMBLE, *parts, END]), encoding="utf-8")
+    left_out = [f"left out: {text}" for text in figures.left_out]
+    return Written((document,), tuple(dict.fromkeys([*tables.warnings, *figures.warnings, *left_out])))

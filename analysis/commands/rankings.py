@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.baselines.catalogue import Sources, own_teachers, read
-from analysis.claims.judging import Verdict, root_verdicts
+from analysis.claims.judging import root_verdicts
 from analysis.comparisons.boards import THRESHOLDS, headlines, overall_rows
 from analysis.comparisons.planning import LITE, PAPER, detectable_differences
 from analysis.comparisons.sentences import places, ranked, ranking_sentences
@@ -58,11 +58,10 @@ def show_ranking(
     with own_first(own_teachers(sources, frames)):
         for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
             console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False, markup=False)
-            console.print(_shown(rows, measure))
-            for reason, teachers in _untested(rows).items():
-                text = f"  not tested: {', '.join(teachers)}: {reason}"
-                console.print(text, style="dim", highlight=False, markup=False)
-        for note in (*_notes(table), *frames.told, *frames.left_out):
+            _show_challenge(console, rows, measure)
+        gaps = table[table["missing"] != ""].groupby(["environment", "challenge"], sort=False)["missing"]
+        notes = [f"* {challenge}: {'; '.join(dict.fromkeys(texts))}" for (_, challenge), texts in gaps]
+        for note in (*notes, *frames.told, *frames.left_out):
             console.print(note, style="dim", highlight=False, markup=False)
         _show_overall(console, runs, measure)
     if table["p"].notna().any():
@@ -87,13 +86,27 @@ def _show_overall(console: Console, runs: pd.DataFrame, measure: str) -> None:
         console.print(shown)
 
 
-def _shown(rows: pd.DataFrame, measure: str) -> Table:
-    """Return the results of one challenge at one level, at most 80 columns wide."""
+def _show_challenge(console: Console, rows: pd.DataFrame, measure: str) -> None:
+    """Print the results of one challenge at one level, at most 80 columns wide."""
     heads = [("teacher", NAMES), (MEASURES[measure], 13), (MEASURES[FINAL], 10), ("runs", 4)]
     shown = _table([*heads, ("beside Random, 95 %", 23), ("Holm p", 7)])
+    untested: dict[str, list[str]] = {}
     for _, row in rows.iterrows():
-        _add(shown, row["teacher"], _cells(row, measure), "bold" if row["rank"] == 1 else None)
-    return shown
+        mastered = plus_minus(row[f"{measure}_mean"], row[f"{measure}_std"]) + "*" * bool(row["missing"])
+        if is_baseline(row["teacher"]):
+            tested = ["", ""]
+        elif row["reason"] or pd.isna(row["p"]):
+            tested = ["not tested", ""]
+            untested.setdefault(row["reason"] or NO_BASELINE, []).append(label(row["teacher"]))
+        else:
+            gap = f"{number(row['difference'])} {ends(row['low'], row['high'])}"
+            tested = [gap, p_value(row["holm"]).lstrip("p =\N{NO-BREAK SPACE}")]
+        cells = [mastered, number(row[f"{FINAL}_mean"]), str(row["n"]), *tested]
+        _add(shown, row["teacher"], cells, "bold" if row["rank"] == 1 else None)
+    console.print(shown)
+    for reason, teachers in untested.items():
+        text = f"  not tested: {', '.join(teachers)}: {reason}"
+        console.print(text, style="dim", highlight=False, markup=False)
 
 
 def _table(heads: Sequence[tuple[str, int]]) -> Table:
@@ -105,46 +118,15 @@ def _table(heads: Sequence[tuple[str, int]]) -> Table:
 
 
 def _add(table: Table, teacher: str, cells: Sequence[str], style: str | None = None) -> None:
-    first, *settings = [*_lines(label(teacher)), *filter(None, [mark_of(teacher)])]
+    """Add a row; the name is in lines as wide as its column, broken before settings if possible."""
+    lines: list[str] = []
+    for place, part in enumerate(re.split(r"(?<=.)(?=:)", label(teacher))):
+        indented = f"{'  ' if place else ''}{part}"
+        lines += textwrap.wrap(indented, NAMES, subsequent_indent="   ", drop_whitespace=False)
+    first, *settings = [*lines, *filter(None, [mark_of(teacher)])]
     table.add_row(first, *cells, style=style)
     for setting in settings:
         table.add_row(setting, style=style)
-
-
-def _lines(name: str) -> list[str]:
-    """Return a teacher's name in lines as wide as its column, broken before settings if possible."""
-    lines: list[str] = []
-    for place, part in enumerate(re.split(r"(?<=.)(?=:)", name)):
-        indented = f"{'  ' if place else ''}{part}"
-        lines += textwrap.wrap(indented, NAMES, subsequent_indent="   ", drop_whitespace=False)
-    return lines
-
-
-def _cells(row: pd.Series, measure: str) -> list[str]:
-    result = plus_minus(row[f"{measure}_mean"], row[f"{measure}_std"])
-    partly = "*" if row["missing"] else ""
-    numbers = [result + partly, number(row[f"{FINAL}_mean"]), str(row["n"])]
-    if is_baseline(row["teacher"]):
-        return [*numbers, "", ""]
-    if row["reason"] or pd.isna(row["p"]):
-        return [*numbers, "not tested", ""]
-    gap = f"{number(row['difference'])} {ends(row['low'], row['high'])}"
-    return [*numbers, gap, p_value(row["holm"]).lstrip("p =\N{NO-BREAK SPACE}")]
-
-
-def _untested(rows: pd.DataFrame) -> dict[str, list[str]]:
-    """Return the teachers without a test against Random, by reason."""
-    found: dict[str, list[str]] = {}
-    for _, row in rows.iterrows():
-        if not is_baseline(row["teacher"]) and (row["reason"] or pd.isna(row["p"])):
-            found.setdefault(row["reason"] or NO_BASELINE, []).append(label(row["teacher"]))
-    return found
-
-
-def _notes(table: pd.DataFrame) -> list[str]:
-    """Return a sentence for each reason of an asterisk."""
-    gaps = table[table["missing"] != ""].groupby(["environment", "challenge"], sort=False)["missing"]
-    return [f"* {challenge}: {'; '.join(dict.fromkeys(texts))}" for (_, challenge), texts in gaps]
 
 
 STYLES = {
@@ -179,19 +161,17 @@ def show_claims(sources: Sources, details: bool = False, console: Console | None
             console.print(f"    {finding.standing}: {finding.evidence}", highlight=False, markup=False)
     missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
     if missing and not details:
-        console.print(_without_data(missing, len(verdicts)), highlight=False, markup=False, style="dim")
+        papers = dict.fromkeys(verdict.claim.source for verdict in missing)
+        console.print(
+            f"{Standing.NO_DATA}: {len(missing)} of {len(verdicts)} claims ({', '.join(papers)}); "
+            f"the same command with --details lists what they need",
+            highlight=False,
+            markup=False,
+            style="dim",
+        )
     measure = "Claims are about the paper's measure: test tasks mastered at the last evaluation."
     for warning in (measure, *frames.notes, *notes):
         console.print(warning, highlight=False, markup=False, style="dim")
-
-
-def _without_data(missing: Sequence[Verdict], total: int) -> str:
-    """Return one sentence about all claims without data."""
-    sources = dict.fromkeys(verdict.claim.source for verdict in missing)
-    return (
-        f"{Standing.NO_DATA}: {len(missing)} of {total} claims ({', '.join(sources)}); "
-        f"the same command with --details lists what they need"
-    )
 
 
 def show_search(sources: Sources, console: Console | None = None) -> None:
@@ -214,28 +194,24 @@ def show_search(sources: Sources, console: Console | None = None) -> None:
         table.add_column(heading)
     finals = final_evaluations(frames)
     for name, points in found.groupby("searched", sort=True):
-        table.add_row(label(str(name)), str(len(points)), *_beside(points, finals))
+        best, chosen = points.iloc[0], points[points["chosen"]]
+        cells = [label(str(name)), str(len(points)), *_result(best)]
+        if chosen.empty:
+            table.add_row(*cells, "not run yet", "", "")
+            continue
+        samples = (
+            finals[finals["experiment"] == row["experiment"]].set_index("run_id")["mastered_percent"]
+            for row in (best, chosen.iloc[0])
+        )
+        test = welch(*samples)
+        table.add_row(*cells, *_result(chosen.iloc[0]), test.reason or p_value(test.p))
     console.print(table)
 
 
-def _beside(points: pd.DataFrame, finals: pd.DataFrame) -> list[str]:
-    """Return the best of `points` and the paper's choice with their results, and a test between them."""
-    best, chosen = points.iloc[0], points[points["chosen"]]
-    cells = [_text(best["point"]), plus_minus(best["mean"], best["std"])]
-    if chosen.empty:
-        return [*cells, "not run yet", "", ""]
-    theirs = chosen.iloc[0]
-    samples = (
-        finals[finals["experiment"] == row["experiment"]].set_index("run_id")["mastered_percent"]
-        for row in (best, theirs)
-    )
-    test = welch(*samples)
-    cells += [_text(theirs["point"]), plus_minus(theirs["mean"], theirs["std"])]
-    return [*cells, test.reason or p_value(test.p)]
-
-
-def _text(point: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} {value:g}" for name, value in point.items())
+def _result(row: pd.Series) -> tuple[str, str]:
+    """Return a point of a search and its result."""
+    point = ", ".join(f"{name} {value:g}" for name, value in row["point"].items())
+    return point, plus_minus(row["mean"], row["std"])
 
 
 def show_detectable_differences(

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
 from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines, find_baseline
-from analysis.baselines.catalogue import SHIPPED, Baseline, BaselineManifest, read
+from analysis.baselines.catalogue import SHIPPED, Baseline, read
 from analysis.baselines.verification import verify
 from analysis.charts.intervals import rank_chart
 from analysis.claims.agreement import Agreement, agreements
-from analysis.claims.judging import Verdict, root_verdicts
+from analysis.claims.judging import root_verdicts
 from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
 from analysis.comparisons.sentences import caveat
 from analysis.formatting import amount, estimate, number
@@ -22,6 +22,7 @@ from analysis.measures.evaluations import ceilings_in_words
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES, QUANTITIES, how_tested
 from analysis.names import challenge_title, label
 from analysis.statistics.samples import MARGIN, Standing
+from analysis.tables.table import pipe_table
 from tma_ray.results import CHIPMUNK
 from tma_ray.terminal import terminal
 
@@ -35,10 +36,12 @@ def show_baselines(console: Console | None = None) -> None:
     table = Table("baseline", "engine", "runs", "teachers", "licence", box=None, pad_edge=False)
     table.add_column("where", overflow="fold")
     for baseline in baselines():
-        manifest = baseline.manifest
+        manifest, place = baseline.manifest, baseline.place
+        runs = f"{manifest.holds.get('runs', 0):,}{', partial' if manifest.partial else ''}"
         teachers = str(len(manifest.holds.get("teachers", ())))
-        row = manifest.name, manifest.engine, _runs(manifest), teachers, manifest.licence or "none given"
-        table.add_row(*row, _place(baseline))
+        row = manifest.name, manifest.engine, runs, teachers, manifest.licence or "none given"
+        shipped = "://" not in place and Path(place).is_relative_to(SHIPPED)
+        table.add_row(*row, "in the package" if shipped else place)
     terminal(console).print(table)
 
 
@@ -59,16 +62,6 @@ def show_verification(name: str | Path, console: Console | None = None) -> bool:
     for problem in found.problems:
         console.print(problem, markup=False, soft_wrap=True)
     return found.whole
-
-
-def _place(baseline: Baseline) -> str:
-    shipped = "://" not in baseline.place and Path(baseline.place).is_relative_to(SHIPPED)
-    return "in the package" if shipped else baseline.place
-
-
-def _runs(manifest: BaselineManifest) -> str:
-    runs = f"{manifest.holds.get('runs', 0):,}"
-    return f"{runs}, partial" if manifest.partial else runs
 
 
 EXPLANATION = (
@@ -123,6 +116,9 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
 
 def markdown(names: Sequence[str] = ()) -> str:
     """Return the leaderboards of releases, by default of all known ones, as Markdown."""
+    from analysis.charts.paper.drawing import draw  # matplotlib
+    from analysis.charts.paper.style import svg
+
     parts = []
     for name, place, partial in _places(names):
         parts.append(f"## {name}")
@@ -130,29 +126,17 @@ def markdown(names: Sequence[str] = ()) -> str:
         parts += ceilings_in_words(frames := read(place))
         for board in leaderboards(frames):
             parts.append(f"### {board.title[0].upper()}{board.title[1:]}")
-            parts += [_rank_chart(board), _markdown_table(board)]
+            drawn = rank_chart({board.title: [entry.rank for entry in board.entries]})
+            parts.append(f'<figure class="ranks">{svg(draw(drawn))}</figure>')
+            heads = f"{MEASURES[HEADLINE]}, % [95 %]", f"{MEASURES[FINAL]}, %"
+            head = ["teacher", "rank", *heads, *map(_short_title, board.challenges), "runs", *_further(board)]
+            rows = []
+            for entry in board.entries:
+                rank, name, *others = _cells(board, entry)
+                rows.append([name, *(text.replace(" ", NO_BREAK) for text in (rank, *others))])
+            parts.append(pipe_table(head, rows, numbers=range(1, len(head))))
             parts += [text] if (text := _caveat(board)) else []
     return "\n\n".join([EXPLANATION, *(parts or ["No release with runs ships with this version."])])
-
-
-def _rank_chart(board: Leaderboard) -> str:
-    from analysis.charts.paper.drawing import draw  # matplotlib
-    from analysis.charts.paper.style import svg
-
-    ranks = [entry.rank for entry in board.entries]
-    return f'<figure class="ranks">{svg(draw(rank_chart({board.title: ranks})))}</figure>'
-
-
-def _markdown_table(board: Leaderboard) -> str:
-    """Return a leaderboard as a table without line breaks in numbers."""
-    heads = f"{MEASURES[HEADLINE]}, % [95 %]", f"{MEASURES[FINAL]}, %"
-    head = ["teacher", "rank", *heads, *map(_short_title, board.challenges), "runs"]
-    head += _further(board)
-    lines = [head, ["---", *["---:"] * (len(head) - 1)]]
-    for entry in board.entries:
-        rank, teacher, *others = _cells(board, entry)
-        lines.append([teacher, *(text.replace(" ", NO_BREAK) for text in (rank, *others))])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _further(board: Leaderboard) -> list[str]:
@@ -184,17 +168,10 @@ def _caveat(board: Leaderboard) -> str:
 
 def _ranking(board: Leaderboard) -> Table:
     table = Table(box=None, pad_edge=False)
-    headings = (
-        "rank",
-        "teacher",
-        f"{MEASURES[HEADLINE]}, % [95 %]",
-        MEASURES[FINAL],
-        "runs",
-        *_further(board),
-    )
+    heads = "rank", "teacher", f"{MEASURES[HEADLINE]}, % [95 %]", MEASURES[FINAL], "runs", *_further(board)
     lines = [_cells(board, entry) for entry in board.entries]
     lines = [[*line[:4], *line[4 + len(board.challenges) :]] for line in lines]
-    for heading, cells in zip(headings, zip(*lines, strict=True), strict=True):
+    for heading, cells in zip(heads, zip(*lines, strict=True), strict=True):
         if heading == "teacher":
             table.add_column(heading, overflow="fold")
         else:
@@ -213,25 +190,26 @@ def _challenges(board: Leaderboard) -> Table:
     for title in board.challenges:
         table.add_column(_short_title(title), justify="right", max_width=CHALLENGE_WIDTH, overflow="fold")
     for entry in board.entries:
-        numbers = (entry.results.get(title) for title in board.challenges)
         table.add_row(
-            label(entry.rank.teacher),
-            *(estimate(*each, 0).replace(", ", ",") if each else "" for each in numbers),
+            label(entry.rank.teacher), *(each.replace(", ", ",") for each in _results(board, entry))
         )
     return table
+
+
+def _results(board: Leaderboard, entry: Entry) -> list[str]:
+    known = (entry.results.get(title) for title in board.challenges)
+    return [estimate(*each, 0) if each else "" for each in known]
 
 
 def _cells(board: Leaderboard, entry: Entry) -> list[str]:
     rank = entry.rank
     open_ranks = f" [{rank.best} to {rank.worst}]" if rank.best < rank.worst else ""
-    known = (entry.results.get(title) for title in board.challenges)
-    results = [estimate(*each, 0) if each else "" for each in known]
     return [
         f"{rank.rank}{open_ranks}",
         label(rank.teacher),
         estimate(rank.mean, rank.low, rank.high),
         number(entry.final),
-        *results,
+        *_results(board, entry),
         str(rank.n),
         *([f"{number(entry.trained, 0)} %"] if board.partly_trained else []),
         *([number(entry.hours, 2)] if board.timed else []),
@@ -253,7 +231,12 @@ def findings(name: str) -> str:
         BaselineError: the release does not exist, or it has no runs.
     """
     baseline = find_baseline(name)
-    frames = baseline.frames()
+    manifest, holds, frames = baseline.manifest, baseline.manifest.holds, baseline.frames()
+    steps, students = (
+        " and ".join(map(amount, holds["steps"])),
+        ", ".join(map(str, holds["students"])).upper(),
+    )
+    partial = f" The release is not complete: {manifest.partial}." if manifest.partial else ""
     verdicts, _ = root_verdicts(frames)
     counts = Counter(verdict.standing for verdict in verdicts)
     summary = ", ".join(f"{counts[standing]} {standing}" for standing in Standing)
@@ -261,21 +244,24 @@ def findings(name: str) -> str:
         [verdict.claim.text, verdict.claim.source, str(verdict.standing), verdict.describe()]
         for verdict in verdicts
     ]
-    return "\n\n".join(
-        [
-            _introduction(baseline),
-            "## Claims",
-            f"Of {len(verdicts)} claims: {summary}. A statement is supported or refuted where a 95 % "
-            f"interval rules out its contrary, against a margin of {MARGIN:g} points of mastered tasks; else "
-            f"it is undecided. No data: the release lacks a level, body or teacher of the claim.",
-            _table(["claim", "in the paper", "standing", "statements"], rows),
-            "## The paper's order of teachers",
-            TAU,
-            _table(["challenge", "teachers", "tau", "95 % interval"], map(_tau_row, agreements(frames))),
-            "## Statement by statement",
-            *map(_details, verdicts),
-        ]
-    )
+    parts = [
+        f"From `{manifest.name}`: {holds['runs']:,} runs of {students}, {steps} steps each, simulated by "
+        f"{manifest.engine}. The paper's runs are of SAC (PPO, too, for diverse students), 20 million steps "
+        f"each, simulated by Box2D.{partial}",
+        "## Claims",
+        f"Of {len(verdicts)} claims: {summary}. A statement is supported or refuted where a 95 % "
+        f"interval rules out its contrary, against a margin of {MARGIN:g} points of mastered tasks; else "
+        f"it is undecided. No data: the release lacks a level, body or teacher of the claim.",
+        pipe_table(["claim", "in the paper", "standing", "statements"], rows),
+        "## The paper's order of teachers",
+        TAU,
+        pipe_table(["challenge", "teachers", "tau", "95 % interval"], map(_tau_row, agreements(frames))),
+        "## Statement by statement",
+    ]
+    for verdict in verdicts:
+        lines = [f"- {finding.standing}: {finding.evidence}" for finding in verdict.findings]
+        parts.append("\n".join([f"**{verdict.standing.capitalize()}:** {verdict.claim.text}\n", *lines]))
+    return "\n\n".join(parts)
 
 
 def shipped_findings() -> str:
@@ -287,19 +273,6 @@ def shipped_findings() -> str:
     return findings(max(simulated, key=lambda each: int(each.manifest.holds.get("runs", 0))).place)
 
 
-def _introduction(baseline: Baseline) -> str:
-    manifest = baseline.manifest
-    holds = manifest.holds
-    steps = " and ".join(map(amount, holds["steps"]))
-    students = ", ".join(map(str, holds["students"])).upper()
-    text = (
-        f"From `{manifest.name}`: {holds['runs']:,} runs of {students}, {steps} steps each, simulated by "
-        f"{manifest.engine}. The paper's runs are of SAC (PPO, too, for diverse students), 20 million steps "
-        f"each, simulated by Box2D."
-    )
-    return f"{text} The release is not complete: {manifest.partial}." if manifest.partial else text
-
-
 def _tau_row(found: Agreement) -> list[str]:
     title = "mean over all of these"
     if found.level is not None:
@@ -308,13 +281,3 @@ def _tau_row(found: Agreement) -> list[str]:
     teachers = str(len(found.teachers)) if found.teachers else ""
     interval = f"{number(found.low, 2)} to {number(found.high, 2)}"
     return [title, teachers, number(found.tau, 2), interval]
-
-
-def _details(verdict: Verdict) -> str:
-    lines = [f"- {finding.standing}: {finding.evidence}" for finding in verdict.findings]
-    return "\n".join([f"**{verdict.standing.capitalize()}:** {verdict.claim.text}\n", *lines])
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -12,6 +12,7 @@ from rich.table import Table
 from analysis.data.reference import BASELINE, baseline_rows, is_baseline
 from analysis.formatting import number, plus_minus
 from analysis.statistics import SIGNIFICANCE, Comparison, describe, holm, mean_interval, paired
+from analysis.tables.table import pipe_table
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.terminal import terminal
 
@@ -51,12 +52,6 @@ def show(frame: pd.DataFrame) -> None:
         console.print(rich_table(recovery, f"around the first reset of the student: {title}"))
 
 
-def margin(values: pd.Series) -> float:
-    """Return half the width of the 95 % confidence interval of the mean; NaN for a single value."""
-    low, high = mean_interval(describe(values))
-    return (high - low) / 2
-
-
 def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
     """Return mastered per cent as text, mean ± 95 % margin over seeds: teachers x challenges.
 
@@ -73,8 +68,15 @@ def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
         columns=["teacher", "expert knowledge"],
     )
     for challenge, everything in frame.groupby("challenge", sort=False):
+        baseline = baseline_rows(everything).drop_duplicates("seed")
         cells = [runs[runs["challenge"] == challenge] for *_, runs in groups]
-        table[str(challenge)] = _entries(cells, baseline_rows(everything).drop_duplicates("seed"))
+        tests = [_against(cell, baseline) for cell in cells]
+        texts = []
+        for cell, test, p in zip(cells, tests, holm([test.p for test in tests]), strict=True):
+            values = cell["mastered_percent"].dropna()
+            mark = f" {BETTER if test.difference > 0 else WORSE}" if p < SIGNIFICANCE else ""
+            texts.append(f"{_mean(values) if len(values) else number(math.nan)}{mark}")
+        table[str(challenge)] = texts
     return table
 
 
@@ -91,8 +93,7 @@ def recovery_table(frame: pd.DataFrame) -> pd.DataFrame:
 
 def markdown(table: pd.DataFrame) -> str:
     """Return a table of texts as Markdown."""
-    lines = [list(table.columns), ["---"] * len(table.columns), *table.to_numpy().tolist()]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+    return pipe_table(list(table.columns), table.to_numpy().tolist()) + "\n"
 
 
 def rich_table(table: pd.DataFrame, title: str) -> Table:
@@ -117,19 +118,10 @@ def _rows(frame: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
 
 
 def _mean(values: pd.Series) -> str:
-    return plus_minus(describe(values).mean, margin(values))
-
-
-def _entries(cells: list[pd.DataFrame], baseline: pd.DataFrame) -> list[str]:
-    """Return mastered per cent of each group of runs on a challenge, marked if it differs from Random."""
-    samples = [cell["mastered_percent"].dropna() for cell in cells]
-    tests = [_against(cell, baseline) for cell in cells]
-    adjusted = holm([test.p for test in tests])
-    texts = [_mean(values) if len(values) else number(math.nan) for values in samples]
-    return [
-        f"{text} {BETTER if test.difference > 0 else WORSE}" if p < SIGNIFICANCE else text
-        for text, test, p in zip(texts, tests, adjusted, strict=True)
-    ]
+    """Return the mean and half the width of its 95 % interval, the mean alone of a single value."""
+    sample = describe(values)
+    low, high = mean_interval(sample)
+    return plus_minus(sample.mean, (high - low) / 2)
 
 
 def _against(cell: pd.DataFrame, baseline: pd.DataFrame) -> Comparison:

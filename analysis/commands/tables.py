@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from analysis.baselines.catalogue import Sources, published, read
 from analysis.data.frames import Frames
@@ -19,19 +19,20 @@ from analysis.tables.paper_tables import (
 from analysis.tables.table import ENDINGS, Table, TableFormat, render
 
 
-@dataclass(frozen=True)
-class WrittenTables:
-    """Text and files of `write_tables`.
+class Written(NamedTuple):
+    """What was written.
 
     Attributes:
-        text: all tables, one after the other.
-        files: a file for each table; empty without a folder to write to.
+        files: files of tables; vector and PNG files, and GIFs, of figures.
         warnings: limits of the data, in sentences.
+        text: all tables, one after the other.
+        left_out: figures without enough data, with the reason.
     """
 
-    text: str
     files: tuple[Path, ...]
     warnings: tuple[str, ...]
+    text: str = ""
+    left_out: tuple[str, ...] = ()
 
 
 def write_tables(
@@ -39,7 +40,7 @@ def write_tables(
     step: int | None = None,
     kind: TableFormat | str = TableFormat.MARKDOWN,
     output: Path | None = None,
-) -> WrittenTables:
+) -> Written:
     """Return the paper's tables of a root, finished or not, and write them to a folder if one is given.
 
     Args:
@@ -64,15 +65,17 @@ def write_tables(
         tables, warnings = [*result_tables(results), hyperparameters(), knowledge_needs()], tuple[str, ...]()
     else:
         frames = read(sources)
-        tables = list(tables_of(frames, step))
-        warnings = (*frames.notes, *_none_of(tables))
+        tables, warnings = list(tables_of(frames, step)), frames.notes
+        known = {table.name for table in result_tables(published_table_results())}
+        absent = [name for name in sorted(known) if not any(each.name.startswith(name) for each in tables)]
+        if absent:
+            warnings = (*warnings, f"Nothing of these tables was run: {', '.join(absent)}.")
     texts = {f"{table.name}.{ENDINGS[kind]}": render(table, kind) for table in tables}
-    if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        for name, text in texts.items():
-            (output / name).write_text(text, encoding="utf-8")
     files = () if output is None else tuple(output / name for name in texts)
-    return WrittenTables("\n".join(texts.values()), files, warnings)
+    for file in files:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(texts[file.name], encoding="utf-8")
+    return Written(files, warnings, "\n".join(texts.values()))
 
 
 def tables_of(frames: Frames, step: int | None = None) -> Iterator[Table]:
@@ -81,10 +84,3 @@ def tables_of(frames: Frames, step: int | None = None) -> Iterator[Table]:
         yield from result_tables(results)
     yield hyperparameters(search_results(frames))
     yield knowledge_needs()
-
-
-def _none_of(tables: list[Table]) -> Iterator[str]:
-    known = {table.name for table in result_tables(published_table_results())}
-    absent = sorted(name for name in known if not any(table.name.startswith(name) for table in tables))
-    if absent:
-        yield f"Nothing of these tables was run: {', '.join(absent)}."

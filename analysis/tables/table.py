@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -179,14 +179,17 @@ _LATEX = _Marks(
 )
 
 
+def pipe_table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Collection[int] = ()) -> str:
+    """Return rows of texts as a table of Markdown, those of the columns `numbers` on the right."""
+    rule = ["---:" if place in numbers else "---" for place in range(len(head))]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))
+
+
 def _markdown(table: Table) -> str:
-    lines = [f"### {_MARKDOWN.escape(table.title)}", ""]
-    grid = list(_grid(table, _MARKDOWN))
-    rule = ["---", *("---:" if _is_numeric(table, column) else "---" for column in table.columns)]
-    lines += [f"| {' | '.join(cells)} |" for cells in (grid[0], rule, *grid[1:])]
-    for text in _below(table, _MARKDOWN):
-        lines += ["", text]
-    return "\n".join(lines) + "\n"
+    head, *rows = _grid(table, _MARKDOWN)
+    numbers = [place for place, each in enumerate(table.columns, start=1) if _is_numeric(table, each)]
+    title = f"### {_MARKDOWN.escape(table.title)}"
+    return "\n\n".join([title, pipe_table(head, rows, numbers), *_below(table, _MARKDOWN)]) + "\n"
 
 
 def _latex(table: Table) -> str:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Final, Protocol
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -27,16 +30,56 @@ Point = tuple[int, dict[str, float]]
 """A step, and the scalars there by their tags."""
 
 
-class Tracker(Protocol):
-    """A tracker of experiments that takes what has been published."""
+RUNS_AT_ONCE: Final = 32
+"""Number of runs that are read together: fewer wait longer for an object store, more need more memory."""
+
+
+class Tracker(ABC):
+    """A tracker of experiments that runs of a results root are written to.
+
+    Points are read from what the runs have published, and each is written once: an interrupted run goes on
+    from a checkpoint, and so has nothing published that it will publish again.
+
+    Args:
+        root: a folder, or an ``s3://`` or ``gs://`` address.
+
+    Raises:
+        ResultsRootError: no results root at that place, or one of another version.
+    """
+
+    def __init__(self, root: str | Path) -> None:
+        Results.open(root)  # refuses other places before anything is made
+        self._root = root
+        self._files: dict[str, object] = {}  # of the manifest of each run, when they were read
 
     def update(self) -> int:
-        """Hand over what is new; returns of how many runs there was something."""
-        ...
+        """Write what has been published since the last time.
+
+        Returns:
+            Number of runs of which there was something.
+
+        Raises:
+            ValueError: the tracker refuses it; the message says why.
+        """
+        results, count = Results.open(self._root), 0
+        news = [each for each in results.runs() if self._files.get(each.run.run_id) != each.files]
+        for start in range(0, len(news), RUNS_AT_ONCE):
+            manifests = news[start : start + RUNS_AT_ONCE]
+            found, experiments = published_points(results, manifests), experiments_of(results, manifests)
+            for manifest in manifests:
+                run_id = manifest.run.run_id
+                points = {table: found.get((run_id, table), []) for table in TABLES}
+                count += self._write(manifest, points, experiments.get(run_id, "single runs"))
+                self._files[run_id] = manifest.files
+        return count
+
+    @abstractmethod
+    def _write(self, manifest: Manifest, points: Mapping[Table, Sequence[Point]], experiment: str) -> bool:
+        """Write the points of a run that are new; return True if there were any."""
 
 
 def watch(tracker: Tracker) -> Iterator[int]:
-    """Update every few seconds; yields of how many runs there was something, whenever there was any."""
+    """Update every few seconds; yield the number of runs of which there was something, where there was."""
     while True:
         time.sleep(WATCH_SECONDS)
         if count := tracker.update():
@@ -60,14 +103,17 @@ def published_points(results: Results, manifests: Sequence[Manifest]) -> dict[tu
     evaluations["mastered"] = evaluations["episodic_return"] > needed
     measured = evaluation_measures(evaluations).rename(columns=EVALUATION)
     updates = _rows(results, Table.TEACHER_LOG, run_ids, ["run_id", "step", "scalars"])
-    found: dict[tuple[str, Table], list[Point]] = {}
-    for run_id, step, point in _scalars(training, "training", TRAINING):
-        found.setdefault((run_id, Table.TRAINING), []).append((step, point))
-    for run_id, step, point in _scalars(measured, "evaluation", EVALUATION.values()):
-        found.setdefault((run_id, Table.EVALUATIONS), []).append((step, point))
+    found: dict[tuple[str, Table], list[Point]] = defaultdict(list)
+    for rows, table, prefix, names in (
+        (training, Table.TRAINING, "training", TRAINING),
+        (measured, Table.EVALUATIONS, "evaluation", EVALUATION.values()),
+    ):
+        for row in rows.to_dict("records"):
+            point = _finite({f"{prefix}/{name}": row[name] for name in names})
+            found[row["run_id"], table].append((row["step"], point))
     for run_id, step, scalars in updates.itertuples(index=False):
         point = _finite({f"teacher/{name}": value for name, value in scalars or ()})
-        found.setdefault((run_id, Table.TEACHER_LOG), []).append((step, point))
+        found[run_id, Table.TEACHER_LOG].append((step, point))
     return found
 
 
@@ -78,14 +124,6 @@ def _rows(results: Results, table: Table, run_ids: Sequence[str], columns: Seque
 
 def _ids(manifests: Iterable[Manifest]) -> list[str]:
     return [manifest.run.run_id for manifest in manifests]
-
-
-def _scalars(
-    rows: pd.DataFrame, prefix: str, names: Iterable[str]
-) -> Iterator[tuple[str, int, dict[str, float]]]:
-    tags = {name: f"{prefix}/{name}" for name in names}
-    for row in rows.to_dict("records"):
-        yield row["run_id"], row["step"], _finite({tag: row[name] for name, tag in tags.items()})
 
 
 def _finite(scalars: Mapping[str, float]) -> dict[str, float]:

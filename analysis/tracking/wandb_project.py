@@ -9,9 +9,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-from analysis.tracking.points import TABLES, Point, experiments_of, published_points
+from analysis.tracking.points import TABLES, Point, Tracker
 from tma_ray.decoding import MOST_TEXT_BYTES, read_file
-from tma_ray.results import Manifest, Results, RunStatus, Table
+from tma_ray.results import Manifest, RunStatus, Table
 
 STEP: Final = "global_step"
 """The horizontal axis: environment steps. CleanRL and openrlbenchmark call it so."""
@@ -25,16 +25,12 @@ SENT: Final = "published"
 LEDGER: Final = "tma_ray_sent.json"
 """File that says how many points were sent of each run: what is offline cannot be asked."""
 
-RUNS_AT_ONCE: Final = 32
-"""How many runs are read together."""
 
-
-class WandbProject:
+class WandbProject(Tracker):
     """A project of Weights & Biases that the runs of a results root are sent to, under their own IDs.
 
-    Points are read from what the runs have published, and each is sent once: a run is resumed there, and says
-    itself how many of its points it has. Points that an older checkpoint took back stay; the run makes the
-    same ones again.
+    A run is resumed there, and says itself how many of its points it has. Points that an older checkpoint
+    took back stay; the run makes the same ones again.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
@@ -53,52 +49,34 @@ class WandbProject:
     ) -> None:
         if find_spec("wandb") is None:
             raise ValueError("Weights & Biases needs its library: pip install 'tma_ray[wandb]'")
-        Results.open(root)  # refuses other places before a folder is made
+        super().__init__(root)
         folder.mkdir(parents=True, exist_ok=True)
-        self._root, self._folder = root, folder
-        self._project, self._entity, self._offline = project, entity, offline
-        self._files: dict[str, object] = {}
+        self._folder, self._project, self._entity, self._offline = folder, project, entity, offline
         self._ledger = folder / LEDGER
         self._sent: dict[str, dict[str, int]] = (
             json.loads(read_file(self._ledger, MOST_TEXT_BYTES)) if self._ledger.exists() else {}
         )
 
-    def update(self) -> int:
-        """Send what has been published since the last time.
-
-        Returns:
-            Of how many runs there was something.
-
-        Raises:
-            ValueError: Weights & Biases refuses it; the message says why.
-        """
-        results, count = Results.open(self._root), 0
-        news = [each for each in results.runs() if self._files.get(each.run.run_id) != each.files]
-        for start in range(0, len(news), RUNS_AT_ONCE):
-            manifests = news[start : start + RUNS_AT_ONCE]
-            found, experiments = published_points(results, manifests), experiments_of(results, manifests)
-            for manifest in manifests:
-                run_id = manifest.run.run_id
-                points = {table: found.get((run_id, table), []) for table in TABLES}
-                count += self._send(manifest, points, experiments.get(run_id, "single runs"))
-                self._files[run_id] = manifest.files
-        return count
-
-    def _send(self, manifest: Manifest, points: Mapping[Table, Sequence[Point]], experiment: str) -> bool:
-        """Send the points of a run that are not there; return whether there were any."""
+    def _write(self, manifest: Manifest, points: Mapping[Table, Sequence[Point]], experiment: str) -> bool:
         key = f"{self._entity or ''}/{self._project}/{manifest.run.run_id}"
         sent = self._sent.get(key, {})
         if all(len(points[table]) <= sent.get(table.value, 0) for table in TABLES):
             return False
         run = self._begin(manifest, experiment)
-        sent = {table.value: _count(run, table, sent) for table in TABLES}
+        # The run there has it in its summary; a run offline cannot be asked.
+        sent = {
+            table.value: max(int(run.summary.get(f"{SENT}/{table.value}", 0)), sent.get(table.value, 0))
+            for table in TABLES
+        }
         new = [
             (step, table, scalars) for table in TABLES for step, scalars in points[table][sent[table.value] :]
         ]
         for step, table, scalars in sorted(new, key=lambda point: point[0]):
             sent[table.value] += 1
-            row = scalars | {RETURN: scalars["training/mean_return"]} if _has_return(scalars) else scalars
-            run.log({STEP: step, **row, f"{SENT}/{table.value}": sent[table.value]})
+            row = {STEP: step, **scalars, f"{SENT}/{table.value}": sent[table.value]}
+            if "training/mean_return" in scalars:
+                row[RETURN] = scalars["training/mean_return"]
+            run.log(row)
         run.finish(exit_code=1 if manifest.status is RunStatus.FAILED else 0)
         self._sent[key] = sent
         aside = self._ledger.with_suffix(".new")
@@ -176,12 +154,3 @@ def tags_of(manifest: Manifest, experiment: str) -> list[str]:
         f"physics-{record.physics_version}",
     )
     return list(dict.fromkeys(re.sub(r"[^0-9A-Za-z._=-]+", "_", name)[:64] or "unnamed" for name in names))
-
-
-def _has_return(scalars: Mapping[str, float]) -> bool:
-    return "training/mean_return" in scalars
-
-
-def _count(run: Any, table: Table, sent: Mapping[str, int]) -> int:
-    """Return the number of points of a table that the run there has, by its summary or by the ledger."""
-    return max(int(run.summary.get(f"{SENT}/{table.value}", 0)), sent.get(table.value, 0))

@@ -59,7 +59,7 @@ def test_without_videos_there_is_no_heading_for_them(root: Path) -> None:
 
 @pytest.mark.slow
 def test_latex_shows_every_table_and_figure_it_wrote(root: Path, tmp_path: Path) -> None:
-    document = write_latex(root, tmp_path / "latex").document
+    (document,) = write_latex(root, tmp_path / "latex").files
     text = document.read_text()
     inputs = re.findall(r"\\input\{(.+?)\}", text)
     pictures = re.findall(r"\\includegraphics\[.*?\]\{\{(.+?)\}\.pdf\}", text)

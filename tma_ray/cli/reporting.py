@@ -76,7 +76,7 @@ def report(
 
         written = write_latex(sources, folder / "latex")
         _warn(written.warnings)
-        print(written.document)
+        print(*written.files)
     for _ in changes(sources) if watch else ():
         write_report(sources, folder, shown, RELOAD_SECONDS)
     return 0
