@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import itertools
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,8 +97,8 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
         runs = reuse_random(pool_runs(chosen, values, matrices))
         both = pd.concat([pooled(runs), pooled(runs, by=["embodiment"])], ignore_index=True)
         for remark, rows in _apart(both, step):
-            tags = [tag for tag in (name, str(len(found) + 1) if found else "") if tag]
-            found.append(TableResults(results_of(rows), matrices, "-".join(tags), remark))
+            tag = "-".join(filter(None, [name, str(len(found) + 1) if found else ""]))
+            found.append(TableResults(results_of(rows), matrices, tag, remark))
     return found
 
 
@@ -110,26 +111,25 @@ def results_of(frame: pd.DataFrame) -> pd.DataFrame:
     found = frame.rename(columns={"mastered_percent_mean": "mean", "mastered_percent_std": "std"})
     if "pool" in found:
         parts = [parts_of(pool) for pool in found["pool"]]
-        bodies = [{body for body, _ in part} for part in parts]
         alone = found["embodiment"] if "embodiment" in found else [None] * len(found)
         bodies = [
-            {body} if isinstance(body, str) else whole for body, whole in zip(alone, bodies, strict=True)
+            {body} if isinstance(body, str) else {each for each, _ in part}
+            for body, part in zip(alone, parts, strict=True)
         ]
         students = [{student for _, student in part} for part in parts]
         digits = [1] * len(found)
     else:
         bodies, students = list(found["embodiments"].map(set)), list(found["students"].map(set))
         digits = [1 if round(mean, 1) == mean else 2 for mean in found["mean"]]
-    found = found.assign(digits=digits)
-    found["embodiments"], found["students"] = _tuples(bodies, found.index), _tuples(students, found.index)
-    found = found.assign(**{name: "" for name in ("missing", "doubt") if name not in found})
+    found = found.assign(
+        digits=digits,
+        embodiments=pd.Series([tuple(sorted(each)) for each in bodies], index=found.index, dtype=object),
+        students=pd.Series([tuple(sorted(each)) for each in students], index=found.index, dtype=object),
+        **{name: "" for name in ("missing", "doubt") if name not in found},
+    )
     # A pool of one body is there twice: whole, and by body.
     key = RESULTS[:6]
     return found[RESULTS].drop_duplicates(key).sort_values(key, ignore_index=True)
-
-
-def _tuples(sets: Sequence[set[str]], index: pd.Index[Any]) -> pd.Series:
-    return pd.Series([tuple(sorted(members)) for members in sets], index=index, dtype=object)
 
 
 def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.DataFrame]]:
@@ -147,19 +147,13 @@ def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.Data
     groups = list(frame.groupby(APART, dropna=False, sort=True))
     key: Any
     for key, rows in sorted(groups, key=lambda group: -len(group[1])):
-        yield _remark(step, key), rows
-
-
-def _remark(step: int | None, key: tuple[Any, ...]) -> str:
-    budget, engine, physics, threshold, test_set = key
-    steps = budget if step is None else step
-    if pd.isna(budget):
-        return "Nothing has begun."
-    worlds = f"physics version {physics:g}" if engine == CHIPMUNK else f"worlds of {engine}"
-    text = f"After {amount(steps)} steps, {worlds}"
-    if threshold != MASTERY_RETURN:
-        text += f", tasks mastered over a return of {threshold:g}"
-    return f"{text}, test set {test_set}." if test_set else f"{text}."
+        budget, engine, physics, threshold, test_set = key
+        worlds = f"physics version {physics:g}" if engine == CHIPMUNK else f"worlds of {engine}"
+        text = f"After {amount(budget if step is None else step)} steps, {worlds}"
+        if threshold != MASTERY_RETURN:
+            text += f", tasks mastered over a return of {threshold:g}"
+        text += f", test set {test_set}." if test_set else "."
+        yield "Nothing has begun." if pd.isna(budget) else text, rows
 
 
 MASTERED = "mastered test tasks in per cent, mean ± standard deviation over runs"
@@ -170,38 +164,31 @@ _LEVELS = {"none": "No expert knowledge", "low": "Low", "high": "High"}
 
 
 def result_tables(results: TableResults) -> list[Table]:
-    """Return every table of results of which any cell was asked for, in the paper's order."""
-    tables = [original_space(results), *(challenges(results, level) for level in KnowledgeLevel)]
-    return [table for table in (*tables, parkour(results)) if table.rows]
+    """Return every table of results of which any cell was asked for, in the paper's order.
 
-
-def original_space(results: TableResults) -> Table:
-    """Return the original task space of Stump Tracks: teachers by levels of expert knowledge."""
-    (matrix,) = _like([ORIGINAL_SPACE], results)
-    title = f"Stump Tracks, original task space: {MASTERED}"
-    wanted = {level: (matrix, matrix.embodiments, level) for level in _LEVELS}
-    return _table(results, "original_space", title, _LEVELS, wanted)
-
-
-def challenges(results: TableResults, level: KnowledgeLevel) -> Table:
-    """Return the five challenges of Stump Tracks at one level: teachers by challenges."""
-    matrices = {matrix.challenge: matrix for matrix in _like(STUMP_TRACKS_CHALLENGES, results)}
+    The original task space of Stump Tracks has a column for each level of expert knowledge, its challenges a
+    table for each level, and Parkour, which has one level, a column for each body and one over all of them.
+    """
+    mine = {matrix.name: matrix for matrix in results.matrices}  # perhaps with other students
+    original = mine[ORIGINAL_SPACE.name]
+    wanted = {level: (original, original.embodiments, level) for level in _LEVELS}
+    heading = f"Stump Tracks, original task space: {MASTERED}"
+    tables = [_table(results, "original_space", heading, _LEVELS, wanted)]
+    matrices = {matrix.challenge: mine[matrix.name] for matrix in STUMP_TRACKS_CHALLENGES}
     columns = {name: find_challenge("stump_tracks", name).title for name in matrices}
-    title = f"Challenges of Stump Tracks, expert knowledge {level.value}: {MASTERED}"
-    wanted = {name: (matrix, matrix.embodiments, level.value) for name, matrix in matrices.items()}
-    return _table(results, f"challenges_{level.value}", title, columns, wanted)
-
-
-def parkour(results: TableResults) -> Table:
-    """Return Parkour, which has one level: teachers by bodies, and over all of them."""
-    matrices = {matrix.embodiments[0]: matrix for matrix in _like(PARKOUR, results)}
-    (level,) = matrices[next(iter(matrices))].levels
-    columns = {body: body.replace("_", " ").capitalize() for body in matrices} | {OVERALL: "Overall"}
-    wanted: dict[str, tuple[Matrix, tuple[str, ...], str]] = {}
-    wanted |= {body: (matrix, (body,), level.value) for body, matrix in matrices.items()}
-    wanted[OVERALL] = (next(iter(matrices.values())), tuple(matrices), level.value)
-    title = f"Parkour, expert knowledge {level.value}: {MASTERED}"
-    return _table(results, "parkour", title, columns, wanted)
+    for level in KnowledgeLevel:
+        wanted = {name: (matrix, matrix.embodiments, level.value) for name, matrix in matrices.items()}
+        heading = f"Challenges of Stump Tracks, expert knowledge {level.value}: {MASTERED}"
+        tables.append(_table(results, f"challenges_{level.value}", heading, columns, wanted))
+    bodies = {matrix.embodiments[0]: mine[matrix.name] for matrix in PARKOUR}
+    any_body = next(iter(bodies.values()))
+    (level,) = any_body.levels
+    columns = {body: body.replace("_", " ").capitalize() for body in bodies} | {OVERALL: "Overall"}
+    wanted = {body: (matrix, (body,), level.value) for body, matrix in bodies.items()}
+    wanted[OVERALL] = (any_body, tuple(bodies), level.value)
+    heading = f"Parkour, expert knowledge {level.value}: {MASTERED}"
+    tables.append(_table(results, "parkour", heading, columns, wanted))
+    return [table for table in tables if table.rows]
 
 
 def hyperparameters(found: pd.DataFrame | None = None) -> Table:
@@ -254,12 +241,6 @@ def knowledge_needs() -> Table:
     return Table("expert_knowledge", "Expert knowledge that teachers use", "Teacher", rows, columns, cells)
 
 
-def _like(wanted: list[Matrix] | tuple[Matrix, ...], results: TableResults) -> list[Matrix]:
-    """Return the matrices of `wanted` as `results` have them, perhaps with other students."""
-    mine = {matrix.name: matrix for matrix in results.matrices}
-    return [mine[matrix.name] for matrix in wanted]
-
-
 def _table(
     results: TableResults,
     name: str,
@@ -268,32 +249,29 @@ def _table(
     wanted: Mapping[str, tuple[Matrix, tuple[str, ...], str]],
 ) -> Table:
     """Return a table of teachers, whose columns show a matrix, its bodies and a level."""
-    found: dict[tuple[str, str], Cell] = {}
+    rows, found = results.rows, dict[tuple[str, str], Cell]()
     for column, (matrix, bodies, level) in wanted.items():
-        found |= {(teacher, column): cell for teacher, cell in _column(results.rows, matrix, bodies, level)}
+        here = (
+            (rows["environment"] == matrix.environment)
+            & (rows["challenge"] == matrix.challenge)
+            & (rows["expert_knowledge"] == level)
+            & rows["embodiments"].map(lambda pool, bodies=bodies: pool == tuple(sorted(bodies)))
+            & rows["students"].map(lambda pool, matrix=matrix: pool == tuple(sorted(matrix.students)))
+        )
+        found |= {(str(row["teacher"]), column): _number(row) for _, row in rows[here].iterrows()}
     teachers = sorted({teacher for teacher, _ in found}, key=teacher_order)
-    absent = {
-        (teacher, column): Cell(missing=_absent(teacher, level))
-        for teacher in teachers
-        for column, (_, _, level) in wanted.items()
-    }
-    name = f"{name}-{results.name}" if results.name else name
-    rows, remarks = {teacher: label(teacher) for teacher in teachers}, (results.remark,)
-    table = Table(name, title, "Teacher", rows, columns, absent | found, remarks if results.remark else ())
-    return with_best(table)
-
-
-def _column(
-    rows: pd.DataFrame, matrix: Matrix, bodies: tuple[str, ...], level: str
-) -> Iterator[tuple[str, Cell]]:
-    here = (
-        (rows["environment"] == matrix.environment)
-        & (rows["challenge"] == matrix.challenge)
-        & (rows["expert_knowledge"] == level)
-        & rows["embodiments"].map(lambda pool: pool == tuple(sorted(bodies)))
-        & rows["students"].map(lambda pool: pool == tuple(sorted(matrix.students)))
+    for teacher, (column, (_, _, level)) in itertools.product(teachers, wanted.items()):
+        needs = KNOWLEDGE_REQUIREMENTS.get(teacher)
+        required = needs is not None and needs.mastery_range is Requirement.REQUIRED
+        refused = required and level == KnowledgeLevel.NONE
+        reason = "cannot run without the reward mastery range" if refused else "not run"
+        found.setdefault((teacher, column), Cell(missing=reason))
+    name, labels = (
+        f"{name}-{results.name}" if results.name else name,
+        {each: label(each) for each in teachers},
     )
-    yield from ((str(row["teacher"]), _number(row)) for _, row in rows[here].iterrows())
+    remarks = (results.remark,) if results.remark else ()
+    return with_best(Table(name, title, "Teacher", labels, columns, found, remarks))
 
 
 def _number(row: pd.Series) -> Cell:
@@ -302,15 +280,7 @@ def _number(row: pd.Series) -> Cell:
     return Cell(**(numbers | others))
 
 
-def _absent(teacher: str, level: str) -> str:
-    """Return the reason why results of `teacher` at `level` are missing."""
-    needs = KNOWLEDGE_REQUIREMENTS.get(teacher)
-    if needs and needs.mastery_range is Requirement.REQUIRED and level == KnowledgeLevel.NONE:
-        return "cannot run without the reward mastery range"
-    return "not run"
-
-
 def _plain(value: object) -> str:
-    return (
-        f"{value:,}" if isinstance(value, int) else f"{value:g}" if isinstance(value, float) else str(value)
-    )
+    if isinstance(value, int):
+        return f"{value:,}"
+    return f"{value:g}" if isinstance(value, float) else str(value)

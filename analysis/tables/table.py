@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import NamedTuple
 
 from analysis.formatting import number
 
@@ -72,7 +74,7 @@ class Table:
     rows: Mapping[str, str]
     columns: Mapping[str, str]
     cells: Mapping[tuple[str, str], Cell]
-    remarks: tuple[str, ...] = field(default=())
+    remarks: tuple[str, ...] = ()
 
     def cell(self, row: str, column: str) -> Cell:
         """Return the cell of a row and column, `NOT_RUN` where there is none."""
@@ -81,6 +83,14 @@ class Table:
     def column_cells(self, column: str) -> tuple[Cell, ...]:
         """Return the cells of a column from top to bottom."""
         return tuple(self.cell(row, column) for row in self.rows)
+
+    def counts(self, column: str) -> set[int]:
+        """Return the numbers of runs behind the numbers of a column."""
+        return {cell.n for cell in self.column_cells(column) if cell.has_number}
+
+    def numeric(self, column: str) -> bool:
+        """True if a column has numbers, and no words."""
+        return bool(self.counts(column)) and not any(cell.words for cell in self.column_cells(column))
 
     def notes(self) -> dict[str, str]:
         """Return the marks of all notes of cells, a, b, ... by text, row after row."""
@@ -138,13 +148,10 @@ def render(table: Table, kind: TableFormat) -> str:
     is missing, notes below, and numbers of runs: once if they are all the same, else with each column or
     cell. CSV has a line for each cell, with its numbers as they are.
     """
-    if kind is TableFormat.CSV:
-        return _csv(table)
-    return _markdown(table) if kind is TableFormat.MARKDOWN else _latex(table)
+    return {TableFormat.CSV: _csv, TableFormat.MARKDOWN: _markdown, TableFormat.LATEX: _latex}[kind](table)
 
 
-@dataclass(frozen=True)
-class _Marks:
+class _Marks(NamedTuple):
     """Marks of a format for what is not plain text."""
 
     escape: Callable[[str], str]
@@ -187,13 +194,13 @@ def pipe_table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Coll
 
 def _markdown(table: Table) -> str:
     head, *rows = _grid(table, _MARKDOWN)
-    numbers = [place for place, each in enumerate(table.columns, start=1) if _is_numeric(table, each)]
+    numbers = [place for place, each in enumerate(table.columns, start=1) if table.numeric(each)]
     title = f"### {_MARKDOWN.escape(table.title)}"
     return "\n\n".join([title, pipe_table(head, rows, numbers), *_below(table, _MARKDOWN)]) + "\n"
 
 
 def _latex(table: Table) -> str:
-    alignment = "l" + "".join("r" if _is_numeric(table, column) else "l" for column in table.columns)
+    alignment = "l" + "".join("r" if table.numeric(column) else "l" for column in table.columns)
     head, *body = (f"{' & '.join(cells)} \\\\" for cells in _grid(table, _LATEX))
     lines = [
         r"\begin{table}",
@@ -212,20 +219,18 @@ def _csv(table: Table) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
-    for row in table.rows:
-        for column in table.columns:
-            cell = table.cell(row, column)
-            numbers = ["" if math.isnan(value) else repr(float(value)) for value in (cell.mean, cell.std)]
-            counted = cell.n if cell.has_number else ""
-            best = "yes" if cell.best else ""
-            words = [cell.words, cell.missing, cell.doubt]
-            writer.writerow([table.name, row, column, counted, *numbers, best, *words])
+    for row, column in itertools.product(table.rows, table.columns):
+        cell = table.cell(row, column)
+        numbers = ["" if math.isnan(value) else repr(float(value)) for value in (cell.mean, cell.std)]
+        runs, best = cell.n if cell.has_number else "", "yes" if cell.best else ""
+        words = [cell.words, cell.missing, cell.doubt]
+        writer.writerow([table.name, row, column, runs, *numbers, best, *words])
     return text.getvalue()
 
 
 def _grid(table: Table, marks: _Marks) -> Iterator[list[str]]:
     """Yield the labels of the columns, then the cells of each row, all as text of the format."""
-    counts = {column: _counts(table, column) for column in table.columns}
+    counts = {column: table.counts(column) for column in table.columns}
     same_everywhere = len(set().union(*counts.values())) < 2
     labels = [marks.escape(table.head)]
     for column, title in table.columns.items():
@@ -236,39 +241,25 @@ def _grid(table: Table, marks: _Marks) -> Iterator[list[str]]:
     for row, title in table.rows.items():
         cells = [marks.escape(title)]
         for column in table.columns:
-            text = _text(table.cell(row, column), marks, with_count=len(counts[column]) > 1)
-            found = ",".join(notes[note] for note in table.cell(row, column).notes)
+            cell = table.cell(row, column)
+            text = marks.escape(cell.words or DASH)
+            if cell.has_number:
+                text = marks.escape(number(cell.mean, cell.digits))
+                text += marks.plus_minus + number(cell.std) if math.isfinite(cell.std) else ""
+                text = marks.bold(text) if cell.best else text
+                text += f" (n = {cell.n})" if len(counts[column]) > 1 else ""
+            found = ",".join(notes[note] for note in cell.notes)
             cells.append(text + (marks.note(found) if found else ""))
         yield cells
 
 
-def _text(cell: Cell, marks: _Marks, *, with_count: bool) -> str:
-    if not cell.has_number:
-        return marks.escape(cell.words or DASH)
-    text = marks.escape(number(cell.mean, cell.digits))
-    if math.isfinite(cell.std):
-        text += marks.plus_minus + number(cell.std)
-    text = marks.bold(text) if cell.best else text
-    return f"{text} (n = {cell.n})" if with_count else text
-
-
 def _below(table: Table, marks: _Marks) -> Iterator[str]:
     """Yield the lines under a table: numbers of runs, remarks, notes."""
-    counts: set[int] = set().union(*(_counts(table, column) for column in table.columns))
+    counts: set[int] = set().union(*(table.counts(column) for column in table.columns))
     remarks = [f"{min(counts)} run{'s' if min(counts) > 1 else ''} each."] if len(counts) == 1 else []
-    if any(cell.best for column in table.columns for cell in table.column_cells(column)):
+    if any(cell.best for cell in table.cells.values()):
         remarks.append("Bold: the highest mean of its column.")
     if remarks or table.remarks:
         yield marks.escape(" ".join([*table.remarks, *remarks]))
     for text, letter in table.notes().items():
         yield f"{marks.note(letter)} {marks.escape(text)}"
-
-
-def _counts(table: Table, column: str) -> set[int]:
-    return {cell.n for cell in table.column_cells(column) if cell.has_number}
-
-
-def _is_numeric(table: Table, column: str) -> bool:
-    return any(cell.has_number for cell in table.column_cells(column)) and not any(
-        cell.words for cell in table.column_cells(column)
-    )
