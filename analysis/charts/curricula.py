@@ -77,12 +77,16 @@ def film_strip(
     steps = _checked(shots, steps)
     rows: list[list[Panel]] = []
     for shot in shots:
-        panels = [panel.at(step) for panel in [_moving(shot, plane, steps)] for step in steps]
-        titled = len(rows) == 0
+        names = (
+            [f"{amount(step)} steps" if step else "start" for step in steps]
+            if not rows
+            else [""] * len(steps)
+        )
+        panel = _moving(shot, plane, steps)
         rows.append(
             [
-                replace(panel, title=_moment_name(step) if titled else "", side=shot.name)
-                for panel, step in zip(panels, steps, strict=True)
+                replace(panel.at(step), title=name, side=shot.name)
+                for step, name in zip(steps, names, strict=True)
             ]
         )
     side = 1.6 * width / PAGE_WIDTH
@@ -114,7 +118,11 @@ def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> C
 
 def _moving(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> Panel:
     """Return the panel of a run at any of some moments, in the bounds of the plane or of its tasks."""
-    view, scores = TaskView(plane), _score_colours(shot.curriculum, steps)
+    view, updates = TaskView(plane), [shot.curriculum.update_at(step) for step in steps]
+    boxes = [boxes_of(update) for update in updates if update is not None]
+    scores = [float(box["score"]) for each in boxes if len(each) > 1 for box in each]
+    # From pale for no score to dark for the highest; readable with any colour vision.
+    regions = Colours("YlGnBu", min(0.0, *scores), max(scores), "Score of a region") if scores else None
     tasks = np.concatenate([shot.curriculum.probed_at(step).reshape(-1, 2) for step in steps])
     low, high = np.array([[axis.low, axis.high] for axis in plane]).T
     least, most = (tasks.min(axis=0), tasks.max(axis=0)) if len(tasks) else (low, high)
@@ -129,7 +137,7 @@ def _moving(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> Panel
     frame = look(shot.teacher).colour if own else ""
 
     def at(step: Any) -> Panel:
-        marks = state(shot.curriculum, shot.teacher, step, view, scores, None)
+        marks = state(shot.curriculum, shot.teacher, step, view, regions, None)
         reached = len(shot.curriculum.probed_at(step))
         return Panel(x, y, marks, shot.name, frame=frame, remark="" if reached else "not reached")
 
@@ -153,20 +161,6 @@ def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
     return list(found)
 
 
-def _moment_name(step: int) -> str:
-    """Return the heading of a moment: ``4 million steps``."""
-    return f"{amount(step)} steps" if step else "start"
-
-
-def _score_colours(curriculum: Curriculum, steps: Sequence[int]) -> Colours | None:
-    """Return the colours of a teacher's regions over all moments; None if it has at most one at a time."""
-    updates = [curriculum.update_at(step) for step in steps]
-    boxes = [boxes_of(update) for update in updates if update is not None]
-    scores = [float(box["score"]) for each in boxes if len(each) > 1 for box in each]
-    # From pale for no score to dark for the highest; readable with any colour vision.
-    return Colours("YlGnBu", min(0.0, *scores), max(scores), "Score of a region") if scores else None
-
-
 def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> Chart:
     """Return training episodes, coloured by return: a row per teacher, a column per part of the run.
 
@@ -176,27 +170,24 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
     """
     view, teachers = TaskView(plane), sorted(curricula, key=teacher_order)
     names, colours = short_labels(teachers, 16), return_colours(curricula)
-    rows = []
-    for teacher in teachers:
-        parts = [curricula[teacher].during(part) for part in range(PANELS)]
-        rows.append(
-            [
-                Panel(
-                    *view.scales(),
-                    [episodes(part, teacher, view, colours, POINTS)],
-                    _part_name(number) if teacher == teachers[0] else "",
-                    side=names[teacher],
-                    remark="no episodes" if part.episodes.empty else "",
-                )
-                for number, part in enumerate(parts)
-            ]
-        )
+    rows = [
+        [
+            Panel(
+                *view.scales(),
+                [episodes(mine, teacher, view, colours, POINTS)],
+                f"{100 * part // PANELS}\N{EN DASH}{100 * (part + 1) // PANELS} %"
+                if teacher == teachers[0]
+                else "",
+                side=names[teacher],
+                remark="no episodes" if mine.episodes.empty else "",
+            )
+            for part in range(PANELS)
+            for mine in [curricula[teacher].during(part)]
+        ]
+        for teacher in teachers
+    ]
     size = PAGE_WIDTH, 0.9 + 1.75 * len(rows)
     return Chart("training-tasks", rows, legend=Legend.NONE, size=size)
-
-
-def _part_name(part: int) -> str:
-    return f"{100 * part // PANELS}\N{EN DASH}{100 * (part + 1) // PANELS} %"
 
 
 def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -> Chart:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -106,10 +107,9 @@ class TaskView:
             found += [Outline(*shape, weight=0.6, score=score) for shape in shapes]
         return found
 
-    def gaussians(self, gaussians: Iterable[Mapping[str, Any]]) -> list[Outline]:
+    def gaussians(self, gaussians: Sequence[Mapping[str, Any]]) -> list[Outline]:
         """Return the outlines of Gaussians (weight, mean, covariance) at two standard deviations."""
         found: list[Outline] = []
-        gaussians = list(gaussians)
         heaviest = max((float(each["weight"]) for each in gaussians), default=1.0)
         for each in gaussians:
             mean = np.asarray(each["mean"], dtype=np.float64)
@@ -164,18 +164,14 @@ def state(
         most: largest number of probed tasks; None for all.
     """
     tasks, update = curriculum.probed_at(step)[:most], curriculum.update_at(step)
-    update = update if len(tasks) else None
+    boxes, gaussians = (
+        ([], []) if update is None or not len(tasks) else (boxes_of(update), gaussians_of(update))
+    )
     own: dict[str, Any] = {"look": look(teacher), "teacher": teacher}
     xs, ys = view.dots(np.asarray(tasks, np.float64))
     return [
-        Shapes(
-            outlines=[] if update is None else view.boxes(boxes_of(update)),
-            colours=scores,
-            width=1.2,
-            opacity=0.08,
-            **own,
-        ),
-        Shapes(outlines=[] if update is None else view.gaussians(gaussians_of(update)), **own),
+        Shapes(outlines=view.boxes(boxes), colours=scores, width=1.2, opacity=0.08, **own),
+        Shapes(outlines=view.gaussians(gaussians), **own),
         Dots(x=xs, y=ys, look=PLAIN, teacher=teacher, opacity=0.75, edge="white", hover=view.hover),
     ]
 
@@ -197,18 +193,26 @@ def probed_tasks(
         steps = sorted({int(step) for step in curricula[teacher].probes["step"]})
         chosen = [steps[place] for place in spread(len(steps), MOMENTS)]
         if chosen and view.varied:
-            panels.append(_moving(curricula[teacher], teacher, names[teacher], chosen, view))
+            draw = partial(state, curricula[teacher], teacher, view=view, scores=None, most=DOTS)
+            panels.append(_moving(draw, chosen, view, names[teacher], teacher))
+    return _grid(panels, name, "Probed tasks", caption)
+
+
+def _moving(
+    draw: Callable[[Any], list[Mark]], moments: Sequence[Any], view: TaskView, name: str, teacher: str
+) -> Panel:
+    """Return the panel of a teacher at the last of some moments, with the others."""
+
+    def at(moment: Any) -> Panel:
+        return Panel(*view.scales(), draw(moment), name, teacher=teacher)
+
+    return replace(at(moments[-1]), moments=moments, moment=at)
+
+
+def _grid(panels: Sequence[Panel], name: str, heading: str, caption: str) -> Chart | None:
     rows = grid(panels, 4)
     size = PAGE_WIDTH, 0.5 + 2.2 * len(rows)
-    return Chart(name, rows, "Probed tasks", caption, size=size, pixels=290) if panels else None
-
-
-def _moving(curriculum: Curriculum, teacher: str, name: str, steps: Sequence[int], view: TaskView) -> Panel:
-    def at(step: Any) -> Panel:
-        marks = state(curriculum, teacher, step, view, None, DOTS)
-        return Panel(*view.scales(), marks, name, teacher=teacher)
-
-    return replace(at(steps[-1]), moments=steps, moment=at)
+    return Chart(name, rows, heading, caption, size=size, pixels=290) if panels else None
 
 
 def training_tasks(
@@ -228,11 +232,21 @@ def training_tasks(
         return None
     colours, panels = return_colours(shown), []
     for teacher in sorted(shown, key=teacher_order):
-        panel = _parts(shown[teacher], teacher, names[teacher], view, colours)
-        panels += [] if panel is None else [panel]
-    rows = grid(panels, 4)
-    size = PAGE_WIDTH, 0.5 + 2.2 * len(rows)
-    return Chart(name, rows, "Training tasks", caption, size=size, pixels=290) if panels else None
+        curriculum = shown[teacher]
+        parts = {
+            round(curriculum.steps * (part + 1) / PANELS): curriculum.during(part) for part in range(PANELS)
+        }
+        parts = {step: part for step, part in parts.items() if len(part.episodes)}
+        if parts:
+            draw = partial(_episodes_at, parts, teacher, view, colours)
+            panels.append(_moving(draw, list(parts), view, names[teacher], teacher))
+    return _grid(panels, name, "Training tasks", caption)
+
+
+def _episodes_at(
+    parts: Mapping[int, Curriculum], teacher: str, view: TaskView, colours: Colours, step: int
+) -> list[Mark]:
+    return [episodes(parts[step], teacher, view, colours, EPISODES)]
 
 
 def return_colours(curricula: Mapping[str, Curriculum]) -> Colours:
@@ -240,18 +254,6 @@ def return_colours(curricula: Mapping[str, Curriculum]) -> Colours:
     mastery = next(iter(curricula.values())).mastery
     low, high = return_range(curricula, mastery)
     return Colours(RETURN_COLOURS, low, high, "Return of the episode", open=True, mark=mastery)
-
-
-def _parts(curriculum: Curriculum, teacher: str, name: str, view: TaskView, colours: Colours) -> Panel | None:
-    """Return the episodes of the last part of a run that has any, with the other parts as moments."""
-    parts = {round(curriculum.steps * (part + 1) / PANELS): part for part in range(PANELS)}
-    there = [step for step, part in parts.items() if len(curriculum.during(part).episodes)]
-
-    def at(step: Any) -> Panel:
-        dots = episodes(curriculum.during(parts[step]), teacher, view, colours, EPISODES)
-        return Panel(*view.scales(), [dots], name, teacher=teacher)
-
-    return replace(at(there[-1]), moments=there, moment=at) if there else None
 
 
 def episodes(part: Curriculum, teacher: str, view: TaskView, colours: Colours, most: int) -> Dots:

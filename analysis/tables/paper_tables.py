@@ -148,12 +148,14 @@ def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.Data
     key: Any
     for key, rows in sorted(groups, key=lambda group: -len(group[1])):
         budget, engine, physics, threshold, test_set = key
+        if pd.isna(budget):
+            yield "Nothing has begun.", rows
+            continue
         worlds = f"physics version {physics:g}" if engine == CHIPMUNK else f"worlds of {engine}"
         text = f"After {amount(budget if step is None else step)} steps, {worlds}"
         if threshold != MASTERY_RETURN:
             text += f", tasks mastered over a return of {threshold:g}"
-        text += f", test set {test_set}." if test_set else "."
-        yield "Nothing has begun." if pd.isna(budget) else text, rows
+        yield f"{text}, test set {test_set}." if test_set else f"{text}.", rows
 
 
 MASTERED = "mastered test tasks in per cent, mean ± standard deviation over runs"
@@ -266,10 +268,8 @@ def _table(
         refused = required and level == KnowledgeLevel.NONE
         reason = "cannot run without the reward mastery range" if refused else "not run"
         found.setdefault((teacher, column), Cell(missing=reason))
-    name, labels = (
-        f"{name}-{results.name}" if results.name else name,
-        {each: label(each) for each in teachers},
-    )
+    name = f"{name}-{results.name}" if results.name else name
+    labels = {teacher: label(teacher) for teacher in teachers}
     remarks = (results.remark,) if results.remark else ()
     return with_best(Table(name, title, "Teacher", labels, columns, found, remarks))
 
