@@ -77,18 +77,11 @@ def film_strip(
     steps = _checked(shots, steps)
     rows: list[list[Panel]] = []
     for shot in shots:
-        names = (
-            [f"{amount(step)} steps" if step else "start" for step in steps]
-            if not rows
-            else [""] * len(steps)
-        )
-        panel = _moving(shot, plane, steps)
-        rows.append(
-            [
-                replace(panel.at(step), title=name, side=shot.name)
-                for step, name in zip(steps, names, strict=True)
-            ]
-        )
+        panel, row = _moving(shot, plane, steps), []
+        for step in steps:
+            name = f"{amount(step)} steps" if step else "start"
+            row.append(replace(panel.at(step), title="" if rows else name, side=shot.name))
+        rows.append(row)
     side = 1.6 * width / PAGE_WIDTH
     size, letters = (width, 0.9 + side * len(rows)), 8.5 if width >= PAGE_WIDTH else 6.5
     return Chart("film", rows, legend=Legend.NONE, size=size, letters=letters)
@@ -170,22 +163,16 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
     """
     view, teachers = TaskView(plane), sorted(curricula, key=teacher_order)
     names, colours = short_labels(teachers, 16), return_colours(curricula)
-    rows = [
-        [
-            Panel(
-                *view.scales(),
-                [episodes(mine, teacher, view, colours, POINTS)],
-                f"{100 * part // PANELS}\N{EN DASH}{100 * (part + 1) // PANELS} %"
-                if teacher == teachers[0]
-                else "",
-                side=names[teacher],
-                remark="no episodes" if mine.episodes.empty else "",
-            )
-            for part in range(PANELS)
-            for mine in [curricula[teacher].during(part)]
-        ]
-        for teacher in teachers
-    ]
+    rows: list[list[Panel]] = []
+    for teacher in teachers:
+        row = []
+        for number in range(PANELS):
+            part = curricula[teacher].during(number)
+            name = f"{100 * number // PANELS}\N{EN DASH}{100 * (number + 1) // PANELS} %"
+            own = {"side": names[teacher], "remark": "no episodes" if part.episodes.empty else ""}
+            dots = episodes(part, teacher, view, colours, POINTS)
+            row.append(Panel(*view.scales(), [dots], "" if rows else name, **own))
+        rows.append(row)
     size = PAGE_WIDTH, 0.9 + 1.75 * len(rows)
     return Chart("training-tasks", rows, legend=Legend.NONE, size=size)
 

@@ -164,9 +164,8 @@ def state(
         most: largest number of probed tasks; None for all.
     """
     tasks, update = curriculum.probed_at(step)[:most], curriculum.update_at(step)
-    boxes, gaussians = (
-        ([], []) if update is None or not len(tasks) else (boxes_of(update), gaussians_of(update))
-    )
+    update = update if len(tasks) else None
+    boxes, gaussians = ([], []) if update is None else (boxes_of(update), gaussians_of(update))
     own: dict[str, Any] = {"look": look(teacher), "teacher": teacher}
     xs, ys = view.dots(np.asarray(tasks, np.float64))
     return [
@@ -233,10 +232,9 @@ def training_tasks(
     colours, panels = return_colours(shown), []
     for teacher in sorted(shown, key=teacher_order):
         curriculum = shown[teacher]
-        parts = {
-            round(curriculum.steps * (part + 1) / PANELS): curriculum.during(part) for part in range(PANELS)
-        }
-        parts = {step: part for step, part in parts.items() if len(part.episodes)}
+        ends = [round(curriculum.steps * (part + 1) / PANELS) for part in range(PANELS)]
+        parts = {end: curriculum.during(part) for part, end in enumerate(ends)}
+        parts = {end: part for end, part in parts.items() if len(part.episodes)}
         if parts:
             draw = partial(_episodes_at, parts, teacher, view, colours)
             panels.append(_moving(draw, list(parts), view, names[teacher], teacher))
