@@ -63,12 +63,11 @@ def animate(chart: Chart, seconds: float = 6.0) -> bytes:
 
 
 def _images(chart: Chart) -> Iterator[Image.Image]:
-    figure, grid = lay_out(chart)
+    figure, drawn = lay_out(chart)
     figure.set_dpi(DPI)
     canvas = FigureCanvasAgg(figure)
-    panels = [axes for row in grid for axes in row if axes is not None]
     for step in chart.all_panels[0].moments:
-        for axes, panel in zip(panels, chart.all_panels, strict=True):
+        for panel, axes in drawn.items():
             for artist in (*axes.collections, *axes.patches, *axes.texts):
                 artist.remove()
             Marks(axes, panel.at(step)).draw()

@@ -36,7 +36,8 @@ FRAME = "#b9bec6"
 
 P = ParamSpec("P")
 
-Grid = list[list[Axes | None]]
+Drawn = dict[Panel, Axes]
+"""The panels of a chart, row by row, and their axes."""
 
 
 def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
@@ -57,16 +58,14 @@ def draw(chart: Chart) -> Figure:
     size, names = chart.letters, ("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
     letters: Any = {**dict.fromkeys(names, size), "axes.titlesize": size + (1 if size > 8 else 0.5)}
     with mpl.rc_context(letters):
-        figure, grid = lay_out(chart)
-        for row, panels in zip(grid, chart.panels, strict=True):
-            for axes, panel in zip(row, panels, strict=True):
-                if axes is not None:
-                    Marks(axes, panel).draw()
-        finish(figure, grid, chart)
+        figure, drawn = lay_out(chart)
+        for panel, axes in drawn.items():
+            Marks(axes, panel).draw()
+        finish(figure, drawn, chart)
     return figure
 
 
-def lay_out(chart: Chart) -> tuple[Figure, Grid]:
+def lay_out(chart: Chart) -> tuple[Figure, Drawn]:
     """Return a figure with empty panels whose axes have bounds, ticks and headings."""
     rows, columns = len(chart.panels), len(chart.panels[0])
     width, height = chart.size
@@ -77,28 +76,25 @@ def lay_out(chart: Chart) -> tuple[Figure, Grid]:
     shared: dict[str, Any] = {"sharex": _shared(xs), "sharey": _shared(ys)}
     if columns == 1 and shared["sharey"] != "all":
         shared["height_ratios"] = [len(panel.y.rows) or 1 for (panel,) in chart.panels]
-    axes = figure.subplots(rows, columns, squeeze=False, **shared)
+    subplots = figure.subplots(rows, columns, squeeze=False, **shared)
     ticks = int(np.clip(2 * (width - 1) / columns, 2, 6))
     letters = int((width - 0.8) / columns * 72 / (0.66 * (chart.letters + 0.5)))
+    drawn: Drawn = {}
     for line, row in enumerate(chart.panels):
-        for column, panel in enumerate(row):
+        for axes, panel, *beneath in zip(subplots[line], *chart.panels[line:], strict=True):
             if panel is None:
-                axes[line, column].remove()
+                axes.remove()
                 continue
-            _prepare(axes[line, column], panel, ticks, letters)
-            beneath = [each[column] for each in chart.panels[line + 1 :]]
+            drawn[panel] = axes
+            _prepare(axes, panel, ticks, letters)
             if shared["sharex"] == "all" and not any(beneath):
-                axes[line, column].tick_params(labelbottom=True)
+                axes.tick_params(labelbottom=True)
             if shared["sharex"] == "row" and any(each and each.x == panel.x for each in beneath):
-                axes[line, column].tick_params(labelbottom=False)  # those beneath are the same
+                axes.tick_params(labelbottom=False)  # those beneath are the same
         if row[0] and row[0].side:
-            axes[line, 0].set_ylabel(textwrap.fill(row[0].side, 18), fontweight="bold")
-    grid = [
-        [axes[line, column] if panel else None for column, panel in enumerate(row)]
-        for line, row in enumerate(chart.panels)
-    ]
-    _name_axes(figure, grid, chart)
-    return figure, grid
+            subplots[line, 0].set_ylabel(textwrap.fill(row[0].side, 18), fontweight="bold")
+    _name_axes(figure, drawn, chart)
+    return figure, drawn
 
 
 def _shared(scales: Sequence[Sequence[Scale | None]]) -> str:
@@ -155,7 +151,7 @@ def _prepare_axis(axis: XAxis | YAxis, scale: Scale, ticks: int, flat: bool = Fa
         axis.set_major_formatter(PercentFormatter(1.0))
 
 
-def _name_axes(figure: Figure, grid: Grid, chart: Chart) -> None:
+def _name_axes(figure: Figure, drawn: Drawn, chart: Chart) -> None:
     """Name the axes: once for all panels where all have the same name."""
     for side, share, name in (("x", figure.supxlabel, "set_xlabel"), ("y", figure.supylabel, "set_ylabel")):
         titles = {getattr(panel, side).title for panel in chart.all_panels} - {""}
@@ -166,16 +162,16 @@ def _name_axes(figure: Figure, grid: Grid, chart: Chart) -> None:
         if once and not noted:
             share(_axis_title(chart.all_panels[0], side), fontsize=min(8.5, chart.letters + 1))
             continue
-        below = slice(-1, None) if once else slice(None)
-        for row, panels in zip(grid[below], chart.panels[below], strict=True):
-            for axes, panel in zip(row[:1] if flat else row, panels, strict=False):
-                if axes is not None and (text := _axis_title(panel, side)):
-                    if flat and len(text) > 22:  # in lines, the unit on a line of its own
-                        words, bracket, unit = text.partition(" (")
-                        text = "\n".join(textwrap.wrap(words, 22) + ([f"({unit}"] if bracket else []))
-                    getattr(axes, name)(text, **(FLAT if flat else {}))
-    if len(grid) > 1 and grid[0][0] is not None:
-        figure.align_ylabels([row[0] for row in grid if row[0] is not None])
+        for row in chart.panels[-1:] if once else chart.panels:
+            for panel in filter(None, row[:1] if flat else row):
+                text = _axis_title(panel, side)
+                if flat and len(text) > 22:  # in lines, the unit on a line of its own
+                    words, bracket, unit = text.partition(" (")
+                    text = "\n".join(textwrap.wrap(words, 22) + ([f"({unit}"] if bracket else []))
+                if text:
+                    getattr(drawn[panel], name)(text, **(FLAT if flat else {}))
+    if len(chart.panels) > 1 and chart.panels[0][0] is not None:
+        figure.align_ylabels([drawn[row[0]] for row in chart.panels if row[0] is not None])
 
 
 FLAT: dict[str, Any] = {"rotation": 0, "ha": "right", "va": "center", "labelpad": 2}
@@ -201,21 +197,20 @@ def _in_unit(unit: float, step: float, _: int) -> str:
     return f"{step / unit:g}"
 
 
-def finish(figure: Figure, grid: Grid, chart: Chart) -> None:
+def finish(figure: Figure, drawn: Drawn, chart: Chart) -> None:
     """Add colour bars, legends, heading and note around the panels."""
-    for row, panels in zip(grid, chart.panels, strict=True):
-        for axes, panel in zip(row, panels, strict=True):
-            if axes is not None and panel.x.kind is Kind.STEPS:
-                unit, _ = _step_unit(panel)
-                axes.xaxis.set_major_formatter(FuncFormatter(functools.partial(_in_unit, unit)))
-    _colour_bars(figure, grid, chart)
+    for panel, axes in drawn.items():
+        if panel.x.kind is Kind.STEPS:
+            unit, _ = _step_unit(panel)
+            axes.xaxis.set_major_formatter(FuncFormatter(functools.partial(_in_unit, unit)))
+    _colour_bars(figure, drawn, chart)
     handles = _handles(chart)
     if chart.legend is Legend.CORNER:
         figure.legend(handles=handles, loc="upper right", fontsize=7, labelspacing=0.35)
     elif handles and chart.legend is not Legend.NONE:
         legend(figure, handles, "outside upper center")
     if chart.legend is Legend.BESIDE:
-        for axes, panel in zip([axes for row in grid for axes in row if axes], chart.all_panels, strict=True):
+        for panel, axes in drawn.items():
             mine = [line_handle(mark) for mark in panel.marks if mark.name]
             place: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.03, 0.5)}
             axes.legend(handles=mine, fontsize=6, handlelength=2.6, **place)
@@ -234,17 +229,17 @@ def _handles(chart: Chart) -> list[Line2D]:
     return [*lines, *map(mark_handle, chart.keys)]
 
 
-def _colour_bars(figure: Figure, grid: Grid, chart: Chart) -> None:
+def _colour_bars(figure: Figure, drawn: Drawn, chart: Chart) -> None:
     """Draw the scale of colours once if all rows have the same, else next to each row that has one."""
     found = [
         next((c for p in row if p for mark in p.marks if (c := getattr(mark, "colours", None))), None)
         for row in chart.panels
     ]
     same = found[0] is not None and all(each == found[0] for each in found)
-    for colours, rows in [(found[0], grid)] if same else zip(found, ([row] for row in grid), strict=True):
+    rows = [[drawn[panel] for panel in row if panel] for row in chart.panels]
+    for colours, panels in [(found[0], list(drawn.values()))] if same else zip(found, rows, strict=True):
         if colours is None:
             continue
-        panels = [axes for row in rows for axes in row if axes is not None]
         bar = figure.colorbar(
             mappable(colours),
             ax=panels,

@@ -5,10 +5,9 @@ from __future__ import annotations
 import functools
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -129,8 +128,7 @@ def _file(figure: Figure, ending: str, dpi: int) -> bytes:
     return buffer.getvalue()
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """A figure of the report.
 
     Attributes:
@@ -151,8 +149,3 @@ class Picture:
     def of(cls, name: str, figure: Figure, title: str, caption: str) -> Picture:
         """Return `figure` as a picture."""
         return cls(name, png(figure), title, caption, width=round(figure.get_figwidth() * 100))
-
-    @property
-    def wide(self) -> bool:
-        """True if the figure needs the full width of the page."""
-        return self.width > 600
