@@ -107,7 +107,7 @@ def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
 
 
 def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
-    """Return the `label` of each teacher, shortened to the room of a figure, and never two alike.
+    """Return the `label` of each teacher, in their order, as short as a figure needs, and never two alike.
 
     Of a long name its beginning is kept; where that is not its own, its beginning and its end; where those
     are not, a number is set behind it.
@@ -135,7 +135,7 @@ def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
         taken = set(found.values())
         counted = (f"{text} ({number})" for number in itertools.count(2))
         found[teacher] = text if text not in taken else next(each for each in counted if each not in taken)
-    return {teacher: name + mark_of(teacher) for teacher, name in found.items()}
+    return {teacher: found[teacher] + mark_of(teacher) for teacher in sorted(found, key=teacher_order)}
 
 
 def teacher_order(teacher: str) -> tuple[bool, bool, str]:

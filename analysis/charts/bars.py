@@ -36,7 +36,7 @@ from analysis.charts.base import (
 )
 from analysis.data.reference import is_baseline
 from analysis.looks import INK, MUTED, Look, look
-from analysis.names import label, order, short_labels, teacher_order, title
+from analysis.names import label, order, short_labels, title
 
 COLUMNS = 3
 """Panels side by side where there is a single column of them."""
@@ -114,7 +114,8 @@ def bars_with_pairs(
     doubt = table["doubt"].fillna("") if "doubt" in table else ""
     values = {"mean": table[mean].astype(float), "whisker": error.fillna(0.0), "doubt": doubt}
     table = table[[*by, "teacher"]].assign(**values)
-    teachers = sorted(table["teacher"].unique(), key=teacher_order)
+    names = short_labels(table["teacher"].unique())
+    teachers = list(names)
     rows, columns = (sorted(table[column].unique(), key=functools.partial(order, column)) for column in by)
     results = [[_results(table, tests, by, (row, column)) for column in columns] for row in rows]
     found = list(itertools.chain(*results))
@@ -126,10 +127,9 @@ def bars_with_pairs(
     brackets = max(len(each.different) for each in found) <= MOST_BRACKETS
     beside = [list((_brackets if brackets else _letters)(each, teachers, end, lane)) for each in found]
     used = max((number + 1 for marks in beside for number, _ in marks), default=0)
-    names = short_labels(teachers)
     axes = (
         Scale("", Kind.NUMBER, start, end + lane * (used + 0.5 if used else 0), last_tick=end, grid=True),
-        Scale(kind=Kind.TEACHERS, rows={teacher: names[teacher] for teacher in teachers}),
+        Scale(kind=Kind.TEACHERS, rows=names),
     )
     single = len(columns) == 1
     panels = [

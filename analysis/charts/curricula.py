@@ -29,7 +29,7 @@ from analysis.charts.tasks import POINTS, TaskView, episodes, return_colours, st
 from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, moments
 from analysis.formatting import amount
 from analysis.looks import Look, look
-from analysis.names import short_labels, teacher_order
+from analysis.names import short_labels
 
 SMALL = 1 / 3
 """Share of both dimensions under which tasks of a run are drawn at their own scale."""
@@ -161,15 +161,14 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
         curricula: one run for each teacher.
         plane: the two task dimensions.
     """
-    view, teachers = TaskView(plane), sorted(curricula, key=teacher_order)
-    names, colours = short_labels(teachers, 16), return_colours(curricula)
+    view, colours = TaskView(plane), return_colours(curricula)
     rows: list[list[Panel]] = []
-    for teacher in teachers:
+    for teacher, side in short_labels(curricula, 16).items():
         row = []
         for number in range(PANELS):
             part = curricula[teacher].during(number)
             name = f"{100 * number // PANELS}\N{EN DASH}{100 * (number + 1) // PANELS} %"
-            own = {"side": names[teacher], "remark": "no episodes" if part.episodes.empty else ""}
+            own = {"side": side, "remark": "no episodes" if part.episodes.empty else ""}
             dots = episodes(part, teacher, view, colours, POINTS)
             row.append(Panel(*view.scales(), [dots], "" if rows else name, **own))
         rows.append(row)
@@ -187,9 +186,8 @@ def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -
         curricula: one run for each teacher.
         axes: the task dimensions; constant ones are left out.
     """
-    teachers = sorted(curricula, key=teacher_order)
     varied = [index for index, axis in enumerate(axes) if axis.high > axis.low]
-    names = short_labels(teachers, 14)
+    names = short_labels(curricula, 14)
     steps = Scale(STEPS, Kind.STEPS, 0.0, float(max(each.steps for each in curricula.values())))
     rows = []
     for index in varied:
@@ -200,14 +198,14 @@ def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -
                     steps,
                     y,
                     [*_bands(curricula[teacher], index, teacher), *_shapes(curricula[teacher], index)],
-                    names[teacher] if index == varied[0] else "",
+                    name if index == varied[0] else "",
                 )
-                for teacher in teachers
+                for teacher, name in names.items()
             ]
         )
     height = float(np.clip(7.2 / max(len(varied), 1), 0.5, 2.2))
-    width = float(np.clip(8.4 / len(teachers), 1.05, 4.0))
-    size = 1.8 + width * len(teachers), 0.8 + height * len(varied)
+    width = float(np.clip(8.4 / len(names), 1.05, 4.0))
+    size = 1.8 + width * len(names), 0.8 + height * len(varied)
     return Chart("dimensions", rows, legend=Legend.NONE, size=size)
 
 

@@ -91,12 +91,11 @@ def learning_curves(
         ceiling: value that no run exceeds; None if unknown.
         against: title of the horizontal axis.
     """
-    names = short_labels(table["teacher"].astype(str), LONGEST_NAME)
     width = 1.4 if len(table) and table.groupby("teacher")["step"].size().max() > MOST_MARKED else 2.0
     marks = [
         curve
-        for teacher in sorted(names, key=teacher_order)
-        for curve in _curves(table, teacher, look(teacher), names[teacher], width)
+        for teacher, text in short_labels(table["teacher"].astype(str), LONGEST_NAME).items()
+        for curve in _curves(table, teacher, look(teacher), text, width)
     ]
     y = Scale(quantity, Kind.PERCENT if "%" in quantity else Kind.NUMBER, grid=True)
     panel = Panel(Scale(against, Kind.STEPS), y, [*marks, *_ceiling(ceiling, marks)])
@@ -414,7 +413,8 @@ def pairwise_curves(
         ValueError: under two teachers, or several values of a teacher at a step.
     """
     table = _table(curves, measure, ["teacher", "step"], "curves")
-    teachers = sorted(table["teacher"].unique(), key=teacher_order)
+    legend = short_labels(table["teacher"].unique())
+    teachers, names = list(legend), short_labels(legend, 15)
     if len(teachers) < 2:
         raise ValueError(f"curves of {len(teachers)} teachers: expected at least two, to compare them")
     size, tests = len(teachers) - 1, significant(tests)
@@ -427,7 +427,6 @@ def pairwise_curves(
         Scale(STEPS, Kind.STEPS, 0.0, table["step"].max()),
         Scale(name, _kind(measure), low, top + 0.16 * (top - low)),
     )
-    names, legend = short_labels(teachers, 15), short_labels(teachers)
     rows: list[list[Panel | None]] = [[None] * size for _ in range(size)]
     for column, row in itertools.combinations_with_replacement(range(size), 2):
         pair = teachers[column], teachers[row + 1]
@@ -482,8 +481,7 @@ def difference_matrix(table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequen
         Cells(xs=places, ys=places, values=differences, colours=colours),
         Dots(x=np.concatenate(ends), y=np.concatenate(ends[::-1]), size=3.5, about="significant"),
     ]
-    names = short_labels(teachers, 18)
-    rows = Scale(kind=Kind.TEACHERS, rows={teacher: names[teacher] for teacher in teachers})
+    rows = Scale(kind=Kind.TEACHERS, rows=short_labels(teachers, 18))
     heading = f"Row minus column after {amount(last)} steps; dots: p < 0.05 after Holm"
     side = min(TWO_COLUMNS + 0.6, 1.9 + 0.17 * len(teachers))
     return Chart(

@@ -25,7 +25,7 @@ from analysis.charts.base import (
 from analysis.comparisons.boards import Rank
 from analysis.formatting import number
 from analysis.looks import look
-from analysis.names import short_labels, teacher_order
+from analysis.names import short_labels
 from analysis.statistics import describe, mean_percent_interval
 
 
@@ -39,9 +39,7 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
         heading: title of the chart.
         caption: content and number of runs.
     """
-    teachers = sorted(map(str, points["teacher"].unique()), key=teacher_order)
-    labels = short_labels(teachers, LONGEST_NAME)
-    rows = {teacher: labels[teacher] for teacher in teachers}
+    rows = short_labels(map(str, points["teacher"].unique()), LONGEST_NAME)
     axes = Scale(quantity, Kind.PERCENT, grid=True), Scale(kind=Kind.TEACHERS, rows=rows)
     steps = dict(list(points[points["value"].notna()].groupby("step", sort=False)))
 
@@ -110,12 +108,11 @@ def overview_chart(
         heading: title of the chart.
         caption: content and number of runs.
     """
-    teachers = sorted(map(str, points["teacher"].unique()), key=teacher_order)
-    names = short_labels(teachers, LONGEST_NAME)
-    offsets = dict(zip(teachers, np.linspace(-0.33, 0.33, len(teachers) + 2)[1:-1], strict=True))
+    names = short_labels(map(str, points["teacher"].unique()), LONGEST_NAME)
+    offsets = dict(zip(names, np.linspace(-0.33, 0.33, len(names) + 2)[1:-1], strict=True))
     order = {anchor: place for place, anchor in enumerate(rows)}
     pairs = list(points[["comparison", "teacher"]].drop_duplicates().itertuples(index=False, name=None))
-    pairs.sort(key=lambda pair: (order[pair[0]], teacher_order(pair[1])))
+    pairs.sort(key=lambda pair: (order[pair[0]], offsets[pair[1]]))
     axes = Scale(quantity, Kind.PERCENT, grid=True), Scale(kind=Kind.COMPARISONS, rows=rows)
     groups = points.groupby("step", sort=False, dropna=False)
     samples = {step: dict(list(rows.groupby(["comparison", "teacher"])["value"])) for step, rows in groups}

@@ -27,7 +27,7 @@ from analysis.charts.base import (
     grid,
 )
 from analysis.data.curricula import Axis, stack
-from analysis.names import short_labels, teacher_order
+from analysis.names import short_labels
 
 SHARES = Colours("Blues", 0.0, 100.0, "Seeds that master the task (%)")
 """From nearly white for no run to dark for every run; readable with any colour vision."""
@@ -64,10 +64,9 @@ def mastery_chart(
         side = int(np.ceil(np.sqrt(2 * len(tasks))))  # charts are wider than high
         points = np.column_stack([rank % side, -(rank // side)]).astype(np.float64)
         draw, scales = _dots(points, words), (Scale(shown=False), Scale(shown=False))
-    names = short_labels(shares["teacher"].astype(str), LONGEST_NAME)
     panels = [
-        _panel(shares[shares["teacher"] == teacher], tasks["task_index"], names[teacher], scales, draw)
-        for teacher in sorted(names, key=teacher_order)
+        _panel(shares[shares["teacher"] == teacher], tasks["task_index"], label, scales, draw)
+        for teacher, label in short_labels(shares["teacher"].astype(str), LONGEST_NAME).items()
     ]
     rows = grid(panels, 4)
     width = 2.75 if len(panels) < 4 else 2.25
@@ -110,19 +109,18 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
     points = stack(tasks["task"]).astype(np.float64)
     if plane is not None and points.shape[1:] == (2,) and _cells(points, ()) is not None:
         return mastery_chart(shares.assign(step=END), tasks, plane)
-    teachers = sorted(shares["teacher"].unique(), key=teacher_order)
-    table = shares.pivot_table(index="teacher", columns="task_index", values="share").loc[teachers]
+    names = short_labels(shares["teacher"].unique())
+    table = shares.pivot_table(index="teacher", columns="task_index", values="share").loc[list(names)]
     order = table.mean().sort_values(ascending=False, kind="stable").index
-    names = short_labels(teachers)
     marks = Cells(
         xs=np.arange(table.shape[1], dtype=np.float64),
-        ys=np.arange(len(teachers), dtype=np.float64),
+        ys=np.arange(len(names), dtype=np.float64),
         values=100 * table[order].to_numpy(np.float64),
         colours=SHARES,
     )
-    rows = Scale(kind=Kind.TEACHERS, rows={teacher: names[teacher] for teacher in teachers})
+    rows = Scale(kind=Kind.TEACHERS, rows=names)
     panel = Panel(Scale("Test tasks, from the most to the least often mastered"), rows, [marks])
-    size = PAGE_WIDTH, 1.0 + 0.3 * len(teachers)
+    size = PAGE_WIDTH, 1.0 + 0.3 * len(names)
     return Chart("mastery", [[panel]], legend=Legend.NONE, size=size)
 
 

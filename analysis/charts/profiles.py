@@ -12,7 +12,7 @@ import pandas as pd
 from analysis.charts.base import LONGEST_NAME, STEPS, Chart, Curve, Kind, Mark, Panel, Scale, grid
 from analysis.data.curricula import Curriculum
 from analysis.looks import look
-from analysis.names import short_labels, teacher_order
+from analysis.names import short_labels
 
 FEWEST = 5
 """Runs under which the band of a line fills the panel, and is left out."""
@@ -36,9 +36,8 @@ def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, c
         heading: title of the chart.
         caption: content and number of runs.
     """
-    names = short_labels(table["teacher"].astype(str), LONGEST_NAME)
     marks: list[Mark] = []
-    for teacher in sorted(names, key=teacher_order):
+    for teacher, label in short_labels(table["teacher"].astype(str), LONGEST_NAME).items():
         rows = table[table["teacher"] == teacher].sort_values("threshold")
         share, low, high = (100 * rows[column].to_numpy(np.float64) for column in ("share", "low", "high"))
         band: dict[str, Any] = {"low": low, "high": high} if rows["n"].min() >= FEWEST else {}
@@ -49,7 +48,7 @@ def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, c
                 y=share,
                 **band,
                 look=look(teacher)._replace(marker=""),
-                name=names[teacher],
+                name=label,
                 teacher=teacher,
                 words=words,
                 hover="{text}",
@@ -74,13 +73,13 @@ def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
 
 def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -> Chart | None:
     """Return a panel for each scalar that a teacher logs, at most `MOST_PER_TEACHER` of a teacher."""
-    names, panels = short_labels(curricula, LONGEST_NAME), []
-    for teacher in sorted(curricula, key=teacher_order):
+    panels = []
+    for teacher, label in short_labels(curricula, LONGEST_NAME).items():
         for scalar, values in list(scalars_of(curricula[teacher]).items())[:MOST_PER_TEACHER]:
             # Few whole numbers would get ticks between them.
             whole = bool(values.max() - values.min() < 5 and (values % 1 == 0).all())
             axes = Scale(STEPS, Kind.STEPS), Scale(whole=whole, grid=True)
-            heading = names[teacher], scalar.replace("_", " ")
+            heading = label, scalar.replace("_", " ")
             panels.append(Panel(*axes, [_series(teacher, values)], *heading, teacher=teacher))
     rows = grid(panels, 4)
     size = 10.2, 0.4 + 1.8 * len(rows)

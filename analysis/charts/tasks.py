@@ -29,7 +29,7 @@ from analysis.charts.base import (
 )
 from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, return_range
 from analysis.looks import INK, RETURN_COLOURS, look
-from analysis.names import short_labels, teacher_order
+from analysis.names import short_labels
 
 MOMENTS, DOTS = 24, 60
 """Largest number of steps of a run, and of probed tasks of a step, on a page."""
@@ -186,14 +186,13 @@ def probed_tasks(
         name: identifier of the chart.
         caption: runs that are shown.
     """
-    view, names = TaskView(axes), short_labels(curricula, LONGEST_NAME)
-    panels = []
-    for teacher in sorted(curricula, key=teacher_order):
+    view, panels = TaskView(axes), []
+    for teacher, label in short_labels(curricula, LONGEST_NAME).items():
         steps = sorted({int(step) for step in curricula[teacher].probes["step"]})
         chosen = [steps[place] for place in spread(len(steps), MOMENTS)]
         if chosen and view.varied:
             draw = partial(state, curricula[teacher], teacher, view=view, scores=None, most=DOTS)
-            panels.append(_moving(draw, chosen, view, names[teacher], teacher))
+            panels.append(_moving(draw, chosen, view, label, teacher))
     return _grid(panels, name, "Probed tasks", caption)
 
 
@@ -225,19 +224,19 @@ def training_tasks(
         name: identifier of the chart.
         caption: runs that are shown.
     """
-    view, names = TaskView(axes), short_labels(curricula, LONGEST_NAME)
+    view, panels = TaskView(axes), []
     shown = {teacher: each for teacher, each in curricula.items() if len(each.episodes)}
     if not shown or not view.varied:
         return None
-    colours, panels = return_colours(shown), []
-    for teacher in sorted(shown, key=teacher_order):
+    colours = return_colours(shown)
+    for teacher, label in short_labels(shown, LONGEST_NAME).items():
         curriculum = shown[teacher]
         ends = [round(curriculum.steps * (part + 1) / PANELS) for part in range(PANELS)]
         parts = {end: curriculum.during(part) for part, end in enumerate(ends)}
         parts = {end: part for end, part in parts.items() if len(part.episodes)}
         if parts:
             draw = partial(_episodes_at, parts, teacher, view, colours)
-            panels.append(_moving(draw, list(parts), view, names[teacher], teacher))
+            panels.append(_moving(draw, list(parts), view, label, teacher))
     return _grid(panels, name, "Training tasks", caption)
 
 

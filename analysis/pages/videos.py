@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from analysis.comparisons.measured import Measured
 from analysis.data.frames import Frames
 from analysis.formatting import number
@@ -86,17 +84,23 @@ def wanted_videos(frames: Frames, measured: Measured) -> Iterator[WantedVideo]:
     """
     for anchor, _, mine in titled(measured):
         finished = mine.finals[mine.finals["status"] == "done"]
-        chosen = _telling_task(frames, finished)
-        if chosen is None:
+        evaluations = frames.evaluations_of(finished["run_id"].unique())
+        evaluations = evaluations.astype({"run_id": object, "test_set": object})
+        rows = evaluations.merge(finished[["run_id", "step"]], on=["run_id", "step"])
+        differences = rows.groupby(["test_set", "task_index"])["episodic_return"].std(ddof=0)
+        if differences.empty:
             continue
-        tasks = frames.test_tasks
+        key: Any = differences.idxmax()
+        chosen, tasks = (str(key[0]), int(key[1])), frames.test_tasks
         task = tasks[(tasks["test_set"] == chosen[0]) & (tasks["task_index"] == chosen[1])]["task"].iloc[0]
         words = ",".join(f"{value:.9g}" for value in task)
         for teacher in sorted(finished["teacher"].unique(), key=teacher_order):
             runs = finished[finished["teacher"] == teacher]
-            for rank, run in _extremes(runs):
+            ranked = runs.sort_values([HEADLINE, "evaluation_return", "seed"], kind="stable")
+            for rank, place in (("best", -1), ("worst", 0)) if len(ranked) > 1 else (("only", 0),):
+                run = ranked.iloc[place]
                 names = (anchor, teacher, run["run_id"], rank, int(run["seed"]))
-                yield WantedVideo(*names, chosen[0], chosen[1], words)
+                yield WantedVideo(*names, *chosen, words)
 
 
 def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
@@ -105,24 +109,3 @@ def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
     for video in videos:
         found.setdefault(video.wanted.comparison, []).append(video)
     return found
-
-
-def _telling_task(frames: Frames, finals: pd.DataFrame) -> tuple[str, int] | None:
-    """Return test set and index of the task on which the last returns of runs differ most."""
-    evaluations = frames.evaluations_of(finals["run_id"].unique())
-    evaluations = evaluations.astype({"run_id": object, "test_set": object})
-    rows = evaluations.merge(finals[["run_id", "step"]], on=["run_id", "step"])
-    spread = rows.groupby(["test_set", "task_index"])["episodic_return"].std(ddof=0)
-    if spread.empty:
-        return None
-    key: Any = spread.idxmax()
-    return str(key[0]), int(key[1])
-
-
-def _extremes(runs: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
-    ranked = runs.sort_values([HEADLINE, "evaluation_return", "seed"], kind="stable")
-    if len(ranked) == 1:
-        yield "only", ranked.iloc[0]
-        return
-    yield "best", ranked.iloc[-1]
-    yield "worst", ranked.iloc[0]
