@@ -11,7 +11,7 @@ from PIL import Image
 
 from analysis.charts.base import Chart, spread
 from analysis.charts.paper.drawing import lay_out
-from analysis.charts.paper.marks import Marks
+from analysis.charts.paper.marks import draw_marks
 from analysis.charts.paper.style import styled
 from analysis.formatting import amount
 
@@ -70,7 +70,7 @@ def _images(chart: Chart) -> Iterator[Image.Image]:
         for panel, axes in drawn.items():
             for artist in (*axes.collections, *axes.patches, *axes.texts):
                 artist.remove()
-            Marks(axes, panel.at(step)).draw()
+            draw_marks(axes, panel.at(step))
         figure.suptitle(f"{amount(step)} steps" if step else "start", fontsize=9)
         canvas.draw()  # type: ignore[no-untyped-call]
         figure.set_layout_engine("none")  # panels stay where the first frame has them

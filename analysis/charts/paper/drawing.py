@@ -25,7 +25,7 @@ from analysis.charts.base import (
     Scale,
 )
 from analysis.charts.paper.legends import legend, legend_height, line_handle, mark_handle
-from analysis.charts.paper.marks import STAR_ROW, Marks, mappable
+from analysis.charts.paper.marks import STAR_ROW, draw_marks, mappable
 from analysis.charts.paper.radar import draw_radars
 from analysis.charts.paper.style import styled
 from analysis.charts.radars import Radar
@@ -60,7 +60,7 @@ def draw(chart: Chart) -> Figure:
     with mpl.rc_context(letters):
         figure, drawn = lay_out(chart)
         for panel, axes in drawn.items():
-            Marks(axes, panel).draw()
+            draw_marks(axes, panel)
         finish(figure, drawn, chart)
     return figure
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import singledispatchmethod
+from functools import singledispatch
 from typing import Any
 
 import numpy as np
@@ -39,187 +39,182 @@ DIAMETER, THICKNESS = 0.55, 0.75
 """Points on paper for a CSS pixel of a mark's diameter, and of a line's width."""
 
 
-class Marks:
-    """Renderer of the marks of a panel in its axes."""
+def draw_marks(axes: Axes, panel: Panel) -> None:
+    """Draw the marks of a panel in its axes, or the reason why there are none."""
+    if panel.remark:
+        style: dict[str, Any] = {"ha": "center", "va": "center", "color": MUTED}
+        axes.text(0.5, 0.5, panel.remark, transform=axes.transAxes, **style)
+        return
+    for mark in panel.marks:
+        _draw(mark, axes, panel)
+    for place, row in enumerate(reversed(panel.stars)):
+        _draw_stars(row, axes, place)
+    if not panel.x.bounded and panel.x.kind is Kind.STEPS:
+        axes.set_xlim(0, max(axes.dataLim.x1, 1.0))
+    if panel.x.kind is Kind.PERCENT and not panel.x.bounded:
+        axes.set_xlim(0, max(axes.get_xlim()[1], LEAST_PERCENT))
+    if panel.y.kind is Kind.PERCENT and not panel.y.bounded:
+        axes.set_ylim(0, max(axes.get_ylim()[1], LEAST_PERCENT))
 
-    def __init__(self, axes: Axes, panel: Panel) -> None:
-        self._axes, self._panel = axes, panel
 
-    def draw(self) -> None:
-        """Draw the marks, or the reason why there are none."""
-        axes, panel = self._axes, self._panel
-        if panel.remark:
-            style: dict[str, Any] = {"ha": "center", "va": "center", "color": MUTED}
-            axes.text(0.5, 0.5, panel.remark, transform=axes.transAxes, **style)
-            return
-        for mark in panel.marks:
-            self._draw(mark)
-        for place, row in enumerate(reversed(panel.stars)):
-            self._draw_stars(row, place)
-        if not panel.x.bounded and panel.x.kind is Kind.STEPS:
-            axes.set_xlim(0, max(axes.dataLim.x1, 1.0))
-        if panel.x.kind is Kind.PERCENT and not panel.x.bounded:
-            axes.set_xlim(0, max(axes.get_xlim()[1], LEAST_PERCENT))
-        if panel.y.kind is Kind.PERCENT and not panel.y.bounded:
-            axes.set_ylim(0, max(axes.get_ylim()[1], LEAST_PERCENT))
+@singledispatch
+def _draw(mark: Mark, *_: object) -> None:
+    raise TypeError(f"{type(mark).__name__} is not drawn on paper: expected a mark of analysis.charts.base")
 
-    @singledispatchmethod
-    def _draw(self, mark: Mark) -> None:
-        raise TypeError(
-            f"{type(mark).__name__} is not drawn on paper: expected a mark of analysis.charts.base"
-        )
 
-    @_draw.register
-    def _curve(self, mark: Curve) -> None:
-        """Draw a line from where all runs have values, thin where some of them have yet to arrive."""
-        whole = np.ones(len(mark.x), bool) if mark.n is None else mark.n == mark.n.max()
-        start, end = (int(place) for place in np.flatnonzero(whole)[[0, -1]])
-        x, colour = mark.x[start:], mark.look.colour
-        if mark.low is not None and mark.high is not None:
-            low, high = mark.low[start:], mark.high[start:]
-            self._axes.fill_between(x, low, high, color=colour, alpha=mark.opacity, linewidth=0)
-        if mark.y is None:
-            return
-        y, end, scale = mark.y[start:], end - start, self._panel.y
-        within = scale.low is None or scale.high is None or not ((y < scale.low) | (y > scale.high)).any()
-        if end + 1 < len(x):
-            self._axes.plot(x[end:], y[end:], color=colour, linewidth=0.7)
-        self._axes.plot(
-            x[: end + 1],
-            y[: end + 1],
-            color=colour,
-            linestyle=mark.look.dashes,
-            linewidth=THICKNESS * mark.width,
-            marker=mark.look.marker if mark.width >= 1.5 else "",
-            markevery=max(1, (end + 1) // 8),
-            markerfacecolor=mark.fill or colour,
-            markeredgecolor=colour if mark.fill else "white",
-            markeredgewidth=0.5,
-            clip_on=not within,
-            zorder=3,
-            label=mark.name or None,
-            gid=mark.about or None,
-        )
+@_draw.register
+def _(mark: Curve, axes: Axes, panel: Panel) -> None:
+    """Draw a line from where all runs have values, thin where some of them have yet to arrive."""
+    whole = np.ones(len(mark.x), bool) if mark.n is None else mark.n == mark.n.max()
+    start, end = (int(place) for place in np.flatnonzero(whole)[[0, -1]])
+    x, colour = mark.x[start:], mark.look.colour
+    if mark.low is not None and mark.high is not None:
+        low, high = mark.low[start:], mark.high[start:]
+        axes.fill_between(x, low, high, color=colour, alpha=mark.opacity, linewidth=0)
+    if mark.y is None:
+        return
+    y, end, scale = mark.y[start:], end - start, panel.y
+    within = scale.low is None or scale.high is None or not ((y < scale.low) | (y > scale.high)).any()
+    if end + 1 < len(x):
+        axes.plot(x[end:], y[end:], color=colour, linewidth=0.7)
+    axes.plot(
+        x[: end + 1],
+        y[: end + 1],
+        color=colour,
+        linestyle=mark.look.dashes,
+        linewidth=THICKNESS * mark.width,
+        marker=mark.look.marker if mark.width >= 1.5 else "",
+        markevery=max(1, (end + 1) // 8),
+        markerfacecolor=mark.fill or colour,
+        markeredgecolor=colour if mark.fill else "white",
+        markeredgewidth=0.5,
+        clip_on=not within,
+        zorder=3,
+        label=mark.name or None,
+        gid=mark.about or None,
+    )
 
-    @_draw.register
-    def _dots(self, mark: Dots) -> None:
-        x, y = (np.asarray(values, np.float64) for values in (mark.x, mark.y))
-        if mark.values is not None and mark.colours is not None:
-            colour: Any = mappable(mark.colours).to_rgba(np.asarray(mark.values, np.float64))
-        else:
-            colour = mark.look.colour
-        within = _within(self._panel.x, x) and _within(self._panel.y, y)
-        inside: dict[str, Any] = (
-            {"facecolors": "none", "edgecolors": colour} if mark.hollow else {"c": colour}
-        )
-        if mark.edge and not mark.hollow:
-            inside |= {"edgecolors": mark.edge, "linewidths": 0.35}
-        elif not mark.hollow:
-            inside |= {"linewidths": 0}
-        self._axes.scatter(
-            x,
-            y,
-            s=(DIAMETER * np.asarray(mark.size)) ** 2,
-            marker=mark.look.marker or "o",
-            alpha=mark.opacity,
-            clip_on=not within,
-            zorder=3,
-            gid=mark.about or None,
-            **inside,
-        )
 
-    @_draw.register
-    def _interval(self, mark: Interval) -> None:
-        if not np.isfinite(mark.x):
-            return
-        sides = (
-            [[max(mark.x - mark.low, 0.0)], [max(mark.high - mark.x, 0.0)]] if np.isfinite(mark.low) else None
-        )
-        self._axes.errorbar(
-            mark.x,
-            mark.y,
-            xerr=sides,
-            color=mark.look.colour,
-            marker=mark.look.marker if mark.size else "",
-            markersize=DIAMETER * mark.size,
-            capsize=THICKNESS * mark.cap,
-            linewidth=THICKNESS * mark.width,
-            capthick=THICKNESS * mark.width,
-            zorder=3,
-        )
+@_draw.register
+def _(mark: Dots, axes: Axes, panel: Panel) -> None:
+    x, y = (np.asarray(values, np.float64) for values in (mark.x, mark.y))
+    if mark.values is not None and mark.colours is not None:
+        colour: Any = mappable(mark.colours).to_rgba(np.asarray(mark.values, np.float64))
+    else:
+        colour = mark.look.colour
+    within = _within(panel.x, x) and _within(panel.y, y)
+    inside: dict[str, Any] = {"facecolors": "none", "edgecolors": colour} if mark.hollow else {"c": colour}
+    if mark.edge and not mark.hollow:
+        inside |= {"edgecolors": mark.edge, "linewidths": 0.35}
+    elif not mark.hollow:
+        inside |= {"linewidths": 0}
+    axes.scatter(
+        x,
+        y,
+        s=(DIAMETER * np.asarray(mark.size)) ** 2,
+        marker=mark.look.marker or "o",
+        alpha=mark.opacity,
+        clip_on=not within,
+        zorder=3,
+        gid=mark.about or None,
+        **inside,
+    )
 
-    @_draw.register
-    def _bar(self, mark: Bar) -> None:
-        self._axes.barh(mark.y, mark.x, height=mark.height, color=mark.look.colour, alpha=mark.opacity)
 
-    @_draw.register
-    def _cells(self, mark: Cells) -> None:
-        colours = mark.colours
-        few: dict[str, Any] = {"edgecolor": RULE, "linewidth": 0.4} if mark.values.size <= 400 else {}
-        edges = _edges(mark.xs), _edges(mark.ys)
-        self._axes.pcolormesh(
-            *edges, mark.values, cmap=colours.name, vmin=colours.low, vmax=colours.high, **few
-        )
+@_draw.register
+def _(mark: Interval, axes: Axes, _: Panel) -> None:
+    if not np.isfinite(mark.x):
+        return
+    sides = [[max(mark.x - mark.low, 0.0)], [max(mark.high - mark.x, 0.0)]] if np.isfinite(mark.low) else None
+    axes.errorbar(
+        mark.x,
+        mark.y,
+        xerr=sides,
+        color=mark.look.colour,
+        marker=mark.look.marker if mark.size else "",
+        markersize=DIAMETER * mark.size,
+        capsize=THICKNESS * mark.cap,
+        linewidth=THICKNESS * mark.width,
+        capthick=THICKNESS * mark.width,
+        zorder=3,
+    )
 
-    @_draw.register
-    def _shapes(self, mark: Shapes) -> None:
-        for outline in mark.outlines:
-            colour, share = mark.look.colour, outline.weight
-            fill: Any = (colour, 0.04 + 0.18 * share)
-            edge: Any = (colour, 0.35 + 0.65 * share)
-            width = 0.6 + 0.8 * share
-            if outline.score is not None and mark.colours is not None:
-                fill, edge, width = mappable(mark.colours).to_rgba(np.array(outline.score)), "white", 0.5
-            corners = np.column_stack([outline.xs, outline.ys])
-            self._axes.add_patch(Polygon(corners, facecolor=fill, edgecolor=edge, linewidth=width))
 
-    @_draw.register
-    def _rule(self, mark: Rule) -> None:
-        for line, place in ((self._axes.axvline, mark.x), (self._axes.axhline, mark.y)):
-            if place is not None:
-                line(
-                    place,
-                    color=mark.look.colour,
-                    linestyle=mark.look.dashes,
-                    linewidth=THICKNESS * mark.width,
-                    zorder=0.5,
-                    label=mark.name or None,
-                )
+@_draw.register
+def _(mark: Bar, axes: Axes, _: Panel) -> None:
+    axes.barh(mark.y, mark.x, height=mark.height, color=mark.look.colour, alpha=mark.opacity)
 
-    @_draw.register
-    def _label(self, mark: Label) -> None:
-        style: dict[str, Any] = {"color": mark.look.colour, "va": "center", "gid": mark.about or None}
-        if mark.beside:
-            place: dict[str, Any] = {"xytext": (2, 0), "textcoords": "offset points"}
-            self._axes.annotate(mark.text, (mark.x, mark.y), **place, **style)
-        else:
-            self._axes.text(mark.x, mark.y, mark.text, ha="center", **style)
 
-    def _draw_stars(self, row: StarRow, place: int) -> None:
-        """Draw a row of stars above a panel, and the line's marker at its end."""
-        axes, colour = self._axes, row.look.colour
-        rise = ScaledTranslation(0, (5 + STAR_ROW * place) / 72, axes.figure.dpi_scale_trans)
-        along = axes.get_xaxis_transform() + rise
-        end = axes.transAxes + rise + ScaledTranslation(9 / 72, 0, axes.figure.dpi_scale_trans)
-        for steps, marker, size, inside, transform, about in (
-            (row.above, "*", 5.5, colour, along, f"above-{row.about}"),
-            (row.below, "*", 5.5, "white", along, f"below-{row.about}"),
-            ([1], row.look.marker, 3.5, row.fill, end, None),
-        ):
-            if len(steps):  # an empty line would count as one at the corner of the figure
-                axes.plot(
-                    list(steps),
-                    np.ones(len(steps)),
-                    transform=transform,
-                    linestyle="none",
-                    marker=marker,
-                    markersize=size,
-                    color=colour,
-                    markerfacecolor=inside,
-                    markeredgewidth=0.6,
-                    clip_on=False,
-                    gid=about,
-                )
+@_draw.register
+def _(mark: Cells, axes: Axes, _: Panel) -> None:
+    colours = mark.colours
+    few: dict[str, Any] = {"edgecolor": RULE, "linewidth": 0.4} if mark.values.size <= 400 else {}
+    edges = _edges(mark.xs), _edges(mark.ys)
+    axes.pcolormesh(*edges, mark.values, cmap=colours.name, vmin=colours.low, vmax=colours.high, **few)
+
+
+@_draw.register
+def _(mark: Shapes, axes: Axes, _: Panel) -> None:
+    for outline in mark.outlines:
+        colour, share = mark.look.colour, outline.weight
+        fill: Any = (colour, 0.04 + 0.18 * share)
+        edge: Any = (colour, 0.35 + 0.65 * share)
+        width = 0.6 + 0.8 * share
+        if outline.score is not None and mark.colours is not None:
+            fill, edge, width = mappable(mark.colours).to_rgba(np.array(outline.score)), "white", 0.5
+        corners = np.column_stack([outline.xs, outline.ys])
+        axes.add_patch(Polygon(corners, facecolor=fill, edgecolor=edge, linewidth=width))
+
+
+@_draw.register
+def _(mark: Rule, axes: Axes, _: Panel) -> None:
+    for line, place in ((axes.axvline, mark.x), (axes.axhline, mark.y)):
+        if place is not None:
+            line(
+                place,
+                color=mark.look.colour,
+                linestyle=mark.look.dashes,
+                linewidth=THICKNESS * mark.width,
+                zorder=0.5,
+                label=mark.name or None,
+            )
+
+
+@_draw.register
+def _(mark: Label, axes: Axes, _: Panel) -> None:
+    style: dict[str, Any] = {"color": mark.look.colour, "va": "center", "gid": mark.about or None}
+    if mark.beside:
+        place: dict[str, Any] = {"xytext": (2, 0), "textcoords": "offset points"}
+        axes.annotate(mark.text, (mark.x, mark.y), **place, **style)
+    else:
+        axes.text(mark.x, mark.y, mark.text, ha="center", **style)
+
+
+def _draw_stars(row: StarRow, axes: Axes, place: int) -> None:
+    """Draw a row of stars above a panel, and the line's marker at its end."""
+    colour = row.look.colour
+    rise = ScaledTranslation(0, (5 + STAR_ROW * place) / 72, axes.figure.dpi_scale_trans)
+    along = axes.get_xaxis_transform() + rise
+    end = axes.transAxes + rise + ScaledTranslation(9 / 72, 0, axes.figure.dpi_scale_trans)
+    for steps, marker, size, inside, transform, about in (
+        (row.above, "*", 5.5, colour, along, f"above-{row.about}"),
+        (row.below, "*", 5.5, "white", along, f"below-{row.about}"),
+        ([1], row.look.marker, 3.5, row.fill, end, None),
+    ):
+        if len(steps):  # an empty line would count as one at the corner of the figure
+            axes.plot(
+                list(steps),
+                np.ones(len(steps)),
+                transform=transform,
+                linestyle="none",
+                marker=marker,
+                markersize=size,
+                color=colour,
+                markerfacecolor=inside,
+                markeredgewidth=0.6,
+                clip_on=False,
+                gid=about,
+            )
 
 
 def _within(scale: Scale, values: Array) -> bool:
