@@ -57,9 +57,6 @@ class TaskView:
     """A way to show tasks: on the task plane where it has two dimensions that vary.
 
     Else in a column for each dimension that varies, at their share of its range.
-
-    Attributes:
-        axes: the dimensions of the task space.
     """
 
     axes: Sequence[Axis]
@@ -153,15 +150,9 @@ def _rectangle(low: Array, high: Array) -> tuple[Array, Array]:
 def state(
     curriculum: Curriculum, teacher: str, step: int, view: TaskView, scores: Colours | None, most: int | None
 ) -> list[Mark]:
-    """Return boxes, Gaussians and probed tasks of a teacher at a step; the marks are empty without probes.
+    """Return boxes, Gaussians and at most `most` probed tasks of a teacher; empty marks without probes.
 
-    Args:
-        curriculum: curriculum of the run.
-        teacher: teacher of the run.
-        step: moment.
-        view: view of the task space.
-        scores: colours of regions; None where there is one.
-        most: largest number of probed tasks; None for all.
+    `scores` are the colours of regions; None where there is one.
     """
     tasks, update = curriculum.probed_at(step)[:most], curriculum.update_at(step)
     update = update if len(tasks) else None
@@ -178,14 +169,7 @@ def state(
 def probed_tasks(
     curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> Chart | None:
-    """Return tasks that each teacher would propose at any moment; None without probes.
-
-    Args:
-        curricula: one run for each teacher; without probes it has no panel.
-        axes: the dimensions of the task space.
-        name: identifier of the chart.
-        caption: runs that are shown.
-    """
+    """Return tasks that each teacher would propose at any moment; teachers without probes have no panel."""
     view, panels = TaskView(axes), []
     for teacher, label in short_labels(curricula, LONGEST_NAME).items():
         steps = sorted({int(step) for step in curricula[teacher].probes["step"]})
@@ -216,14 +200,7 @@ def _grid(panels: Sequence[Panel], name: str, heading: str, caption: str) -> Cha
 def training_tasks(
     curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> Chart | None:
-    """Return training tasks in each part of a run, coloured by return; None without episodes.
-
-    Args:
-        curricula: one run for each teacher; without episodes it has no panel.
-        axes: the dimensions of the task space.
-        name: identifier of the chart.
-        caption: runs that are shown.
-    """
+    """Return training tasks in each part of a run, coloured by return; None without episodes."""
     view, panels = TaskView(axes), []
     shown = {teacher: each for teacher, each in curricula.items() if len(each.episodes)}
     if not shown or not view.varied:
