@@ -400,7 +400,7 @@ def pairwise_curves(
 
     Stars along the top of a panel mark the steps at which the two differ significantly, in the colour of
     the one that is above. All panels have the same axes. Of more than `LARGEST` + 1 teachers
-    `difference_matrix` shows the last step.
+    a matrix shows the differences at the last step.
 
     Args:
         curves: results of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n, and
@@ -419,7 +419,7 @@ def pairwise_curves(
         raise ValueError(f"curves of {len(teachers)} teachers: expected at least two, to compare them")
     size, tests = len(teachers) - 1, significant(tests)
     if size > LARGEST:
-        return difference_matrix(table, tests, teachers, name)
+        return _difference_matrix(table, tests, teachers, name)
     error = table["standard_error"].fillna(0.0)
     low = 0.0 if measure.endswith("percent") else min(0.0, (table["mean"] - error).min())
     top = max((table["mean"] + error).max(), low + LEAST_PERCENT)
@@ -459,15 +459,8 @@ def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> It
             yield Dots(x=steps, y=heights, look=style, size=7.0, about=f"{above}-above-{below}")
 
 
-def difference_matrix(table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequence[str], name: str) -> Chart:
-    """Return the difference of each row's teacher to each column's, with a dot where it is significant.
-
-    Args:
-        table: teacher, step and mean.
-        tests: significant ones at every step: first, second and step.
-        teachers: rows and columns.
-        name: quantity, with its unit.
-    """
+def _difference_matrix(table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequence[str], name: str) -> Chart:
+    """Return the difference of each row's teacher to each column's, with a dot where it is significant."""
     last = table["step"].max()
     means = table[table["step"] == last].set_index("teacher")["mean"].reindex(teachers).to_numpy(float)
     differences = means[:, None] - means[None, :]

@@ -56,14 +56,18 @@ def mastery_chart(
     words = [", ".join(f"{value:.4g}" for value in task) for task in values]
     if len(axes) == 2 == values.shape[1]:
         points = values.astype(np.float64)
-        draw, scales = _cells(points, words) or _dots(points, words), _scales(axes, points)
+        draw, scales = _cells(points, words) or _dots(points, words), list[Scale]()
+        for axis, places in zip(axes, points.T, strict=True):  # with half a cell around the tasks
+            centres = np.unique(places)
+            half = float(np.diff(centres).min()) / 2 if len(centres) > 1 else 0.5
+            scales.append(Scale(axis.name, Kind.TASK, float(centres[0]) - half, float(centres[-1]) + half))
     else:  # in a square
         mean = shares[shares["step"] == END].groupby("task_index")["share"].mean()
         mean = mean.reindex(tasks["task_index"]).fillna(-1)
         rank = np.argsort(np.argsort(-mean.to_numpy(), kind="stable"), kind="stable")
         side = int(np.ceil(np.sqrt(2 * len(tasks))))  # charts are wider than high
         points = np.column_stack([rank % side, -(rank // side)]).astype(np.float64)
-        draw, scales = _dots(points, words), (Scale(shown=False), Scale(shown=False))
+        draw, scales = _dots(points, words), [Scale(shown=False), Scale(shown=False)]
     panels = [
         _panel(shares[shares["teacher"] == teacher], tasks["task_index"], label, scales, draw)
         for teacher, label in short_labels(shares["teacher"].astype(str), LONGEST_NAME).items()
@@ -78,7 +82,7 @@ def _panel(
     shares: pd.DataFrame,
     tasks: pd.Series,
     name: str,
-    axes: tuple[Scale, Scale],
+    axes: Sequence[Scale],
     draw: Callable[[Array], Mark],
 ) -> Panel:
     """Return the panel of a teacher, with the share of runs in per cent beside its name."""
@@ -160,13 +164,3 @@ def _dots(points: Array, words: Sequence[str]) -> Callable[[Array], Mark]:
         )
 
     return draw
-
-
-def _scales(axes: Sequence[Axis], points: Array) -> tuple[Scale, Scale]:
-    """Return the axes of the task plane, with half a cell around the tasks (n, 2)."""
-    scales = []
-    for axis, places in zip(axes, points.T, strict=True):
-        centres = np.unique(places)
-        half = float(np.diff(centres).min()) / 2 if len(centres) > 1 else 0.5
-        scales.append(Scale(axis.name, Kind.TASK, float(centres[0]) - half, float(centres[-1]) + half))
-    return scales[0], scales[1]

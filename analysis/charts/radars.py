@@ -123,7 +123,7 @@ def radar(
     tests = significant(tests[(tests["environment"] == environment) & (tests["second"].map(is_baseline))])
     teachers = sorted(results["teacher"].unique(), key=teacher_order)
     levels = {
-        level.value: ratios_of_random(
+        level.value: _ratios(
             table[table["expert_knowledge"] == level.value],
             tests[tests["expert_knowledge"] == level.value],
             mean,
@@ -162,7 +162,7 @@ def radar(
     return Chart("radar", rows, keys=keys, size=(width, height), letters=6.8)
 
 
-def ratios_of_random(
+def _ratios(
     table: pd.DataFrame,
     tests: pd.DataFrame,
     mean: str,
@@ -170,16 +170,7 @@ def ratios_of_random(
     challenges: Sequence[Matrix],
     original: Matrix,
 ) -> Ratios:
-    """Return the ratios at one level.
-
-    Args:
-        table: results of this level: teacher, challenge, perhaps doubt, and the column `mean`.
-        tests: significant ones of this level: challenge, first and difference from Random.
-        mean: column of `table`.
-        teachers: all teachers of the figure.
-        challenges: challenges of the axes.
-        original: matrix that the upper baseline comes from.
-    """
+    """Return the ratios at one level, of all results and of the tests against Random that are significant."""
     names = [matrix.challenge for matrix in challenges]
     places = zip(table["teacher"].astype(str), table["challenge"].astype(str), strict=True)
     means = dict(zip(places, table[mean].astype(float), strict=True))

@@ -47,6 +47,7 @@ from analysis.names import label, mark_of, marked_label, own_first, teacher_orde
 from analysis.pages.page import SHOWN, controls, leading, overall_section, page, page_folder, write_page
 from analysis.pages.sections import Section, overview, points_of
 from analysis.tables.paper_tables import TableResults, result_tables, results_of
+from analysis.tables.table import Table
 
 
 def places(
@@ -250,32 +251,12 @@ def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
             yield from _radar(f"radar-{side.name}", side.table, tests, side.name, caption)
 
 
-def _tables(runs: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Yield the paper's tables of comparable results, as text by row and column."""
+def _tables(runs: pd.DataFrame) -> Iterator[Table]:
+    """Yield the paper's tables of comparable results."""
     for _, alike in runs.groupby(SETTINGS, dropna=False):
         for _, matrices, chosen in by_students(alike):
             both = pd.concat([pooled(chosen), pooled(chosen, by=["embodiment"])], ignore_index=True)
-            for table in result_tables(TableResults(results_of(both), matrices)):
-                marks = table.notes()
-                rows = []
-                for row, named in table.rows.items():
-                    rows.append(
-                        (
-                            row,
-                            named,
-                            [
-                                {
-                                    "text": plus_minus(cell.mean, cell.std, cell.digits),
-                                    "best": cell.best,
-                                    "marks": ", ".join(marks[note] for note in cell.notes),
-                                }
-                                for cell in (table.cell(row, column) for column in table.columns)
-                            ],
-                        )
-                    )
-                notes = [f"{mark}: {text}" for text, mark in marks.items()]
-                columns = list(table.columns.values())
-                yield {"title": table.title, "columns": columns, "rows": rows, "notes": notes}
+            yield from result_tables(TableResults(results_of(both), matrices))
 
 
 def _radar(

@@ -18,7 +18,7 @@ from analysis.charts.profiles import FEWEST, profile_chart
 from analysis.comparisons.boards import THRESHOLDS, overall_rows, performance_profiles
 from analysis.comparisons.sentences import caveat
 from analysis.data.reference import is_baseline
-from analysis.formatting import amount
+from analysis.formatting import amount, plus_minus
 from analysis.looks import look
 from analysis.measures.pooling import COMPARED
 from analysis.measures.tested import HEADLINE, QUANTITIES
@@ -53,7 +53,7 @@ def _environment() -> Environment:
     environment.filters["data_uri"] = lambda content, kind: (
         f"data:{kind};base64,{base64.b64encode(content).decode()}"
     )
-    environment.globals["plotly_library"] = plotly_library
+    environment.globals |= {"plotly_library": plotly_library, "plus_minus": plus_minus}
     return environment
 
 
