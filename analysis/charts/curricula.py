@@ -168,9 +168,9 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
         for number in range(PANELS):
             part = curricula[teacher].during(number)
             name = f"{100 * number // PANELS}\N{EN DASH}{100 * (number + 1) // PANELS} %"
-            own = {"side": side, "remark": "no episodes" if part.episodes.empty else ""}
-            dots = episodes(part, teacher, view, colours, POINTS)
-            row.append(Panel(*view.scales(), [dots], "" if rows else name, **own))
+            dots = [episodes(part, teacher, view, colours, POINTS)]
+            remark = "no episodes" if part.episodes.empty else ""
+            row.append(Panel(*view.scales(), dots, "" if rows else name, side=side, remark=remark))
         rows.append(row)
     size = PAGE_WIDTH, 0.9 + 1.75 * len(rows)
     return Chart("training-tasks", rows, legend=Legend.NONE, size=size)

@@ -94,7 +94,7 @@ def _panel(
         percent = (100 * values.to_numpy(np.float64)).round(1)
         known = percent[np.isfinite(percent)]
         title = f"{name}   {known.mean():.1f}\N{NO-BREAK SPACE}%" if len(known) else name
-        return Panel(*axes, [draw(percent)], title, teacher=teacher)
+        return Panel(axes[0], axes[1], [draw(percent)], title, teacher=teacher)
 
     return replace(at(END), moments=list(steps), moment=at)
 

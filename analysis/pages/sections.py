@@ -251,7 +251,7 @@ def end_rows(mine: Measured) -> Iterator[dict[str, Any]]:
     tests = mine.tests[mine.tests["measure"] == HEADLINE]
     groups = {str(group["teacher"]): group for _, group in mine.summary.iterrows()}
     for teacher in sorted(groups, key=teacher_order):
-        group, test = groups[teacher], tests[tests["teacher"] == teacher]
+        group, test = groups[teacher], tests[tests["teacher"] == teacher].to_dict("records")
         step = amount(group["step"]) if group["n"] else "\N{EN DASH}"
         yield {
             "name": teacher,
@@ -266,7 +266,7 @@ def end_rows(mine: Measured) -> Iterator[dict[str, Any]]:
             "training": f"{number(group['first_quarter_mean'])} → {number(group['last_quarter_mean'])}",
             "provisional": group["provisional"],
             "verdict": "baseline" if is_baseline(teacher) else "not evaluated yet",
-            **(_against_random(test.iloc[0].to_dict()) if len(test) else NONE),
+            **(_against_random(test[0]) if test else NONE),
         }
 
 
@@ -302,7 +302,7 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
     return found
 
 
-def _against_random(test: Mapping[str, Any]) -> dict[str, str]:
+def _against_random(test: Mapping[Any, Any]) -> dict[str, str]:
     difference = number(test["difference"])
     if test["reason"]:
         return {"verdict": verdict(test), "difference": difference, "p": ""}
