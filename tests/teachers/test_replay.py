@@ -116,6 +116,14 @@ def buffer_of(scores: list[float], capacity: int = 3, staleness_share: float = 0
     return buffer
 
 
+def test_a_buffer_of_an_older_checkpoint_is_restored_and_goes_on() -> None:
+    older = {name: value for name, value in vars(buffer_of([5.0, 9.0])).items() if name != "mastered"}
+    buffer = TaskBuffer.__new__(TaskBuffer)
+    buffer.__setstate__(older)
+    assert buffer.offer(np.array([2], np.float32), 7.0, 7.0, mastered=True) == 2
+    assert buffer.mastered.tolist() == [False, False, True]
+
+
 def test_chances_are_those_of_ranks_and_staleness() -> None:
     buffer = buffer_of([5.0, 9.0, 1.0])
     by_score = np.array([1 / 4, 1, 1 / 9]) / (1 / 4 + 1 + 1 / 9)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,6 +133,10 @@ class TaskBuffer:
         self.tasks = np.empty((0, self.size), dtype=np.float32)
         self.scores, self.staleness, self.best = np.empty(0), np.empty(0), np.empty(0)
         self.mastered = np.empty(0, dtype=np.bool_)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a buffer; one of an older checkpoint counts no task as mastered."""
+        vars(self).update({"mastered": np.zeros(len(state["tasks"]), dtype=np.bool_)} | state)
 
     def __len__(self) -> int:
         return len(self.tasks)
