@@ -1,37 +1,34 @@
-"""The card of a baseline, ``README.md``: what it is, how it was made, how to use and to cite it."""
+"""The card of a release, ``README.md``: what it is, how it was made, how to use and to cite it."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
-import pandas as pd
-
-from analysis.baselines.catalogue import BaselineKind, BaselineManifest
+from analysis.baselines.catalogue import BaselineManifest
+from analysis.data.frames import Frames
 from analysis.data.identity import parsed
 from analysis.formatting import amount, duration
+from analysis.measures.evaluations import ceilings_in_words
 from analysis.names import label, teacher_order
-from analysis.tables.table import Table, TableFormat, render
+from analysis.tables.paper_tables import result_tables, table_results
+from analysis.tables.table import TableFormat, render
+from tma_ray.results import CHIPMUNK, SIMULATED
 
 CARD_FILE = "README.md"
 
+LIBRARIES: Final = ("python", "tma_ray", "torch", "numpy", "pymunk")
+"""Entries of a fingerprint that the card of a release shows."""
 
-def card(
-    manifest: BaselineManifest,
-    made: str,
-    citation: str = "",
-    tables: Sequence[Table] = (),
-    ceilings: Sequence[str] = (),
-) -> str:
-    """Return the card of a baseline.
+
+def card(manifest: BaselineManifest, made: str, frames: Frames) -> str:
+    """Return the card of a release.
 
     Args:
-        manifest: manifest of the baseline.
-        made: origin of its results, in words.
-        citation: text that others cite; empty for name, software and date of the baseline itself.
-        tables: its results.
-        ceilings: bounds of these, a sentence each.
+        manifest: manifest of the release.
+        made: origin of its runs, of `origin`.
+        frames: its results, of which the card has the tables.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # reading a baseline does without
 
@@ -42,26 +39,20 @@ def card(
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    tables = (table for results in table_results(frames) for table in result_tables(results))
     text = environment.get_template("card.md.j2").render(
         manifest=manifest,
-        published=manifest.kind is BaselineKind.PUBLISHED,
         holds=[(name.replace("_", " "), _plain(name, value)) for name, value in manifest.holds.items()],
         planned=", ".join(f"{_safe(name)} {count:,}" for name, count in sorted(manifest.planned.items())),
         made=made,
-        citation=citation or manifest.citation,
-        ceilings=ceilings,
+        ceilings=ceilings_in_words(frames),
         tables="\n".join(render(table, TableFormat.MARKDOWN) for table in tables),
     )
     return re.sub(r"\n{3,}", "\n\n", text.rstrip()) + "\n"
 
 
-def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return the distinct values of some columns, sorted, and some counts, as JSON has them."""
-    found = {name: sorted(set(values)) for name, values in columns.items()}
-    return {name: values for name, values in found.items() if values and values != [""]} | dict(counts)
-
-
 def _plain(name: str, value: Any) -> str:
+    """Return what a release holds of one kind, as the card has it."""
     if name == "steps":
         return ", ".join(map(amount, value))
     if name == "teachers":
@@ -87,48 +78,45 @@ def _ranges(numbers: Sequence[int]) -> str:
     return ", ".join(f"{low} to {high}" if high > low else f"{low}" for low, high in runs)
 
 
-LIBRARIES: Final = ("python", "tma_ray", "torch", "numpy", "pymunk")
-"""Entries of a fingerprint that the card of a release shows."""
+def origin(frames: Frames, physics_versions: Sequence[int]) -> str:
+    """Return the engines, hours, machines, processors and software behind runs, in words."""
+    engines = set(frames.cells["engine"])
+    others = sorted(engines - {CHIPMUNK, SIMULATED})
+    said = [f"Imported from results that others made in worlds of {', '.join(others)}."] if others else []
+    if SIMULATED in engines:
+        said.append("By `tma-ray simulate`: students are equations, without physics.")
+    if CHIPMUNK in engines:
+        versions = ", ".join(map(str, physics_versions)) or "unknown"
+        said.append(f"By campaigns of tma_ray with its {CHIPMUNK} worlds, physics version {versions}.")
+    if len(frames.attempts):
+        said += _made_on(frames)
+    return " ".join(
+        [*said, "Every run has its whole specification in the column `spec` of the table `runs`."]
+    )
 
 
-def made_on(attempts: pd.DataFrame, seeds: pd.Series) -> str:
-    """Return hours, machines, processors and software of the attempts at runs, in words.
-
-    Args:
-        attempts: table of attempts, at least one.
-        seeds: seed of each run, indexed by its id.
-    """
+def _made_on(frames: Frames) -> list[str]:
+    """Return sentences on the attempts at runs: time, machines, processors and software."""
+    attempts, run_ids = frames.attempts, frames.attempts["run_id"].astype(str)
     hosts = attempts["host"].astype(str)
     machines = f", on machines: {hosts[hosts != ''].nunique()}" if (hosts != "").any() else ""
-    spent = attempts["wall_seconds"].astype(float).groupby(attempts["run_id"].astype(str)).sum()
-    usual = float(spent.median())  # a few stalled runs would decide a mean
-    text = f"Attempts: {len(attempts):,}{machines}; a run takes {duration(usual)} in the median."
+    usual = float(3600 * frames.run_hours.median())  # a few stalled runs would decide a mean
+    said = [f"Attempts: {len(attempts):,}{machines}; a run takes {duration(usual)} in the median."]
     texts = attempts["fingerprint"].astype(str)
     prints = {each: parsed(each) for each in texts.unique()}
-    known = list(prints.values())
-    used = attempts["run_id"].astype(str).map(seeds).groupby(texts.map(lambda each: prints[each].get("cpu")))
+    seeds = run_ids.map(frames.cells.drop_duplicates("run_id").set_index("run_id")["seed"])
+    used = seeds.groupby(texts.map(lambda each: prints[each].get("cpu")))
     by_processor = {str(cpu): sorted(set(rows.dropna().astype(int))) for cpu, rows in used}
     if by_processor:
-        shown = [f"{cpu} (seeds {_ranges(mine)})" for cpu, mine in by_processor.items()]
-        text += f" Processors: {', '.join(shown)}; devices: {', '.join(_devices(known))}."
+        shown = ", ".join(f"{cpu} (seeds {_ranges(mine)})" for cpu, mine in by_processor.items())
+        devices = set()
+        for each in prints.values():
+            model = f" ({each['gpu']})" if "gpu" in each else ""
+            cohort = f" in cohorts of {each['cohort']}" if "cohort" in each else ""
+            devices.add(f"{each.get('device', 'cpu')}{model}{cohort}")
+        said.append(f"Processors: {shown}; devices: {', '.join(sorted(devices))}.")
         if len(set(map(tuple, by_processor.values()))) > 1:
-            text += " Hardware goes with seeds: a difference between seeds may be one between processors."
-    versions = [f"{name} {', '.join(_values(known, name))}" for name in LIBRARIES if _values(known, name)]
-    return f"{text} Software: {'; '.join(versions)}." if versions else text
-
-
-def _devices(prints: list[dict[str, Any]]) -> list[str]:
-    """Return each device, with the model of a GPU and the width of a cohort."""
-    shown = set()
-    for each in prints:
-        text = str(each.get("device", "cpu"))
-        if "gpu" in each:
-            text += f" ({each['gpu']})"
-        if "cohort" in each:
-            text += f" in cohorts of {each['cohort']}"
-        shown.add(text)
-    return sorted(shown)
-
-
-def _values(prints: list[dict[str, Any]], name: str) -> list[str]:
-    return sorted({str(each[name]) for each in prints if name in each})
+            said.append("Hardware goes with seeds: a difference between seeds may be one between processors.")
+    values = {name: {str(each[name]) for each in prints.values() if name in each} for name in LIBRARIES}
+    versions = [f"{name} {', '.join(sorted(found))}" for name, found in values.items() if found]
+    return [*said, f"Software: {'; '.join(versions)}."] if versions else said

@@ -79,22 +79,8 @@ class About:
     core: tuple[str, ...] = ()
     gaps: str = ""
 
-    def or_of(self, released: BaselineManifest | None) -> About:
-        """Return these statements, and those of a release where there are none."""
-        if released is None:
-            return self
-        return About(self.core or released.core, self.gaps or released.gaps)
-
 
 UNSAID: Final = About()
-
-
-@dataclass(frozen=True)
-class _Format:
-    """First fields of every version of `BASELINE_FILE`."""
-
-    format: str
-    format_version: int
 
 
 @dataclass(frozen=True)
@@ -157,11 +143,12 @@ class BaselineManifest:
         where = store.where(BASELINE_FILE)
         try:
             data = store.read_bytes(BASELINE_FILE)
-            kind = decode_json(data, _Format, where)
-            if (kind.format, kind.format_version) != (FORMAT, FORMAT_VERSION):
+            content = decode_json(data, dict[str, Any], where)
+            kind = content.get("format"), content.get("format_version")
+            if kind != (FORMAT, FORMAT_VERSION):
                 raise BaselineError(
-                    f"{where} is {kind.format!r} of version {kind.format_version}; expected {FORMAT!r} of "
-                    f"version {FORMAT_VERSION}"
+                    f"{where} is {kind[0]!r} of version {kind[1]}; expected {FORMAT!r} of version "
+                    f"{FORMAT_VERSION}"
                 )
             return decode_json(data, cls, where)
         except FileNotFoundError:
@@ -221,9 +208,8 @@ class Baseline:
     def store(self) -> Store:
         """Return its files; at an address all of each is compared with its checksum before it is used."""
         store = Store.open(self.place)
-        if "://" not in self.place:
-            return store
-        return store.recorded({file.path: file.sha256 for file in self.manifest.files})
+        recorded = {file.path: file.sha256 for file in self.manifest.files}
+        return store.recorded(recorded) if "://" in self.place else store
 
 
 def baselines() -> tuple[Baseline, ...]:
@@ -307,15 +293,8 @@ Sources: TypeAlias = str | Path | Sequence[str | Path]
 
 
 def read(sources: Sources) -> Frames:
-    """Return the runs of all `sources` together, as those of one root.
-
-    Raises:
-        BaselineError: a damaged baseline, or one of published means, without runs.
-        ResultsRootError: nothing of that name or at that place.
-        ValueError: none is given.
-    """
-    places = places_of(sources)
-    return joined([read_one(place) for place in places])
+    """Return the runs of all `sources` together, as those of one root; raises as `read_one` does."""
+    return joined([read_one(place) for place in places_of(sources)])
 
 
 def places_of(sources: Sources) -> tuple[str | Path, ...]:
@@ -350,7 +329,7 @@ def published(sources: Sources) -> Baseline | None:
     """Return the baseline of published means and deviations that `sources` is, None if it has runs."""
     places = places_of(sources)
     baseline = as_baseline(places[0]) if len(places) == 1 else None
-    return baseline if baseline is not None and _without_runs(baseline) else None
+    return baseline if baseline and baseline.manifest.kind is BaselineKind.PUBLISHED else None
 
 
 def read_one(place: str | Path) -> Frames:
@@ -361,15 +340,9 @@ def read_one(place: str | Path) -> Frames:
         ResultsRootError: nothing of that name or at that place.
     """
     baseline = as_baseline(place)
-    if baseline is None:
-        return load(place)
-    if _without_runs(baseline):
+    if baseline and baseline.manifest.kind is BaselineKind.PUBLISHED:
         raise BaselineError(
             f"{place} has published means and deviations only, and no runs to pool or to test with: set it "
             f"next to yours with tma-ray compare, or ask for its tables and figures alone"
         )
-    return baseline.frames()
-
-
-def _without_runs(baseline: Baseline) -> bool:
-    return baseline.manifest.kind is BaselineKind.PUBLISHED
+    return baseline.frames() if baseline else load(place)

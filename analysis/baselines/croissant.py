@@ -23,36 +23,19 @@ _CONTEXT: Final[dict[str, Any]] = {
     "cr": "http://mlcommons.org/croissant/",
     "rai": "http://mlcommons.org/croissant/RAI/",
     "dct": "http://purl.org/dc/terms/",
-    "citeAs": "cr:citeAs",
-    "column": "cr:column",
     "conformsTo": "dct:conformsTo",
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "equivalentProperty": "cr:equivalentProperty",
-    "extract": "cr:extract",
-    "field": "cr:field",
-    "fileObject": "cr:fileObject",
-    "fileProperty": "cr:fileProperty",
-    "fileSet": "cr:fileSet",
-    "format": "cr:format",
-    "includes": "cr:includes",
-    "isLiveDataset": "cr:isLiveDataset",
-    "jsonPath": "cr:jsonPath",
-    "key": "cr:key",
-    "md5": "cr:md5",
-    "parentField": "cr:parentField",
-    "path": "cr:path",
-    "recordSet": "cr:recordSet",
-    "references": "cr:references",
-    "regex": "cr:regex",
-    "repeated": "cr:repeated",
-    "replace": "cr:replace",
-    "samplingRate": "cr:samplingRate",
-    "separator": "cr:separator",
-    "source": "cr:source",
-    "subField": "cr:subField",
-    "transform": "cr:transform",
     "data": {"@id": "cr:data", "@type": "@json"},
     "examples": {"@id": "cr:examples", "@type": "@json"},
+    **{
+        name: f"cr:{name}"
+        for name in (
+            *("citeAs", "column", "equivalentProperty", "extract", "field", "fileObject", "fileProperty"),
+            *("fileSet", "format", "includes", "isLiveDataset", "jsonPath", "key", "md5", "parentField"),
+            *("path", "recordSet", "references", "regex", "repeated", "replace", "samplingRate"),
+            *("separator", "source", "subField", "transform"),
+        )
+    },
 }
 """Context that the specification recommends."""
 
@@ -68,6 +51,15 @@ _ROWS: Final = {
 }
 
 
+_TYPES: Final = {
+    pa.types.is_boolean: "sc:Boolean",
+    pa.types.is_integer: "sc:Integer",
+    pa.types.is_floating: "sc:Float",
+    pa.types.is_string: "sc:Text",
+    pa.types.is_timestamp: "sc:Date",
+}
+
+
 def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: str) -> dict[str, Any]:
     """Return the Croissant metadata of a release of runs, as JSON has it.
 
@@ -76,9 +68,9 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
         files: its files; the tables among them are described.
         made: origin of its runs, in words.
     """
-    tables = {table: [file for file in files if _table_of(file) is table] for table in Table}
-    held = [table for table, parts in tables.items() if parts]
-    licence = {"license": manifest.licence} if manifest.licence else {}
+    tables = {table: [f for f in files if f.path.startswith(f"tables/{table}/")] for table in Table}
+    held = {table: parts for table, parts in tables.items() if parts}
+    numbers = [each for each in manifest.name.rpartition("-")[2].split(".") if each.isdigit()]
     return {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
@@ -88,9 +80,9 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
             f"Results of {manifest.holds['runs']:,} training runs of a benchmark of curriculum teachers for "
             f"deep reinforcement learning: which teachers help which students to master which tasks."
         ),
-        **licence,
+        **({"license": manifest.licence} if manifest.licence else {}),
         "url": f"./{manifest.name}",
-        "version": _version(manifest),
+        "version": ".".join([*numbers, "0", "0", "0"][:3]),  # of a name such as mine-1.2
         "datePublished": manifest.created[:10],
         "creator": {"@type": "sc:Organization", "name": manifest.software},
         "citeAs": manifest.citation,
@@ -102,20 +94,18 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
             "Runs are of simulated worlds and of the students that are named; hardware can go with seeds."
         ),
         "rai:personalSensitiveInformation": "None: all data come from simulations.",
-        "distribution": [each for table in held for each in _distribution(table, tables[table])],
-        "recordSet": [_record_set(table) for table in held],
+        "distribution": [each for table, parts in held.items() for each in _distribution(table, parts)],
+        "recordSet": [
+            {
+                "@type": "cr:RecordSet",
+                "@id": str(table),
+                "name": str(table),
+                "description": f"A row is {_ROWS[table]}.",
+                "field": [field for column in SCHEMAS[table] if (field := _field(table, column))],
+            }
+            for table in held
+        ],
     }
-
-
-def _version(manifest: BaselineManifest) -> str:
-    """Return the version at the end of a name such as mine-1.2, with the three numbers of Croissant."""
-    numbers = [each for each in manifest.name.rpartition("-")[2].split(".") if each.isdigit()]
-    return ".".join([*numbers, "0", "0", "0"][:3])
-
-
-def _table_of(file: BaselineFile) -> Table | None:
-    parts = file.path.split("/")
-    return Table(parts[1]) if parts[0] == "tables" and parts[1] in list(Table) else None
 
 
 def _distribution(table: Table, files: Sequence[BaselineFile]) -> Iterator[dict[str, Any]]:
@@ -139,21 +129,13 @@ def _distribution(table: Table, files: Sequence[BaselineFile]) -> Iterator[dict[
     }
 
 
-def _record_set(table: Table) -> dict[str, Any]:
-    return {
-        "@type": "cr:RecordSet",
-        "@id": str(table),
-        "name": str(table),
-        "description": f"A row is {_ROWS[table]}.",
-        "field": [field for column in SCHEMAS[table] if (field := _field(table, column))],
-    }
-
-
 def _field(table: Table, column: pa.Field) -> dict[str, Any] | None:
     """Return the description of a column; None for structures and maps, which have no type in Croissant."""
-    repeated = pa.types.is_list(column.type)
-    kind = _data_type(column.type.value_type if repeated else column.type)
-    if kind is None:
+    kind, repeated = column.type, pa.types.is_list(column.type)
+    kind = kind.value_type if repeated else kind
+    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    name = next((name for fits, name in _TYPES.items() if fits(kind)), None)
+    if name is None:
         return None
     unit = (column.metadata or {}).get(b"unit", b"").decode()
     return {
@@ -161,22 +143,7 @@ def _field(table: Table, column: pa.Field) -> dict[str, Any] | None:
         "@id": f"{table}/{column.name}",
         "name": column.name,
         "description": unit or column.name.replace("_", " "),
-        "dataType": kind,
+        "dataType": name,
         **({"repeated": True} if repeated else {}),
         "source": {"fileSet": {"@id": f"{table}-files"}, "extract": {"column": column.name}},
     }
-
-
-def _data_type(kind: pa.DataType) -> str | None:
-    if pa.types.is_dictionary(kind):
-        return _data_type(kind.value_type)
-    for fits, name in (
-        (pa.types.is_boolean, "sc:Boolean"),
-        (pa.types.is_integer, "sc:Integer"),
-        (pa.types.is_floating, "sc:Float"),
-        (pa.types.is_string, "sc:Text"),
-        (pa.types.is_timestamp, "sc:Date"),
-    ):
-        if fits(kind):
-            return name
-    return None

@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from uuid import uuid4
 
-import pandas as pd
-
-from analysis.baselines.card import CARD_FILE, card, holdings, made_on
+from analysis.baselines.card import CARD_FILE, card, origin
 from analysis.baselines.catalogue import (
     BASELINE_FILE,
     UNSAID,
@@ -28,16 +27,12 @@ from analysis.baselines.catalogue import (
 from analysis.baselines.croissant import CROISSANT_FILE, croissant
 from analysis.baselines.verification import verify
 from analysis.data.frames import STATUSES, Frames, load
-from analysis.measures.evaluations import ceilings_in_words
-from analysis.tables.paper_tables import result_tables, table_results
-from analysis.tables.table import Table as ResultTable
 from tma_ray.arguments import check_known
 from tma_ray.commands.exits import installed_version
 from tma_ray.commands.values import expanded
 from tma_ray.results import (
     CHIPMUNK,
     SCHEMA_VERSION,
-    SIMULATED,
     WHOLE,
     Contents,
     Copy,
@@ -53,18 +48,18 @@ from tma_ray.results import (
 )
 
 HELD: Final = {
-    "campaigns": "campaign",
-    "experiments": "experiment",
-    "environments": "environment",
-    "challenges": "challenge",
-    "embodiments": "embodiment",
-    "students": "student",
-    "teachers": "teacher",
+    "campaign": "campaigns",
+    "experiment": "experiments",
+    "environment": "environments",
+    "challenge": "challenges",
+    "embodiment": "embodiments",
+    "student": "students",
+    "teacher": "teachers",
     "expert_knowledge": "expert_knowledge",
     "steps": "steps",
-    "seeds": "seed",
+    "seed": "seeds",
 }
-"""Columns of cells by the names under which a manifest lists their values."""
+"""Columns of cells of which a manifest lists the values, and its names for them."""
 
 
 def release(
@@ -101,33 +96,59 @@ def release(
             damaged, or the folder exists.
         DamagedFileError: a newer version wrote columns that would be lost.
     """
-    folder = _new_folder(name, output or Path())
+    folder = _release_folder(name, output)
+    if folder.exists():
+        raise BaselineError(f"{folder} exists: a release is never overwritten; choose another name or folder")
     frames = load(root)
-    grown = _as_release(frames)
-    missing = _refuse_unfinished(frames, partial, grown.partial if grown else "")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    aside = folder.parent / f".{name}-{uuid4().hex[:8]}"
-    try:
-        store = Store.open(aside)
-        copy = copy_merged(frames.results, store, contents)
-        refuse_damaged(copy.damaged, partial)
-        licence = licence or (grown.licence if grown else "")
-        describe(aside, name, licence, missing, copy, about.or_of(grown), grown.planned if grown else {})
+    store = frames.results.store
+    before = BaselineManifest.load(store) if store.holds(BASELINE_FILE) else None
+    missing = _refuse_unfinished(frames, partial, before.partial if before else "")
+    draft = _draft(name, licence, about, before, missing, before.planned if before else {})
+    with _aside(folder) as aside:
+        copy = copy_merged(frames.results, Store.open(aside), contents)
+        _refuse_damaged(copy.damaged, partial)
+        _complete(draft, aside, copy)
         aside.rename(folder)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
     return folder
 
 
-def describe(
-    place: Path,
+@contextmanager
+def _aside(folder: Path) -> Iterator[Path]:
+    """Context manager: a place next to `folder`; what is left there at the end goes."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    aside = folder.parent / f".{folder.name}-{uuid4().hex[:8]}"
+    try:
+        yield aside
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _draft(
     name: str,
     licence: str,
-    missing: str,
-    copy: Copy | Shard,
     about: About,
+    before: BaselineManifest | None,
+    missing: str,
     planned: Mapping[str, int],
-) -> None:
+) -> BaselineManifest:
+    """Return the manifest of a release without its contents; what is not given is as it was `before`."""
+    return BaselineManifest(
+        name=name,
+        kind=BaselineKind.RUNS,
+        schema_version=SCHEMA_VERSION,
+        engine="",
+        physics_versions=(),
+        licence=licence or (before.licence if before else ""),
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        software=f"tma_ray {installed_version('tma_ray')}",
+        partial=missing,
+        core=about.core or (before.core if before else ()),
+        planned=dict(planned),
+        gaps=about.gaps or (before.gaps if before else ""),
+    )
+
+
+def _complete(draft: BaselineManifest, place: Path, copied: Copy | Shard) -> None:
     """Write card, metadata and manifest of a root that was copied to `place`, and verify all of it.
 
     Raises:
@@ -138,14 +159,12 @@ def describe(
     (place / "tmp").rmdir()  # empty, since all that was written is in its place
     for file in (CARD_FILE, CROISSANT_FILE, BASELINE_FILE):
         (place / file).unlink(missing_ok=True)
-    released = load(place)
-    for campaign in about.core:
-        check_known("campaign", campaign, set(released.cells["campaign"]), "the release has")
-    manifest = _manifest(released, name, licence, missing, copy, store)
-    manifest = replace(manifest, core=about.core, gaps=about.gaps, planned=dict(planned))
-    made = _made(released)
-    text = card(manifest, made, tables=_tables(released), ceilings=ceilings_in_words(released))
-    (place / CARD_FILE).write_text(text, encoding="utf-8")
+    frames = load(place)
+    for campaign in draft.core:
+        check_known("campaign", campaign, set(frames.cells["campaign"]), "the release has")
+    manifest = _with_contents(draft, frames, copied)
+    made = origin(frames, manifest.physics_versions)
+    (place / CARD_FILE).write_text(card(manifest, made, frames), encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
     described = json.dumps(croissant(manifest, files, made), indent=1, ensure_ascii=False)
     (place / CROISSANT_FILE).write_text(f"{described}\n", encoding="utf-8")
@@ -156,45 +175,23 @@ def describe(
         raise BaselineError(f"{place} was not written as it should be: {problems[0]}; try another disk")
 
 
-def release_folder(name: str, output: Path) -> Path:
-    """Return the folder of a release of this name within `output`.
-
-    Raises:
-        BaselineError: the name has other characters, or `output` is not on a disk.
-    """
+def _release_folder(name: str, output: Path | None) -> Path:
+    """Return the folder of a release of this name within `output`, the current folder by default."""
     if not re.fullmatch(r"[0-9a-zA-Z][0-9a-zA-Z._-]*", name):
         raise BaselineError(
             f"release {name!r}: use letters, digits, '.', '_' and '-', a letter or digit first"
         )
     if "://" in str(output):
         raise BaselineError(f"{output} is not a local folder: pack the release on a disk, then publish it")
-    return expanded(output) / name
+    return expanded(output or Path()) / name
 
 
-def _new_folder(name: str, output: Path) -> Path:
-    folder = release_folder(name, output)
-    if folder.exists():
-        raise BaselineError(f"{folder} exists: a release is never overwritten; choose another name or folder")
-    return folder
-
-
-def _as_release(frames: Frames) -> BaselineManifest | None:
-    store = frames.results.store
-    return BaselineManifest.load(store) if store.holds(BASELINE_FILE) else None
-
-
-def _refuse_unfinished(frames: Frames, partial: bool, lacking: str = "") -> str:
-    """Return the gaps of the campaigns, in words, if they are allowed.
-
-    Args:
-        frames: results of the root.
-        partial: True if something may be missing.
-        lacking: gaps of a release that is packed again, in words.
-    """
+def _refuse_unfinished(frames: Frames, partial: bool, lacking: str) -> str:
+    """Return the gaps of the campaigns, in words, if they are allowed; `lacking` if all runs are done."""
     holder = holder_of(frames.results.store)
     if holder is not None:
         raise BaselineError(f"{holder} is at work on the root: wait for its end, or stop it first")
-    refuse_damaged(frames.results.problems, partial)
+    _refuse_damaged(frames.results.problems, partial)
     if frames.cells.empty:
         raise BaselineError("the root holds no runs: there is nothing to release")
     runs = frames.cells.drop_duplicates("run_id")["status"]
@@ -207,12 +204,7 @@ def _refuse_unfinished(frames: Frames, partial: bool, lacking: str = "") -> str:
     return missing
 
 
-def refuse_damaged(problems: Sequence[str], partial: bool) -> None:
-    """Refuse a root with damaged files unless a part of it will do.
-
-    Raises:
-        BaselineError: the message names the first.
-    """
+def _refuse_damaged(problems: Sequence[str], partial: bool) -> None:
     if problems and not partial:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise BaselineError(
@@ -221,75 +213,38 @@ def refuse_damaged(problems: Sequence[str], partial: bool) -> None:
         )
 
 
-def _manifest(
-    frames: Frames, name: str, licence: str, missing: str, copy: Copy | Shard, store: Store
-) -> BaselineManifest:
-    cells = frames.cells.astype({"seed": object})
-    columns = {title: cells[column].dropna().tolist() for title, column in HELD.items()}
-    columns |= {
-        "steps": [int(steps) for steps in columns["steps"]],
-        "seeds": [int(seed) for seed in columns["seeds"]],
-    }
-    evaluations = frames.evaluations.drop_duplicates(["run_id", "step"])
-    counts = {"runs": len(frames.results.runs()), "evaluations": len(evaluations)}
-    counts["policies"] = len({path.split("/")[1] for path in store.files("policies")})
+def _with_contents(draft: BaselineManifest, frames: Frames, copied: Copy | Shard) -> BaselineManifest:
+    """Return a manifest with what its tables hold, and their limits."""
+    cells, runs = frames.cells, frames.results.runs()
+    values = {column: cells[column].astype(object).dropna().tolist() for column in HELD}
+    values |= {column: list(map(int, values[column])) for column in ("steps", "seed")}
+    holds: dict[str, Any] = {HELD[column]: sorted(set(found)) for column, found in values.items()}
+    holds = {name: found for name, found in holds.items() if found not in ([], [""])}
+    policies = len({path.split("/")[1] for path in frames.results.store.files("policies")})
+    evaluations = len(frames.evaluations.drop_duplicates(["run_id", "step"]))
+    holds |= {"runs": len(runs), "evaluations": evaluations, "policies": policies}
     caveats = [*frames.warnings]
-    if copy.policy_files:
-        caveats.append(
-            f"{len(copy.policy_files)} files of policies were left out, being neither JSON nor safetensors."
-        )
-    caveats += [f"Left out, being damaged: {problem}" for problem in copy.damaged]
-    if not counts["policies"]:
+    if copied.policy_files:
+        count = len(copied.policy_files)
+        caveats.append(f"{count} files of policies were left out, being neither JSON nor safetensors.")
+    caveats += [f"Left out, being damaged: {problem}" for problem in copied.damaged]
+    if not policies:
         caveats.append("It holds no policies.")
-    elif counts["policies"] < counts["runs"]:
-        caveats.append(f"{counts['runs'] - counts['policies']} of {counts['runs']} runs have no policy here.")
+    elif policies < len(runs):
+        caveats.append(f"{len(runs) - policies} of {len(runs)} runs have no policy here.")
     engines = " and ".join(sorted(cells["engine"].unique()))
     caveats.append(f"Results of other engines than {engines} are other numbers: compare ranks, pool nothing.")
     if frames.attempts["host"].astype(str).ne("").any():
         caveats.append("The table of attempts names the machines that the runs were made on.")
-    return BaselineManifest(
-        name=name,
-        kind=BaselineKind.RUNS,
-        schema_version=SCHEMA_VERSION,
+    physics = cells.loc[cells["engine"] == CHIPMUNK, "physics_version"].dropna()
+    return replace(
+        draft,
         engine=engines,
-        physics_versions=_physics_versions(cells),
-        licence=licence,
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
-        software=f"tma_ray {installed_version('tma_ray')}",
-        partial=missing,
+        physics_versions=tuple(sorted({int(version) for version in physics})),
         caveats=tuple(caveats),
-        holds=holdings(columns, counts),
-        benchmark_versions=tuple(sorted({each.run.benchmark_version for each in frames.results.runs()})),
+        holds=holds,
+        benchmark_versions=tuple(sorted({each.run.benchmark_version for each in runs})),
     )
-
-
-def _physics_versions(cells: pd.DataFrame) -> tuple[int, ...]:
-    """Return the versions of our physics among runs; none for those of other engines."""
-    own = cells.loc[cells["engine"] == CHIPMUNK, "physics_version"].dropna()
-    return tuple(sorted({int(value) for value in own}))
-
-
-def _made(frames: Frames) -> str:
-    """Return the origin of the runs, in words."""
-    engines = set(frames.cells["engine"])
-    others = sorted(engines - {CHIPMUNK, SIMULATED})
-    text = f"Imported from results that others made in worlds of {', '.join(others)}." if others else ""
-    if SIMULATED in engines:
-        text += " By `tma-ray simulate`: students are equations, without physics."
-    if CHIPMUNK in engines:
-        versions = ", ".join(map(str, _physics_versions(frames.cells)))
-        text += (
-            f" By campaigns of tma_ray with its {CHIPMUNK} worlds, physics version {versions or 'unknown'}."
-        )
-    attempts = frames.attempts
-    if len(attempts):
-        runs = frames.cells.drop_duplicates("run_id").set_index("run_id")
-        text += f" {made_on(attempts, runs['seed'])}"
-    return text.strip() + " Every run has its whole specification in the column `spec` of the table `runs`."
-
-
-def _tables(frames: Frames) -> list[ResultTable]:
-    return [table for results in table_results(frames) for table in result_tables(results)]
 
 
 def add_to_release(
@@ -325,42 +280,42 @@ def add_to_release(
             other files lie in its folder, which would be lost.
     """
     check_id(shard)
-    folder = release_folder(name, output or Path())
+    folder = _release_folder(name, output)
     results = Results.open(root)
-    refuse_damaged(results.problems, partial=False)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    aside = folder.parent / f".{name}-{uuid4().hex[:8]}"
-    try:
-        before = _copied(folder, aside)
+    _refuse_damaged(results.problems, partial=False)
+    with _aside(folder) as aside:
+        before = _copied(folder, aside) if folder.exists() else None
         store = Store.open(aside)
         added = add_shard(results, store, shard)
-        _refuse_nothing(added, results, folder)
-        planned = _most(before.planned if before else {}, _planned(results))
-        missing = _missing(Results(store), planned)
-        licence = licence or (before.licence if before else "")
-        describe(aside, name, licence, missing, added, about.or_of(before), planned)
-        _replace(folder, aside)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
+        _refuse_damaged(added.damaged, partial=False)
+        if not added.runs and not added.cells:
+            raise BaselineError(
+                f"{results.store} has no finished run that {folder} lacks: there is nothing to add"
+            )
+        planned = {campaign: len(run_ids) for campaign, run_ids in sorted(_campaigns(results).items())}
+        for campaign, count in before.planned.items() if before else ():
+            planned[campaign] = max(count, planned.get(campaign, 0))  # the root may know a part of it
+        released = Results(store)
+        done = {manifest.run.run_id for manifest in released.runs() if manifest.status is RunStatus.DONE}
+        held = {campaign: len(run_ids & done) for campaign, run_ids in _campaigns(released).items()}
+        missing = "; ".join(
+            f"{campaign} has {held.get(campaign, 0)} of {count:,} runs"
+            for campaign, count in sorted(planned.items())
+            if held.get(campaign, 0) < count
+        )
+        _complete(_draft(name, licence, about, before, missing, dict(sorted(planned.items()))), aside, added)
+        if folder.exists():
+            old = folder.parent / f".{folder.name}-{uuid4().hex[:8]}-old"
+            folder.rename(old)
+            aside.rename(folder)
+            shutil.rmtree(old, ignore_errors=True)
+        else:
+            aside.rename(folder)
     return folder
 
 
-def _refuse_nothing(added: Shard, results: Results, folder: Path) -> None:
-    refuse_damaged(added.damaged, partial=False)
-    if not added.runs and not added.cells:
-        raise BaselineError(
-            f"{results.store} has no finished run that {folder} lacks: there is nothing to add"
-        )
-
-
-def _copied(folder: Path, aside: Path) -> BaselineManifest | None:
-    """Copy a release that is there, and return its manifest.
-
-    Raises:
-        BaselineError: it is damaged, or other files lie in its folder.
-    """
-    if not folder.exists():
-        return None
+def _copied(folder: Path, aside: Path) -> BaselineManifest:
+    """Copy a release, and return its manifest; refuse a damaged one, and other files in its folder."""
     manifest = Baseline.open(folder).manifest
     known = {*(file.path for file in manifest.files), BASELINE_FILE}
     for path in sorted(folder.rglob("*")):
@@ -373,33 +328,7 @@ def _copied(folder: Path, aside: Path) -> BaselineManifest | None:
     return manifest
 
 
-def _replace(folder: Path, aside: Path) -> None:
-    """Put the folder `aside` in the place of another."""
-    old = folder.parent / f".{folder.name}-{uuid4().hex[:8]}-old"
-    if folder.exists():
-        folder.rename(old)
-    aside.rename(folder)
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def _planned(results: Results) -> dict[str, int]:
-    """Return the number of runs that each campaign of a root plans."""
-    cells = results.table(Table.CELLS, columns=["campaign", "run_id"]).to_pandas()
-    counts = cells.astype(str).groupby("campaign")["run_id"].nunique()
-    return {str(campaign): int(count) for campaign, count in counts.items()}
-
-
-def _most(counts: Mapping[str, int], others: Mapping[str, int]) -> dict[str, int]:
-    """Return the larger count of each name: a root that began with a shard knows a part of its campaign."""
-    names = sorted({*counts, *others})
-    return {name: max(counts.get(name, 0), others.get(name, 0)) for name in names}
-
-
-def _missing(results: Results, planned: dict[str, int]) -> str:
-    """Return the runs that a release lacks of its campaigns, in words."""
-    done = {manifest.run.run_id for manifest in results.runs() if manifest.status is RunStatus.DONE}
+def _campaigns(results: Results) -> dict[str, set[str]]:
+    """Return the ids of the runs of each campaign of a root."""
     cells = results.table(Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
-    held = cells[cells["run_id"].isin(done)].groupby("campaign")["run_id"].nunique()
-    counts = {campaign: (int(held.get(campaign, 0)), count) for campaign, count in planned.items()}
-    short = {campaign: pair for campaign, pair in counts.items() if pair[0] < pair[1]}
-    return "; ".join(f"{name} has {held} of {planned:,} runs" for name, (held, planned) in short.items())
+    return {str(campaign): set(run_ids) for campaign, run_ids in cells.groupby("campaign")["run_id"]}

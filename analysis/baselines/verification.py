@@ -18,7 +18,7 @@ from analysis.baselines.catalogue import (
     BaselineManifest,
     find_baseline,
 )
-from analysis.data.frames import Frames
+from analysis.data.frames import COMPARISON, Frames
 from tma_ray.results import (
     INPUTS,
     Damage,
@@ -71,8 +71,18 @@ def verify(name: str | Path) -> Verification:
     """
     baseline = find_baseline(name)
     store = Store.open(baseline.place)
-    damage = tuple(_damaged_files(store, baseline))
-    return Verification(baseline, damage + tuple(_damaged_content(store, baseline, {d.path for d in damage})))
+    damage = list(_damaged_files(store, baseline))
+    known = {each.path for each in damage}
+    if baseline.manifest.kind is BaselineKind.RUNS:
+        damage += [each for each in _damaged_runs(store, baseline) if each.path not in known]
+    else:
+        try:
+            read_published(store)
+        except ObjectStoreError:
+            raise
+        except (OSError, ValueError, pa.ArrowException) as error:
+            damage.append(Damage(BASELINE_FILE, f"its results cannot be read: {error}"))
+    return Verification(baseline, tuple(damage))
 
 
 def _damaged_files(store: Store, baseline: Baseline) -> Iterator[Damage]:
@@ -88,19 +98,6 @@ def _damaged_files(store: Store, baseline: Baseline) -> Iterator[Damage]:
             raise
         except (OSError, DamagedFileError) as error:
             yield Damage(file.path, damage_reason(error, store.where(file.path)))
-
-
-def _damaged_content(store: Store, baseline: Baseline, known: set[str]) -> Iterator[Damage]:
-    """Yield the problems in tables besides the files that are `known` to be damaged."""
-    if baseline.manifest.kind is BaselineKind.RUNS:
-        yield from (damage for damage in _damaged_runs(store, baseline) if damage.path not in known)
-        return
-    try:
-        read_published(store)
-    except ObjectStoreError:
-        raise
-    except (OSError, ValueError, pa.ArrowException) as error:
-        yield Damage(BASELINE_FILE, f"its results cannot be read: {error}")
 
 
 def _damaged_runs(store: Store, baseline: Baseline) -> Iterator[Damage]:
@@ -126,15 +123,7 @@ MOST_BYTES = 15_000_000
 FEWEST_SEEDS = 3
 """Seeds that every cell needs."""
 
-COMBINATION = [
-    "campaign",
-    "experiment",
-    "environment",
-    "challenge",
-    "embodiment",
-    "student",
-    "expert_knowledge",
-]
+COMBINATION = ["campaign", *(column for column in COMPARISON if column != "engine")]
 """Columns of cells that teachers have in common to be compared."""
 
 
@@ -144,31 +133,25 @@ def lacking(baseline: Baseline) -> list[str]:
     Complete is a release of whole campaigns under a licence: every planned run is done, in each campaign the
     teachers of a combination of challenge, body, student and level have the same seeds, of which there are at
     least 3; all runs are of one version of the benchmark; no attempt names a machine; it has at most 15 MB.
-
-    Raises:
-        BaselineError: it has no runs, being published means and deviations.
     """
-    if baseline.manifest.kind is not BaselineKind.RUNS:
-        return ["it has no runs, only published results"]
-    return [*_of_manifest(baseline), *_of_runs(baseline.frames())]
-
-
-def _of_manifest(baseline: Baseline) -> Iterator[str]:
     manifest = baseline.manifest
-    if manifest.partial:
-        yield f"runs are missing: {manifest.partial}"
+    if manifest.kind is not BaselineKind.RUNS:
+        return ["it has no runs, only published results"]
+    found = [f"runs are missing: {manifest.partial}"] if manifest.partial else []
     if not manifest.licence:
-        yield "it has no licence: release it with --licence"
+        found.append("it has no licence: release it with --licence")
     size = sum(file.size for file in manifest.files)
     if size > MOST_BYTES:
-        yield f"it has {size:,} bytes, more than {MOST_BYTES:,}: release it with --lean"
+        found.append(f"it has {size:,} bytes, more than {MOST_BYTES:,}: release it with --lean")
     versions = manifest.benchmark_versions
     if len(versions) != 1 or 0 in versions:
-        found = ", ".join(map(str, versions)) or "none"
-        yield f"its runs are of these versions of the benchmark: {found}; expected one"
+        words = ", ".join(map(str, versions)) or "none"
+        found.append(f"its runs are of these versions of the benchmark: {words}; expected one")
+    return [*found, *_lacking_runs(baseline.frames())]
 
 
-def _of_runs(frames: Frames) -> Iterator[str]:
+def _lacking_runs(frames: Frames) -> Iterator[str]:
+    """Yield runs that are not done, names of machines, and seeds that teachers lack."""
     unfinished = [run.run.run_id for run in frames.results.runs() if run.status is not RunStatus.DONE]
     if unfinished:
         yield f"{len(unfinished)} runs are not done, as {unfinished[0]}"
