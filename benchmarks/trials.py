@@ -13,7 +13,7 @@ import pandas as pd
 
 from analysis.baselines import find_baseline
 from analysis.trials.boundaries import median_unbiased
-from analysis.trials.design import Released, make_design, setting_of
+from analysis.trials.design import make_design, released_runs, setting_of
 from analysis.trials.rules import Verdict
 from analysis.trials.simulation import Outcomes, Setting, simulate
 
@@ -33,10 +33,11 @@ def row(setting: Setting, true: float, trials: int) -> dict[str, object]:
     shares: dict[str, object] = {}
     for name, verdicts in zip(("random", "best"), found.verdicts, strict=True):
         shares |= {f"{name}_{verdict.value}": (verdicts == verdict).mean() for verdict in Verdict}
+    rule = setting.rules[0]
     return {
-        "cells": len(setting.cells),
-        "margin": setting.margin,
-        "spent": setting.error,
+        "cells": len(setting.slopes),
+        "margin": rule.margin,
+        "spent": rule.error * len(setting.rules),
         "true": true,
         "seeds": found.seeds.mean(),
         "wrong": found.wrong.mean(),
@@ -49,7 +50,7 @@ def row(setting: Setting, true: float, trials: int) -> dict[str, object]:
 def unbiased(setting: Setting, found: Outcomes) -> list[float]:
     """Return the median-unbiased estimates of the difference to Random, of each trial."""
     rule, estimates = setting.rules[0], []
-    planned = [1 / (1 / seeds + 1 / setting.cells[0].runs) for seeds in setting.looks]
+    planned = [1 / (1 / seeds + 1 / setting.runs[0]) for seeds in rule.looks]
     for look, value, error in zip(found.looks[0], found.estimates[0], found.errors[0], strict=True):
         information = [each / planned[look] / error**2 for each in planned[: look + 1]]
         bounds = rule.lower if value > 0 else rule.upper
@@ -64,7 +65,7 @@ def main() -> None:
     trials = parser.parse_args().trials
     baseline = find_baseline(RELEASE)
     frames = baseline.frames()
-    released = Released.of(frames)
+    released = released_runs(frames)
     rows = []
     for wanted in CELLS:
         design = make_design("trial", baseline, frames, wanted=wanted)

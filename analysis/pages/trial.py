@@ -16,7 +16,7 @@ from analysis.formatting import ends, number
 from analysis.looks import shown_together
 from analysis.names import label, own_first
 from analysis.pages.page import page, write_page
-from analysis.trials.design import Design, Released
+from analysis.trials.design import Design
 from analysis.trials.standing import Look, course, curves
 from analysis.trials.wording import (
     ENDINGS,
@@ -32,7 +32,7 @@ from tma_ray.commands.texts import counted
 
 
 def write_trial(
-    folder: Path, design: Design, released: Released, looks: list[Look], frames: Frames, own: Frames
+    folder: Path, design: Design, released: pd.DataFrame, looks: list[Look], frames: Frames, own: Frames
 ) -> Path:
     """Write the page of a trial, with a table, a figure, a LaTeX row and methods next to it.
 
@@ -60,7 +60,7 @@ def _versions() -> str:
 
 def _render(
     design: Design,
-    released: Released,
+    released: pd.DataFrame,
     looks: list[Look],
     courses: dict[str, pd.DataFrame],
     lines: pd.DataFrame,

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special
 
-NODES = 96
-"""Quadrature nodes over the statistics that go on: probabilities of crossing are exact to 1e-9."""
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(96)
+"""Gauss and Legendre's quadrature on [-1, 1]: probabilities of crossing are exact to 1e-9."""
 
 LOWEST = -9.0
 """Standard deviations under the mean at which densities are cut."""
@@ -129,15 +129,7 @@ class _Path:
         """Return the scores that do not cross `bound` at the next look."""
         step, root = information - self.information, math.sqrt(information)
         low, high = LOWEST + min(drift * root, bound), min(bound, drift * root - LOWEST)
-        nodes, weights = _quadrature()
-        scores = root * ((high - low) / 2 * nodes + (high + low) / 2)
+        scores = root * ((high - low) / 2 * NODES + (high + low) / 2)
         far = (scores[:, None] - (self.scores + drift * step)[None, :]) / math.sqrt(step)
         moved = np.exp(-(far**2) / 2) @ self.density / math.sqrt(2 * math.pi * step)
-        return _Path(scores, weights * root * (high - low) / 2 * moved, information)
-
-
-@cache
-def _quadrature() -> tuple[Floats, Floats]:
-    """Return Gauss and Legendre's nodes (n,) and weights (n,) on [-1, 1]."""
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    return nodes, weights
+        return _Path(scores, WEIGHTS * root * (high - low) / 2 * moved, information)

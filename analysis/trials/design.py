@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,7 @@ from analysis.trials.rules import (
     planned_fractions,
     quantile,
 )
-from analysis.trials.simulation import Cell, Setting, simulate
+from analysis.trials.simulation import Setting, simulate
 from tma_ray.decoding import decode_json
 from tma_ray.part_names import nearest
 from tma_ray.results import SIMULATED
@@ -49,7 +49,7 @@ PLACE = ["environment", "challenge", "embodiment", "student", "expert_knowledge"
 """Columns that tell the cells of a trial."""
 
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
-"""Errors to spend, of which the largest is chosen whose verdicts are wrong in at most `ERROR` of trials."""
+"""Errors to spend: a design has the largest whose verdicts are wrong in at most `ERROR` of trials."""
 
 TRIALS = 4_000
 """Simulated trials behind that choice."""
@@ -124,11 +124,7 @@ class Design:
 
     @classmethod
     def of(cls, content: Mapping[str, Any], where: str) -> Design:
-        """Return the design of a trial file.
-
-        Raises:
-            DamagedFileError: it is not what was written.
-        """
+        """Return the design of a trial file; `DamagedFileError` where it is not what was written."""
         return decode_json(json.dumps(content), cls, where)
 
     def to_dict(self) -> dict[str, Any]:
@@ -145,58 +141,33 @@ class Design:
         """Points per radian in each cell (cells,)."""
         return np.array([cell.slope for cell in self.cells])
 
-    def rule(self, reference: str, runs: Floats) -> Rule:
-        """Return the rule of one comparison.
+    @property
+    def places(self) -> list[tuple[str, ...]]:
+        """Place of each cell."""
+        return [cell.place for cell in self.cells]
 
-        Args:
-            reference: one of `references`.
-            runs: runs of the reference in each cell (cells,).
-        """
+    def rule(self, reference: str, runs: Floats) -> Rule:
+        """Return the rule of the comparison with one of `references`, with its `runs` in each cell (cells,)."""
         candidates = 1 if is_baseline(reference) else self.candidates
         fractions = planned_fractions(self.looks, self.slopes, runs)
         return Rule(self.looks, fractions, self.margin, candidates, self.error / COMPARISONS)
 
     def differing(self, other: Design) -> list[str]:
         """Return the settings in which another design differs, in words."""
-        computed = {"error", "simulated_error", "runs"}
         mine, theirs = self.to_dict(), other.to_dict()
         words = [
             f"{name}: {mine[name]!r:.80}, not {theirs[name]!r:.80}"
             for name in mine
-            if name not in computed and mine[name] != theirs[name]
+            if name not in {"error", "simulated_error", "runs"} and mine[name] != theirs[name]
         ]
         if not words and self.runs != other.runs:
             words = [f"runs: the source of {self.teacher} or a setting of its runs is another one"]
         return words
 
 
-@dataclass(frozen=True)
-class Released:
-    """The runs of a release that a trial is compared with.
-
-    Attributes:
-        runs: `PLACE`, teacher, run_id, seed, `MEASURE` and angle, its arcsine in rad; a row a run.
-    """
-
-    runs: pd.DataFrame
-
-    @classmethod
-    def of(cls, frames: Frames) -> Released:
-        """Return the runs of `frames` that have ended with finite returns."""
-        return cls(ended_runs(frames).dropna(subset=["angle"]))
-
-    def moments(self, teacher: str, places: Sequence[tuple[str, ...]]) -> Moments:
-        """Return the moments of a teacher's runs in cells."""
-        return moments([self.angles(teacher, place) for place in places])
-
-    def angles(self, teacher: str, place: tuple[str, ...]) -> Floats:
-        """Return the arcsines of a teacher's runs in a cell (runs,), rad."""
-        return self._angles.get((teacher, *place), np.zeros(0))
-
-    @cached_property
-    def _angles(self) -> dict[tuple[str, ...], Floats]:
-        groups = self.runs.groupby(["teacher", *PLACE], sort=False)["angle"]
-        return {tuple(map(str, key)): values.to_numpy(float) for key, values in groups}
+def released_runs(frames: Frames) -> pd.DataFrame:
+    """Return the runs of a release that a trial is compared with: of `ended_runs`, with finite returns."""
+    return ended_runs(frames).dropna(subset=["angle"])
 
 
 def ended_runs(frames: Frames) -> pd.DataFrame:
@@ -211,8 +182,15 @@ def ended_runs(frames: Frames) -> pd.DataFrame:
     return rows.assign(angle=Scale.ARCSINE.of(rows[MEASURE])).astype(dict.fromkeys([*PLACE, "teacher"], str))
 
 
-def moments(samples: Sequence[Floats]) -> Moments:
-    """Return the moments of one sample a cell; NaN of a sample that is too small."""
+def in_cell(runs: pd.DataFrame, place: tuple[str, ...]) -> pd.DataFrame:
+    """Return those of `runs` in the cell at a place, values of `PLACE`."""
+    return runs[(runs[PLACE] == list(place)).all(axis=1)]
+
+
+def moments_of(runs: pd.DataFrame, teacher: str, places: Sequence[tuple[str, ...]]) -> Moments:
+    """Return the moments of a teacher's `runs` in each cell; NaN of a sample that is too small."""
+    own = runs[runs["teacher"] == teacher]
+    samples = [in_cell(own, place)["angle"].to_numpy(float) for place in places]
     with np.errstate(invalid="ignore", divide="ignore"):
         means = [sample.mean() if sample.size else np.nan for sample in samples]
         variances = [sample.var(ddof=1) if sample.size > 1 else np.nan for sample in samples]
@@ -245,39 +223,46 @@ def make_design(
 ) -> Design:
     """Return the design of a trial against a release.
 
+    Its error is the largest of `ERRORS` by which simulated verdicts are wrong rarely enough: Student's
+    quantiles of few and skewed values spend more than they should, as trials over one cell show.
+
     Args:
         teacher: canonical name of the new teacher.
         baseline: the release.
         frames: its frames.
         margin: difference in points that does not matter.
-        wanted: names of cells, of `cell_names`; all by default.
+        wanted: names of cells: the challenge, with the body where it has several; all by default.
         looks: seeds of every cell at each look.
 
     Raises:
-        ValueError: an unknown cell, or too few runs of Random or of others to compare with.
+        ValueError: an unknown cell, too few runs of Random or of others to compare with, or verdicts that
+            would be wrong too often.
     """
-    released = Released.of(frames)
-    core = (
-        frames.cells
-        if not baseline.manifest.core
-        else frames.cells[frames.cells["campaign"].isin(baseline.manifest.core)]
-    )
-    places = _chosen(core, wanted)
-    cells = _ordered([_cell(name, place, released, frames) for name, place in places.items()], released)
-    best, candidates = _best(released, [cell.place for cell in cells], baseline.manifest.name)
-    first = int(released.runs["seed"].max()) + 1
+    released, core = released_runs(frames), baseline.manifest.core
+    cells = frames.cells[frames.cells["campaign"].isin(core)] if core else frames.cells
+    chosen = _cells(_chosen(cells, wanted), released, frames)
+    best, candidates = _best(released, [cell.place for cell in chosen], baseline.manifest.name)
+    first = int(released["seed"].max()) + 1
     design = Design(
         teacher,
         baseline.manifest.name,
         hashlib.sha256(repr(baseline.manifest.files).encode()).hexdigest(),
         best,
         candidates,
-        cells,
+        chosen,
         tuple(range(first, first + looks[-1])),
         margin,
         looks=looks,
     )
-    return _calibrated(design, released)
+    for error in ERRORS:
+        design = replace(design, error=error)
+        setting = setting_of(design, released)
+        wrong = max(float(simulate(setting, true, TRIALS).wrong.mean()) for true in (0.0, margin, -margin))
+        if wrong + 2 * np.sqrt(wrong / TRIALS) <= ERROR:
+            return replace(design, simulated_error=wrong)
+    raise ValueError(
+        f"verdicts in these cells would be wrong in {100 * wrong:.1f} % of trials: choose more of them"
+    )
 
 
 def _chosen(cells: pd.DataFrame, wanted: Collection[str]) -> dict[str, tuple[str, ...]]:
@@ -301,82 +286,57 @@ def _chosen(cells: pd.DataFrame, wanted: Collection[str]) -> dict[str, tuple[str
     return {name: place for name, place in known.items() if not wanted or name in wanted}
 
 
-def _cell(name: str, place: tuple[str, ...], released: Released, frames: Frames) -> TrialCell:
-    rows = released.runs[(released.runs[PLACE] == list(place)).all(axis=1)]
-    groups = rows.groupby("teacher")["angle"]
-    freedom = (groups.size() - 1).sum()
-    deviation = float(np.sqrt((groups.var() * (groups.size() - 1)).sum() / freedom))
-    slope = 100 * float(np.sin(2 * groups.mean().mean()))
-    hours = frames.run_hours.reindex(rows["run_id"].unique()).median()
-    known = dict(zip(PLACE, place, strict=True))
-    return TrialCell(
-        name, **known, slope=slope, deviation=deviation, hours=0.0 if np.isnan(hours) else float(hours)
-    )
-
-
-def _ordered(cells: Sequence[TrialCell], released: Released) -> tuple[TrialCell, ...]:
+def _cells(
+    places: Mapping[str, tuple[str, ...]], released: pd.DataFrame, frames: Frames
+) -> tuple[TrialCell, ...]:
     """Return the cells, first those in which a core-hour reveals most about teachers.
 
     That is the variance between the release's teachers, without what their seeds add to it, over the variance
     of a run, for each hour of a run.
     """
-
-    def worth(cell: TrialCell) -> float:
-        rows = released.runs[(released.runs[PLACE] == list(cell.place)).all(axis=1)]
+    found = []
+    for name, place in places.items():
+        rows = in_cell(released, place)
         groups = rows.groupby("teacher")["angle"]
-        noise = cell.deviation**2
-        signal = max(float(groups.mean().var()) - noise * float((1 / groups.size()).mean()), 0.0)
-        return signal / noise / (cell.hours or 1.0)
+        sizes, means = groups.size(), groups.mean()
+        deviation = float(np.sqrt((groups.var() * (sizes - 1)).sum() / (sizes - 1).sum()))
+        hours = frames.run_hours.reindex(rows["run_id"].unique()).median()
+        hours = 0.0 if np.isnan(hours) else float(hours)
+        noise, slope = deviation**2, 100 * float(np.sin(2 * means.mean()))
+        signal = max(float(means.var()) - noise * float((1 / sizes).mean()), 0.0)
+        known = dict(zip(PLACE, place, strict=True))
+        cell = TrialCell(name, **known, slope=slope, deviation=deviation, hours=hours)
+        found.append((signal / noise / (hours or 1.0), cell))
+    return tuple(cell for _, cell in sorted(found, key=itemgetter(0), reverse=True))
 
-    return tuple(sorted(cells, key=worth, reverse=True))
 
-
-def _best(released: Released, places: Sequence[tuple[str, ...]], name: str) -> tuple[str, int]:
+def _best(released: pd.DataFrame, places: Sequence[tuple[str, ...]], name: str) -> tuple[str, int]:
     """Return the best teacher but Random over cells of equal weight, and how many have as many runs."""
-    needed = released.moments(BASELINE, places).runs
+    needed = moments_of(released, BASELINE, places).runs
     if needed.min() < 3:
         raise ValueError(f"{name} has {needed.min():.0f} runs of Random in a cell: a trial needs 3")
-    areas = released.runs.groupby(["teacher", *PLACE])[MEASURE].mean()
+    areas = released.groupby(["teacher", *PLACE])[MEASURE].mean()
     means = {
         teacher: float(np.mean([areas[teacher, *place] for place in places]))
-        for teacher in released.runs["teacher"].unique()
-        if not is_baseline(teacher) and (released.moments(teacher, places).runs >= needed).all()
+        for teacher in released["teacher"].unique()
+        if not is_baseline(teacher) and (moments_of(released, teacher, places).runs >= needed).all()
     }
     if not means:
         raise ValueError(f"{name} has no teacher with as many runs as Random in these cells")
     return max(means, key=lambda teacher: means[teacher]), len(means)
 
 
-def setting_of(design: Design, released: Released) -> Setting:
+def setting_of(design: Design, released: pd.DataFrame) -> Setting:
     """Return a design for simulated trials, with residuals of the teachers that the best is chosen among."""
-    cells = tuple(_simulated_cell(cell, released) for cell in design.cells)
-    return Setting(cells, design.looks, design.margin, design.candidates, design.error)
-
-
-def _simulated_cell(cell: TrialCell, released: Released) -> Cell:
-    rows = released.runs[(released.runs[PLACE] == list(cell.place)).all(axis=1)]
-    groups = rows.groupby("teacher")["angle"]
-    sizes = groups.transform("size")
-    residuals = (rows["angle"] - groups.transform("mean")) * np.sqrt(sizes / (sizes - 1))
-    runs = released.angles(BASELINE, cell.place).size
-    return Cell(cell.slope, residuals[sizes >= runs].to_numpy(float), runs)
-
-
-def _calibrated(design: Design, released: Released) -> Design:
-    """Return the design with the largest of `ERRORS` by which simulated verdicts are wrong rarely enough.
-
-    Student's quantiles of few and skewed values spend more than they should; trials over one cell feel it.
-    """
-    setting, wrong = setting_of(design, released), 1.0
-    truths = 0.0, design.margin, -design.margin
-    for error in ERRORS:
-        trial = replace(setting, error=error)
-        wrong = max(float(simulate(trial, true, TRIALS).wrong.mean()) for true in truths)
-        if wrong + 2 * np.sqrt(wrong / TRIALS) <= ERROR:
-            return replace(design, error=error, simulated_error=wrong)
-    raise ValueError(
-        f"verdicts in these cells would be wrong in {100 * wrong:.1f} % of trials: choose more of them"
-    )
+    runs, residuals = moments_of(released, BASELINE, design.places).runs, []
+    for place, needed in zip(design.places, runs, strict=True):
+        rows = in_cell(released, place)
+        groups = rows.groupby("teacher")["angle"]
+        sizes = groups.transform("size")
+        each = (rows["angle"] - groups.transform("mean")) * np.sqrt(sizes / (sizes - 1))
+        residuals.append(each[sizes >= needed].to_numpy(float))
+    rules = tuple(design.rule(reference, runs) for reference in design.references)
+    return Setting(rules, design.slopes, tuple(residuals), runs)
 
 
 def detectable(design: Design, reference: str, runs: Floats) -> float:

@@ -15,26 +15,10 @@ from analysis.trials.rules import (
     Rule,
     Verdict,
     difference,
-    planned_fractions,
 )
 
 SEED = 41
 """Seed of simulated trials: a design is the same whenever it is made."""
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A cell of simulated trials.
-
-    Attributes:
-        slope: points per radian.
-        residuals: residuals of runs (n,), rad, of which each run draws one.
-        runs: number of runs of each reference.
-    """
-
-    slope: float
-    residuals: Floats
-    runs: int
 
 
 @dataclass(frozen=True)
@@ -63,31 +47,16 @@ class Setting:
     """A design as simulated trials see it.
 
     Attributes:
-        cells: cells of the trial.
-        looks: seeds of every cell at each look.
-        margin: difference in points that does not matter.
-        candidates: teachers that the best is chosen among.
-        error: error that is spent by both comparisons together.
+        rules: rules of the comparisons with Random and with the best.
+        slopes: points per radian in each cell (cells,).
+        residuals: residuals of runs in each cell (n,), rad, of which each run draws one.
+        runs: number of runs of each reference in each cell (cells,).
     """
 
-    cells: tuple[Cell, ...]
-    looks: tuple[int, ...]
-    margin: float
-    candidates: int
-    error: float
-
-    @property
-    def slopes(self) -> Floats:
-        """Points per radian in each cell (cells,)."""
-        return np.array([cell.slope for cell in self.cells])
-
-    @property
-    def rules(self) -> list[Rule]:
-        """Rules of the comparisons with Random and with the best."""
-        runs = np.array([float(cell.runs) for cell in self.cells])
-        fractions = planned_fractions(self.looks, self.slopes, runs)
-        error = self.error / COMPARISONS
-        return [Rule(self.looks, fractions, self.margin, chosen, error) for chosen in (1, self.candidates)]
+    rules: tuple[Rule, ...]
+    slopes: Floats
+    residuals: tuple[Floats, ...]
+    runs: Floats
 
 
 def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Outcomes:
@@ -102,8 +71,8 @@ def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Ou
         seed: seed of the random draws.
     """
     rng = np.random.default_rng(seed)
-    slopes, looks = setting.slopes, setting.looks
-    new = np.stack([rng.choice(cell.residuals, (trials, looks[-1])) for cell in setting.cells], axis=1)
+    slopes, looks, margin = setting.slopes, setting.rules[0].looks, setting.rules[0].margin
+    new = np.stack([rng.choice(values, (trials, looks[-1])) for values in setting.residuals], axis=1)
     new += (true / slopes)[:, None]
     references = _references(setting, trials, rng)
     shape = (COMPARISONS, trials)
@@ -117,41 +86,28 @@ def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Ou
             found = difference(teacher, reference, slopes)
             live = going & (verdicts[place] == Verdict.OPEN)
             verdicts[place][live] = rule.verdicts(found, look)[live]
-            estimates[place][live], errors[place][live], at[place][live] = (
-                found.value[live],
-                found.error[live],
-                look,
-            )
+            estimates[place][live], errors[place][live] = found.value[live], found.error[live]
+            at[place][live] = look
             power = rule.power(teacher, reference, slopes)
             hopeless &= (verdicts[place] != Verdict.OPEN) | (power < FUTILE)
         stops = going & hopeless
         seeds[stops] = count
         going &= ~stops
-    return Outcomes(
-        verdicts, seeds, estimates, errors, at, np.any(wrong(verdicts, true, setting.margin), axis=0)
-    )
-
-
-def wrong(verdicts: NDArray[np.str_], true: float, margin: float) -> NDArray[np.bool_]:
-    """Return the verdicts that are wrong where the true difference is `true` points."""
-    refuted = {
-        Verdict.BETTER: true <= 0,
-        Verdict.WORSE: true >= 0,
-        Verdict.ALIKE: abs(true) >= margin,
-    }
-    return np.isin(verdicts, [verdict.value for verdict, false in refuted.items() if false])
+    false = {Verdict.BETTER: true <= 0, Verdict.WORSE: true >= 0, Verdict.ALIKE: abs(true) >= margin}
+    wrong = np.isin(verdicts, [verdict.value for verdict, applies in false.items() if applies])
+    return Outcomes(verdicts, seeds, estimates, errors, at, np.any(wrong, axis=0))
 
 
 def _references(setting: Setting, trials: int, rng: np.random.Generator) -> tuple[Moments, Moments]:
     """Return the moments of Random and of the candidate with the highest mean in each trial."""
-    runs = np.array([float(cell.runs) for cell in setting.cells])
-    shape = trials, setting.candidates + 1
-    drawn = [rng.choice(cell.residuals, (*shape, cell.runs)) for cell in setting.cells]
+    shape = trials, setting.rules[-1].candidates + 1
+    cells = zip(setting.residuals, setting.runs, strict=True)
+    drawn = [rng.choice(values, (*shape, int(runs))) for values, runs in cells]
     means = np.stack([values.mean(axis=2) for values in drawn], axis=2)
     variances = np.stack([values.var(axis=2, ddof=1) for values in drawn], axis=2)
     best = 1 + (means[:, 1:] * setting.slopes).sum(axis=2).argmax(axis=1)
     every = np.arange(trials)
     return (
-        Moments(means[:, 0], variances[:, 0], runs),
-        Moments(means[every, best], variances[every, best], runs),
+        Moments(means[:, 0], variances[:, 0], setting.runs),
+        Moments(means[every, best], variances[every, best], setting.runs),
     )

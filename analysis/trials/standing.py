@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,8 +14,8 @@ import pandas as pd
 from analysis.data.frames import Frames
 from analysis.measures.evaluations import aggregate
 from analysis.trials.boundaries import median_unbiased
-from analysis.trials.design import PLACE, Design, Released, moments, planned
-from analysis.trials.rules import FUTILE, Floats, Moments, Rule, Verdict, difference
+from analysis.trials.design import PLACE, Design, moments_of, planned
+from analysis.trials.rules import FUTILE, Moments, Verdict, difference
 
 LARGEST = 100.0
 """Largest difference that there can be, in points."""
@@ -83,81 +84,69 @@ class Look:
 
 
 def looks_at(
-    design: Design, released: Released, own: pd.DataFrame, affordable: int | None = None
+    design: Design, released: pd.DataFrame, own: pd.DataFrame, affordable: int | None = None
 ) -> list[Look]:
     """Return the looks of a trial of which all runs have ended, none after one at which it ends.
 
     Args:
         design: fixed design of the trial.
-        released: runs of the release.
+        released: runs of the release, of `design.released_runs`.
         own: runs of the new teacher, of `design.ended_runs`.
         affordable: number of the last look within the budget, from 0 on; None for all.
     """
     affordable = len(design.looks) - 1 if affordable is None else affordable
-    places = [cell.place for cell in design.cells]
-    references = [released.moments(name, places) for name in design.references]
-    rules = [design.rule(n, r.runs) for n, r in zip(design.references, references, strict=True)]
+    references = {name: moments_of(released, name, design.places) for name in design.references}
     found: list[Look] = []
     decided: dict[str, Finding] = {}
     past: list[Moments] = []
     for number, seeds in enumerate(design.looks):
-        samples = _own(design, own, design.seeds[:seeds])
-        if any(len(sample) < seeds for sample in samples):
+        rows = own[own["seed"].isin(design.seeds[:seeds])]
+        finite = rows[np.isfinite(rows["angle"])]
+        if moments_of(rows, design.teacher, design.places).runs.min() < seeds:
             break
-        finite = [sample[np.isfinite(sample)] for sample in samples]
-        excluded = sum(map(len, samples)) - sum(map(len, finite))
-        teacher = moments(finite)
-        past.append(teacher)
-        findings = tuple(
-            _finding(name, rule, past, reference, design, number, affordable)
-            for name, rule, reference in zip(design.references, rules, references, strict=True)
-        )
-        findings = tuple(
-            replace(each, unbiased=math.nan) if each.reference in decided else each for each in findings
-        )
-        for each in findings:
-            if each.verdict != Verdict.OPEN:
-                decided.setdefault(each.reference, each)
+        past.append(moments_of(finite, design.teacher, design.places))
+        findings = []
+        for name, reference in references.items():
+            finding = _finding(name, past, reference, design, affordable)
+            findings.append(replace(finding, unbiased=math.nan) if name in decided else finding)
+            if finding.verdict != Verdict.OPEN:
+                decided.setdefault(name, finding)
         settled = tuple(decided.get(each.reference, each) for each in findings)
-        found.append(Look(seeds, findings, settled, _ending(settled, number, design), excluded))
-        if found[-1].ending:
+        still = [each for each in settled if each.verdict == Verdict.OPEN]
+        ending = Ending.GOES_ON
+        if not still:
+            ending = Ending.DECIDED
+        elif number == len(design.looks) - 1:
+            ending = Ending.LAST
+        elif all(each.power < FUTILE for each in still):
+            ending = Ending.FUTILE
+        excluded = int((rows["teacher"] == design.teacher).sum() - past[-1].runs.sum())
+        found.append(Look(seeds, tuple(findings), settled, ending, excluded))
+        if ending:
             break
     return found
 
 
-def _own(design: Design, own: pd.DataFrame, seeds: Sequence[int]) -> list[Floats]:
-    """Return the arcsines of the new teacher's runs with `seeds` in each cell, NaN where not finite."""
-    rows = own[own["seed"].isin(seeds) & (own["teacher"] == design.teacher)]
-    return [
-        rows.loc[(rows[PLACE] == list(cell.place)).all(axis=1), "angle"].to_numpy(float)
-        for cell in design.cells
-    ]
-
-
 def _finding(
-    name: str,
-    rule: Rule,
-    past: Sequence[Moments],
-    reference: Moments,
-    design: Design,
-    look: int,
-    affordable: int,
+    name: str, past: Sequence[Moments], reference: Moments, design: Design, affordable: int
 ) -> Finding:
-    teacher = past[-1]
-    found = difference(teacher, reference, design.slopes)
+    """Return the comparison with a reference at a look, the last of the `past` ones."""
+    look, teacher, slopes = len(past) - 1, past[-1], design.slopes
+    rule = design.rule(name, reference.runs)
+    found = difference(teacher, reference, slopes)
     value = float(found.value)
     low, high = (float(np.clip(end, -LARGEST, LARGEST)) for end in rule.interval(found, look))
     verdict = Verdict(str(rule.verdicts(found, look)))
-    ends = len(design.looks) - 1, max(affordable, look)
     power, within = (
-        1.0 if verdict != Verdict.OPEN else float(rule.power(teacher, reference, design.slopes, last))
-        for last in ends
+        1.0 if verdict != Verdict.OPEN else float(rule.power(teacher, reference, slopes, last))
+        for last in (len(design.looks) - 1, max(affordable, look))
     )
     unbiased = value
-    if found.error > 0:
-        errors = [_error(teacher, reference, design, seeds) for seeds in design.looks[: look + 1]]
+    if found.error > 0:  # each look would have that of the variances seen so far
+        counts = [np.full_like(teacher.runs, float(seeds)) for seeds in design.looks[: look + 1]]
+        errors = [float(difference(replace(teacher, runs=runs), reference, slopes).error) for runs in counts]
         reaches = [
-            rule.reach(difference(each, reference, design.slopes), number, above=value > 0)
+            rule.reach(difference(each, reference, slopes), number, above=value > 0)
             for number, each in enumerate(past[:-1])
         ]
         bounds = [float(reach) / error for reach, error in zip(reaches, errors, strict=False)]
@@ -165,43 +154,26 @@ def _finding(
     return Finding(name, design.looks[look], value, unbiased, low, high, verdict, power, within)
 
 
-def _error(teacher: Moments, reference: Moments, design: Design, seeds: int) -> float:
-    """Return the standard error that a look with `seeds` has, by the variances seen so far."""
-    counts = np.full_like(teacher.runs, float(seeds))
-    return float(difference(Moments(teacher.mean, teacher.variance, counts), reference, design.slopes).error)
-
-
-def _ending(settled: Sequence[Finding], look: int, design: Design) -> Ending:
-    still = [each for each in settled if each.verdict == Verdict.OPEN]
-    if not still:
-        return Ending.DECIDED
-    if look == len(design.looks) - 1:
-        return Ending.LAST
-    return Ending.FUTILE if all(each.power < FUTILE for each in still) else Ending.GOES_ON
-
-
-def course(design: Design, released: Released, looks: list[Look], reference: str) -> pd.DataFrame:
+def course(design: Design, released: pd.DataFrame, looks: list[Look], reference: str) -> pd.DataFrame:
     """Return a row for each look of one comparison, those to come as the release lets expect them.
 
     Returns:
-        seeds; better and worse: differences beyond which the teacher is; value, low and high: difference
-        and repeated confidence interval, NaN of looks to come; verdict; in points.
+        seeds; value, low and high: difference and repeated confidence interval, NaN of looks to come;
+        verdict; better and worse: differences beyond which the teacher is; in points.
     """
-    runs = released.moments(reference, [cell.place for cell in design.cells]).runs
+    runs = moments_of(released, reference, design.places).runs
     rule = design.rule(reference, runs)
     rows = []
     for number, (seeds, expected) in enumerate(zip(design.looks, planned(design, runs), strict=True)):
-        ends = {"better": float(rule.reach(expected, number, above=True))}
-        ends["worse"] = -float(rule.reach(expected, number, above=False))
-        row: dict[str, object] = {"seeds": seeds, "value": float("nan"), "low": float("nan")}
-        row |= {"high": float("nan"), "verdict": ""}
+        ends = [float(rule.reach(expected, number, above=above)) for above in (True, False)]
+        better, worse = ends[0], -ends[1]
+        row: list[Any] = [seeds, math.nan, math.nan, math.nan, ""]
         if number < len(looks):
             found = next(each for each in looks[number].findings if each.reference == reference)
-            ends = {"better": found.value - found.low, "worse": found.value - found.high}
-            row |= {"value": found.value, "low": found.low, "high": found.high}
-            row["verdict"] = found.verdict.value
-        rows.append(row | {name: max(-LARGEST, min(LARGEST, end)) for name, end in ends.items()})
-    return pd.DataFrame(rows)
+            better, worse = found.value - found.low, found.value - found.high
+            row = [seeds, found.value, found.low, found.high, found.verdict.value]
+        rows.append([*row, *(max(-LARGEST, min(LARGEST, end)) for end in (better, worse))])
+    return pd.DataFrame(rows, columns=["seeds", "value", "low", "high", "verdict", "better", "worse"])
 
 
 def curves(design: Design, frames: Frames, own: Frames) -> pd.DataFrame:
@@ -210,7 +182,7 @@ def curves(design: Design, frames: Frames, own: Frames) -> pd.DataFrame:
     Returns:
         teacher, step, n, mean, std and standard_error of the mastered test tasks, in per cent.
     """
-    places = pd.DataFrame([cell.place for cell in design.cells], columns=PLACE)
+    places = pd.DataFrame(design.places, columns=PLACE)
     found = []
     for source, names in ((frames, design.references), (own, (design.teacher,))):
         cells = source.cells[source.cells["teacher"].isin(names)].astype(dict.fromkeys(PLACE, str))

@@ -9,9 +9,9 @@ import pandas as pd
 from analysis.data.reference import is_baseline
 from analysis.formatting import ends, number
 from analysis.names import label
-from analysis.trials.design import TRIALS, Design, Released, detectable
+from analysis.trials.design import TRIALS, Design, detectable, moments_of
 from analysis.trials.rules import ERROR, FUTILE, Verdict
-from analysis.trials.standing import Ending, Finding, Look
+from analysis.trials.standing import Ending, Look
 from tma_ray.commands.texts import counted
 
 ENDINGS = {
@@ -21,30 +21,31 @@ ENDINGS = {
 }
 """Why a trial ends, in words."""
 
-GOING_ON = "going on"
+RELATIONS = {
+    Verdict.BETTER: "better than",
+    Verdict.WORSE: "worse than",
+    Verdict.ALIKE: "like",
+    Verdict.OPEN: "undecided against",
+}
 
 QUANTITY = "points of test tasks mastered on average over training"
 """The unit of differences."""
 
 
-def plan_lines(design: Design, released: Released) -> Iterator[str]:
+def plan_lines(design: Design, released: pd.DataFrame) -> Iterator[str]:
     """Yield what a trial will do and what it can show, before anything is spent."""
-    cells = [cell.name for cell in design.cells]
-    most = design.looks[-1] * len(cells)
-    found = [
-        detectable(design, name, released.moments(name, [cell.place for cell in design.cells]).runs)
-        for name in design.references
-    ]
-    chosen = (
+    cells, looks, seeds = design.cells, design.looks, design.seeds
+    references = {name: moments_of(released, name, design.places).runs for name in design.references}
+    found = max(detectable(design, name, runs) for name, runs in references.items())
+    others = (
         f"the best of {design.candidates} teachers" if design.candidates > 1 else "its only other teacher"
     )
     yield f"trial of {label(design.teacher)} against {design.release}"
-    yield f"  compared with: Random, and {label(design.best)}, {chosen} there"
-    yield f"  {counted(len(cells), 'cell')}, in this order: {', '.join(cells)}"
+    yield f"  compared with: Random, and {label(design.best)}, {others} there"
+    yield f"  {counted(len(cells), 'cell')}, in this order: {', '.join(cell.name for cell in cells)}"
     yield (
-        f"  looks after {_looks(design)} seeds of every cell (seeds {design.seeds[0]} to "
-        f"{design.seeds[-1]}): {', '.join(str(seeds * len(cells)) for seeds in design.looks)} runs, at most "
-        f"{most}"
+        f"  looks after {_looks(design)} seeds of every cell (seeds {seeds[0]} to {seeds[-1]}): "
+        f"{', '.join(str(count * len(cells)) for count in looks)} runs, at most {looks[-1] * len(cells)}"
     )
     yield f"  differences in {QUANTITY}; within {design.margin:g} points two teachers are alike"
     yield (
@@ -52,59 +53,41 @@ def plan_lines(design: Design, released: Released) -> Iterator[str]:
         f"together ({100 * design.simulated_error:.1f} % of simulated ones)"
     )
     yield (
-        f"  finds a difference of {number(max(found))} points with a probability of 0.8; "
+        f"  finds a difference of {number(found)} points with a probability of 0.8; "
         f"stops early for success, likeness, and when nothing is likely to be decided"
     )
 
 
 def look_line(look: Look) -> str:
     """Return the verdicts of a look in a line."""
-    said = "; ".join(_standing(finding) for finding in look.settled)
+    said = []
+    for each in look.settled:
+        where = f"{number(each.value)} {ends(each.low, each.high)}"
+        if each.verdict == Verdict.OPEN:
+            where += f"; decided by the last look with probability {each.power:.2f}"
+            if each.within_budget != each.power:
+                where += f", within the budget {each.within_budget:.2f}"
+        relation = "open against" if each.verdict == Verdict.OPEN else RELATIONS[each.verdict]
+        said.append(f"{relation} {label(each.reference)} ({where})")
+    excluded = f" {counted(look.excluded, 'run')} with returns that are not finite left out."
     end = f" Ends: {ENDINGS[look.ending]}." if look.ending else ""
-    left_out = (
-        f" {counted(look.excluded, 'run')} with returns that are not finite left out."
-        if look.excluded
-        else ""
-    )
-    return f"look after {look.seeds} seeds: {said}.{left_out}{end}"
-
-
-def _standing(finding: Finding) -> str:
-    where = f"{number(finding.value)} {ends(finding.low, finding.high)}"
-    name = label(finding.reference)
-    if finding.verdict == Verdict.OPEN:
-        chance = f"decided by the last look with probability {finding.power:.2f}"
-        if finding.within_budget != finding.power:
-            chance += f", within the budget {finding.within_budget:.2f}"
-        return f"open against {name} ({where}; {chance})"
-    return f"{_relation(finding)} {name} ({where})"
-
-
-def _relation(finding: Finding) -> str:
-    words = {Verdict.BETTER: "better than", Verdict.WORSE: "worse than", Verdict.ALIKE: "like"}
-    return words.get(finding.verdict, "undecided against")
+    return f"look after {look.seeds} seeds: {'; '.join(said)}.{excluded if look.excluded else ''}{end}"
 
 
 def sentence(design: Design, look: Look) -> str:
     """Return the verdict of a trial as one sentence."""
-    said = " and ".join(
-        f"{_relation(each)} {label(each.reference)}{_best(design, each)} ({_numbers(each)})"
-        for each in look.settled
-    )
+    said = []
+    for each in look.settled:
+        best = "" if is_baseline(each.reference) else f", the best of {design.candidates} there"
+        numbers = f"{number(each.unbiased)} {ends(each.low, each.high)}"
+        said.append(f"{RELATIONS[each.verdict]} {label(each.reference)}{best} ({numbers})")
     return (
-        f"Over {counted(len(design.cells), 'cell')} of {design.release}, {label(design.teacher)} is {said}, "
+        f"Over {counted(len(design.cells), 'cell')} of {design.release}, {label(design.teacher)} is "
+        f"{' and '.join(said)}, "
         f"in {QUANTITY}, after {look.seeds} of at most {design.looks[-1]} seeds of each cell: a "
         f"group-sequential test with repeated confidence intervals, whose verdicts are wrong in at most "
         f"{100 * ERROR:.0f} % of trials; alike means within {design.margin:g} points."
     )
-
-
-def _best(design: Design, finding: Finding) -> str:
-    return "" if is_baseline(finding.reference) else f", the best of {design.candidates} there"
-
-
-def _numbers(finding: Finding) -> str:
-    return f"{number(finding.unbiased)} {ends(finding.low, finding.high)}"
 
 
 def verdict_table(design: Design, looks: list[Look]) -> pd.DataFrame:
@@ -139,12 +122,9 @@ def latex_row(design: Design, look: Look) -> str:
         rf"${each.unbiased:+.1f}$ $[{each.low:+.1f}, {each.high:+.1f}]$ ({each.verdict.value})"
         for each in look.settled
     ]
-    cells = [_escaped(label(design.teacher)), str(look.seeds), str(look.seeds * len(design.cells)), *found]
+    name = "".join(f"\\{each}" if each in "_%&#$" else each for each in label(design.teacher))
+    cells = [name, str(look.seeds), str(look.seeds * len(design.cells)), *found]
     return " & ".join(cells) + r" \\" + "\n"
-
-
-def _escaped(text: str) -> str:
-    return "".join(f"\\{each}" if each in "_%&#$" else each for each in text)
 
 
 def methods(design: Design, look: Look, versions: str) -> str:
@@ -155,7 +135,7 @@ def methods(design: Design, look: Look, versions: str) -> str:
         f"{counted(len(design.cells), 'cell')} ({cells}) by a group-sequential design that was fixed before "
         f"the first run. Looks were planned after {_looks(design)} seeds of every cell; it ended after "
         f"{look.seeds} (seeds {design.seeds[0]} to {design.seeds[look.seeds - 1]}, {runs} runs; "
-        f"{ENDINGS.get(look.ending, GOING_ON)}). The measure is the mean percentage of mastered test tasks "
+        f"{ENDINGS.get(look.ending, 'going on')}). The measure is the mean percentage of mastered test tasks "
         f"over training, on the arcsine scale. Differences are means over cells of equal weight, with "
         f"Welch's standard error and Satterthwaite's degrees of freedom. The two comparisons, with Random "
         f"and with {label(design.best)}, the best of {design.candidates} released teachers, share an error "

@@ -3,7 +3,7 @@
 import numpy as np
 
 from analysis.baselines import find_baseline
-from analysis.trials.design import Released
+from analysis.trials.design import in_cell, released_runs
 from analysis.trials.rules import Moments, Rule, Verdict, difference, planned_fractions
 
 PLACE = ("stump_tracks", "original", "simulated", "simulated", "high")
@@ -36,12 +36,13 @@ WORDS = {Verdict.BETTER: "larger", Verdict.WORSE: "smaller", Verdict.OPEN: "equa
 
 
 def test_both_decide_alike_where_both_decide() -> None:
-    released = Released.of(find_baseline("simulated-1").frames())
-    random = released.angles("random", PLACE)[None]
+    runs_there = in_cell(released_runs(find_baseline("simulated-1").frames()), PLACE)
+    angles = {name: rows.to_numpy(float)[None] for name, rows in runs_there.groupby("teacher")["angle"]}
+    random = angles["random"]
     rule = Rule((5, 10), planned_fractions((5, 10), np.ones(1), np.full(1, 10.0)), margin=1e-9, error=0.025)
     found: dict[str, str] = {}
     for teacher in ADASTOP:
-        runs = released.angles(teacher, PLACE)[None]
+        runs = angles[teacher]
         for look, seeds in enumerate(rule.looks):
             test = difference(Moments.of(runs[:, :seeds]), Moments.of(random), np.ones(1))
             found[teacher] = WORDS[Verdict(str(rule.verdicts(test, look)))]

@@ -11,11 +11,12 @@ from analysis.trials.design import (
     MEASURE,
     PLACE,
     Design,
-    Released,
     detectable,
     ended_runs,
     make_design,
+    moments_of,
     newest_release,
+    released_runs,
 )
 from analysis.trials.rules import LOOKS, Verdict
 from analysis.trials.standing import Ending, looks_at
@@ -30,8 +31,8 @@ def frames() -> Frames:
 
 
 @pytest.fixture(scope="module")
-def released(frames: Frames) -> Released:
-    return Released.of(frames)
+def released(frames: Frames) -> pd.DataFrame:
+    return released_runs(frames)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +79,7 @@ def test_an_unknown_cell_is_refused_with_those_there_are(frames: Frames) -> None
 
 
 def test_a_much_better_teacher_wins_at_an_early_look(
-    design: Design, released: Released, frames: Frames
+    design: Design, released: pd.DataFrame, frames: Frames
 ) -> None:
     looks = looks_at(design, released, _runs_like(design.best, design, frames, 10, points=12.0))
     assert looks[-1].ending is Ending.DECIDED
@@ -90,7 +91,7 @@ def test_a_much_better_teacher_wins_at_an_early_look(
 
 
 def test_random_again_is_never_better_and_worse_than_the_best(
-    design: Design, released: Released, frames: Frames
+    design: Design, released: pd.DataFrame, frames: Frames
 ) -> None:
     looks = looks_at(design, released, _runs_like("random", design, frames, 20))
     assert looks[-1].settled[0].verdict is not Verdict.BETTER
@@ -98,7 +99,7 @@ def test_random_again_is_never_better_and_worse_than_the_best(
 
 
 def test_a_look_waits_for_all_of_its_runs_and_none_follows_the_end(
-    design: Design, released: Released, frames: Frames
+    design: Design, released: pd.DataFrame, frames: Frames
 ) -> None:
     runs = _runs_like(design.best, design, frames, 20)
     assert looks_at(design, released, runs.iloc[:-1].head(2)) == []
@@ -110,7 +111,7 @@ def test_a_look_waits_for_all_of_its_runs_and_none_follows_the_end(
 
 
 def test_an_open_comparison_tells_what_the_budget_could_still_show(
-    design: Design, released: Released, frames: Frames
+    design: Design, released: pd.DataFrame, frames: Frames
 ) -> None:
     runs = _runs_like(design.best, design, frames, 3, points=2.0)
     chances = []
@@ -124,7 +125,7 @@ def test_an_open_comparison_tells_what_the_budget_could_still_show(
     assert f"with probability {finding.power:.2f}, within the budget {chances[1]:.2f}" in said
 
 
-def test_a_verdict_that_is_reached_stays(design: Design, released: Released, frames: Frames) -> None:
+def test_a_verdict_that_is_reached_stays(design: Design, released: pd.DataFrame, frames: Frames) -> None:
     runs = _runs_like("random", design, frames, 20, points=-5.0)
     later = runs["seed"].isin(design.seeds[5:])
     runs.loc[later, "angle"] += 0.3  # from then on far better
@@ -135,7 +136,7 @@ def test_a_verdict_that_is_reached_stays(design: Design, released: Released, fra
 
 
 def test_runs_that_are_not_finite_are_left_out_by_number(
-    design: Design, released: Released, frames: Frames
+    design: Design, released: pd.DataFrame, frames: Frames
 ) -> None:
     runs = _runs_like(design.best, design, frames, 5)
     runs.loc[0, "angle"] = float("nan")
@@ -143,17 +144,17 @@ def test_runs_that_are_not_finite_are_left_out_by_number(
 
 
 def test_the_detectable_difference_falls_with_the_number_of_cells(
-    design: Design, frames: Frames, released: Released
+    design: Design, frames: Frames, released: pd.DataFrame
 ) -> None:
     found = []
     for made in (design, make_design("mine:Frontier", find_baseline("lite-1"), frames, wanted=["original"])):
-        runs = released.moments("random", [cell.place for cell in made.cells]).runs
+        runs = moments_of(released, "random", made.places).runs
         found.append(detectable(made, "random", runs))
     assert found[0] < found[1]
 
 
 def test_everything_that_is_written_has_the_numbers(
-    design: Design, released: Released, frames: Frames
+    design: Design, released: pd.DataFrame, frames: Frames
 ) -> None:
     looks = looks_at(design, released, _runs_like(design.best, design, frames, 20))
     assert any("6, 10, 20, 40 runs" in line for line in plan_lines(design, released))

@@ -10,7 +10,7 @@ from scipy import stats
 from analysis.statistics import stratified
 from analysis.trials.boundaries import boundaries, crossing, median_unbiased, spent
 from analysis.trials.rules import LOOKS, Moments, Rule, Verdict, difference, planned_fractions
-from analysis.trials.simulation import Cell, Setting, simulate
+from analysis.trials.simulation import Setting, simulate
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,10 @@ def test_the_chance_of_a_verdict_is_that_of_the_seeds_to_come() -> None:
 def setting() -> Setting:
     residuals = np.random.default_rng(0).normal(0.0, 0.06, 60)
     residuals -= residuals.mean()
-    return Setting(tuple(Cell(60.0, residuals, 5) for _ in range(4)), LOOKS, 3.0, 9, 0.05)
+    slopes, runs = np.full(4, 60.0), np.full(4, 5.0)
+    fractions = planned_fractions(LOOKS, slopes, runs)
+    rules = tuple(Rule(LOOKS, fractions, 3.0, candidates, 0.025) for candidates in (1, 9))
+    return Setting(rules, slopes, (residuals,) * 4, runs)
 
 
 @pytest.mark.parametrize("true", [0.0, 3.0, -3.0])

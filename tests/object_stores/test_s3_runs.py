@@ -13,7 +13,7 @@ from small_runs import data_files, run, short_run
 
 from analysis.baselines import find_baseline
 from analysis.tracking.event_folder import EventFolder
-from analysis.trials.design import Released, make_design
+from analysis.trials.design import make_design, released_runs
 from tma_ray.cli.trying import _Trial
 from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table, create_root
 from tma_ray.results.layout import LEASE_FILE
@@ -115,6 +115,6 @@ def test_the_page_of_a_trial_lies_in_the_bucket(s3_root: str) -> None:
     create_root(store)
     frames = baseline.frames()
     design = make_design("sobol", baseline, frames, wanted=["original"])
-    assert not _Trial(store, design, Released.of(frames), frames).judge()
+    assert not _Trial(store, design, released_runs(frames), frames).judge()
     assert store.files("trial") == ("trial/index.html",)
     assert b"No look is complete yet" in store.read_bytes("trial/index.html")

@@ -18,8 +18,10 @@ from tma_ray.results import Results, Store, TrialFile, TrialLook, check_usable, 
 from tma_ray.terminal import say
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from analysis.data.frames import Frames
-    from analysis.trials.design import Design, Released
+    from analysis.trials.design import Design
     from analysis.trials.standing import Look
     from tma_ray.campaign.plan import Plan
 
@@ -46,7 +48,7 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         tma-ray trial riac --budget 8h --dry-run
     """
     from analysis.baselines import find_baseline
-    from analysis.trials.design import MARGIN, Design, Released, make_design, newest_release
+    from analysis.trials.design import MARGIN, Design, make_design, newest_release, released_runs
     from analysis.trials.wording import plan_lines
     from tma_ray.campaign.repeating import trial_plan
     from tma_ray.campaign.trials import CAMPAIGN, simulated_cells
@@ -64,8 +66,8 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     if before:
         cells = options.cells or tuple(cell.name for cell in before.cells)
         margin = options.margin or before.margin
-    design, released = make_design(teacher, baseline, frames, margin, cells), Released.of(frames)
-    places, plans = [cell.place for cell in design.cells], []
+    design, released = make_design(teacher, baseline, frames, margin, cells), released_runs(frames)
+    places, plans = design.places, []
     if options.simulated:
         simulated_cells(teacher, places)  # refuses what the teacher cannot teach
         plugin = TEACHERS.plugin(teacher)
@@ -115,7 +117,7 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
         code = run_looks(plans, cost, options, trial.judge)
     else:
         seeds = [trial.design.seeds[:count] for count in trial.design.looks]
-        cells = simulated_cells(trial.design.teacher, [cell.place for cell in trial.design.cells])
+        cells = simulated_cells(trial.design.teacher, trial.design.places)
         code = simulate_looks(cells, seeds, options, trial.judge)
     trial.conclude()
     return code
@@ -136,7 +138,7 @@ class _Trial:
 
     store: Store
     design: Design
-    released: Released
+    released: pd.DataFrame
     frames: Frames
     looks: list[Look] = field(default_factory=list)
     affordable: int | None = None
