@@ -1,19 +1,17 @@
-"""The card of a release, ``README.md``: what it is, how it was made, how to use and to cite it."""
+"""The card of a baseline, ``README.md``: what it is, how it was made, how to use and to cite it."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from analysis.baselines.catalogue import BaselineManifest
+from analysis.baselines.catalogue import BaselineKind, BaselineManifest
 from analysis.data.frames import Frames
 from analysis.data.identity import parsed
 from analysis.formatting import amount, duration
-from analysis.measures.evaluations import ceilings_in_words
 from analysis.names import label, teacher_order
-from analysis.tables.paper_tables import result_tables, table_results
-from analysis.tables.table import TableFormat, render
+from analysis.tables.table import Table, TableFormat, render
 from tma_ray.results import CHIPMUNK, SIMULATED
 
 CARD_FILE = "README.md"
@@ -22,13 +20,21 @@ LIBRARIES: Final = ("python", "tma_ray", "torch", "numpy", "pymunk")
 """Entries of a fingerprint that the card of a release shows."""
 
 
-def card(manifest: BaselineManifest, made: str, frames: Frames) -> str:
-    """Return the card of a release.
+def card(
+    manifest: BaselineManifest,
+    made: str,
+    tables: Iterable[Table],
+    citation: str = "",
+    ceilings: Sequence[str] = (),
+) -> str:
+    """Return the card of a baseline.
 
     Args:
-        manifest: manifest of the release.
-        made: origin of its runs, of `origin`.
-        frames: its results, of which the card has the tables.
+        manifest: manifest of the baseline.
+        made: origin of its results, in words.
+        tables: its results.
+        citation: text that others cite; empty for name, software and date of the baseline itself.
+        ceilings: bounds of its results, a sentence each.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # reading a baseline does without
 
@@ -39,16 +45,23 @@ def card(manifest: BaselineManifest, made: str, frames: Frames) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    tables = (table for results in table_results(frames) for table in result_tables(results))
     text = environment.get_template("card.md.j2").render(
         manifest=manifest,
+        published=manifest.kind is BaselineKind.PUBLISHED,
         holds=[(name.replace("_", " "), _plain(name, value)) for name, value in manifest.holds.items()],
         planned=", ".join(f"{_safe(name)} {count:,}" for name, count in sorted(manifest.planned.items())),
         made=made,
-        ceilings=ceilings_in_words(frames),
+        citation=citation or manifest.citation,
+        ceilings=ceilings,
         tables="\n".join(render(table, TableFormat.MARKDOWN) for table in tables),
     )
     return re.sub(r"\n{3,}", "\n\n", text.rstrip()) + "\n"
+
+
+def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:
+    """Return the distinct values of some columns, sorted, and some counts, as JSON has them."""
+    found = {name: sorted(set(values)) for name, values in columns.items()}
+    return {name: values for name, values in found.items() if values and values != [""]} | dict(counts)
 
 
 def _plain(name: str, value: Any) -> str:

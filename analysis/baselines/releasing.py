@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from uuid import uuid4
 
-from analysis.baselines.card import CARD_FILE, card, origin
+from analysis.baselines.card import CARD_FILE, card, holdings, origin
 from analysis.baselines.catalogue import (
     BASELINE_FILE,
     UNSAID,
@@ -27,6 +27,8 @@ from analysis.baselines.catalogue import (
 from analysis.baselines.croissant import CROISSANT_FILE, croissant
 from analysis.baselines.verification import verify
 from analysis.data.frames import STATUSES, Frames, load
+from analysis.measures.evaluations import ceilings_in_words
+from analysis.tables.paper_tables import result_tables, table_results
 from tma_ray.arguments import check_known
 from tma_ray.commands.exits import installed_version
 from tma_ray.commands.values import expanded
@@ -48,18 +50,18 @@ from tma_ray.results import (
 )
 
 HELD: Final = {
-    "campaign": "campaigns",
-    "experiment": "experiments",
-    "environment": "environments",
-    "challenge": "challenges",
-    "embodiment": "embodiments",
-    "student": "students",
-    "teacher": "teachers",
+    "campaigns": "campaign",
+    "experiments": "experiment",
+    "environments": "environment",
+    "challenges": "challenge",
+    "embodiments": "embodiment",
+    "students": "student",
+    "teachers": "teacher",
     "expert_knowledge": "expert_knowledge",
     "steps": "steps",
-    "seed": "seeds",
+    "seeds": "seed",
 }
-"""Columns of cells of which a manifest lists the values, and its names for them."""
+"""Columns of cells by the names under which a manifest lists their values."""
 
 
 def release(
@@ -164,7 +166,9 @@ def _complete(draft: BaselineManifest, place: Path, copied: Copy | Shard) -> Non
         check_known("campaign", campaign, set(frames.cells["campaign"]), "the release has")
     manifest = _with_contents(draft, frames, copied)
     made = origin(frames, manifest.physics_versions)
-    (place / CARD_FILE).write_text(card(manifest, made, frames), encoding="utf-8")
+    tables = (table for results in table_results(frames) for table in result_tables(results))
+    text = card(manifest, made, tables, ceilings=ceilings_in_words(frames))
+    (place / CARD_FILE).write_text(text, encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
     described = json.dumps(croissant(manifest, files, made), indent=1, ensure_ascii=False)
     (place / CROISSANT_FILE).write_text(f"{described}\n", encoding="utf-8")
@@ -216,13 +220,11 @@ def _refuse_damaged(problems: Sequence[str], partial: bool) -> None:
 def _with_contents(draft: BaselineManifest, frames: Frames, copied: Copy | Shard) -> BaselineManifest:
     """Return a manifest with what its tables hold, and their limits."""
     cells, runs = frames.cells, frames.results.runs()
-    values = {column: cells[column].astype(object).dropna().tolist() for column in HELD}
-    values |= {column: list(map(int, values[column])) for column in ("steps", "seed")}
-    holds: dict[str, Any] = {HELD[column]: sorted(set(found)) for column, found in values.items()}
-    holds = {name: found for name, found in holds.items() if found not in ([], [""])}
+    columns = {name: cells[column].astype(object).dropna().tolist() for name, column in HELD.items()}
+    columns |= {name: list(map(int, columns[name])) for name in ("steps", "seeds")}
     policies = len({path.split("/")[1] for path in frames.results.store.files("policies")})
     evaluations = len(frames.evaluations.drop_duplicates(["run_id", "step"]))
-    holds |= {"runs": len(runs), "evaluations": evaluations, "policies": policies}
+    counts = {"runs": len(runs), "evaluations": evaluations, "policies": policies}
     caveats = [*frames.warnings]
     if copied.policy_files:
         count = len(copied.policy_files)
@@ -242,7 +244,7 @@ def _with_contents(draft: BaselineManifest, frames: Frames, copied: Copy | Shard
         engine=engines,
         physics_versions=tuple(sorted({int(version) for version in physics})),
         caveats=tuple(caveats),
-        holds=holds,
+        holds=holdings(columns, counts),
         benchmark_versions=tuple(sorted({each.run.benchmark_version for each in runs})),
     )
 

@@ -147,7 +147,7 @@ class Design:
         return [cell.place for cell in self.cells]
 
     def rule(self, reference: str, runs: Floats) -> Rule:
-        """Return the rule of the comparison with one of `references`, with its `runs` in each cell (cells,)."""
+        """Return the rule of the comparison with one of `references`, of `runs` in each cell (cells,)."""
         candidates = 1 if is_baseline(reference) else self.candidates
         fractions = planned_fractions(self.looks, self.slopes, runs)
         return Rule(self.looks, fractions, self.margin, candidates, self.error / COMPARISONS)

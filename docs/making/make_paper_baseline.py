@@ -67,7 +67,7 @@ def main() -> None:
         caveats=CAVEATS,
         holds=holdings(columns, counts),
     )
-    text = card(manifest, MADE, CITATION, result_tables(published_table_results()))
+    text = card(manifest, MADE, result_tables(published_table_results()), CITATION)
     store.write_bytes(CARD_FILE, text.encode())
     files = tuple(BaselineFile.of(store, path) for path in (CARD_FILE, PUBLISHED_FILE))
     store.write_bytes(BASELINE_FILE, replace(manifest, files=files).to_bytes())
