@@ -160,12 +160,9 @@ class Axis(NamedTuple):
 def task_axes(cells: pd.DataFrame) -> tuple[Axis, ...]:
     """Return the dimensions that teachers choose from in the runs of `cells`; none where it is unknown."""
     check_columns("cells", cells, ["spec"])
-    for spec in cells["spec"].dropna():
-        return tuple(_axis(dimension) for dimension in parsed(spec).get("task_space", []))
-    return ()
-
-
-def _axis(dimension: dict[str, Any]) -> Axis:
-    name = str(dimension["name"]).replace("_", " ").capitalize()
-    unit = f" ({dimension['unit']})" if dimension.get("unit") else ""
-    return Axis(name + unit, float(dimension["low"]), float(dimension["high"]))
+    axes = []
+    for each in parsed(next(iter(cells["spec"].dropna()), None)).get("task_space", []):
+        unit = f" ({each['unit']})" if each.get("unit") else ""
+        name = str(each["name"]).replace("_", " ").capitalize() + unit
+        axes.append(Axis(name, float(each["low"]), float(each["high"])))
+    return tuple(axes)

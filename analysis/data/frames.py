@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -192,16 +193,15 @@ def computed_once(
     function: Callable[Concatenate[Frames, P], pd.DataFrame],
 ) -> Callable[Concatenate[Frames, P], pd.DataFrame]:
     """Return `function` made to compute each frame once for the same `Frames`; every caller has a copy."""
+    signature = inspect.signature(function)
 
     @functools.wraps(function)
     def compute(frames: Frames, /, *args: P.args, **kwargs: P.kwargs) -> pd.DataFrame:
         check_kind("frames", frames, Frames, "what analysis.load returns")
-        given = (*args, *kwargs.values())
-        key = (
-            function,
-            tuple(kwargs),
-            tuple(tuple(each) if isinstance(each, list) else each for each in given),
-        )
+        given = signature.bind(frames, *args, **kwargs)
+        given.apply_defaults()
+        values = list(given.arguments.values())[1:]
+        key = (function, *(tuple(each) if isinstance(each, list) else each for each in values))
         if key not in frames._computed:
             frames._computed[key] = function(frames, *args, **kwargs)
         found: pd.DataFrame = frames._computed[key]
@@ -231,12 +231,17 @@ def frames_of(results: Results) -> Frames:
     evaluations = _frame(results, Table.EVALUATIONS, columns)
     evaluations["mastered"] = evaluations["episodic_return"] > thresholds_of(evaluations, runs)
     measured = evaluation_measures(evaluations)
+    # The tasks of a test set are the same in all runs: one that met it is read.
+    witnesses = evaluations.drop_duplicates("test_set")["run_id"].astype(str).tolist()
+    tasks = with_plain_texts(
+        _frame(results, Table.EVALUATIONS, ["test_set", "task_index", "task"], witnesses)
+    )
     told = *cell_warnings(cells, evaluations), *evaluation_warnings(measured)
     return Frames(
         cells=cells,
         evaluations=evaluations,
         measured=measured,
-        test_tasks=_test_tasks(results, evaluations),
+        test_tasks=tasks.drop_duplicates(["test_set", "task_index"]).reset_index(drop=True),
         results=results,
         told=(*told, *split, *apart),
     )
@@ -273,22 +278,11 @@ def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
     alone = runs[~runs["run_id"].isin(cells["run_id"])]
     single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
     cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
-    names = ("run_id", "status", "error", "spec", "steps", "test_set", "physics_version")
-    state = runs[[*names, *SETTINGS]]
-    joined = cells.merge(state, on="run_id", how="left")
-    joined["engine"] = joined["engine"].fillna(CHIPMUNK)  # only campaigns of ours have runs that wait
-    joined["status"] = joined["status"].fillna("waiting")
-    joined["error"] = joined["error"].fillna("")
+    joined = cells.merge(runs[["run_id", *STATE]], on="run_id", how="left")
+    # Only campaigns of ours have runs that wait.
+    joined = joined.fillna({"engine": CHIPMUNK, "status": "waiting", "error": ""})
     # Two campaigns on one root may list the same cell: its runs count once.
     return joined.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
-
-
-def _test_tasks(results: Results, evaluations: pd.DataFrame) -> pd.DataFrame:
-    """Read the tasks of each test set from one run that met it: they are the same in all."""
-    columns = ["test_set", "task_index", "task"]
-    witnesses = evaluations.drop_duplicates("test_set")["run_id"].astype(str).tolist()
-    tasks = with_plain_texts(_frame(results, Table.EVALUATIONS, columns, witnesses))
-    return tasks.drop_duplicates(["test_set", "task_index"]).reset_index(drop=True)
 
 
 def cell_warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
@@ -317,12 +311,21 @@ def joined(frames: Sequence[Frames]) -> Frames:
     first, *others = frames
     if not others:
         return first
-    places = _places(frames)
-    (cells,), split = named_apart([_cells(frames, places)])
+    ranks: dict[str, tuple[int, int]] = {}
+    for place, each in enumerate(frames):
+        for run_id, status in each.cells[["run_id", "status"]].itertuples(index=False, name=None):
+            rank = STATUSES.index(status), place
+            ranks[run_id] = min(rank, ranks.get(run_id, rank))
+    places = {run_id: place for run_id, (_, place) in ranks.items()}
+    (cells,), split = named_apart([_joined_cells(frames, places)])
     cells, apart = experiments_apart(with_plain_texts(cells))
     tables = {
         name: pd.concat(
-            [_of(getattr(each, name), place, places) for place, each in enumerate(frames)], ignore_index=True
+            [
+                table[(table["run_id"].astype(object).map(places) == place).to_numpy(bool)]
+                for place, table in enumerate(getattr(each, name) for each in frames)
+            ],
+            ignore_index=True,
         )
         for name in ("evaluations", "measured")
     }
@@ -339,32 +342,14 @@ def joined(frames: Sequence[Frames]) -> Frames:
     )
 
 
-def _places(frames: Sequence[Frames]) -> dict[str, int]:
-    """Return the number of the frames that each run is read from."""
-    ranks: dict[str, tuple[int, int]] = {}
-    for place, each in enumerate(frames):
-        for run_id, status in each.cells[["run_id", "status"]].itertuples(index=False, name=None):
-            rank = STATUSES.index(status), place
-            ranks[run_id] = min(rank, ranks.get(run_id, rank))
-    return {run_id: place for run_id, (_, place) in ranks.items()}
-
-
-def _cells(frames: Sequence[Frames], places: dict[str, int]) -> pd.DataFrame:
+def _joined_cells(frames: Sequence[Frames], places: Mapping[str, int]) -> pd.DataFrame:
     """Return the cells of all, each with the state of its run where that is read."""
-    cells = pd.concat(
-        [each.cells.assign(place=place) for place, each in enumerate(frames)], ignore_index=True
-    )
+    parts = [each.cells.assign(place=place) for place, each in enumerate(frames)]
+    cells = pd.concat(parts, ignore_index=True)
     here = cells["place"] == cells["run_id"].map(places)
-    state = cells[here].drop_duplicates("run_id").set_index("run_id")[STATE]
-    away = ~here
-    if away.any():
+    if not here.all():
+        state = cells[here].drop_duplicates("run_id").set_index("run_id")[STATE]
         cells[STATE] = cells[STATE].astype(object)  # whole numbers of any width fit then
-        cells.loc[away, STATE] = state.loc[cells.loc[away, "run_id"]].to_numpy(object)
+        cells.loc[~here, STATE] = state.loc[cells.loc[~here, "run_id"]].to_numpy(object)
     cells = cells.drop(columns="place").infer_objects()
     return cells.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
-
-
-def _of(table: pd.DataFrame, place: int, places: dict[str, int]) -> pd.DataFrame:
-    """Return the rows of runs that are read from `place`."""
-    run_ids = table["run_id"].astype(object)
-    return table[(run_ids.map(places) == place).to_numpy(bool)]

@@ -61,9 +61,16 @@ def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     }
     files = {name: file["sha256"][:8] for name, file in spec.get("inputs", {}).items()}
     body = files.pop("environment.embodiment", None)
+    steps = spec.get("schedule", {}).get("steps") or 1
+    space = {each["name"]: f"{each['low']:g}..{each['high']:g}" for each in spec.get("task_space", ())}
+    challenge = {
+        "easy_task": spec.get("easy_task"),
+        "cuts": spec.get("cuts", 0),
+        "resets": [round(step / steps, 3) for step in spec.get("resets", ())],  # shares of the budget
+    }
     return {
         "environment": {**options, **_of_part(spec, "environment", files)},
-        "challenge": _challenge(spec),
+        "challenge": space | challenge,
         "embodiment": {"sha256": body} if body else {},
         "student": {**spec.get("student_hyperparameters", {}), **_of_part(spec, "student", files)},
         "teacher": {**spec.get("teacher_hyperparameters", {}), **_of_part(spec, "teacher", files)},
@@ -160,20 +167,6 @@ def _of_part(spec: Mapping[str, Any], part: str, files: Mapping[str, str]) -> di
     }
 
 
-def _challenge(spec: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the identity of a challenge, with its resets as shares of the budget."""
-    steps = spec.get("schedule", {}).get("steps") or 1
-    space = {
-        dimension["name"]: f"{dimension['low']:g}..{dimension['high']:g}"
-        for dimension in spec.get("task_space", ())
-    }
-    return space | {
-        "easy_task": spec.get("easy_task"),
-        "cuts": spec.get("cuts", 0),
-        "resets": [round(step / steps, 3) for step in spec.get("resets", ())],
-    }
-
-
 def _with_plain_names(cells: pd.DataFrame) -> pd.DataFrame:
     if "names" not in cells:
         names = [json.dumps(row) for row in cells[NAMED].to_dict("records")]
@@ -195,28 +188,18 @@ def _names(of_runs: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
     variants: dict[tuple[Any, ...], Counter[str]] = {}
     for *key, settings in of_runs:
         variants.setdefault(tuple(key), Counter())[settings] += 1
-    return {
-        (*key, settings): name
-        for key, counts in variants.items()
-        if len(counts) > 1
-        for settings, name in _other_names(str(key[-1]), counts).items()
-    }
-
-
-def _other_names(name: str, counts: Counter[str]) -> dict[str, str]:
-    plain = max(counts, key=lambda settings: (counts[settings], settings))
-    reference = json.loads(plain)
     found = {}
-    for settings in sorted(set(counts) - {plain}):
-        values = json.loads(settings)
-        differing = {
-            key: values.get(key) for key in {**reference, **values} if values.get(key) != reference.get(key)
-        }
-        if len(differing) > MOST_SETTINGS:
-            version = {key: value for key, value in differing.items() if key == "algorithm_version"}
-            differing = version | {"settings": _digest(values)}
-        base, own = split_name(name)
-        found[settings] = join_name(base, {**own, **differing})
+    for scope, counts in variants.items():
+        plain = max(counts, key=lambda settings: (counts[settings], settings))
+        reference, (base, own) = json.loads(plain), split_name(str(scope[-1]))
+        for settings in set(counts) - {plain}:
+            values = json.loads(settings)
+            names = {**reference, **values}
+            differing = {n: values.get(n) for n in names if values.get(n) != reference.get(n)}
+            if len(differing) > MOST_SETTINGS:
+                version = {key: value for key, value in differing.items() if key == "algorithm_version"}
+                differing = version | {"settings": _digest(values)}
+            found[(*scope, settings)] = join_name(base, {**own, **differing})
     return found
 
 
@@ -262,9 +245,20 @@ def with_settings(runs: pd.DataFrame) -> pd.DataFrame:
 
     A spec is long, and there are thousands: those that differ in their seed alone are parsed once.
     """
-    texts = [_without_seed(spec) for spec in runs["spec"]]
-    known = {text: _parsed_settings(text) for text in set(texts)}
-    return runs.assign(**{name: [known[text][name] for text in texts] for name in SETTINGS})
+    texts = []
+    for text in runs["spec"]:
+        seedless, found = SEED.subn('"student":', text, count=1)
+        if not found:
+            seedless = json.dumps({name: value for name, value in parsed(text).items() if name != "seed"})
+        texts.append(seedless)
+    known = {}
+    for text in set(texts):
+        spec = parsed(text)
+        threshold = float(spec.get("mastery_threshold", MASTERY_RETURN))
+        digest = hashlib.sha256(text.encode()).hexdigest()[:12]
+        identities = json.dumps(identity(spec), sort_keys=True)
+        known[text] = str(spec.get("engine", CHIPMUNK)), threshold, digest, identities
+    return runs.assign(**{name: [known[text][i] for text in texts] for i, name in enumerate(SETTINGS)})
 
 
 def thresholds_of(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | float:
@@ -273,19 +267,3 @@ def thresholds_of(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | 
     if len(known) == 1:
         return float(known[0])
     return evaluations["run_id"].map(runs.set_index("run_id")["mastery_threshold"]).astype(float)
-
-
-def _without_seed(spec: str) -> str:
-    text, found = SEED.subn('"student":', spec, count=1)
-    content = {} if found else parsed(spec)
-    return text if found else json.dumps({name: content[name] for name in content if name != "seed"})
-
-
-def _parsed_settings(text: str) -> dict[str, Any]:
-    spec = parsed(text)
-    return {
-        "engine": str(spec.get("engine", CHIPMUNK)),
-        "mastery_threshold": float(spec.get("mastery_threshold", MASTERY_RETURN)),
-        "settings": hashlib.sha256(text.encode()).hexdigest()[:12],
-        "identity": json.dumps(identity(spec), sort_keys=True),
-    }

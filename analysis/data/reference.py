@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 import pandas as pd
 
@@ -17,8 +18,6 @@ BASELINE = "random"
 NO_BASELINE = "no Random to compare with"
 """Why a teacher was not tested, when that is it."""
 
-_RANKS = {level.value: level.rank for level in KnowledgeLevel}
-
 
 def is_baseline(teacher: str) -> bool:
     """True if `teacher` is the Random baseline."""
@@ -27,8 +26,9 @@ def is_baseline(teacher: str) -> bool:
 
 def baseline_rows(rows: pd.DataFrame) -> pd.DataFrame:
     """Return those of Random."""
-    names = {teacher: is_baseline(teacher) for teacher in rows["teacher"].unique()}
-    return rows[rows["teacher"].map(names).astype(bool)]
+    return rows[
+        rows["teacher"].isin([teacher for teacher in rows["teacher"].unique() if is_baseline(teacher)])
+    ]
 
 
 def baseline_runs(
@@ -48,19 +48,17 @@ def baseline_runs(
     own, found = baseline_rows(group), baseline_rows(alike)
     if len(own) or found.empty:
         return own
-    here = group.iloc[0]
+    here, columns = group.iloc[0], list(apart)
     others = [column for column in apart if column != "expert_knowledge"]
-    places = found[list(apart)].drop_duplicates()
-    order = [
-        (
-            *(row[column] != here[column] for column in others),
-            _RANKS[row["expert_knowledge"]],
-            *row.astype(str),
-        )
-        for _, row in places.iterrows()
-    ]
-    nearest = places.iloc[order.index(min(order))]
-    return found[(found[list(apart)] == nearest).all(axis=1)]
+
+    def distance(place: tuple[Any, ...]) -> tuple[Any, ...]:
+        values = dict(zip(columns, place, strict=True))
+        elsewhere = (values[column] != here[column] for column in others)
+        return (*elsewhere, KnowledgeLevel(values["expert_knowledge"]).rank, *map(str, place))
+
+    places = found[columns].drop_duplicates().itertuples(index=False, name=None)
+    nearest = min(places, key=distance)
+    return found[(found[columns] == list(nearest)).all(axis=1)]
 
 
 PAPER = "paper-2021"
@@ -81,9 +79,7 @@ def paper_frame() -> pd.DataFrame:
         teacher, n, mastered_percent_mean, mastered_percent_std, doubt (why the entry may be a slip; empty
         for most), steps, engine.
     """
-    rows = [
-        asdict(result) | {"expert_knowledge": result.expert_knowledge.value} for result in paper_results()
-    ]
+    rows = [asdict(entry) | {"expert_knowledge": entry.expert_knowledge.value} for entry in paper_results()]
     named = {"seeds": "n", "mean": "mastered_percent_mean", "std": "mastered_percent_std"}
     return pd.DataFrame(rows).rename(columns=named).assign(steps=PAPER_STEPS, engine=PAPER_ENGINE)
 

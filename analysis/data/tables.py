@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from tma_ray.arguments import check_kind, check_known, check_names
 
-MADE_BY = "a table, as from analysis.runs_after(frames)"
-
 
 def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
     """Refuse what is not a table with these columns.
@@ -25,7 +23,7 @@ def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
         TypeError: it is not a table, or `columns` is one text.
         ValueError: it lacks a column; the message holds the nearest one.
     """
-    check_kind(name, table, pd.DataFrame, MADE_BY)
+    check_kind(name, table, pd.DataFrame, "a table, as from analysis.runs_after(frames)")
     check_names("columns", columns)
     assert isinstance(table, pd.DataFrame)
     for column in columns:
@@ -56,8 +54,6 @@ def with_plain_texts(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.astype(dict.fromkeys(texts, object))
 
 
-MEASURES = ("mastered_percent", "evaluation_return")
-
 SHOWN_RUNS = 3
 """Runs that a warning names."""
 
@@ -80,20 +76,24 @@ def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
     starts = np.concatenate([[0], np.flatnonzero(change) + 1])[: len(steps)]
     returns = evaluations["episodic_return"].to_numpy(float)
     finite = np.isfinite(returns)
+
+    def sums(values: NDArray[np.number]) -> NDArray[np.number]:
+        return np.add.reduceat(values, starts) if len(starts) else np.zeros(0, values.dtype)
+
     table = pd.DataFrame(
         {
             "run_id": np.asarray(run_ids.cat.categories, dtype=object)[codes[starts]],
             "step": steps[starts],
-            "mastered_percent": _sums(100.0 * evaluations["mastered"].to_numpy(), starts),
-            "evaluation_return": _sums(returns if finite.all() else np.where(finite, returns, 0.0), starts),
+            "mastered_percent": sums(100.0 * evaluations["mastered"].to_numpy()),
+            "evaluation_return": sums(returns if finite.all() else np.where(finite, returns, 0.0)),
             "tasks": np.diff(starts, append=len(steps)),
-            "not_finite": _sums((~finite).astype(np.int64), starts),
+            "not_finite": sums((~finite).astype(np.int64)),
         }
     )
-    sums = table.groupby(["run_id", "step"], sort=True).sum().reset_index()
-    for measure in MEASURES:
-        sums[measure] = (sums[measure] / sums["tasks"]).where(sums["not_finite"] == 0)
-    return sums.astype({"run_id": object})
+    found = table.groupby(["run_id", "step"], sort=True).sum().reset_index()
+    for measure in ("mastered_percent", "evaluation_return"):
+        found[measure] = (found[measure] / found["tasks"]).where(found["not_finite"] == 0)
+    return found.astype({"run_id": object})
 
 
 def evaluation_warnings(measured: pd.DataFrame) -> list[str]:
@@ -126,10 +126,6 @@ def training_warnings(training: pd.DataFrame) -> list[str]:
         f"{_count(len(windows) + len(nans), 'window')} of training with a mean return that is NaN or "
         f"infinite: excluded ({_named(runs)})."
     ]
-
-
-def _sums(values: NDArray[np.number], starts: NDArray[np.int64]) -> NDArray[np.number]:
-    return np.add.reduceat(values, starts) if len(starts) else np.zeros(0, values.dtype)
 
 
 def _count(number: int, what: str) -> str:

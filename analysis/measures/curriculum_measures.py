@@ -46,12 +46,10 @@ def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tup
     if not len(tasks) or not free.any():
         return np.nan, np.nan
     cells = np.minimum((np.clip(space.normalise(tasks), 0, 1)[:, free] * bins).astype(int), bins - 1)
-    if cells.shape[1] <= GRID_DIMENSIONS:
-        return _occupation(
-            np.ravel_multi_index(tuple(cells.T), (bins,) * cells.shape[1]), bins ** cells.shape[1]
-        )
-    marginals = [_occupation(column, bins) for column in cells.T]
-    coverage, entropy = np.mean(marginals, axis=0)
+    shape = (bins,) * cells.shape[1]
+    if len(shape) <= GRID_DIMENSIONS:
+        return _occupation(np.ravel_multi_index(tuple(cells.T), shape), bins ** len(shape))
+    coverage, entropy = np.mean([_occupation(column, bins) for column in cells.T], axis=0)
     return float(coverage), float(entropy)
 
 

@@ -13,7 +13,6 @@ from analysis.data.identity import CONDITIONS, of_searches, parsed, searches
 from analysis.data.tables import check_columns, check_measure
 from analysis.formatting import number
 from analysis.statistics import describe
-from tma_ray.benchmark import Grid, Matrix
 from tma_ray.part_names import base_name
 
 FEW_WINDOWS = 8
@@ -24,8 +23,6 @@ CURVE_POINTS = 40
 
 RECENT = 20
 """Episodes that each of these points is the mean of: the latest ones, fewer at the start."""
-
-EPISODE_COLUMN = {"episodic_return": "training_return"}
 
 
 @computed_once
@@ -50,10 +47,8 @@ def training_quarters(frames: Frames) -> pd.DataFrame:
     """Return run_id and the mean training return in the first and the last quarter of each run's steps."""
     windows, short = _windows(frames)
     episodes = frames.episode_returns(short["run_id"].unique().tolist()).astype({"run_id": object})
-    rows = pd.concat(
-        [windows.drop_duplicates(["run_id", "step"]), episodes.rename(columns=EPISODE_COLUMN)],
-        ignore_index=True,
-    )
+    episodes = episodes.rename(columns={"episodic_return": "training_return"})
+    rows = pd.concat([windows.drop_duplicates(["run_id", "step"]), episodes], ignore_index=True)
     end = rows.groupby("run_id")["step"].transform("max")
     first = rows[rows["step"] <= end / 4].groupby("run_id")["training_return"].mean()
     last = rows[rows["step"] > end * 3 / 4].groupby("run_id")["training_return"].mean()
@@ -227,7 +222,7 @@ def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd
     """Return `by`, step, n, mean, std and standard_error of `value` over the runs of a group."""
     check_measure("curves", curves, value, [*by, "step"])
     grouped = curves.groupby([*by, "step"], sort=True)[value]
-    table = grouped.agg(n="count", mean="mean", std="std").reset_index()
+    table = grouped.agg(["count", "mean", "std"]).reset_index().rename(columns={"count": "n"})
     return table.assign(standard_error=table["std"] / np.sqrt(table["n"]))
 
 
@@ -282,26 +277,16 @@ def search_results(frames: Frames) -> pd.DataFrame:
     finals = finals[~finals["provisional"]]
     specs = frames.cells.drop_duplicates("run_id").set_index("run_id")["spec"]
     for matrix in searches():
-        grid, side = _grid(matrix)
+        side, grid = "teacher", matrix.teacher_grid
+        if grid is None:
+            side, grid = "student", matrix.student_grid
+        assert grid is not None
         mine = finals[finals["experiment"].str.fullmatch(rf"{matrix.name}(_\d+)?")]
         for experiment, runs in mine.groupby("experiment"):
-            point = _point(specs[runs["run_id"].iloc[0]], grid, side)
+            values = parsed(specs[runs["run_id"].iloc[0]]).get(f"{side}_hyperparameters", {})
+            point = {name: values.get(name) for name in grid.values}
             described = describe(runs["mastered_percent"])
-            name = base_name(runs[side].iloc[0])
-            chosen = point == dict(grid.chosen)
+            name, chosen = base_name(runs[side].iloc[0]), point == dict(grid.chosen)
             rows.append([name, experiment, point, chosen, described.n, described.mean, described.std])
     table = pd.DataFrame(rows, columns=POINTS)
     return table.sort_values(["searched", "mean"], ascending=[True, False], kind="stable", ignore_index=True)
-
-
-def _grid(matrix: Matrix) -> tuple[Grid, str]:
-    """Return the grid of `matrix`, and whether it is of the teacher or of the student."""
-    if matrix.teacher_grid:
-        return matrix.teacher_grid, "teacher"
-    assert matrix.student_grid is not None
-    return matrix.student_grid, "student"
-
-
-def _point(spec: object, grid: Grid, side: str) -> dict[str, Any]:
-    values = parsed(spec).get(f"{side}_hyperparameters", {})
-    return {name: values.get(name) for name in grid.values}

@@ -72,9 +72,6 @@ PLUS = " + "
 BIPEDAL, RELEASED_BIPEDAL = "classic_bipedal", "old_classic_bipedal"
 """The bipedal of the paper, and the body that the original release ran in its place."""
 
-USUAL_STUDENT = "sac"
-"""The student of challenges that the benchmark does not have."""
-
 
 def parts_of(pool: str) -> list[tuple[str, str]]:
     """Return body and student of each part of a pool, as its label names them."""
@@ -93,31 +90,24 @@ def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], 
     }
 
 
-def variants(rows: pd.DataFrame) -> list[str]:
-    """Return the differences of each row's pool from the paper's, in words; empty where there are none.
+@cache
+def variant(engine: str, environment: str, challenge: str, pool: str, test_sets: object) -> str:
+    """Return the differences of a pool from the paper's, in words; empty where there are none.
 
     Results of one variant have one pool a challenge, so that aggregates over challenges count each once.
-
-    Args:
-        rows: runs with engine, environment, challenge, pool and test_sets, as in `pooling.pool_runs`.
     """
-    columns = ["engine", "environment", "challenge", "pool", "test_sets"]
-    return [_variant(*key) for key in rows[columns].itertuples(index=False, name=None)]
-
-
-@cache
-def _variant(engine: str, environment: str, challenge: str, pool: str, test_sets: object) -> str:
     place = base_name(environment), base_name(challenge)
     settings = split_name(environment)[1] | split_name(challenge)[1]
-    bodies = {BIPEDAL if engine == BOX2D and body == RELEASED_BIPEDAL else body for body, _ in parts_of(pool)}
-    students = {student for _, student in parts_of(pool)}
+    parts = parts_of(pool)
+    bodies = {BIPEDAL if engine == BOX2D and body == RELEASED_BIPEDAL else body for body, _ in parts}
+    students = {student for _, student in parts}
     alike = [matrix for matrix in MATRICES if (matrix.environment, matrix.challenge) == place]
     words = [f"{key}={value}" for key, value in settings.items()]
     if engine == SIMULATED:  # whose body, student and test tasks are all of its own
         return "; ".join([*words, "simulated students"])
     if bodies != {body for matrix in alike for body in matrix.embodiments} and alike:
         words.append(", ".join(sorted(bodies)))
-    if students != ({student for matrix in alike for student in matrix.students} or {USUAL_STUDENT}):
+    if students != ({student for matrix in alike for student in matrix.students} or {"sac"}):
         words.append(", ".join(sorted(students)))
     shipped = shipped_together([place[0]]).get((engine, *place), ())
     if alike and isinstance(test_sets, str) and test_sets != PLUS.join(shipped):
@@ -160,30 +150,27 @@ def pool_runs(
         columns of `values`; several rows a run if these have. pool and test_sets name all that belong
         to them, variant says how these differ from the paper's.
     """
-    return with_values(pool_members(cells, matrices), values)
+    return _with_values(_pool_members(cells, matrices), values)
 
 
-def pool_members(cells: pd.DataFrame, matrices: Sequence[Matrix] = MATRICES) -> pd.DataFrame:
+def _pool_members(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> pd.DataFrame:
     """Return the rows of `pool_runs` without values: which runs are in which pools, however measured."""
-    rows = cells.assign(
-        pool=_pools(cells, matrices),
-        test_sets=_test_sets(cells),
-        settings=cells["settings"].fillna(""),
-    )
+    pools, test_sets = _pools(cells, matrices), _test_sets(cells)
+    rows = cells.assign(pool=pools, test_sets=test_sets, settings=cells["settings"].fillna(""))
     for column in SETTINGS:
         known = rows.groupby(["engine", "environment", "challenge", "pool"])[column]
         agreed = known.transform("first").where(known.transform("nunique") == 1)
         rows[column] = rows[column].fillna(agreed)
-    rows["variant"] = variants(rows)
-    rows = with_plain_texts(rows)
+    names = rows[["engine", "environment", "challenge", "pool", "test_sets"]]
+    rows["variant"] = [variant(*key) for key in names.itertuples(index=False, name=None)]
     # Experiments may list the same cell: its runs count once.
-    rows = rows.drop_duplicates([*POOLED, "run_id"])
+    rows = with_plain_texts(rows).drop_duplicates([*POOLED, "run_id"])
     rows = rows[[*POOLED, *PARTS, "seed", "run_id", "status", "settings"]]
     return rows.sort_values([*POOLED, *PARTS, "seed"], ignore_index=True)
 
 
-def with_values(members: pd.DataFrame, values: pd.DataFrame) -> pd.DataFrame:
-    """Return `members` of pools with the `values` of each run; several rows a run if these have."""
+def _with_values(members: pd.DataFrame, values: pd.DataFrame) -> pd.DataFrame:
+    """Return `members` of pools with the `values` of each run."""
     values = values[[column for column in values if column not in SETTINGS]]
     return members.merge(values, on="run_id", how="left")
 
@@ -216,15 +203,10 @@ def pooled(
     members = dict(list(runs.drop_duplicates(["number", "run_id"]).groupby("number")))
     runs = runs[runs["step"].notna()] if "step" in by else runs
     for key, group in runs.groupby(keys, dropna=False, sort=True):
-        counted = group[group[measures[0]].notna()]
-        row = dict(zip(keys, key, strict=True))
-        listed = members[group["number"].iloc[0]]
-        row |= {"runs": len(listed), "n": len(counted)}
-        row["missing"] = "; ".join(_gaps(listed, counted, by))
-        for measure in measures:
-            described = describe(counted[measure])
-            row |= {f"{measure}_n": described.n, f"{measure}_mean": described.mean}
-            row[f"{measure}_std"] = described.std
+        counted, listed = group[group[measures[0]].notna()], members[group["number"].iloc[0]]
+        row = [*key, len(listed), len(counted), "; ".join(_gaps(listed, counted, by))]
+        for described in (describe(counted[measure]) for measure in measures):
+            row += [described.n, described.mean, described.std]
         rows.append(row)
     summaries = [f"{measure}_{name}" for measure in measures for name in ("n", "mean", "std")]
     return pd.DataFrame(rows, columns=[*keys, "runs", "n", "missing", *summaries])
@@ -330,16 +312,7 @@ def _expected(rows: pd.DataFrame, by: Sequence[str]) -> set[str]:
     return expected
 
 
-RELEASED_MATRICES = tuple(
-    replace(
-        matrix,
-        embodiments=tuple(RELEASED_BIPEDAL if body == BIPEDAL else body for body in matrix.embodiments),
-    )
-    for matrix in MATRICES
-)
-"""The paper's matrices with the bodies that the original release ran."""
-
-
+@computed_once
 def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> pd.DataFrame:
     """Return `result_runs` after a share of the budget of each run; 1 for the ends of runs.
 
@@ -348,11 +321,6 @@ def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> 
         share: share of each run's own budget.
         training: argument of `run_measures`.
     """
-    return _runs_after(frames, share, training)
-
-
-@computed_once
-def _runs_after(frames: Frames, share: float, training: bool) -> pd.DataFrame:
     return result_runs(frames, run_measures(frames, share=share, training=training))
 
 
@@ -369,14 +337,14 @@ def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
     Returns:
         Of `pooling.pool_runs`.
     """
-    return with_values(_members(frames), values)
+    return _with_values(_members(frames), values)
 
 
 @computed_once
 def _members(frames: Frames) -> pd.DataFrame:
     """Return the runs of all pools: the same whatever is measured of them, and when."""
     groups = by_students(without_searches(frames.cells))
-    parts = [pool_members(chosen, matrices) for _, matrices, chosen in groups]
+    parts = [_pool_members(chosen, matrices) for _, matrices, chosen in groups]
     members = pd.concat(parts, ignore_index=True).drop_duplicates([*POOLED, "run_id"])
     return reuse_random(members.reset_index(drop=True))
 
@@ -389,7 +357,8 @@ def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
 def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
     """Yield the paper's students together, then each other one alone, with the matrices to pool by.
 
-    Results of the original release, whose bipedal is another one, stand apart from others in the same root.
+    Each with a tag for names of files. Results of the original release, whose bipedal is another one, stand
+    apart from others in the same root.
     """
     imported = (cells["engine"] == BOX2D).to_numpy(bool)
     if not (imported & (cells["embodiment"] == RELEASED_BIPEDAL).to_numpy(bool)).any():
@@ -397,7 +366,11 @@ def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], 
         return
     if not imported.all():
         yield from _by_students(cells[~imported], MATRICES)
-    for name, matrices, chosen in _by_students(cells[imported], RELEASED_MATRICES):
+    released = tuple(
+        replace(m, embodiments=tuple(RELEASED_BIPEDAL if body == BIPEDAL else body for body in m.embodiments))
+        for m in MATRICES
+    )
+    for name, matrices, chosen in _by_students(cells[imported], released):
         apart = "" if imported.all() else _file_name(BOX2D)
         yield "-".join(tag for tag in (name, apart) if tag), matrices, chosen
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from analysis.data.frames import Frames, computed_once
 from analysis.measures.evaluations import MEASURED, area_over, measured_so_far, training_curves
@@ -16,7 +16,6 @@ from tma_ray.commands.values import SHARE, STEP
 NOT_FINITE = "returns not finite"
 """Why a run has no measures whose last evaluation has returns that are NaN or infinite."""
 
-TRAINING_RETURN = "training_return"
 
 SHARES = (0.5, 0.9)
 """Shares of what a run masters in the end, of which it is measured when they are reached."""
@@ -24,12 +23,7 @@ SHARES = (0.5, 0.9)
 
 def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
     """Return the columns of `run_measures` that are measures, in order."""
-    return [
-        *MEASURED,
-        *map(steps_to, shares),
-        "forgotten_percent",
-        TRAINING_RETURN,
-    ]
+    return [*MEASURED, *map(steps_to, shares), "forgotten_percent", "training_return"]
 
 
 def steps_to(share: float) -> str:
@@ -46,7 +40,7 @@ def run_measures(
     *,
     training: bool = True,
 ) -> pd.DataFrame:
-    """Return one row per run, with what it came to at the end of its budget.
+    """Return one row per run, with its measures at the end of its budget.
 
     Args:
         frames: results with runs, evaluations and training windows.
@@ -69,10 +63,13 @@ def run_measures(
         - reason, why a run has no measures, all of which are NaN then: "waiting", "failed",
           "still running", "not evaluated", "ends before", `NOT_FINITE`; else empty.
     """
-    _check(at, shares, share)
-    everything = frames.measured
+    STEP.check("at", 0 if at is None else at)
+    check_names("shares", shares)
+    for each in (*shares, share):
+        SHARE.check("share", each)
+    everything, evaluations = frames.measured, frames.evaluations
     rows = _standing(frames, at, _reached(frames, everything), share)
-    within = everything[everything["step"] <= everything["run_id"].map(rows["steps"]).astype(float)]
+    within = _until(everything, rows)
     curves = within[within["not_finite"] == 0]
     ends = within.drop_duplicates("run_id", keep="last").set_index("run_id")
     rows["step"] = ends["step"]
@@ -83,10 +80,11 @@ def run_measures(
     rows = rows.join(last.set_index("run_id")[MEASURED])
     rows["mastered_area"] = area_over(rows["steps"], rows)
     rows = rows.join(_steps_to(curves, shares))
-    rows["forgotten_percent"] = _forgotten(_until(frames, rows, cut=len(within) < len(everything)), within)
-    measures = [name for name in measure_names(shares) if training or name != TRAINING_RETURN]
+    evaluations = _until(evaluations, rows) if len(within) < len(everything) else evaluations
+    rows["forgotten_percent"] = _forgotten(evaluations, within)
+    measures = [name for name in measure_names(shares) if training or name != "training_return"]
     if training:
-        rows[TRAINING_RETURN] = _training_return(frames, rows[rows["reason"] == ""])
+        rows["training_return"] = _training_return(frames, rows[rows["reason"] == ""])
     rows.loc[rows["reason"] != "", measures] = np.nan
     return rows.reset_index()[["run_id", "steps", "step", *measures, "reason"]]
 
@@ -104,14 +102,8 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
     for step in steps:
         STEP.check("step", step)
     curves = frames.measured[["run_id", "step"]].merge(measured_so_far(frames), how="left")
-    curves = curves.rename(columns={"step": "evaluated_at"}).sort_values("evaluated_at", kind="stable")
-    reached = _reached(frames, curves.rename(columns={"evaluated_at": "step"}))
-    standing = [_standing(frames, step, reached).assign(step=step) for step in sorted(steps)]
-    asked = pd.concat([_standing(frames, 0, reached).head(0).assign(step=0), *standing]).reset_index()
-    asked = asked.loc[asked["reason"] == "", ["step", "run_id"]].astype({"step": "int64", "run_id": object})
-    rows = pd.merge_asof(asked, curves, left_on="step", right_on="evaluated_at", by="run_id")
-    rows = rows[rows["evaluated_at"].notna()]
-    return rows[["step", "run_id", "evaluated_at", *MEASURED]].reset_index(drop=True)
+    rows = _latest(frames, curves.rename(columns={"step": "evaluated_at"}), "evaluated_at", sorted(steps))
+    return rows[["step", "run_id", "evaluated_at", *MEASURED]]
 
 
 def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
@@ -122,18 +114,22 @@ def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
     Returns:
         step (the one asked for), run_id, training_return.
     """
-    curves = training_curves(frames)[["run_id", "step", "training_return"]].drop_duplicates(
-        ["run_id", "step"]
+    curves = training_curves(frames)[["run_id", "step", "training_return"]].rename(
+        columns={"step": "measured_at"}
     )
-    curves = curves.sort_values("step", kind="stable").rename(columns={"step": "measured_at"})
-    found, reached = [], _reached(frames, frames.measured)
-    for step in steps:
-        standing = _standing(frames, step, reached)
-        there = standing.index[standing["reason"] == ""]
-        before = curves[(curves["measured_at"] <= step) & curves["run_id"].isin(there)]
-        found.append(before.drop_duplicates("run_id", keep="last").assign(step=step))
-    rows = pd.concat([curves.head(0).assign(step=0), *found], ignore_index=True)
+    rows = _latest(frames, curves.drop_duplicates(["run_id", "measured_at"]), "measured_at", sorted(steps))
     return rows[["step", "run_id", "training_return"]]
+
+
+def _latest(frames: Frames, curves: pd.DataFrame, measured: str, steps: Sequence[int]) -> pd.DataFrame:
+    """Return the last row of `curves` until each of `steps`, of runs that got there."""
+    reached = _reached(frames, frames.measured)
+    standing = [_standing(frames, step, reached).assign(step=step) for step in steps]
+    asked = pd.concat([_standing(frames, 0, reached).head(0).assign(step=0), *standing]).reset_index()
+    asked = asked.loc[asked["reason"] == "", ["step", "run_id"]].astype({"step": "int64", "run_id": object})
+    curves = curves.sort_values(measured, kind="stable")
+    rows = pd.merge_asof(asked, curves, left_on="step", right_on=measured, by="run_id")
+    return rows[rows[measured].notna()].reset_index(drop=True)
 
 
 def every(frames: Frames, interval: int) -> list[int]:
@@ -148,19 +144,9 @@ def every(frames: Frames, interval: int) -> list[int]:
     return [] if pd.isna(last) else list(range(interval, int(last) + 1, interval))
 
 
-def _until(frames: Frames, rows: pd.DataFrame, *, cut: bool) -> pd.DataFrame:
-    """Return the evaluations, `cut` at the steps at which runs are measured."""
-    evaluations = frames.evaluations
-    if not cut:
-        return evaluations
-    return evaluations[evaluations["step"] <= evaluations["run_id"].map(rows["steps"]).astype(float)]
-
-
-def _check(at: int | None, shares: Sequence[float], share: float) -> None:
-    STEP.check("at", 0 if at is None else at)
-    check_names("shares", shares)
-    for each in (*shares, share):
-        SHARE.check("share", each)
+def _until(table: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of a table until the step at which their run is measured."""
+    return table[table["step"] <= table["run_id"].map(rows["steps"]).astype(float)]
 
 
 def _reached(frames: Frames, curves: pd.DataFrame) -> pd.Series:
@@ -189,17 +175,11 @@ def _steps_to(curves: pd.DataFrame, shares: Sequence[float]) -> pd.DataFrame:
     run_ids, steps = curves["run_id"].to_numpy(object), curves["step"].to_numpy(float)
     mastered = curves["mastered_percent"].to_numpy(float)
     starts = np.flatnonzero(np.append(True, run_ids[1:] != run_ids[:-1])) if len(curves) else np.zeros(0, int)
-    pieces = zip(starts, [*starts[1:], len(curves)], strict=True) if len(starts) else ()
-    for first, end in pieces:  # thousands of runs: slices of arrays, not frames
-        mine = steps[first:end], mastered[first:end]
-        found[str(run_ids[first])] = [_first_reaching(*mine, share) for share in shares]
+    for first, end in itertools.pairwise([*starts, len(curves)]):  # thousands of runs: slices, not frames
+        mine, final = mastered[first:end], mastered[end - 1]
+        reached = (steps[first + np.argmax(mine >= share * final)] if final else np.nan for share in shares)
+        found[str(run_ids[first])] = list(map(float, reached))
     return pd.DataFrame.from_dict(found, orient="index", columns=[*map(steps_to, shares)], dtype=float)
-
-
-def _first_reaching(steps: NDArray[np.float64], mastered: NDArray[np.float64], share: float) -> float:
-    if mastered[-1] == 0:
-        return np.nan
-    return float(steps[np.argmax(mastered >= share * mastered[-1])])
 
 
 def _forgotten(evaluations: pd.DataFrame, measured: pd.DataFrame) -> pd.Series:
@@ -222,14 +202,12 @@ def _forgotten(evaluations: pd.DataFrame, measured: pd.DataFrame) -> pd.Series:
 def _training_return(frames: Frames, rows: pd.DataFrame) -> pd.Series:
     """Return the mean return of the training episodes of each run, by run_id."""
     windows = frames.training_returns.dropna()
-    windows = windows[np.isfinite(windows["mean_return"].astype(float))]
-    windows = windows[windows["step"] <= windows["run_id"].map(rows["steps"]).astype(float)]
+    windows = _until(windows[np.isfinite(windows["mean_return"].astype(float))], rows)
     windows = windows.astype({"run_id": object})
     totals = windows.assign(total=windows["mean_return"] * windows["episodes"]).groupby("run_id")
     means = totals["total"].sum() / totals["episodes"].sum()
     short = rows.index.difference(means.index)
     if not len(short):
         return means
-    episodes = frames.episode_returns(short.tolist()).astype({"run_id": object})
-    episodes = episodes[episodes["step"] <= episodes["run_id"].map(rows["steps"]).astype(float)]
+    episodes = _until(frames.episode_returns(short.tolist()).astype({"run_id": object}), rows)
     return pd.concat([means, episodes.groupby("run_id")["episodic_return"].mean()])
