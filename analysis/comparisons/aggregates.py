@@ -60,11 +60,11 @@ def interquartile_means(
         everywhere = {name for sample in samples.values() for name in sample}
         for key, sample in samples.items():
             estimate = interquartile_mean_of(sample, _clusters(sample, seeds))
-            missing = "; ".join(sorted(everywhere - set(sample)))
             row = dict(zip(by, key, strict=True)) | {"measure": measure} | vars(estimate)
             if measure in MEASURES:
-                row |= _within_percent(estimate.value, estimate.high)
-            rows.append(row | {"missing": missing})
+                margin = estimate.high - estimate.value
+                row["low"], row["high"] = percent_interval(estimate.value, margin)
+            rows.append(row | {"missing": "; ".join(sorted(everywhere - set(sample)))})
     return pd.DataFrame(rows, columns=[*by, "measure", *ESTIMATE, "missing"])
 
 
@@ -92,12 +92,12 @@ def improvements(
     for key, group in table[table[measure].notna()].groupby(within, dropna=False, sort=True):
         samples = {str(name): strata_of(part, measure) for name, part in group.groupby("teacher")}
         for first, second in pairs_of(list(samples), reference):
-            pair = _of_common_seeds(samples[first], samples.get(second, {}), seeds)
-            estimate = vars(probability_of_improvement(*pair))
-            if second not in samples:
-                estimate |= {"reason": nobody(second)}
-            names = {"measure": measure, "first": first, "second": second}
-            rows.append(dict(zip(within, key, strict=True)) | names | estimate)
+            ours, theirs = dict(samples[first]), dict(samples.get(second, {}))
+            for stratum in ours.keys() & theirs.keys():  # of paired runs, the seeds of both
+                ours[stratum], theirs[stratum] = in_common(ours[stratum], theirs[stratum], seeds)
+            estimate = vars(probability_of_improvement(ours, theirs))
+            estimate |= {} if second in samples else {"reason": nobody(second)}
+            rows.append([*key, measure, first, second, *(estimate[name] for name in ESTIMATE)])
     return pd.DataFrame(rows, columns=[*within, "measure", "first", "second", *ESTIMATE])
 
 
@@ -122,34 +122,17 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
         places = by_challenge(part, measure)
         samples = [sample for strata in places.values() for sample in strata.values()]
         weights = [1 / len(strata) for strata in places.values() for _ in strata]
-        names = dict(zip([*within, "teacher"], key, strict=True))
         mean = vars(mean_over_strata(samples, weights, seeds)) | {"n": sum(map(len, samples))}
         if measure in MEASURES:
-            mean |= _within_percent(mean["difference"], mean["high"])
-        rows.append(names | {"measure": measure, "challenges": len(places)} | mean)
-    columns = [*within, "teacher", "measure", "challenges", *TEST]
-    return pd.DataFrame(rows, columns=columns)
-
-
-def _within_percent(mean: float, high: float) -> dict[str, float]:
-    """Return low and high of a mean percentage, of which the upper end of a symmetric interval is known."""
-    return dict(zip(("low", "high"), percent_interval(mean, high - mean), strict=True))
+            margin = mean["high"] - mean["difference"]
+            mean["low"], mean["high"] = percent_interval(mean["difference"], margin)
+        rows.append([*key, measure, len(places), *(mean[name] for name in TEST)])
+    return pd.DataFrame(rows, columns=[*within, "teacher", "measure", "challenges", *TEST])
 
 
 def _clusters(sample: Mapping[str, pd.Series], seeds: Seeds) -> Seeds | None:
     """Return the seeds of a sample whose runs they make depend on each other; None where they do not."""
     return seeds if are_paired(list(sample.values()), seeds) else None
-
-
-def _of_common_seeds(
-    first: Mapping[str, pd.Series], second: Mapping[str, pd.Series], seeds: Seeds
-) -> tuple[dict[str, pd.Series], dict[str, pd.Series]]:
-    """Return both samples without the runs of paired seeds that only one of them has in a stratum."""
-    parts = {name: in_common(first[name], second[name], seeds) for name in first if name in second}
-    return (
-        {**first, **{name: pair[0] for name, pair in parts.items()}},
-        {**second, **{name: pair[1] for name, pair in parts.items()}},
-    )
 
 
 def profiles(
@@ -172,11 +155,9 @@ def profiles(
         `by`, measure, threshold, share, low, high, n, reason.
     """
     by, rows, seeds = list(by), [], seeds_to_pair(runs)
+    columns = ["threshold", "share", "low", "high", "n", "reason"]
     for key, group in stratified_runs(runs, measure, by, strata).groupby(by, dropna=False, sort=True):
         sample = strata_of(group, measure)
         profile = performance_profile(sample, thresholds, _clusters(sample, seeds))
-        shared = dict(zip(by, key, strict=True)) | {"measure": measure}
-        rows += [
-            shared | {str(name): value for name, value in each.items()} for each in profile.to_dict("records")
-        ]
-    return pd.DataFrame(rows, columns=[*by, "measure", "threshold", "share", "low", "high", "n", "reason"])
+        rows += [[*key, measure, *each] for each in profile[columns].itertuples(index=False, name=None)]
+    return pd.DataFrame(rows, columns=[*by, "measure", *columns])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,20 +32,19 @@ from analysis.statistics import SIGNIFICANCE, holm
 EQUAL = 1e-9
 """Difference of means, in points, below which two teachers share a rank."""
 
-THRESHOLDS = (25, 50, 75)
-"""Per cent of the test tasks, over which the share of runs is told in tables."""
-
-STEPS = tuple(range(0, 100, 2))
-"""The same of the curves that are performance profiles."""
-
-BLOCK = [*ACROSS, "block", "challenges", "of"]
-"""Columns that the rows of `overall` have in common that are read together."""
-
 VERDICTS = {
     "better": "better than",
     "worse": "worse than",
     "not distinguishable": "not distinguishable from",
 }
+"""Verdicts of `frame.verdict`, and the words before the other teacher."""
+
+THRESHOLDS = (25, 50, 75)
+"""Per cent of the test tasks, over which the share of runs is told in tables."""
+
+
+BLOCK = [*ACROSS, "block", "challenges", "of"]
+"""Columns that the rows of `overall` have in common that are read together."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +95,9 @@ class Rank:
 
     def describe(self) -> str:
         """Return rank and verdicts in one sentence."""
+        variant = f", {self.across['variant']}" if self.across["variant"] else ""
         where = f"expert knowledge {self.across['expert_knowledge']}, {amount(self.across['steps'])} steps"
-        where += f", {self.across['variant']}" if self.across["variant"] else ""
-        over = f"Over {self.challenges} challenge{'s' if self.challenges > 1 else ''} ({where})"
+        over = f"Over {self.challenges} challenge{'s' if self.challenges > 1 else ''} ({where}{variant})"
         if self.of == 1:
             return (
                 f"{over} {label(self.teacher)} has no rank: no other teacher has results on the same "
@@ -106,14 +105,16 @@ class Rank:
             )
         best, worst = self.best, self.worst
         certain = f"and the tests leave {best} to {worst} open" if best < worst else "as the tests confirm"
-        parts = [("better than", self.better), ("worse than", self.worse)]
-        said = [f"{words} {_listed(names)}" for words, names in parts if names]
-        said += [f"undecided against {_listed(self.undecided)}"] if self.undecided else []
+        parts = (
+            ("better than", self.better),
+            ("worse than", self.worse),
+            ("undecided against", self.undecided),
+        )
+        said = "; ".join(f"{words} {_listed(names)}" for words, names in parts if names)
         lacking = f"; not ranked, lacking challenges: {_listed(self.left_out)}" if self.left_out else ""
-        family = f"after Holm for all pairs{in_brief(self.fewest)}"
         return (
-            f"{over} {label(self.teacher)} ranks {self.rank} of {self.of} by mean, {certain}: "
-            f"{'; '.join(said)} (p < {SIGNIFICANCE} {family}){lacking}."
+            f"{over} {label(self.teacher)} ranks {self.rank} of {self.of} by mean, {certain}: {said} "
+            f"(p < {SIGNIFICANCE} after Holm for all pairs{in_brief(self.fewest)}){lacking}."
         )
 
 
@@ -139,31 +140,34 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
         family = tests.loc[tests["ranked"], "p"].astype(float)
         family = family[~family.index.duplicated()]  # the index of a pair is the same from both sides
         tests["holm"] = pd.Series(holm(family), family.index).reindex(tests.index).to_numpy(float)
-        across = dict(zip(ACROSS, key, strict=True))
-        here = [_rank(across, means[name], tests[tests["first"] == name]) for name in looked]
+        here = []
+        for name in looked:
+            mine, others = means[name], tests[tests["first"] == name]
+            alike = others[others["ranked"]]
+            verdicts = pd.Series(
+                [verdict({**row, "reason": ""}) for row in alike.to_dict("records")], dtype=object
+            )
+            apart = [alike[(verdicts == each).to_numpy(bool)] for each in VERDICTS]
+            better, worse, undecided, left_out = map(_names, (*apart, others[~others["ranked"]]))
+            rank = Rank(
+                teacher=str(name),
+                across=dict(zip(ACROSS, key, strict=True)),
+                challenges=int(mine["challenges"]),
+                mean=float(mine["difference"]),
+                low=float(mine["low"]),
+                high=float(mine["high"]),
+                n=int(mine["n"]),
+                fewest=int(alike["fewest"].min()) if len(alike) else int(mine["n"]),
+                rank=1 + int((alike["difference"] < -EQUAL).sum()),
+                of=1 + len(alike),
+                better=better,
+                worse=worse,
+                undecided=undecided,
+                left_out=left_out,
+            )
+            here.append(rank)
         found += sorted(here, key=lambda rank: (-rank.mean, rank.teacher))
     return found
-
-
-def _rank(across: dict[str, Any], mine: dict[Hashable, Any], tests: pd.DataFrame) -> Rank:
-    alike = tests[tests["ranked"]]
-    verdicts = alike.assign(reason="").apply(verdict, axis=1) if len(alike) else pd.Series(dtype=object)
-    return Rank(
-        teacher=str(mine["teacher"]),
-        across=across,
-        challenges=int(mine["challenges"]),
-        mean=float(mine["difference"]),
-        low=float(mine["low"]),
-        high=float(mine["high"]),
-        n=int(mine["n"]),
-        fewest=int(alike["fewest"].min()) if len(alike) else int(mine["n"]),
-        rank=1 + int((alike["difference"] < -EQUAL).sum()),
-        of=1 + len(alike),
-        better=_names(alike[verdicts == "better"]),
-        worse=_names(alike[verdicts == "worse"]),
-        undecided=_names(alike[verdicts == "not distinguishable"]),
-        left_out=_names(tests[~tests["ranked"]]),
-    )
 
 
 def _names(tests: pd.DataFrame) -> tuple[str, ...]:
@@ -224,10 +228,7 @@ def leaderboards(frames: Frames) -> list[Leaderboard]:
     """Return leaderboards for each level of expert knowledge and budget, those with most runs first.
 
     Next to the leaderboard of the teachers that have results on all challenges there is one for each smaller
-    set, as `on_the_same` has them.
-
-    Args:
-        frames: results of a release or any root; of runs that have not ended nothing counts.
+    set, as `on_the_same` has them. Of runs that have not ended nothing counts.
     """
     found: dict[tuple[str, ...], list[Leaderboard]] = {}
     for where, part in _blocks(runs_after(frames), HEADLINE):
@@ -238,13 +239,10 @@ def leaderboards(frames: Frames) -> list[Leaderboard]:
 
 def _blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
     """Yield the values of `BLOCK` and the runs of each set of challenges that teachers share."""
-    if runs.empty:
-        return
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
         for block, (part, of) in enumerate(on_the_same(group)):
             challenges = int(part.groupby(PLACES, dropna=False).ngroups)
-            values = (*key, block, challenges, of)
-            yield dict(zip(BLOCK, values, strict=True)), part
+            yield dict(zip(BLOCK, (*key, block, challenges, of), strict=True)), part
 
 
 def on_the_same(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
@@ -276,19 +274,14 @@ def _board(where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames) -> Lead
         result = float(row["difference"]), float(row["low"]), float(row["high"])
         results.setdefault(str(row["teacher"]), {})[title] = result
     final = stratified_means(runs, FINAL).set_index("teacher")["difference"]
-    spent = runs.assign(hours=runs["run_id"].map(frames.run_hours)).drop_duplicates(["teacher", "run_id"])
-    hours = spent.groupby("teacher")["hours"].median()  # a few stalled runs would decide a mean
-    shares = spent["run_id"].map(trained_steps(frames).groupby("run_id")["trained_percent"].last())
-    trained = shares.groupby(spent["teacher"]).median()
+    shares = trained_steps(frames).groupby("run_id")["trained_percent"].last()
+    spent = runs.drop_duplicates(["teacher", "run_id"])
+    spent = spent.assign(hours=spent["run_id"].map(frames.run_hours), trained=spent["run_id"].map(shares))
+    usual = spent.groupby("teacher")[["hours", "trained"]].median()  # a few stalled runs would decide a mean
+    ranked = {rank.teacher: rank for rank in ranks(runs)}
     entries = tuple(
-        Entry(
-            rank,
-            final=float(final[rank.teacher]),
-            results=results[rank.teacher],
-            hours=float(hours[rank.teacher]),
-            trained=float(trained[rank.teacher]),
-        )
-        for rank in sorted(ranks(runs), key=lambda rank: (rank.rank, rank.teacher))
+        Entry(rank, float(final[name]), results[name], *map(float, usual.loc[name]))
+        for name, rank in sorted(ranked.items(), key=lambda each: (each[1].rank, each[0]))
     )
     version, challenges = where["physics_version"], where["challenges"]
     engine = f"{where['engine']} {version:g}" if version else where["engine"]
@@ -324,11 +317,9 @@ def headlines(
         where = ", ".join([f"expert knowledge {row['expert_knowledge']}", *words])
         than = VERDICTS[verdict(row)]
         said = f"Over {row['challenges']} challenges ({where}) {than} Random, in points"
-        gap = f"{number(row['difference'])} {ends(row['low'], row['high'])}"
+        gap = f"{label(row['first'])} {number(row['difference'])} {ends(row['low'], row['high'])}"
         few = in_brief(row["fewest"]).replace("; ", ", ")
-        found.setdefault(said, []).append(
-            f"{label(row['first'])} {gap}, {p_value(row['holm'])} after Holm{few}"
-        )
+        found.setdefault(said, []).append(f"{gap}, {p_value(row['holm'])} after Holm{few}")
     return [f"{said}: {'; '.join(differences)}." for said, differences in found.items()]
 
 
@@ -355,15 +346,18 @@ def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
         means = stratified_means(part, measure)[[*by, "n", "difference", "low", "high"]]
         chances = improvements(part, measure, BASELINE, ACROSS, CHALLENGES)
         chances = chances[[*ACROSS, "first", "value", "low", "high"]]
+        final = means[by].assign(final=math.nan)
+        if FINAL in part:
+            final = stratified_means(part, FINAL)[[*by, "difference"]].set_axis([*by, "final"], axis=1)
         lowest = part.groupby([*by, *CHALLENGES], dropna=False)[measure].min()
         shares = profiles(part, measure, THRESHOLDS, by=by, strata=CHALLENGES)
         wide = shares.pivot_table(index=by, columns="threshold", values="share", dropna=False, observed=True)
         table = means.set_axis([*by, "n", "mean", "low_mean", "high_mean"], axis=1)
         for columns in (
             chances.set_axis([*by, "better", "low_better", "high_better"], axis=1),
-            _final(part, by),
+            final,
             lowest.groupby(by, dropna=False).mean().rename("worst").reset_index(),
-            wide.rename(columns={threshold: f"over_{threshold}" for threshold in THRESHOLDS}).reset_index(),
+            wide.add_prefix("over_").reset_index(),
         ):
             table = table.merge(columns, on=by, how="left")
         order = [*[True] * len(ACROSS), False]
@@ -371,12 +365,6 @@ def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
         found.append(table.assign(**{name: where[name] for name in ("block", "challenges", "of")}))
     table = pd.concat(found, ignore_index=True) if found else pd.DataFrame()
     return table.reindex(columns=list(dict.fromkeys([*BLOCK, "teacher", *table])))
-
-
-def _final(runs: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
-    if FINAL not in runs:
-        return runs[list(by)].drop_duplicates().assign(final=math.nan)
-    return stratified_means(runs, FINAL).rename(columns={"difference": "final"})[[*by, "final"]]
 
 
 def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, Any]]:
@@ -390,47 +378,39 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
         block, place, name (of the teacher), teacher (its label), own (True if it is the reader's), colour, n,
         mean and better (with intervals), final, worst, over (shares of runs over `THRESHOLDS`).
     """
-    table = overall(runs, measure)
-    told = _told(runs) if len(table) else []
-    return [
-        {
-            "block": row["block"],
-            "place": _place_of(row, told),
-            "name": row["teacher"],
-            "teacher": marked_label(row["teacher"]),
-            "own": mark_of(row["teacher"]) != "",
-            "colour": look(row["teacher"]).colour,
-            "n": row["n"],
-            "mean": estimate(row["mean"], row["low_mean"], row["high_mean"], 1),
-            "final": number(row["final"]),
-            "better": ""
-            if is_baseline(row["teacher"])
-            else estimate(row["better"], row["low_better"], row["high_better"], 2),
-            "worst": number(row["worst"]),
-            "over": "/".join(number(100 * row[f"over_{threshold}"], 0) for threshold in THRESHOLDS),
-        }
-        for _, row in table.iterrows()
-    ]
+    rows, told = [], _told(runs)
+    for row in overall(runs, measure).to_dict("records"):
+        name = str(row["teacher"])
+        better = estimate(row["better"], row["low_better"], row["high_better"], 2)
+        rows.append(
+            {
+                "block": row["block"],
+                "place": _place_of(pd.Series(row), told),
+                "name": name,
+                "teacher": marked_label(name),
+                "own": mark_of(name) != "",
+                "colour": look(name).colour,
+                "n": row["n"],
+                "mean": estimate(row["mean"], row["low_mean"], row["high_mean"], 1),
+                "final": number(row["final"]),
+                "better": "" if is_baseline(name) else better,
+                "worst": number(row["worst"]),
+                "over": "/".join(number(100 * row[f"over_{threshold}"], 0) for threshold in THRESHOLDS),
+            }
+        )
+    return rows
 
 
 def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield level and budget, in words, and the performance profiles of all teachers there.
-
-    Args:
-        runs: rows of `pooling.pool_runs`.
-        measure: column of `runs`, in per cent.
-
-    Returns:
-        Of `aggregates.profiles`, at `STEPS`.
-    """
+    """Yield level and budget, in words, and rows of `profiles` of all teachers there, every 2 per cent."""
     for where, part in _blocks(runs, measure):
-        table = profiles(part, measure, STEPS, by=[*ACROSS, "teacher"], strata=CHALLENGES)
+        table = profiles(part, measure, range(0, 100, 2), by=[*ACROSS, "teacher"], strata=CHALLENGES)
         yield _place_of(pd.Series(where), _told(runs)), table
 
 
 def _told(runs: pd.DataFrame) -> list[str]:
     """Return the conditions that places name: the budget, and those that vary."""
-    return ["steps", *(name for name in varying(runs) if name != "steps")]
+    return list(dict.fromkeys(["steps", *varying(runs)])) if len(runs) else []
 
 
 def _place_of(row: pd.Series, told: Sequence[str]) -> str:

@@ -106,7 +106,7 @@ def pairwise(
     check_names("within", within)
     check_measure("runs", runs, measure, [*within, between, *strata])
     if between == "teacher":
-        check_reference(reference, runs)
+        _check_reference(reference, runs)
     within, rows = list(within), []
     family, seeds = [column for column in within if column != "step"], seeds_to_pair(runs)
     parts = [column for column in PARTS if column not in (*within, between)]
@@ -120,12 +120,17 @@ def pairwise(
         }
         for first, second in pairs_of(list(samples), reference):
             other = samples.get(second) or _Sample.of(group.head(0), measure, parts)
-            row = shared | {"first": first, "second": second}
+            row: dict[str, Any] = shared | {"first": first, "second": second}
             row |= _compared(samples[first], other, seeds, scale_of(measure), over=bool(strata))
             if second not in samples:
                 row["reason"] = nobody(second)
             elif detectable and not strata:
-                row["detectable"] = _detectable(row, samples[first].pooled, other.pooled)
+                if row["method"] is Method.PAIRED:
+                    margin = (row["high"] - row["low"]) / 2
+                    row["detectable"] = detectable_in_pairs(row["n"], margin)
+                elif not row["reason"] and row["method"] is not Method.SIGN_FLIP:
+                    described = describe(samples[first].pooled), describe(other.pooled)
+                    row["detectable"] = detectable_difference(*described)
             rows.append(row)
     return _with_holm(pd.DataFrame(rows, columns=[*within, *FRAME]), family)
 
@@ -182,19 +187,18 @@ def pairwise_from_statistics(
     """
     values = ["n", f"{measure}_mean", f"{measure}_std"]
     check_columns("table", table, ["teacher", *values])
-    check_reference(reference, table)
+    _check_reference(reference, table)
     within, rows = [column for column in within if column in table], []
     for key, group in table.groupby(within, dropna=False, sort=True) if within else [((), table)]:
         results = {
-            str(row["teacher"]): Description(int(row["n"]), *map(float, row[values[1:]]))
-            for _, row in group.iterrows()
+            str(teacher): Description(int(n), float(mean), float(std))
+            for teacher, n, mean, std in group[["teacher", *values]].itertuples(index=False, name=None)
         }
         for first, second in pairs_of(sorted(results), reference):
-            mine, theirs = results[first], results.get(second)
-            test = Comparison(mine.n, 0, math.nan, reason=nobody(second))
-            test = test if theirs is None else welch_from_statistics(mine, theirs)
-            names = {"measure": measure, "first": first, "second": second}
-            rows.append(dict(zip(within, key, strict=True)) | names | vars(test))
+            test = Comparison(results[first].n, 0, math.nan, reason=nobody(second))
+            if second in results:
+                test = welch_from_statistics(results[first], results[second])
+            rows.append([*key, measure, first, second, *vars(test).values()])
     return _with_holm(pd.DataFrame(rows, columns=[*within, "measure", "first", "second", *TEST]), within)
 
 
@@ -218,8 +222,7 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
         for name, mine in teachers.groupby("teacher", sort=True):
             if not is_baseline(str(name)):
                 step, test = _at_one_step(mine, reference, curves, measure)
-                names = dict(zip(COMPARISON, key, strict=True)) | {"teacher": str(name), "measure": measure}
-                rows.append(names | {"step": step} | vars(test))
+                rows.append([*key, str(name), measure, step, *vars(test).values()])
     return _with_holm(pd.DataFrame(rows, columns=[*GROUP, "measure", "step", *TEST]), COMPARISON)
 
 
@@ -237,8 +240,9 @@ def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) 
     others = curves[~curves["teacher"].map(is_baseline)]
     runs = pd.concat([others, reference.assign(teacher=BASELINE)], ignore_index=True)
     tests = pairwise(runs, measure, BASELINE, ["step"], detectable=False)
-    tests["holm"] = tests.groupby("step")["p"].transform(holm) if len(tests) else tests["p"]
-    return tests.rename(columns={"first": "teacher"})[["step", "teacher", *TEST, "holm"]]
+    return _with_holm(tests, ["step"]).rename(columns={"first": "teacher"})[
+        ["step", "teacher", *TEST, "holm"]
+    ]
 
 
 def _at_one_step(
@@ -291,12 +295,8 @@ def nobody(reference: str) -> str:
     return NO_BASELINE if is_baseline(reference) else f"no {reference} to compare with"
 
 
-def check_reference(reference: str | None, table: pd.DataFrame) -> None:
-    """Refuse a reference that is neither a teacher of the table, nor one of the benchmark's.
-
-    Raises:
-        ValueError: the message holds the nearest teacher.
-    """
+def _check_reference(reference: str | None, table: pd.DataFrame) -> None:
+    """Refuse a reference that is neither a teacher of the table, nor one of the benchmark's."""
     if reference is not None and len(table) and not is_baseline(reference):
         check_known("teacher", reference, {*table["teacher"].astype(str), *TEACHERS}, "there are")
 
@@ -353,8 +353,7 @@ def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, p
 def _numbered(runs: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.int64]:
     if not columns:
         return np.zeros(len(runs), np.int64)
-    numbers = runs.groupby(list(columns), dropna=False, sort=True).ngroup()
-    return np.asarray(numbers, dtype=np.int64)
+    return np.asarray(runs.groupby(list(columns), dropna=False, sort=True).ngroup(), dtype=np.int64)
 
 
 def _with_holm(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
@@ -409,11 +408,3 @@ def _compared(
     uncounted = first.uncounted + second.uncounted
     own = {"challenges": len(places), "fewest": fewest, "uncounted": uncounted, "detectable": math.nan}
     return own | vars(test)
-
-
-def _detectable(test: Mapping[str, Any], first: pd.Series, second: pd.Series) -> float:
-    if test["reason"] or test["method"] is Method.SIGN_FLIP:
-        return math.nan
-    if test["method"] is Method.PAIRED:
-        return detectable_in_pairs(test["n"], (test["high"] - test["low"]) / 2)
-    return detectable_difference(describe(first), describe(second))

@@ -84,10 +84,10 @@ def curricula_of(
     """
     size = len(task_axes(mine.cells))
     examples = examples_of(mine) if runs is None else runs
-    found = curricula_of_runs(frames, list(examples.values()))
+    found = zip(examples, curricula_of_runs(frames, list(examples.values())), strict=True)
     return {
         teacher: curriculum
-        for teacher, curriculum in zip(examples, found, strict=True)
+        for teacher, curriculum in found
         if len(curriculum.episodes) and stack(curriculum.episodes["task"]).shape[1] == size
     }
 
@@ -100,9 +100,8 @@ def which_runs(curricula: Mapping[str, Curriculum]) -> str:
 
 def in_whose_space(curricula: Mapping[str, Curriculum]) -> str:
     """Return a sentence on whose tasks are shown where the task space is shuffled, else nothing."""
-    if not any(curriculum.shuffled for curriculum in curricula.values()):
-        return ""
-    return " The task space is shuffled: axes are the teacher's, not the world's."
+    shuffled = any(curriculum.shuffled for curriculum in curricula.values())
+    return " The task space is shuffled: axes are the teacher's, not the world's." if shuffled else ""
 
 
 def examples_of(mine: Measured) -> dict[str, pd.Series]:

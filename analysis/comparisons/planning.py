@@ -21,8 +21,6 @@ from analysis.statistics import SIGNIFICANCE, Comparison, Description, Method
 from analysis.statistics.power import MOST_SEEDS, POWER, detectable_difference, seeds_needed
 from tma_ray.benchmark import paper_results
 
-COLUMNS = ["environment", "challenge", "seeds", "steadiest", "typical", "most_varied", "spread_of"]
-
 PAPER, LITE = "paper", "lite-1"
 """Results that deviations are taken of: the paper's last evaluations, and areas at a tenth of its budget."""
 
@@ -52,12 +50,16 @@ def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -
         lite = _lite_deviations() if steps <= LITE_BUDGET else {}
         spread, name = lite.get((environment, challenge), []), LITE
         if not spread:
-            spread, name = _deviations(environment, challenge, set(mine["expert_knowledge"])), PAPER
-        marks = (min(spread), median(spread), max(spread)) if spread else (float("nan"),) * 3
+            results = [r for r in paper_results() if (r.environment, r.challenge) == (environment, challenge)]
+            whole, levels = max((each.seeds for each in results), default=0), set(mine["expert_knowledge"])
+            whole_pools = (r for r in results if r.seeds == whole and r.expert_knowledge in levels)
+            spread, name = [each.std for each in whole_pools if not each.doubt], PAPER
+        marks = (min(spread), median(spread), max(spread)) if spread else (math.nan,) * 3
         samples = [Description(n=seeds, mean=math.nan, std=std) for std in marks]
         gaps = [detectable_difference(sample, sample) for sample in samples]
         found.append([environment, challenge, seeds, *gaps, name])
-    return pd.DataFrame(found, columns=COLUMNS)
+    columns = ["environment", "challenge", "seeds", "steadiest", "typical", "most_varied", "spread_of"]
+    return pd.DataFrame(found, columns=columns)
 
 
 @cache
@@ -68,13 +70,6 @@ def _lite_deviations() -> dict[Hashable, list[float]]:
     whole = table.groupby(place)["n"].transform("max") == table["n"]
     groups = table[whole & (table[f"{HEADLINE}_std"] > 0)].groupby(place)[f"{HEADLINE}_std"]
     return {key: stds.tolist() for key, stds in groups}
-
-
-def _deviations(environment: object, challenge: object, levels: set[str]) -> list[float]:
-    """Return the standard deviations in the paper's tables, over all bodies and students."""
-    results = [r for r in paper_results() if (r.environment, r.challenge) == (environment, challenge)]
-    whole = max((result.seeds for result in results), default=0)
-    return [r.std for r in results if r.seeds == whole and r.expert_knowledge in levels and not r.doubt]
 
 
 def plans_against_random(
@@ -91,35 +86,27 @@ def plans_against_random(
     table = over_challenges(runs, measure, BASELINE) if len(runs) else pd.DataFrame()
     said = []
     for row in table.to_dict("records"):
-        if row["first"] in teachers and not row["reason"] and not row["holm"] < SIGNIFICANCE:
-            spent = runs["run_id"].map(hours).groupby(runs["teacher"]).median()
-            said.append(_plan(row, float(spent[row["first"]] + spent[BASELINE])))
-    return said
-
-
-def _plan(row: Mapping[Hashable, Any], pair_hours: float) -> str:
-    """Return the number of runs that find a difference over challenges to Random, and their hours, in words.
-
-    Args:
-        row: a row of `frame.over_challenges`.
-        pair_hours: median hours of a run of the teacher and of one of Random, together.
-    """
-    test = Comparison(**{name: row[name] for name in TEST})
-    each = 2 / (1 / test.n + 1 / test.reference_n)
-    each /= 1 if test.method == Method.PAIRED else row["challenges"]
-    runs = seeds_needed(test, each)
-    name, points = label(str(row["first"])), number(abs(test.difference))
-    where = f"each of the {row['challenges']} challenges" if row["challenges"] > 1 else "the challenge"
-    if runs is None:
-        return (
-            f"The difference of {points} points between {name} and Random is too small, or rests on too few "
-            f"runs, to say how many runs would find it: over {MOST_SEEDS} on {where}, if any number."
+        if row["first"] not in teachers or row["reason"] or row["holm"] < SIGNIFICANCE:
+            continue
+        test, challenges = Comparison(**{name: row[name] for name in TEST}), row["challenges"]
+        each = 2 / (1 / test.n + 1 / test.reference_n)
+        count = seeds_needed(test, each if test.method == Method.PAIRED else each / challenges)
+        name, points = label(str(row["first"])), number(abs(test.difference))
+        where = f"each of the {challenges} challenges" if challenges > 1 else "the challenge"
+        if count is None:
+            said.append(
+                f"The difference of {points} points between {name} and Random is too small, or rests on too "
+                f"few runs, to say how many runs would find it: over {MOST_SEEDS} on {where}, if any number."
+            )
+            continue
+        spent = runs["run_id"].map(hours).groupby(runs["teacher"]).median()
+        total = count * challenges * float(spent[row["first"]] + spent[BASELINE])
+        words = f", about {number(total, 0 if total >= 10 else 1)} hours of runs,"
+        said.append(
+            f"If the true difference between {name} and Random is the {points} points seen here, a new "
+            f"experiment with {count} runs of either on {where}{words if math.isfinite(total) else ''} finds "
+            f"it with probability {POWER} (p < {SIGNIFICANCE}, the two alone). Fix that number before the "
+            f"first run and test once, after the last: adding runs until a difference is significant finds "
+            f"differences that are not there."
         )
-    total = runs * row["challenges"] * pair_hours
-    cost = f", about {number(total, 0 if total >= 10 else 1)} hours of runs," if math.isfinite(total) else ""
-    return (
-        f"If the true difference between {name} and Random is the {points} points seen here, a new "
-        f"experiment with {runs} runs of either on {where}{cost} finds it with probability {POWER} "
-        f"(p < {SIGNIFICANCE}, the two alone). Fix that number before the first run and test once, after the "
-        f"last: adding runs until a difference is significant finds differences that are not there."
-    )
+    return said

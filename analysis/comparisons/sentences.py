@@ -73,34 +73,27 @@ def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
         ]
     tests = tests[tests["measure"] == HEADLINE].set_index("teacher")
     final, running = read[~read["provisional"]], read[read["provisional"]]
-    final = final.sort_values(f"{HEADLINE}_mean", ascending=False, kind="stable")
-    sentences = [_leader(final), *_certainty(final, tests)] if len(final) else []
+    said = []
+    if len(final):
+        final = final.sort_values(f"{HEADLINE}_mean", ascending=False, kind="stable")
+        best = final.iloc[0]
+        spread = f"mean ± standard deviation over {best['n']} seeds" if best["n"] > 1 else "1 seed"
+        verb = "masters the most test tasks over training:" if len(final) > 1 else "masters over training"
+        last = plus_minus(best[f"{FINAL}_mean"], best[f"{FINAL}_std"]) + UNIT
+        value = f"{label(best['teacher'])} {verb} {_value(best)} ({spread})"
+        said = [f"{value}; at the last three evaluations {last}.", *_certainty(final, tests)]
     if len(final) == 1:
-        sentences.append("No other teacher has finished." if len(running) else "Other teachers were not run.")
-    return sentences + [_so_far(row, tests) for _, row in running.iterrows()]
-
-
-def _leader(ranked: pd.DataFrame) -> str:
-    best = ranked.iloc[0]
-    spread = f"mean ± standard deviation over {best['n']} seeds" if best["n"] > 1 else "1 seed"
-    verb = "masters the most test tasks over training:" if len(ranked) > 1 else "masters over training"
-    final = plus_minus(best[f"{FINAL}_mean"], best[f"{FINAL}_std"]) + UNIT
-    return (
-        f"{label(best['teacher'])} {verb} {_value(best)} ({spread}); at the last three evaluations {final}."
-    )
+        said.append("No other teacher has finished." if len(running) else "Other teachers were not run.")
+    for _, row in running.iterrows():
+        gap = tests["difference"].get(row["teacher"], math.nan)
+        until = f", {_gap(gap)} than Random until that step" if math.isfinite(gap) else ""
+        so_far = f"So far, over {amount(row['step'])} steps, {label(row['teacher'])} masters {_value(row)}"
+        said.append(f"{so_far}{until}; its runs are still under way.")
+    return said
 
 
 def _value(row: pd.Series) -> str:
     return plus_minus(row[f"{HEADLINE}_mean"], row[f"{HEADLINE}_std"]) + UNIT
-
-
-def _so_far(row: pd.Series, tests: pd.DataFrame) -> str:
-    """Return the standing of a teacher whose runs are all under way, next to Random's at the same step."""
-    name = label(row["teacher"])
-    text = f"So far, over {amount(row['step'])} steps, {name} masters {_value(row)}"
-    if row["teacher"] in tests.index and math.isfinite(tests.loc[row["teacher"], "difference"]):
-        text += f", {_gap(tests.loc[row['teacher'], 'difference'])} than Random until that step"
-    return f"{text}; its runs are still under way."
 
 
 def _gap(difference: float) -> str:
@@ -235,10 +228,11 @@ def places(table: pd.DataFrame) -> list[str]:
     told = {name: table.groupby(here)[name].transform("nunique", dropna=False) > 1 for name in several}
     found = []
     for position, (_, row) in enumerate(table.iterrows()):
-        environment, challenge = row["environment"], row["challenge"]
-        title = challenge_title(environment, challenge, f"{environment} {challenge}")
+        title = challenge_title(
+            row["environment"], row["challenge"], f"{row['environment']} {row['challenge']}"
+        )
         apart = [name for name in several if told[name].iloc[position]]
-        named = [str(row[name]) for name in ("pool", "test_sets") if name in apart and pd.notna(row[name])]
+        named = [str(row[name]) for name in apart if name not in CONDITIONS and pd.notna(row[name])]
         words = condition_words(row, [name for name in apart if name in CONDITIONS])
         found.append(", ".join([title, *named, *words]))
     return found

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.baselines.catalogue import as_baseline, published, read
+from analysis.baselines.catalogue import BaselineKind, as_baseline, read
 from analysis.comparisons.frame import from_both_sides, pairwise
 from analysis.data.frames import Frames, joined
 from analysis.data.identity import NAMED, named_apart
@@ -49,9 +49,6 @@ SAID = {
 PLACES = {"challenge": "challenges", "expert_knowledge": "expert knowledge"}
 """Further columns of which two sides may have nothing in common, and their names in sentences."""
 
-FAMILY = [*COMPARED, "first"]
-"""Tests of one teacher against all others on a challenge are corrected together."""
-
 
 @dataclass(frozen=True)
 class Side:
@@ -74,8 +71,12 @@ class Side:
 
 def side_of(frames: Frames, name: str) -> Side:
     """Return the results of a root or a release at the end of its runs."""
-    runs = result_runs(frames, run_measures(frames))
-    return Side(name, _engine_of(runs), pooled(runs, [PAPERS]), runs, frames)
+    runs, engines = result_runs(frames, run_measures(frames)), []
+    for engine in sorted(map(str, runs["engine"].unique())):
+        rows = runs[runs["engine"] == engine]
+        versions = ", ".join(f"{version:g}" for version in sorted(rows["physics_version"].dropna().unique()))
+        engines.append(f"{engine}, physics version {versions}" if engine == CHIPMUNK else engine)
+    return Side(name, "; ".join(engines), pooled(runs, [PAPERS]), runs, frames)
 
 
 def named_jointly(mine: Side, baselines: Sequence[Side]) -> tuple[Side, list[Side], tuple[str, ...]]:
@@ -92,32 +93,20 @@ def named_jointly(mine: Side, baselines: Sequence[Side]) -> tuple[Side, list[Sid
     return sides[0], sides[1:], said
 
 
-def _engine_of(runs: pd.DataFrame) -> str:
-    """Return the simulators of the worlds of `runs`, with the version of our physics."""
-    found = []
-    for engine in sorted(map(str, runs["engine"].unique())):
-        rows = runs[runs["engine"] == engine]
-        versions = ", ".join(f"{version:g}" for version in sorted(rows["physics_version"].dropna().unique()))
-        found.append(f"{engine}, physics version {versions}" if engine == CHIPMUNK else engine)
-    return "; ".join(found)
-
-
 def baseline_side(place: str) -> Side:
     """Return the results of a baseline by name, or at a folder or address of a baseline or a root.
+
+    Of published tables those results that pool all that the table has of a challenge.
 
     Raises:
         BaselineError: a damaged baseline.
         ResultsRootError: nothing of that name or at that place.
     """
-    baseline = published(place)
-    if baseline is not None:
-        return published_side(baseline.manifest.name, baseline.published())
-    released = as_baseline(place)
-    return side_of(read(place), Path(place).name if released is None else released.manifest.name)
-
-
-def published_side(name: str, frame: pd.DataFrame) -> Side:
-    """Return published tables (columns of `published.paper_frame`) without parts of what they pool."""
+    baseline = as_baseline(place)
+    name = Path(place).name if baseline is None else baseline.manifest.name
+    if baseline is None or baseline.manifest.kind is BaselineKind.RUNS:
+        return side_of(read(place), name)
+    frame = baseline.published()
     whole = frame.groupby(PLACE)["n"].transform("max") == frame["n"]
     return Side(name, ", ".join(sorted(frame["engine"].unique())), frame[whole].reset_index(drop=True))
 
@@ -167,7 +156,7 @@ def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = HEADLINE) 
     """
     both = from_both_sides(pairwise(runs, measure, detectable=False))
     both = both[both["first"].isin(teachers)].reset_index(drop=True)
-    return both.assign(holm=both.groupby(FAMILY, dropna=False)["p"].transform(holm))
+    return both.assign(holm=both.groupby([*COMPARED, "first"], dropna=False)["p"].transform(holm))
 
 
 def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> list[str]:
@@ -178,23 +167,25 @@ def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> l
         baselines: results of baselines.
         runs: rows of `together`.
     """
-    apart = [
-        side
-        for side in baselines
-        if len(mine.table)
-        and (side.runs is None or not _among(side.table, mine.table, COMPARED).any())
-        and side.name not in set(runs["source"])
-    ]
-    return [f"Nothing of {side.name} may be compared with yours: {_apart(mine, side)}" for side in apart]
+    said = []
+    for side in baselines if len(mine.table) else ():
+        if side.name in set(runs["source"]):
+            continue
+        if side.runs is None:
+            reason = (
+                f"its tables are of {side.engine}, and are set beside, untested; a release of runs, as "
+                f"--baseline lite-1, is compared."
+            )
+        elif not _among(side.table, mine.table, COMPARED).any():
+            reason = _apart(mine, side)
+        else:
+            continue
+        said.append(f"Nothing of {side.name} may be compared with yours: {reason}")
+    return said
 
 
 def _apart(mine: Side, baseline: Side) -> str:
     """Return the conditions that no result of a baseline shares with mine, and a command to repeat them."""
-    if baseline.runs is None:
-        return (
-            f"its tables are of {baseline.engine}, and are set beside, untested; a release of runs, as "
-            f"--baseline lite-1, is compared."
-        )
     differing = []
     for column, words in {**PLACES, **SAID}.items():
         words_of = amount if column == "steps" else str
@@ -256,16 +247,12 @@ def _differences(row: pd.Series, mine: Side, baseline: Side) -> str:
 
 def missing(mine: Side, teachers: Sequence[str]) -> list[str]:
     """Return the challenges of the benchmark on which `teachers` have no result at any level, in words."""
+    had = mine.table[mine.table["n"] > 0]
     places = dict.fromkeys((matrix.environment, matrix.challenge) for matrix in MATRICES)
     said = []
     for teacher in teachers:
-        own = mine.table[(mine.table["teacher"] == teacher) & (mine.table["n"] > 0)]
+        own = had[had["teacher"] == teacher]
         done = set(own[["environment", "challenge"]].itertuples(index=False, name=None))
-        absent = [
-            f"{environment} {challenge}"
-            for environment, challenge in places
-            if (environment, challenge) not in done
-        ]
-        if absent:
-            said.append(f"{label(teacher)}: {', '.join(absent)}")
+        absent = ", ".join(" ".join(place) for place in places if place not in done)
+        said += [f"{label(teacher)}: {absent}"] if absent else []
     return said
