@@ -114,19 +114,18 @@ class Verdict:
 
 def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[Verdict]:
     """Return the standing of each of `claims` by the results of `source`."""
-    return [_judge(source, claim) for claim in claims]
-
-
-def _judge(source: Source, claim: Claim) -> Verdict:
-    findings = tuple(_finding(statement, source) for statement in claim.statements)
-    counts = Counter(finding.standing for finding in findings)
-    unknown = counts[Standing.UNDECIDED] + counts[Standing.NO_DATA]
-    standing = Standing.NO_DATA if counts[Standing.NO_DATA] == len(findings) else Standing.UNDECIDED
-    if counts[Standing.SUPPORTED] >= claim.needed:
-        standing = Standing.SUPPORTED
-    elif counts[Standing.SUPPORTED] + unknown < claim.needed:
-        standing = Standing.REFUTED
-    return Verdict(claim, standing, findings)
+    found = []
+    for claim in claims:
+        findings = tuple(_finding(statement, source) for statement in claim.statements)
+        counts = Counter(finding.standing for finding in findings)
+        unknown = counts[Standing.UNDECIDED] + counts[Standing.NO_DATA]
+        standing = Standing.NO_DATA if counts[Standing.NO_DATA] == len(findings) else Standing.UNDECIDED
+        if counts[Standing.SUPPORTED] >= claim.needed:
+            standing = Standing.SUPPORTED
+        elif counts[Standing.SUPPORTED] + unknown < claim.needed:
+            standing = Standing.REFUTED
+        found.append(Verdict(claim, standing, findings))
+    return found
 
 
 @singledispatch
@@ -140,7 +139,10 @@ def _(statement: Compared, source: Source) -> Finding:
     if first is None or second is None:
         return _missing(statement, statement.first if first is None else statement.second)
     test = _test(first, second)
-    return Finding(statement, _relation(statement.relation, test), _evidence(statement, test))
+    names = f"{_name(statement.first)} {number(test.difference)} points from {_name(statement.second)}"
+    interval = test.reason or f"95 % interval {ends(test.low, test.high)}, {p_value(test.p)}"
+    evidence = f"{names} ({interval}, n = {test.n} and {test.reference_n})"
+    return Finding(statement, _relation(statement.relation, test), evidence)
 
 
 @_finding.register
@@ -228,12 +230,6 @@ def _relation(relation: Relation, test: Comparison) -> Standing:
             return equivalent(low, high)
 
 
-def _evidence(statement: Compared, test: Comparison) -> str:
-    beside = f"{_name(statement.first)} {number(test.difference)} points from {_name(statement.second)}"
-    interval = test.reason or f"95 % interval {ends(test.low, test.high)}, {p_value(test.p)}"
-    return f"{beside} ({interval}, n = {test.n} and {test.reference_n})"
-
-
 def _missing(statement: Statement, reading: Reading) -> Finding:
     return Finding(statement, Standing.NO_DATA, f"{_name(reading)}: no complete results")
 
@@ -249,8 +245,6 @@ def _name(reading: Reading) -> str:
 PLACE = ["environment", "challenge", "expert_knowledge"]
 """Columns that tell results of one place from others."""
 
-POOL = [*PLACE, "pool", "steps", "teacher"]
-"""Columns that the runs of a result have in common."""
 
 USUAL = "the paper's bodies, students and test tasks"
 """Conditions that have no words of their own."""
@@ -299,7 +293,7 @@ class RootSource:
 
     def _at(self, reading: Reading) -> dict[str, Sample]:
         """Return the complete results where `reading` is read, by teacher."""
-        if (reading.environment, reading.challenge) not in self._present:
+        if self._conditions is None or (reading.environment, reading.challenge) not in self._present:
             return {}
         place = [reading.environment, reading.challenge, reading.level.value]
         place += [reading.embodiment] if reading.embodiment else []
@@ -307,10 +301,12 @@ class RootSource:
 
     def _complete(self, share: float, by_body: bool) -> dict[tuple[str, ...], dict[str, Sample]]:
         """Return the complete results after a share of the budget, by place (and body) and teacher."""
+        assert self._conditions is not None
         by = ["embodiment"] if by_body else []
         runs = runs_after(self._frames, share, training=share == 1)  # of which the page shows more
-        runs = runs[_under(runs, self._conditions)]
-        table, keys = pooled(runs, [PAPERS], by=by), [*POOL, *by]
+        for column, value in self._conditions.items():
+            runs = runs[runs[str(column)].isna() if pd.isna(value) else runs[str(column)] == value]
+        table, keys = pooled(runs, [PAPERS], by=by), [*PLACE, "pool", "steps", "teacher", *by]
         members: dict[Any, Any] = runs.groupby(keys, observed=True).indices
         places: dict[tuple[str, ...], dict[str, Sample]] = {}
         for _, row in table[table["missing"] == ""].sort_values("n", kind="stable").iterrows():
@@ -332,22 +328,12 @@ def _chosen_conditions(runs: pd.DataFrame) -> tuple[pd.Series | None, str]:
     table = pooled(runs, [PAPERS])
     counts = table.assign(complete=table["missing"] == "").groupby(CONDITIONS, dropna=False)["complete"].sum()
     ordered = counts.reset_index().sort_values(["complete", "steps"], ascending=False, kind="stable")
-    chosen = ordered.iloc[0][CONDITIONS]
+    chosen, told = ordered.iloc[0][CONDITIONS], varying(ordered)
     if len(ordered) == 1:
         return chosen, ""
-    told = varying(ordered)
-    own = ", ".join(condition_words(chosen, told)) or USUAL
-    others = [", ".join(condition_words(row, told)) or USUAL for _, row in ordered.iloc[1:].iterrows()]
+    own, *others = (", ".join(condition_words(row, told)) or USUAL for _, row in ordered.iterrows())
     apart = " and of ".join(others)
     return chosen, f"Claims are judged by results of {own} alone; apart stand those of {apart}."
-
-
-def _under(runs: pd.DataFrame, conditions: pd.Series | None) -> pd.Series:
-    """Return a mask of the runs that were made under these conditions."""
-    fits = pd.Series(conditions is not None, index=runs.index)
-    for column, value in () if conditions is None else conditions.items():
-        fits &= runs[str(column)].isna() if pd.isna(value) else runs[str(column)] == value
-    return fits
 
 
 def _entries(reading: Reading) -> list[PaperResult]:
@@ -363,11 +349,7 @@ def _entries(reading: Reading) -> list[PaperResult]:
 
 def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
     """Return those of `verdicts` of which the results say anything, if only about one statement."""
-    return [
-        verdict
-        for verdict in verdicts
-        if any(finding.standing is not Standing.NO_DATA for finding in verdict.findings)
-    ]
+    return [verdict for verdict in verdicts if verdict.standing is not Standing.NO_DATA]
 
 
 def root_verdicts(frames: Frames) -> tuple[list[Verdict], list[str]]:

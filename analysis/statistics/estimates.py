@@ -72,7 +72,8 @@ def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> E
         sample: the strata.
         clusters: clusters of all runs, which are independent of each other by default.
     """
-    parts = _parts(sample)
+    strata = [part for _, part in sorted(_finite(sample).items())]
+    parts = [part.to_numpy() for part in strata]
     n = sum(map(len, parts))
     if not n:
         return Estimate(math.nan, math.nan, math.nan, 0, "no results")
@@ -82,12 +83,11 @@ def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> E
     value = float(values[cut : n - cut].mean())
     if min(map(len, parts)) < 2:
         return Estimate(value, math.nan, math.nan, n, "needs 2 seeds")
-    low, high = values[cut], values[n - cut - 1]
-    winsorised = [np.clip(part, low, high) * (n / kept) for part in parts]
+    winsorised = [np.clip(part, values[cut], values[n - cut - 1]) * (n / kept) for part in parts]
     if clusters is None:
         margin = max(_margin(winsorised, [len(part) * kept / n - 1 for part in parts]), _margin(parts))
     else:
-        names = [clusters[run] for _, part in sorted(_finite(sample).items()) for run in part.index]
+        names = [clusters[run] for part in strata for run in part.index]
         margin = max(_margin_of_clusters(winsorised, names, kept / n), _margin_of_clusters(parts, names))
     return Estimate(value, value - margin, value + margin, n)
 
@@ -106,16 +106,12 @@ def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
     """
     ours, theirs = _finite(first), _finite(second)
     n = sum(map(len, (*ours.values(), *theirs.values())))
-    if {run for part in first.values() for run in part.index} & {
-        run for part in second.values() for run in part.index
-    }:
-        return Estimate(math.nan, math.nan, math.nan, n, "same runs")
-    if set(ours) != set(theirs):
-        return Estimate(math.nan, math.nan, math.nan, n, "other strata")
-    if not n:
-        return Estimate(math.nan, math.nan, math.nan, 0, "no results")
+    runs = [{run for part in group.values() for run in part.index} for group in (first, second)]
+    reason = "same runs" if runs[0] & runs[1] else "other strata" if set(ours) != set(theirs) else ""
+    if reason or not n:
+        return Estimate(math.nan, math.nan, math.nan, n, reason or "no results")
     pairs = [(ours[name].to_numpy(), theirs[name].to_numpy()) for name in sorted(ours)]
-    shares = [_superiority(*pair) for pair in pairs]
+    shares = [float(((x[:, None] > y[None, :]) + 0.5 * (x[:, None] == y[None, :])).mean()) for x, y in pairs]
     value = float(np.mean(shares))
     if min(len(part) for pair in pairs for part in pair) < 2:
         return Estimate(value, math.nan, math.nan, n, "needs 2 seeds")
@@ -172,23 +168,22 @@ def performance_profile(
     Returns:
         threshold, share, low, high, n, reason.
     """
-    parts = _parts(sample)
-    values = np.concatenate(parts) if parts else np.zeros(0)
+    parts = _finite(sample)
+    values = np.concatenate([part.to_numpy() for _, part in sorted(parts.items())] or [np.zeros(0)])
     counted = len(values)
     if clusters is not None:
-        counted = len({clusters[run] for part in _finite(sample).values() for run in part.index})
-    rows = [{"threshold": each, **_share_over(values, each, counted)} for each in thresholds]
+        counted = len({clusters[run] for part in parts.values() for run in part.index})
+    rows: list[list[Any]] = []
+    for threshold in thresholds:
+        if not len(values):
+            rows.append([threshold, math.nan, math.nan, math.nan, 0, "no results"])
+            continue
+        share = float((values > threshold).mean())
+        over, under = share * counted, (1 - share) * counted
+        low = float(special.betaincinv(over, under + 1, 1 - TAIL)) if over else 0.0
+        high = float(special.betaincinv(over + 1, under, TAIL)) if under else 1.0
+        rows.append([threshold, share, low, high, len(values), ""])
     return pd.DataFrame(rows, columns=["threshold", "share", "low", "high", "n", "reason"])
-
-
-def _share_over(values: Floats, threshold: float, counted: int) -> dict[str, Any]:
-    if not len(values):
-        return {"share": math.nan, "low": math.nan, "high": math.nan, "n": 0, "reason": "no results"}
-    share = float((values > threshold).mean())
-    over, under = share * counted, (1 - share) * counted
-    low = special.betaincinv(over, under + 1, 1 - TAIL) if over else 0.0
-    high = special.betaincinv(over + 1, under, TAIL) if under else 1.0
-    return {"share": share, "low": float(low), "high": float(high), "n": len(values), "reason": ""}
 
 
 def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) -> float:
@@ -220,12 +215,6 @@ def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept
     return float(special.stdtrit(max(len(sums) * kept - 1, 1.0), TAIL)) * error
 
 
-def _superiority(values: Floats, others: Floats) -> float:
-    """Return the share of pairs in which `values` (n,) beat `others` (m,), ties counting half."""
-    ours, theirs = values[:, None], others[None, :]
-    return float(((ours > theirs) + 0.5 * (ours == theirs)).mean())
-
-
 def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
     """Return the interval of a probability of improvement that was estimated from n times m pairs.
 
@@ -243,14 +232,10 @@ def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
 
 def _finite(sample: Strata) -> dict[str, pd.Series]:
     """Return the strata that have finite values, those only, as floats."""
-    floats = {name: part.astype(float) for name, part in sample.items()}
-    finite = {name: np.isfinite(part.to_numpy()) for name, part in floats.items()}
-    return {
-        name: part if finite[name].all() else part[finite[name]]
-        for name, part in floats.items()
-        if finite[name].any()
-    }
-
-
-def _parts(sample: Strata) -> list[Floats]:
-    return [part.to_numpy() for _, part in sorted(_finite(sample).items())]
+    finite = {}
+    for name, values in sample.items():
+        part = values.astype(float)
+        known = np.isfinite(part.to_numpy())
+        if known.any():
+            finite[name] = part if known.all() else part[known]
+    return finite

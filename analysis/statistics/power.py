@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import math
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -72,14 +73,8 @@ def detectable_difference(
         raise ValueError(f"power {wanted}: expected over the significance, {significance}, and under 1")
     if not _testable(first, second):
         return math.nan
-    from scipy import optimize  # half of the time that `import analysis` takes otherwise
-
     error, _ = standard_error_of_difference(first, second)
-    high = 1.0
-    while _power(high, first, second, significance) < wanted and high < FURTHEST:
-        high *= 2
-    shift = optimize.brentq(lambda shift: _power(shift, first, second, significance) - wanted, 0.0, high)
-    return float(shift) * error
+    return _smallest_shift(lambda shift: _power(shift, first, second, significance), wanted) * error
 
 
 def detectable_in_pairs(
@@ -100,14 +95,20 @@ def detectable_in_pairs(
     """
     if pairs < 2 or not margin > 0:
         return math.nan
-    from scipy import optimize, special
+    from scipy import special
 
-    freedom = pairs - 1
+    shift = _smallest_shift(lambda shift: _student_power(shift, pairs - 1, significance), wanted)
+    return shift * margin / float(special.stdtrit(pairs - 1, (1 + CONFIDENCE) / 2))
+
+
+def _smallest_shift(power_at: Callable[[float], float], wanted: float) -> float:
+    """Return the smallest difference in true standard errors with the power `wanted`."""
+    from scipy import optimize  # half of the time that `import analysis` takes otherwise
+
     high = 1.0
-    while _student_power(high, freedom, significance) < wanted:
+    while power_at(high) < wanted and high < FURTHEST:
         high *= 2
-    shift = optimize.brentq(lambda shift: _student_power(shift, freedom, significance) - wanted, 0.0, high)
-    return float(shift) * margin / float(special.stdtrit(freedom, (1 + CONFIDENCE) / 2))
+    return float(optimize.brentq(lambda shift: power_at(shift) - wanted, 0.0, high))
 
 
 def seeds_needed(test: Comparison, seeds: float, wanted: float = POWER) -> int | None:

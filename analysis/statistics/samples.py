@@ -135,12 +135,10 @@ class Standing(StrEnum):
     NO_DATA = "no data"
 
 
-CONTRARY = {Standing.SUPPORTED: Standing.REFUTED, Standing.REFUTED: Standing.SUPPORTED}
-
-
 def contrary(standing: Standing) -> Standing:
     """Return the standing of a statement's negation."""
-    return CONTRARY.get(standing, standing)
+    swapped = {Standing.SUPPORTED: Standing.REFUTED, Standing.REFUTED: Standing.SUPPORTED}
+    return swapped.get(standing, standing)
 
 
 def greater(low: float, high: float, margin: float = MARGIN) -> Standing:

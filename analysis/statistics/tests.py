@@ -42,17 +42,19 @@ def permutation_p(pairs: Sequence[tuple[ArrayLike, ArrayLike]], weights: Sequenc
     """
     strata = [tuple(np.asarray(group, np.float64) for group in pair) for pair in pairs]
     found = sum(weight * (a.mean() - b.mean()) for weight, (a, b) in zip(weights, strata, strict=True))
-    counts = [math.comb(len(a) + len(b), len(a)) for a, b in strata]
     scale = max(float(np.abs(np.concatenate(stratum)).max()) for stratum in strata) * sum(weights)
-    if math.prod(counts) <= MOST:
-        differences = np.zeros(1)
-        for weight, (a, b) in zip(weights, strata, strict=True):
-            differences = np.add.outer(differences, weight * _all_differences(a, b)).ravel()
-        return _share(differences, found, scale)
-    rng = np.random.default_rng(SEED)
-    parts = zip(weights, strata, strict=True)
-    drawn = np.sum([weight * _drawn_differences(a, b, rng) for weight, (a, b) in parts], axis=0)
-    return _share(np.append(drawn, found), found, scale)
+    exact = math.prod(math.comb(len(a) + len(b), len(a)) for a, b in strata) <= MOST
+    rng, differences = np.random.default_rng(SEED), np.zeros(1)
+    for weight, (a, b) in zip(weights, strata, strict=True):
+        values, n = np.concatenate([a, b]), len(a)
+        if exact:
+            chosen = values[np.array(list(itertools.combinations(range(len(values)), n)))]
+        else:
+            chosen = rng.permuted(np.broadcast_to(values, (DRAWN, len(values))), axis=1)[:, :n]
+        sums = chosen.sum(axis=1)
+        own = weight * (sums / n - (values.sum() - sums) / len(b))
+        differences = np.add.outer(differences, own).ravel() if exact else differences + own
+    return _share(differences if exact else np.append(differences, found), found, scale)
 
 
 def sign_flip_p(differences: ArrayLike) -> float:
@@ -69,22 +71,6 @@ def sign_flip_p(differences: ArrayLike) -> float:
 def _share(differences: Floats, found: float, scale: float) -> float:
     """Return the share of `differences` that are at least as far from 0 as the one `found`."""
     return float(np.mean(np.abs(differences) >= abs(found) - EQUAL * scale))
-
-
-def _all_differences(a: Floats, b: Floats) -> Floats:
-    values = np.concatenate([a, b])
-    chosen = np.array(list(itertools.combinations(range(len(values)), len(a))))
-    return _differences(values[chosen].sum(axis=1), values.sum(), len(a), len(b))
-
-
-def _drawn_differences(a: Floats, b: Floats, rng: np.random.Generator) -> Floats:
-    values = np.concatenate([a, b])
-    drawn = rng.permuted(np.broadcast_to(values, (DRAWN, len(values))), axis=1)
-    return _differences(drawn[:, : len(a)].sum(axis=1), values.sum(), len(a), len(b))
-
-
-def _differences(sums: Floats, total: float, n: int, m: int) -> Floats:
-    return np.asarray(sums / n - (total - sums) / m, np.float64)
 
 
 ROUNDING = 1e-9
@@ -195,23 +181,13 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
     first, second = describe(sample), describe(reference)
     if set(sample.index) & set(reference.index):
         return Comparison(first.n, second.n, first.mean - second.mean, reason="same runs")
-    if _obstacle(first, second) or min(first.std, second.std) > 0:
-        return welch_from_statistics(first, second)
-    if first.std == second.std:
-        return welch_from_statistics(first, second)
-    p = permutation_p([(finite(sample), finite(reference))])
-    return _permuted(welch_from_statistics(first, second), p)
-
-
-def _permuted(test: Comparison, p: float) -> Comparison:
-    """Return Welch's interval with the p of the permutation test, which it must not contradict."""
-    low, high = test.low, test.high
+    test = welch_from_statistics(first, second)
+    if test.reason or first.std == second.std or min(first.std, second.std) > 0:
+        return test
+    p, low, high = permutation_p([(finite(sample), finite(reference))]), test.low, test.high
     if not p < SIGNIFICANCE:
         low, high = min(low, 0.0), max(high, 0.0)
-    freedom = math.nan
-    return replace(
-        test, low=low, high=high, t=math.nan, degrees_of_freedom=freedom, p=p, method=Method.PERMUTATION
-    )
+    return Comparison(first.n, second.n, test.difference, low=low, high=high, p=p, method=Method.PERMUTATION)
 
 
 def welch_from_statistics(first: Description, second: Description) -> Comparison:
@@ -223,8 +199,13 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
         first: the sample, as in a published table.
         second: the reference.
     """
-    difference = first.mean - second.mean
-    reason = _obstacle(first, second)
+    difference, reason = first.mean - second.mean, ""
+    if min(first.n, second.n) < 2:
+        reason = "needs 2 seeds"
+    elif not (math.isfinite(first.std) and math.isfinite(second.std)):
+        reason = "no standard deviation"
+    elif first.std == second.std == 0 and first.mean == second.mean:
+        reason = ALL_EQUAL
     if reason:
         return Comparison(first.n, second.n, difference, reason=reason)
     if first.std == 0 and second.std == 0:
@@ -241,16 +222,6 @@ def standard_error_of_difference(first: Description, second: Description) -> tup
     variances = first.standard_error**2, second.standard_error**2
     parts = (variance**2 / (n - 1) for variance, n in zip(variances, (first.n, second.n), strict=True))
     return math.sqrt(sum(variances)), sum(variances) ** 2 / sum(parts)
-
-
-def _obstacle(first: Description, second: Description) -> str:
-    if min(first.n, second.n) < 2:
-        return "needs 2 seeds"
-    if not (math.isfinite(first.std) and math.isfinite(second.std)):
-        return "no standard deviation"
-    if first.std == second.std == 0 and first.mean == second.mean:
-        return ALL_EQUAL
-    return ""
 
 
 def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[float]) -> Comparison:
@@ -274,10 +245,17 @@ def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[f
     shares = [weight / sum(weights) for weight in weights]
     terms = zip(shares, samples, strict=True)
     difference = sum(share * (first.mean - second.mean) for share, (first, second) in terms)
-    reason = _obstacle_of_strata(pairs, samples)
+    constant = not any(sample.std > 0 for pair in samples for sample in pair)
+    reason = ""
+    if _share_a_run(pairs):
+        reason = "same runs"
+    elif min(sample.n for pair in samples for sample in pair) < 2:
+        reason = "needs 2 seeds"
+    elif constant and all(first.mean == second.mean for first, second in samples):
+        reason = ALL_EQUAL
     if reason:
         return Comparison(n, reference_n, difference, reason=reason)
-    if not any(sample.std > 0 for pair in samples for sample in pair):
+    if constant:
         p = permutation_p([(finite(first), finite(second)) for first, second in pairs], shares)
         return Comparison(n, reference_n, difference, p=p, method=Method.PERMUTATION)
     parts = [
@@ -290,16 +268,10 @@ def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[f
     return t_test(n, reference_n, difference, math.sqrt(variance), freedom)
 
 
-def _obstacle_of_strata(
-    pairs: Sequence[tuple[pd.Series, pd.Series]], samples: Sequence[tuple[Description, Description]]
-) -> str:
-    runs = [set().union(*(group.index for group in groups)) for groups in zip(*pairs, strict=True)]
-    if runs[0] & runs[1]:
-        return "same runs"
-    if min(sample.n for pair in samples for sample in pair) < 2:
-        return "needs 2 seeds"
-    constant = all(sample.std == 0 for pair in samples for sample in pair)
-    return ALL_EQUAL if constant and all(first.mean == second.mean for first, second in samples) else ""
+def _share_a_run(pairs: Sequence[tuple[pd.Series, pd.Series]]) -> bool:
+    """True if a run is in both groups, in whatever stratum."""
+    first, second = (set().union(*(sample.index for sample in group)) for group in zip(*pairs, strict=True))
+    return bool(first & second)
 
 
 def tested_on(scaled: Comparison, shown: Comparison) -> Comparison:
@@ -411,10 +383,8 @@ def paired_strata(
     """
     if not pairs:
         return Comparison(0, 0, math.nan, reason="nothing in common")
-    groups = list(zip(*pairs, strict=True))
-    first, second = (seed_means(group, weights, seeds) for group in groups)
-    ours, theirs = (set().union(*(sample.index for sample in group)) for group in groups)
-    if ours & theirs:
+    first, second = (seed_means(group, weights, seeds) for group in zip(*pairs, strict=True))
+    if _share_a_run(pairs):
         difference = float(first.mean() - second.mean())
         return Comparison(len(first), len(second), difference, reason="same runs")
     return paired(first, second)
@@ -430,19 +400,16 @@ def seed_means(
         weights: weights of the strata; they need not add up to 1.
         seeds: seeds of all runs by id.
     """
-    parts = [_of_seeds(sample, seeds) for sample in samples]
+    parts: list[dict[Hashable, float]] = []
+    for sample in samples:
+        values: dict[Hashable, list[float]] = {}
+        for run, value in zip(sample.index, sample.to_numpy(float), strict=True):
+            if math.isfinite(value):
+                values.setdefault(seeds[run], []).append(value)
+        parts.append({seed: sum(mine) / len(mine) for seed, mine in values.items()})
     common = [seed for seed in parts[0] if all(seed in part for part in parts)]
-    values = np.array([[part[seed] for seed in common] for part in parts])
-    return pd.Series(np.asarray(weights, float) @ values / sum(weights), index=common, dtype=float)
-
-
-def _of_seeds(sample: pd.Series, seeds: Mapping[Any, Hashable]) -> dict[Hashable, float]:
-    """Return the mean of the finite values of each seed."""
-    values: dict[Hashable, list[float]] = {}
-    for run, value in zip(sample.index, sample.to_numpy(float), strict=True):
-        if math.isfinite(value):
-            values.setdefault(seeds[run], []).append(value)
-    return {seed: sum(mine) / len(mine) for seed, mine in values.items()}
+    table = np.array([[part[seed] for seed in common] for part in parts])
+    return pd.Series(np.asarray(weights, float) @ table / sum(weights), index=common, dtype=float)
 
 
 def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Correlation:
