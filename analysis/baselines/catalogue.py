@@ -310,12 +310,7 @@ def places_of(sources: Sources) -> tuple[str | Path, ...]:
 
 
 def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
-    """Return the teachers, but Random, of the results roots that are read with baselines, if any are.
-
-    Args:
-        sources: results roots and baselines.
-        frames: results of `read`.
-    """
+    """Return the teachers, but Random, of the results roots that are read with baselines, if any are."""
     places = places_of(sources)
     roots = [place for place in places if as_baseline(place) is None]
     if not 0 < len(roots) < len(places):

@@ -88,11 +88,7 @@ def pairs_in_both(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return for each pair of teachers (n,) 1 or -1, same order or reverse, and the p-value of that.
 
-    The order of a pair is known in both where it is in each: p is the larger of the two sides.
-
-    Args:
-        first: samples of teachers on one side.
-        second: samples of the same teachers on the other side.
+    The order of a pair is known in both samples of the same teachers where it is in each: p is the larger.
     """
     tests = [
         [welch_from_statistics(*pair) for pair in itertools.combinations(side, 2)] for side in (first, second)
@@ -104,11 +100,7 @@ def pairs_in_both(
 def tau_interval(
     challenges: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> tuple[float, float]:
-    """Return the ends of the interval of tau, of its mean for several challenges.
-
-    Args:
-        challenges: results of `pairs_in_both`, one for each challenge.
-    """
+    """Return the ends of the interval of tau, of its mean for several challenges, each of `pairs_in_both`."""
     if any(np.isnan(p).all() for _, p in challenges):
         return float("nan"), float("nan")
     known = np.split(

@@ -1,4 +1,7 @@
-"""Views of the frame over all challenges at once: ranks, leaderboards, and differences to Random."""
+"""Views of the frame over all challenges at once: ranks, leaderboards, and differences to Random.
+
+`runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them, in per cent.
+"""
 
 from __future__ import annotations
 
@@ -119,15 +122,10 @@ class Rank:
 
 
 def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: str = HEADLINE) -> list[Rank]:
-    """Return the rank of each teacher at each level and budget, the best first.
+    """Return the rank of each teacher at each level and budget, the best first; of some `teachers` alone.
 
     One family at each, corrected by Holm: the tests of the pairs of which one is looked at, and of which the
     other has results on all of its challenges. What is not ranked costs no power.
-
-    Args:
-        runs: rows of `pooling.pool_runs`.
-        teachers: names of the teachers to rank; all by default.
-        measure: column of `runs`.
     """
     found: list[Rank] = []
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
@@ -297,12 +295,7 @@ def headlines(
     """Return the differences of teachers to Random over all challenges, a sentence for each verdict.
 
     Few seeds of one challenge decide little, all challenges together more. A teacher is better or worse where
-    p is under 0.05 after Holm's correction for all teachers at that level.
-
-    Args:
-        runs: rows of `pooling.pool_runs`.
-        measure: column of `runs`, in per cent.
-        teachers: teachers that sentences are on; all by default.
+    p is under 0.05 after Holm's correction for all teachers at that level; sentences are on `teachers` alone.
     """
     if runs.empty:
         return []
@@ -328,10 +321,6 @@ def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
 
     Teachers are set side by side on the same challenges only: apart from those that have results on all,
     there is a block of rows for each smaller set, as `on_the_same` has them.
-
-    Args:
-        runs: rows of `pooling.pool_runs`.
-        measure: column of `runs`, in per cent.
 
     Returns:
         `ACROSS`, block (number of the set of challenges), challenges (number of them), of (number that there
@@ -369,10 +358,6 @@ def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
 
 def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, Any]]:
     """Return the rows of `overall` as text.
-
-    Args:
-        runs: rows of `pooling.pool_runs`.
-        measure: column of `runs`, in per cent.
 
     Returns:
         block, place, name (of the teacher), teacher (its label), own (True if it is the reader's), colour, n,

@@ -272,12 +272,7 @@ def randoms_of(everything: pd.DataFrame) -> Randoms:
 
 
 def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
-    """Return the rows of Random that the rows of one experiment are tested against, by `baseline_runs`.
-
-    Args:
-        teachers: rows of one comparison, at least one, with `GROUP` and the columns of `CONDITIONS`.
-        randoms: results of `randoms_of` of the root.
-    """
+    """Return the rows of Random, of `randoms_of`, that the rows of one comparison are tested against."""
     alike = randoms.get(tuple(teachers[ALIKE].iloc[0]), teachers.head(0))
     return baseline_runs(teachers, alike, APART).drop_duplicates(["run_id", "step"])
 
@@ -306,15 +301,8 @@ def stratified_runs(
 ) -> pd.DataFrame:
     """Return `by`, run_id, the measure, and place (challenge), stratum and stratum_name of each row.
 
-    Strata are numbered here, in order, rather than in each of hundreds of groups. A run that is measured
-    counts once in each group.
-
-    Args:
-        runs: rows of `pooling.pool_runs`.
-        measure: column of `runs`.
-        by: columns that a group has in common.
-        strata: columns that tell strata apart; none for one stratum.
-        also: names of further columns to keep; members and step are kept if they are there.
+    Strata, told apart by the columns `strata`, are numbered here, in order, rather than in each of hundreds
+    of groups. A run that is measured counts once in each group. Columns `also`, members and step are kept.
     """
     numbers = _numbered(runs, strata)
     _, first = np.unique(numbers, return_index=True)
@@ -332,9 +320,7 @@ def stratified_runs(
 def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
     """Return the values of `measure` by stratum, named by what tells them apart, indexed by run id.
 
-    Args:
-        rows: some of `stratified_runs`; those without the measure do not count.
-        measure: column of `rows`.
+    Rows are some of `stratified_runs`; those without the measure do not count.
     """
     rows = rows[rows[measure].notna()]
     values, run_ids = rows[measure].to_numpy(float), rows["run_id"].to_numpy(object)

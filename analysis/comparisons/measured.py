@@ -75,13 +75,7 @@ def measure(frames: Frames) -> Measured:
 def curricula_of(
     frames: Frames, mine: Measured, runs: Mapping[str, pd.Series] | None = None
 ) -> dict[str, Curriculum]:
-    """Return the curriculum of the median run of each teacher, if it has played any episode.
-
-    Args:
-        frames: results of the root.
-        mine: part of the comparison.
-        runs: rows of `examples_of`, or some of them; all by default.
-    """
+    """Return the curriculum of the median run of each teacher, or of `runs`, if it has played any episode."""
     size = len(task_axes(mine.cells))
     examples = examples_of(mine) if runs is None else runs
     found = zip(examples, curricula_of_runs(frames, list(examples.values())), strict=True)

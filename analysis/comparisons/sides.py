@@ -115,15 +115,8 @@ def together(mine: Side, baselines: Sequence[Side], *, along: bool = False) -> p
     """Return the runs that may be compared with each other: mine, and those of baselines of the same kind.
 
     A baseline's teacher that I have run under the same conditions is left out: mine replaces it. Random
-    counts at every level, whoever ran it: it uses no expert knowledge.
-
-    Args:
-        mine: the reader's own results.
-        baselines: results of baselines.
-        along: at every evaluation, instead of at their ends.
-
-    Returns:
-        Of `pooling.pool_runs`, with source: the name of the side.
+    counts at every level, whoever ran it: it uses no expert knowledge. They are rows of `pooling.pool_runs`
+    with source, the name of the side; `along` every evaluation, or at their ends.
     """
     sides = [(side.name, side.frames) for side in (mine, *baselines) if side.frames is not None]
     frames = joined([each for _, each in sides])
@@ -145,13 +138,8 @@ def new_teachers(mine: Side) -> list[str]:
 def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = HEADLINE) -> pd.DataFrame:
     """Return the test of each of `teachers` against every other one, challenge by challenge.
 
-    Args:
-        runs: rows of `together`.
-        teachers: names of the teachers in question.
-        measure: column of `runs`.
-
     Returns:
-        Of `pairwise.pairwise`, with the teacher that is looked at first, and holm over all that it is tested
+        Of `frame.pairwise`, with the teacher that is looked at first, and holm over all that it is tested
         against on a challenge.
     """
     both = from_both_sides(pairwise(runs, measure, detectable=False))
@@ -160,13 +148,7 @@ def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = HEADLINE) 
 
 
 def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> list[str]:
-    """Return a sentence on each baseline of which nothing may be compared with mine: why, and what to run.
-
-    Args:
-        mine: the reader's own results.
-        baselines: results of baselines.
-        runs: rows of `together`.
-    """
+    """Return a sentence on each baseline none of whose `runs` may be compared with mine: why, what to run."""
     said = []
     for side in baselines if len(mine.table) else ():
         if side.name in set(runs["source"]):

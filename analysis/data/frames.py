@@ -248,11 +248,7 @@ def frames_of(results: Results) -> Frames:
 
 
 def positions(run_ids: pd.Series) -> dict[str, NDArray[np.int64]]:
-    """Return the rows of each run in a table, in order, by run id.
-
-    Args:
-        run_ids: run id of each row of the table (n,).
-    """
+    """Return the rows of each run in a table, in order, by run id; `run_ids` has one for each row (n,)."""
     known = run_ids.astype("category").cat
     order = np.argsort(known.codes.to_numpy(), kind="stable")
     ends = np.cumsum(np.bincount(known.codes, minlength=len(known.categories)))

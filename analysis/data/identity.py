@@ -53,8 +53,7 @@ BEFORE_VERSIONS = "before 1"
 def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the identity of each part of a run, by the column of `NAMED` that names it.
 
-    Args:
-        spec: specification of the run, JSON values; empty for a run without one.
+    `spec` has JSON values; it is empty for a run without one.
     """
     options = {
         key: value for key, value in spec.get("environment_options", {}).items() if key not in OF_BODIES
@@ -112,13 +111,8 @@ def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tupl
 def experiments_apart(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Return cells in which each experiment has runs of one budget, physics, threshold and test set.
 
-    The runs of a place that differ from most get another name of their experiment, which says how.
-
-    Args:
-        cells: cells of `Frames`.
-
-    Returns:
-        The same rows, and a sentence for each new name.
+    The runs of a place that differ from most get another name of their experiment, which says how; a sentence
+    for each new name is returned, too.
     """
     place = ["engine", "experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge"]
     begun = cells[cells["steps"].notna()]

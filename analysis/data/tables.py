@@ -12,12 +12,7 @@ from tma_ray.arguments import check_kind, check_known, check_names
 
 
 def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
-    """Refuse what is not a table with these columns.
-
-    Args:
-        name: name of the argument.
-        table: its value.
-        columns: columns that it needs.
+    """Refuse the argument `name` if it is not a table with these columns.
 
     Raises:
         TypeError: it is not a table, or `columns` is one text.
@@ -97,11 +92,7 @@ def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
 
 
 def evaluation_warnings(measured: pd.DataFrame) -> list[str]:
-    """Return a sentence on the returns that are NaN or infinite, with their number and whose they are.
-
-    Args:
-        measured: rows of `evaluation_measures`.
-    """
+    """Return a sentence on the returns that are NaN or infinite in rows of `evaluation_measures`."""
     excluded = measured[measured["not_finite"] > 0]
     if excluded.empty:
         return []
@@ -112,11 +103,7 @@ def evaluation_warnings(measured: pd.DataFrame) -> list[str]:
 
 
 def training_warnings(training: pd.DataFrame) -> list[str]:
-    """Return a sentence on the windows of training whose mean return is NaN or infinite.
-
-    Args:
-        training: run_id, episodes and mean_return of each window.
-    """
+    """Return a sentence on the windows of training whose mean return is NaN or infinite."""
     windows = training[training["mean_return"].notna() & ~np.isfinite(training["mean_return"].astype(float))]
     nans = training[training["mean_return"].isna() & (training["episodes"] > 0)]
     if not len(windows) + len(nans):

@@ -82,10 +82,7 @@ def curriculum_measures(
 def curriculum_curves(frames: Frames, run_ids: Iterable[str], bins: int = BINS) -> pd.DataFrame:
     """Return coverage and entropy of each probe: run_id, step, tasks, coverage, entropy.
 
-    Args:
-        frames: results with the probed tasks.
-        run_ids: runs to measure.
-        bins: cells of the grid along each dimension.
+    Arguments as of `curriculum_measures`.
     """
     _check_bins(bins)
     rows = [

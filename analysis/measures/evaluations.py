@@ -130,11 +130,9 @@ def measured_so_far(frames: Frames) -> pd.DataFrame:
 
 
 def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
-    """Return mastered_area over the budget of runs whose last value holds until its end.
+    """Return mastered_area over the `budget` of runs whose last value holds until its end.
 
-    Args:
-        budget: steps of each run.
-        ends: last row of `measured_so_far` of each run, with the same index.
+    `ends` is the last row of `measured_so_far` of each run, with the same index.
     """
     share = ends["step"].astype(float) / budget
     return share * ends["mastered_area"] + (1 - share) * ends["mastered_percent"]

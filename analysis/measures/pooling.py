@@ -55,8 +55,7 @@ def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list
 def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield the runs of each set of conditions, and a tag for names of files; the most runs first.
 
-    Args:
-        runs: rows of `pooling.pool_runs`; runs that have not begun, of no budget yet, belong to none.
+    Runs that have not begun, of no budget yet, belong to none.
     """
     begun = runs[runs["steps"].notna()]
     told = varying(begun)

@@ -42,12 +42,7 @@ def scale_of(measure: str) -> Scale:
 
 
 def how_tested(measure: str, family: str) -> str:
-    """Return the scale of the tests of a measure and the family of their correction, in a sentence.
-
-    Args:
-        measure: column, of `MEASURES`.
-        family: tests that are corrected together, in words.
-    """
+    """Return the scale of the tests of a measure and the `family` of their correction, in a sentence."""
     scale = "on the arcsine scale" if scale_of(measure) is Scale.ARCSINE else "in per cent"
     return (
         f"Tested {scale}; Holm's correction covers {family}, so that a verdict can change when a teacher is "
@@ -67,11 +62,7 @@ Seeds: TypeAlias = Mapping[Hashable, Hashable]
 
 
 def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
-    """Return the seeds of the runs that are to be paired by them.
-
-    Args:
-        tables: runs with engine, seed and run_id.
-    """
+    """Return the seeds of the runs that are to be paired by them; tables have engine, seed and run_id."""
     seeds: dict[Hashable, Hashable] = {}
     for table in tables:
         rows = table[table["engine"].isin(SHARED)]
@@ -118,10 +109,7 @@ def compared_over_strata(
 def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], seeds: Seeds) -> Comparison:
     """Return the weighted mean of the strata's means, and its interval, as the difference from 0.
 
-    Args:
-        samples: one per stratum, one value a run, indexed by run id.
-        weights: weights of the strata; they need not add up to 1.
-        seeds: seeds of `seeds_to_pair`; of paired runs the mean is that of seeds that all strata have.
+    Of paired runs the mean is that of the seeds that all strata have. Arguments as of `seed_means`.
     """
     if are_paired(samples, seeds):
         means = seed_means(samples, weights, seeds)

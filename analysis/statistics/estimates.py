@@ -201,10 +201,8 @@ def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) ->
 def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept: float = 1.0) -> float:
     """Return half the width of Student's interval of the mean over all values of `parts`, by clusters.
 
-    Args:
-        parts: values of each stratum.
-        names: names of the clusters of all values, in the same order.
-        kept: share of the clusters that count as degrees of freedom.
+    `names` are the clusters of all values, in the same order; `kept` is the share of them that count as
+    degrees of freedom.
     """
     residuals = np.concatenate([part - part.mean() for part in parts])
     _, places = np.unique(np.array(list(map(str, names))), return_inverse=True)

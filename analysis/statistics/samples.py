@@ -146,11 +146,6 @@ def greater(low: float, high: float, margin: float = MARGIN) -> Standing:
 
     Supported where the whole interval is over 0; else refuted where it is under `margin`, so that a
     difference that matters is ruled out. An interval of NaN decides nothing.
-
-    Args:
-        low: lower end of the interval.
-        high: upper end of it.
-        margin: the smallest difference that matters.
     """
     if low > 0:
         return Standing.SUPPORTED
@@ -162,11 +157,6 @@ def equivalent(low: float, high: float, margin: float = MARGIN) -> Standing:
 
     Supported where the interval is within plus and minus `margin`; else refuted where it leaves out 0. An
     interval of NaN decides nothing.
-
-    Args:
-        low: lower end of the interval.
-        high: upper end of it.
-        margin: the smallest difference that matters.
     """
     if -margin < low and high < margin:
         return Standing.SUPPORTED

@@ -395,10 +395,7 @@ def seed_means(
 ) -> pd.Series:
     """Return the weighted mean over strata of each seed that all of them have, indexed by seed.
 
-    Args:
-        samples: one per stratum, one value a run, indexed by run id; several of a seed count as their mean.
-        weights: weights of the strata; they need not add up to 1.
-        seeds: seeds of all runs by id.
+    Several runs of a seed in a stratum count as their mean. Arguments as of `paired_strata`.
     """
     parts: list[dict[Hashable, float]] = []
     for sample in samples:

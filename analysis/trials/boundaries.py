@@ -32,13 +32,9 @@ Floats = NDArray[np.float64]
 
 
 def spent(fraction: float, error: float) -> float:
-    """Return the error spent at a fraction of the information, like O'Brien and Fleming's boundaries.
+    """Return the one-sided `error` spent at a `fraction` of the information, as by O'Brien and Fleming.
 
     Lan and DeMets (1983), their first function, for one side: 2 - 2 Phi(z(1 - error / 2) / sqrt(fraction)).
-
-    Args:
-        fraction: information so far over that of the last look, in (0, 1].
-        error: one-sided error of all looks together.
     """
     return 2 * float(special.ndtr(special.ndtri(error / 2) / math.sqrt(fraction)))
 

@@ -85,13 +85,7 @@ class Difference:
 
 
 def difference(teacher: Moments, reference: Moments, slopes: Floats) -> Difference:
-    """Return the difference over cells of equal weight.
-
-    Args:
-        teacher: runs of the new teacher.
-        reference: runs of the other.
-        slopes: points per radian in each cell (cells,).
-    """
+    """Return the difference over cells of equal weight, with `slopes` in points per radian (cells,)."""
     weights = slopes / len(slopes)
     parts = [(weights**2 * each.variance / each.runs, each.runs - 1) for each in (teacher, reference)]
     variance = sum(part.sum(axis=-1) for part, _ in parts)
@@ -154,13 +148,7 @@ class Rule:
         )
 
     def reach(self, found: Difference, look: int, *, above: bool) -> Floats:
-        """Return the least difference from 0 for a verdict at look `look`, in points.
-
-        Args:
-            found: differences, of which the errors are read.
-            look: number of the look, from 0 on.
-            above: True for better, False for worse.
-        """
+        """Return the least difference from 0 for a verdict at look `look`, in points; for better if `above`."""
         bounds = self.lower if above else self.upper
         with np.errstate(invalid="ignore"):  # no spread in any sample: nothing is far enough
             return np.asarray(
@@ -177,14 +165,8 @@ class Rule:
     def power(self, teacher: Moments, reference: Moments, slopes: Floats, last: int | None = None) -> Floats:
         """Return the probability that a later look decides, as the seeds so far let expect.
 
-        Conditional power at look `last`, averaged over the differences that the seeds so far leave open
-        (predictive power; Spiegelhalter, Freedman and Blackburn, 1986).
-
-        Args:
-            teacher: runs of the new teacher so far.
-            reference: runs of the other.
-            slopes: points per radian in each cell (cells,).
-            last: number of the look, from 0 on; the last one by default.
+        Conditional power at look `last`, by default the last one, averaged over the differences that the
+        seeds so far leave open (predictive power; Spiegelhalter, Freedman and Blackburn, 1986).
         """
         last = len(self.looks) - 1 if last is None else last
         seeds = np.full_like(teacher.runs, self.looks[last])
@@ -207,12 +189,7 @@ class Rule:
 def planned_fractions(looks: Sequence[int], slopes: Floats, reference_runs: Floats) -> tuple[float, ...]:
     """Return the information of each look over that of the last, for equal variances in all samples.
 
-    The reference's runs are fixed: their part of the variance stays.
-
-    Args:
-        looks: seeds of every cell at each look.
-        slopes: points per radian in each cell (cells,).
-        reference_runs: runs of the reference in each cell (cells,).
+    The reference's runs in each cell (cells,) are fixed: their part of the variance stays.
     """
     variances = [float((slopes**2 * (1 / seeds + 1 / reference_runs)).sum()) for seeds in looks]
     return tuple(variances[-1] / variance for variance in variances)
