@@ -14,8 +14,7 @@ import pandas as pd
 from analysis.baselines import find_baseline
 from analysis.trials.boundaries import median_unbiased
 from analysis.trials.design import make_design, released_runs, setting_of
-from analysis.trials.rules import Verdict
-from analysis.trials.simulation import Outcomes, Setting, simulate
+from analysis.trials.rules import Outcomes, Setting, Verdict, simulate
 
 RELEASE = "lite-1"
 

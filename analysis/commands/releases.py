@@ -13,8 +13,7 @@ from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselin
 from analysis.baselines.catalogue import SHIPPED, Baseline, read
 from analysis.baselines.verification import verify
 from analysis.charts.intervals import rank_chart
-from analysis.claims.agreement import Agreement, agreements
-from analysis.claims.judging import root_verdicts
+from analysis.claims.judging import Agreement, agreements, root_verdicts
 from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
 from analysis.comparisons.sentences import caveat
 from analysis.formatting import amount, estimate, number

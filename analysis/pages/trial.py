@@ -17,9 +17,11 @@ from analysis.looks import shown_together
 from analysis.names import label, own_first
 from analysis.pages.page import page, write_page
 from analysis.trials.design import Design
-from analysis.trials.standing import Look, course, curves
-from analysis.trials.wording import (
+from analysis.trials.standing import (
     ENDINGS,
+    Look,
+    course,
+    curves,
     latex_row,
     look_line,
     methods,

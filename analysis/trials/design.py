@@ -28,11 +28,12 @@ from analysis.trials.rules import (
     Floats,
     Moments,
     Rule,
+    Setting,
     difference,
     planned_fractions,
     quantile,
+    simulate,
 )
-from analysis.trials.simulation import Setting, simulate
 from tma_ray.decoding import decode_json
 from tma_ray.part_names import nearest
 from tma_ray.results import SIMULATED

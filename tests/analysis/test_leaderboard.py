@@ -19,7 +19,7 @@ import analysis
 from analysis.baselines import BaselineError, add_to_release, find_baseline, release
 from analysis.baselines.verification import lacking
 from analysis.charts.base import Curve
-from analysis.claims.agreement import agreements, pairs_in_both, tau_interval
+from analysis.claims.judging import agreements, pairs_in_both, tau_interval
 from analysis.commands.releases import findings, markdown, show_leaderboards
 from analysis.comparisons.boards import leaderboards
 from analysis.comparisons.measured import measure

@@ -19,8 +19,16 @@ from analysis.trials.design import (
     released_runs,
 )
 from analysis.trials.rules import LOOKS, Verdict
-from analysis.trials.standing import Ending, looks_at
-from analysis.trials.wording import latex_row, look_line, methods, plan_lines, sentence, verdict_table
+from analysis.trials.standing import (
+    Ending,
+    latex_row,
+    look_line,
+    looks_at,
+    methods,
+    plan_lines,
+    sentence,
+    verdict_table,
+)
 
 CELLS = ("original", "diverse_students/spider")
 

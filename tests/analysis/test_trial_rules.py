@@ -9,8 +9,16 @@ from scipy import stats
 
 from analysis.statistics import stratified
 from analysis.trials.boundaries import boundaries, crossing, median_unbiased, spent
-from analysis.trials.rules import LOOKS, Moments, Rule, Verdict, difference, planned_fractions
-from analysis.trials.simulation import Setting, simulate
+from analysis.trials.rules import (
+    LOOKS,
+    Moments,
+    Rule,
+    Setting,
+    Verdict,
+    difference,
+    planned_fractions,
+    simulate,
+)
 
 
 @pytest.mark.parametrize(

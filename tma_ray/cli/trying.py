@@ -49,7 +49,7 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     """
     from analysis.baselines import find_baseline
     from analysis.trials.design import MARGIN, Design, make_design, newest_release, released_runs
-    from analysis.trials.wording import plan_lines
+    from analysis.trials.standing import plan_lines
     from tma_ray.campaign.repeating import trial_plan
     from tma_ray.campaign.trials import CAMPAIGN, simulated_cells
     from tma_ray.teachers import TEACHERS, canonical_teacher
@@ -149,8 +149,7 @@ class _Trial:
         from analysis.pages.page import page_folder
         from analysis.pages.trial import write_trial
         from analysis.trials.design import ended_runs
-        from analysis.trials.standing import looks_at
-        from analysis.trials.wording import look_line
+        from analysis.trials.standing import look_line, looks_at
 
         told = len(self.looks)
         own = frames_of(Results(self.store))
@@ -170,7 +169,7 @@ class _Trial:
 
     def conclude(self) -> None:
         """Print the verdict of a trial that has ended, and what comes next."""
-        from analysis.trials.wording import sentence
+        from analysis.trials.standing import sentence
 
         if not (self.looks and self.looks[-1].ending):
             return
