@@ -27,7 +27,8 @@ from pools import execute, parser
 
 import analysis
 from analysis.data.tables import evaluation_measures
-from analysis.statistics.estimates import Estimate, signal_to_noise
+from analysis.statistics.estimates import signal_to_noise
+from analysis.statistics.samples import Estimate
 from tma_ray.campaign.plan import CampaignSpec, Plan, joined_plan
 from tma_ray.envs import make_environment
 from tma_ray.runs import Cell, Schedule, effective_spec

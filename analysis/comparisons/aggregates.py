@@ -21,11 +21,11 @@ from analysis.measures.pooling import COMPARED, PARTS, POOLED
 from analysis.measures.tested import MEASURES, Seeds, are_paired, in_common, mean_over_strata, seeds_to_pair
 from analysis.statistics import percent_interval
 from analysis.statistics.estimates import (
-    Estimate,
     interquartile_mean_of,
     performance_profile,
     probability_of_improvement,
 )
+from analysis.statistics.samples import Estimate
 from tma_ray.arguments import check_names
 
 ESTIMATE = list(Estimate.__dataclass_fields__)

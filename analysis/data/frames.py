@@ -43,8 +43,6 @@ OF_ONE_RUN = {
 RETURNS = ["run_id", "step", "episodes", "mean_return", "mean_length"]
 """Columns that views read of the windows of training: of thousands of small files each column takes time."""
 
-MACHINE_TIMES = ["wall_seconds", "env_steps_per_second", "host", "fingerprint"]
-"""Columns that views read of attempts."""
 
 P = ParamSpec("P")
 
@@ -101,7 +99,7 @@ class Frames:
     @functools.cached_property
     def training(self) -> pd.DataFrame:
         """Windows of training of all runs, as stored."""
-        return self._rows(Table.TRAINING, list(SCHEMAS[Table.TRAINING].names), self._run_ids)
+        return self._rows(Table.TRAINING, SCHEMAS[Table.TRAINING].names, self._run_ids)
 
     @functools.cached_property
     def training_returns(self) -> pd.DataFrame:
@@ -111,14 +109,9 @@ class Frames:
         return self._rows(Table.TRAINING, RETURNS, self._run_ids)
 
     @functools.cached_property
-    def machine_times(self) -> pd.DataFrame:
-        """The columns `MACHINE_TIMES` of attempts: where runs were computed, and how fast."""
-        return self._rows(Table.ATTEMPTS, MACHINE_TIMES, self._run_ids)
-
-    @functools.cached_property
     def attempts(self) -> pd.DataFrame:
         """Attempts at all runs, as stored."""
-        return self._rows(Table.ATTEMPTS, list(SCHEMAS[Table.ATTEMPTS].names), self._run_ids)
+        return self._rows(Table.ATTEMPTS, SCHEMAS[Table.ATTEMPTS].names, self._run_ids)
 
     @property
     def run_hours(self) -> pd.Series:

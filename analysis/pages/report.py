@@ -212,7 +212,7 @@ def _render(
         verdicts=decided(verdicts),
         unfinished=unfinished(frames),
         settings=settings(cells),
-        machines=machines(frames.machine_times),
+        machines=machines(frames.attempts),
         downloads=tables,
         mastery=thresholds(cells) or number(MASTERY_RETURN, 0),
         ceilings=ceilings_in_words(frames),

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -19,7 +18,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from analysis.statistics.samples import CONFIDENCE
+from analysis.statistics.samples import CONFIDENCE, Estimate
 
 TAIL = (1 + CONFIDENCE) / 2
 
@@ -32,25 +31,6 @@ Clusters: TypeAlias = Mapping[Any, Hashable]
 """Keys of runs that depend on each other, such as their seeds, by run id."""
 
 Floats: TypeAlias = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A number with its 95 % confidence interval.
-
-    Attributes:
-        value: estimate of the sample itself; NaN where it has none.
-        low: lower end of the interval; NaN where there is none.
-        high: upper end of it.
-        n: runs of the sample, of both for a comparison.
-        reason: reason why the interval is missing; empty where it is not.
-    """
-
-    value: float
-    low: float
-    high: float
-    n: int
-    reason: str = ""
 
 
 def interquartile_mean(values: ArrayLike, axis: int = -1) -> Any:

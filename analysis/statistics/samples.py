@@ -40,6 +40,25 @@ class Description:
         return self.std / math.sqrt(self.n) if self.n else math.nan
 
 
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its 95 % confidence interval.
+
+    Attributes:
+        value: estimate of the sample itself; NaN where it has none.
+        low: lower end of the interval; NaN where there is none.
+        high: upper end of it.
+        n: runs of the sample, of both for a comparison.
+        reason: reason why the interval is missing; empty where it is not.
+    """
+
+    value: float
+    low: float
+    high: float
+    n: int
+    reason: str = ""
+
+
 def describe(values: ArrayLike) -> Description:
     """Return n, mean, standard deviation and standard error of the finite ones among `values`."""
     sample = finite(values)

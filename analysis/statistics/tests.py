@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, describe, finite
+from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, Estimate, describe, finite
 from tma_ray.arguments import check_kind
 
 MOST = 20_000
@@ -325,23 +325,6 @@ FEW_PAIRS = "fewer than 2 seeds in common"
 """Why two samples are not tested that are to be paired."""
 
 
-@dataclass(frozen=True)
-class Correlation:
-    """How much of the variance of runs is that of their seeds, whatever the teacher.
-
-    Attributes:
-        value: intraclass correlation, at most 1; 0 where a seed says nothing about a run.
-        low: lower end of its 95 % interval.
-        high: upper end of it.
-        tables: number of tables of seeds by teachers behind it.
-    """
-
-    value: float
-    low: float
-    high: float
-    tables: int
-
-
 def paired(sample: pd.Series, reference: pd.Series) -> Comparison:
     """Compare the means of two samples whose values belong together in pairs, by Student's t-test.
 
@@ -409,11 +392,12 @@ def seed_means(
     return pd.Series(np.asarray(weights, float) @ table / sum(weights), index=common, dtype=float)
 
 
-def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Correlation:
+def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Estimate:
     """Return the intraclass correlation of runs that have a seed in common, with its F interval.
 
-    Shrout and Fleiss' (1979) ICC(3,1), pooled over tables: sums of squares of seeds and of residuals add up,
-    after each teacher's values are divided by their standard deviation.
+    The share of the variance of runs that is that of their seeds, whatever the teacher, at most 1; 0 where a
+    seed says nothing about a run. Shrout and Fleiss' (1979) ICC(3,1), pooled over tables: sums of squares of
+    seeds and of residuals add up, after each teacher's values are divided by their standard deviation.
 
     Args:
         tables: values of runs, seeds by teachers (n, k), at least (2, 2); k is the same in all.
@@ -440,7 +424,7 @@ def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Correlation:
     low = ratio / float(special.fdtri(of_seeds, of_rest, TAIL))
     high = ratio * float(special.fdtri(of_rest, of_seeds, TAIL))
     value, low, high = ((f - 1) / (f + k - 1) if math.isfinite(f) else 1.0 for f in (ratio, low, high))
-    return Correlation(value, low, high, len(tables))
+    return Estimate(value, low, high, sum(map(len, tables)))
 
 
 def least_correlation(n: int) -> float:
@@ -460,7 +444,7 @@ def least_correlation(n: int) -> float:
     return 1 - (unpaired / pairs) ** 2
 
 
-def pairing_helps(correlation: Correlation, n: int) -> bool:
+def pairing_helps(correlation: Estimate, n: int) -> bool:
     """Return the rule: runs are paired where the interval of their correlation is over what `n` need.
 
     It is held against released results of other campaigns, never against those that are to be tested: to

@@ -105,10 +105,10 @@ def looks_at(
     past: list[Moments] = []
     for look, seeds in enumerate(design.looks):
         rows = own[own["seed"].isin(design.seeds[:seeds])]
-        finite = rows[np.isfinite(rows["angle"])]
-        if moments_of(rows, design.teacher, design.places).runs.min() < seeds:
+        counts = moments_of(rows, design.teacher, design.places).runs
+        if counts.min() < seeds:
             break
-        past.append(moments_of(finite, design.teacher, design.places))
+        past.append(moments_of(rows[np.isfinite(rows["angle"])], design.teacher, design.places))
         findings = []
         for name, reference in references.items():
             finding = _finding(name, past, reference, design, affordable)
@@ -124,7 +124,7 @@ def looks_at(
             ending = Ending.LAST
         elif all(each.power < FUTILE for each in still):
             ending = Ending.FUTILE
-        excluded = int((rows["teacher"] == design.teacher).sum() - past[-1].runs.sum())
+        excluded = int((counts - past[-1].runs).sum())
         found.append(Look(seeds, tuple(findings), settled, ending, excluded))
         if ending:
             break

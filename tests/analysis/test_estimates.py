@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from analysis.statistics.estimates import (
-    Estimate,
     interquartile_mean,
     interquartile_mean_of,
     performance_profile,
     probability_of_improvement,
     signal_to_noise,
 )
+from analysis.statistics.samples import Estimate
 
 VALUES = st.lists(st.integers(-5, 5), min_size=2, max_size=8)
 

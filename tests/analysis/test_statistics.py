@@ -27,8 +27,8 @@ from analysis.statistics import (
     welch,
     welch_from_statistics,
 )
+from analysis.statistics.samples import Estimate
 from analysis.statistics.tests import (
-    Correlation,
     least_correlation,
     pairing_helps,
     permutation_p,
@@ -204,8 +204,8 @@ def test_pairing_needs_more_correlation_the_fewer_the_runs() -> None:
             of_both = welch(sample(list(both[0]), "a"), sample(list(both[1]), "b"))
             widths += [of_pairs.high - of_pairs.low, of_both.high - of_both.low]
         assert (widths[0] < widths[1]) == narrower
-    assert pairing_helps(Correlation(0.9, 0.8, 1.0, 1), n)
-    assert not pairing_helps(Correlation(0.9, 0.1, 1.0, 1), n)
+    assert pairing_helps(Estimate(0.9, 0.8, 1.0, 1), n)
+    assert not pairing_helps(Estimate(0.9, 0.1, 1.0, 1), n)
 
 
 def test_the_interval_excludes_zero_exactly_when_significant() -> None:
