@@ -180,7 +180,7 @@ def test_nothing_is_overwritten_and_nothing_is_left_of_a_failure(
         release(root, released.name, released.parent)
     with pytest.raises(ResultsRootError, match="a results root"):
         release(tmp_path / "nowhere", "mine", tmp_path / "out")
-    monkeypatch.setattr("analysis.baselines.releasing._tables", lambda frames: 1 / 0)
+    monkeypatch.setattr("analysis.baselines.releasing.table_results", lambda frames: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         release(root, "mine", tmp_path / "out")
     assert list((tmp_path / "out").iterdir()) == []
