@@ -26,7 +26,7 @@ import pandas as pd
 from pools import execute, parser
 
 import analysis
-from analysis.data.tables import evaluation_measures
+from analysis.data.frames import evaluation_measures
 from analysis.statistics.estimates import signal_to_noise
 from analysis.statistics.samples import Estimate
 from tma_ray.campaign.plan import CampaignSpec, Plan, joined_plan

@@ -61,13 +61,7 @@ _TYPES: Final = {
 
 
 def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: str) -> dict[str, Any]:
-    """Return the Croissant metadata of a release of runs, as JSON has it.
-
-    Args:
-        manifest: manifest of the release.
-        files: its files; the tables among them are described.
-        made: origin of its runs, in words.
-    """
+    """Return the Croissant metadata of a release of runs, as JSON has it."""
     tables = {table: [f for f in files if f.path.startswith(f"tables/{table}/")] for table in Table}
     held = {table: parts for table, parts in tables.items() if parts}
     numbers = [each for each in manifest.name.rpartition("-")[2].split(".") if each.isdigit()]

@@ -63,9 +63,6 @@ class Verification:
 def verify(name: str | Path) -> Verification:
     """Compare a baseline with its manifest, and read its tables.
 
-    Args:
-        name: name of a known baseline, or its folder or address.
-
     Raises:
         BaselineError: no baseline of that name or place, or its manifest cannot be read.
     """

@@ -1,4 +1,7 @@
-"""Means, interquartile means, probabilities of improvement and performance profiles of pooled runs."""
+"""Means, interquartile means, probabilities of improvement and performance profiles of pooled runs.
+
+`runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from analysis.comparisons.frame import (
     strata_of,
     stratified_runs,
 )
-from analysis.data.tables import check_measure
+from analysis.data.frames import check_measure
 from analysis.measures.pooling import COMPARED, PARTS, POOLED
 from analysis.measures.tested import MEASURES, Seeds, are_paired, in_common, mean_over_strata, seeds_to_pair
 from analysis.statistics import percent_interval
@@ -106,11 +109,6 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
 
     Weights as in `frame.over_challenges`. Intervals of percentages stay within 0 and 100, and are not
     symmetric.
-
-    Args:
-        runs: rows of `pooling.pool_runs`.
-        measure: column of `runs`.
-        within: columns that runs must have in common.
 
     Returns:
         `within`, measure, teacher, challenges (how many), and the columns of `statistics.Comparison` of which

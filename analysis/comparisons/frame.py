@@ -15,10 +15,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.data.frames import COMPARISON, GROUP
+from analysis.data.frames import COMPARISON, GROUP, check_columns, check_measure
 from analysis.data.identity import CONDITIONS as SPEC_CONDITIONS
 from analysis.data.reference import BASELINE, NO_BASELINE, baseline_rows, baseline_runs, is_baseline
-from analysis.data.tables import check_columns, check_measure
 from analysis.measures.pooling import COMPARED, CONDITIONS, PARTS
 from analysis.measures.tested import Seeds, compared, compared_over_strata, scale_of, seeds_to_pair
 from analysis.statistics import (
@@ -206,12 +205,8 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
     """Return the test of every teacher of a report against Random, one row each.
 
     Where Random was run at another level of expert knowledge or in another experiment only, those runs are
-    used. While runs are under way both are read at the same step, and the difference is not tested.
-
-    Args:
-        finals: results of `final_evaluations`.
-        curves: results of `evaluation_curves`.
-        measure: column of both.
+    used. While runs are under way both are read at the same step, and the difference is not tested. `finals`
+    are of `final_evaluations`, `curves` of `evaluation_curves`, and `measure` is a column of both.
 
     Returns:
         `GROUP`, measure, step, the columns of `statistics.Comparison`, and holm by comparison.

@@ -59,9 +59,7 @@ def caveat(smallest: float) -> str:
 def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
     """Return the sentences that open a comparison of a report, by the headline.
 
-    Args:
-        summary: rows of `evaluations.summarise`, of one comparison.
-        tests: rows of `frame.against_baseline` for several measures, of the same comparison.
+    `summary` is of `evaluations.summarise`, `tests` of `frame.against_baseline`, of the same comparison.
     """
     read = summary[summary["n"] > 0]
     if read.empty:
@@ -180,12 +178,9 @@ def ranking_sentences(table: pd.DataFrame) -> list[str]:
 
 
 def sentences(tests: pd.DataFrame) -> list[str]:
-    """Return the results of tests in plain words, Random first; a result that several teachers share, once.
+    """Return rows of `frame.pairwise` in plain words, Random first; what several teachers share is said once.
 
     Differences count as found where p is under 0.05 after Holm's correction.
-
-    Args:
-        tests: rows of `frame.pairwise`.
     """
     order = tests.assign(last=[not is_baseline(name) for name in tests["second"]])
     told = varying(order)
@@ -220,8 +215,7 @@ def _found(rows: pd.DataFrame) -> str:
 def places(table: pd.DataFrame) -> list[str]:
     """Return the challenge of each row, with what sets it apart from others of its name in the table.
 
-    Args:
-        table: results with the columns `pooling.COMPARED`.
+    The table has the columns `pooling.COMPARED`.
     """
     here = ["environment", "challenge", "expert_knowledge"]
     several = ["pool", "test_sets", *(name for name in CONDITIONS if name != "variant")]

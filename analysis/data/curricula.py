@@ -10,9 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.data.frames import Frames
+from analysis.data.frames import Frames, check_columns
 from analysis.data.identity import parsed
-from analysis.data.tables import check_columns
 from tma_ray.arguments import check_kind
 from tma_ray.results import Table
 from tma_ray.tasks import MASTERY_RETURN

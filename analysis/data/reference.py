@@ -34,16 +34,12 @@ def baseline_rows(rows: pd.DataFrame) -> pd.DataFrame:
 def baseline_runs(
     group: pd.DataFrame, alike: pd.DataFrame, apart: Sequence[str] = ("expert_knowledge",)
 ) -> pd.DataFrame:
-    """Return the runs of Random that the teachers of one comparison are tested against.
+    """Return the runs of Random that the teachers of one comparison, `group`, are tested against.
 
     Random uses no expert knowledge, and whose campaign it ran in makes no difference. So where the comparison
     has none of its own, those of one other place are used: of the same experiment if it has any, and of the
-    lowest level.
-
-    Args:
-        group: rows of the comparison, with teacher, expert_knowledge and `apart`.
-        alike: rows that agree with them in all that makes a difference, with the same columns.
-        apart: columns that tell comparisons apart and make no difference to Random.
+    lowest level. `alike` are the rows that agree with it in all but the columns `apart`, which tell
+    comparisons apart and make no difference to Random.
     """
     own, found = baseline_rows(group), baseline_rows(alike)
     if len(own) or found.empty:

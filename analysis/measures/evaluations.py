@@ -8,9 +8,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.data.frames import COMPARISON, GROUP, STATUSES, Frames, computed_once, unfailed
+from analysis.data.frames import (
+    COMPARISON,
+    GROUP,
+    STATUSES,
+    Frames,
+    check_columns,
+    check_measure,
+    computed_once,
+    unfailed,
+)
 from analysis.data.identity import CONDITIONS, of_searches, parsed, searches
-from analysis.data.tables import check_columns, check_measure
 from analysis.formatting import number
 from analysis.statistics import describe
 from tma_ray.part_names import base_name
@@ -225,12 +233,7 @@ def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd
 
 
 def mastered_tasks(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
-    """Return `GROUP`, test_set, task_index, n and share: seeds that master each test task.
-
-    Args:
-        frames: results with the evaluations.
-        finals: rows of `final_evaluations`, which name the evaluation that counts for each run.
-    """
+    """Return `GROUP`, test_set, task_index, n and share: seeds that master each test task."""
     check_columns("finals", finals, [*GROUP, "run_id", "step"])
     evaluations = frames.evaluations_of(finals["run_id"].unique())
     evaluations = evaluations[evaluations["step"].isin(finals["step"].unique())]

@@ -11,10 +11,9 @@ from functools import cache
 
 import pandas as pd
 
-from analysis.data.frames import STATUSES, Frames, computed_once
+from analysis.data.frames import STATUSES, Frames, check_measure, computed_once, with_plain_texts
 from analysis.data.identity import of_searches
 from analysis.data.reference import baseline_runs
-from analysis.data.tables import check_measure, with_plain_texts
 from analysis.formatting import amount
 from analysis.measures.run_measures import NOT_FINITE, run_measures
 from analysis.statistics import describe
@@ -315,10 +314,7 @@ def _expected(rows: pd.DataFrame, by: Sequence[str]) -> set[str]:
 def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> pd.DataFrame:
     """Return `result_runs` after a share of the budget of each run; 1 for the ends of runs.
 
-    Args:
-        frames: results of `load`.
-        share: share of each run's own budget.
-        training: argument of `run_measures`.
+    With `training` they have the mean return of training, for which more files are read.
     """
     return result_runs(frames, run_measures(frames, share=share, training=training))
 

@@ -1,7 +1,8 @@
 """Interquartile means, probabilities of improvement and performance profiles (Agarwal et al., 2021).
 
 A sample is made of strata, such as the bodies of a pool or the challenges of an environment: a mapping from
-the name of each to its values (n,), one a run, indexed by run id.
+the name of each to its values (n,), one a run, indexed by run id. Runs of one of the `clusters` depend on
+each other; by default all are independent.
 
 Their authors' intervals are percentiles of bootstrap samples, which hold in 55 % of all cases with two seeds
 and in 74 % with three. These here hold with few seeds, too; `docs/statistics.md` has their coverage.
@@ -47,10 +48,6 @@ def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> E
     stratum, and Satterthwaite's degrees of freedom over the strata; or that with the variance of the
     untrimmed mean where this is wider, since a winsorised variance of five runs comes out too small.
     Where runs depend on each other, the variance is that of the sums of clusters.
-
-    Args:
-        sample: the strata.
-        clusters: clusters of all runs, which are independent of each other by default.
     """
     strata = [part for _, part in sorted(_finite(sample).items())]
     parts = [part.to_numpy() for part in strata]
@@ -79,10 +76,6 @@ def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
     of a stratum is Newcombe's (2006, method 5) with Student's t in place of the normal quantile; those of
     several strata are joined by Zou and Donner's (2008) method of variance estimates recovery. All stay
     within 0 and 1. Samples that share a run, or that are not of the same strata, have no estimate.
-
-    Args:
-        first: strata of one group.
-        second: strata of the other, of the same names.
     """
     ours, theirs = _finite(first), _finite(second)
     n = sum(map(len, (*ours.values(), *theirs.values())))
@@ -139,11 +132,6 @@ def performance_profile(
     An interval holds threshold by threshold, not for the whole profile at once. Runs of several strata count
     as one sample, for which the intervals are wider than they need to be. Of runs that depend on each other,
     only as many count as there are clusters.
-
-    Args:
-        sample: the strata.
-        thresholds: values of the measure, in any order.
-        clusters: clusters of all runs, which are independent of each other by default.
 
     Returns:
         threshold, share, low, high, n, reason.

@@ -1,4 +1,8 @@
-"""Tests between samples of runs: Welch's, paired, by permutation, and over strata."""
+"""Tests between samples of runs: Welch's, paired, by permutation, and over strata.
+
+`pairs` are the samples of both groups in each stratum, one value a run, indexed by run id, and `weights`
+those of the strata, which need not add up to 1; `seeds` has the seeds of all runs by id.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +39,6 @@ def permutation_p(pairs: Sequence[tuple[ArrayLike, ArrayLike]], weights: Sequenc
     """Return the two-sided p-value of a weighted mean of differences between two groups over strata.
 
     Runs change groups within their stratum only.
-
-    Args:
-        pairs: values of both groups in each stratum, (n,) and (m,), at least one each.
-        weights: weights of the strata.
     """
     strata = [tuple(np.asarray(group, np.float64) for group in pair) for pair in pairs]
     found = sum(weight * (a.mean() - b.mean()) for weight, (a, b) in zip(weights, strata, strict=True))
@@ -194,10 +194,6 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
     """Compare the means of two independent samples of which only n, mean and std are known.
 
     Without any spread in either all values are known, and p is that of the permutation test.
-
-    Args:
-        first: the sample, as in a published table.
-        second: the reference.
     """
     difference, reason = first.mean - second.mean, ""
     if min(first.n, second.n) < 2:
@@ -233,10 +229,6 @@ def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[f
 
     Where no sample of any stratum has a spread, p is that of the permutation test within strata, and
     the interval is missing.
-
-    Args:
-        pairs: samples of both groups in each stratum, one value a run, indexed by run id.
-        weights: weights of the strata; they need not add up to 1.
     """
     samples = [(describe(first), describe(second)) for first, second in pairs]
     if not samples:
@@ -281,10 +273,6 @@ def tested_on(scaled: Comparison, shown: Comparison) -> Comparison:
     widened to hold 0, and with a finding an end that would hold 0 is that of the test's own interval,
     in proportion to the difference. Where the two scales disagree on who is better, p is 1: the test is
     of the direction that is shown.
-
-    Args:
-        scaled: the comparison on the other scale.
-        shown: the comparison of the same samples in percentages.
     """
     if scaled.reason:
         return replace(scaled, difference=shown.difference)
@@ -358,11 +346,6 @@ def paired_strata(
 
     A pair is a seed that both groups have in every stratum, and its difference the weighted mean over strata:
     so what its runs of several strata have in common, too, does not count as several results.
-
-    Args:
-        pairs: samples of both groups in each stratum, one value a run, indexed by run id.
-        weights: weights of the strata; they need not add up to 1.
-        seeds: seeds of all runs by id.
     """
     if not pairs:
         return Comparison(0, 0, math.nan, reason="nothing in common")

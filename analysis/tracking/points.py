@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from analysis.data.frames import evaluation_measures, with_plain_texts
 from analysis.data.identity import mastery_threshold
-from analysis.data.tables import evaluation_measures, with_plain_texts
 from tma_ray.results import Manifest, Results, Table
 
 WATCH_SECONDS: Final = 10.0
