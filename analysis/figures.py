@@ -159,11 +159,8 @@ def _of_kind(frames: Frames, final: pd.DataFrame, early: pd.DataFrame) -> Iterat
     along = along.merge(values, on="run_id")
     drawn = partial(_curves, budget // STARS)
     for number, (_, mine) in enumerate(along.groupby(COMPARED, dropna=False, sort=True), start=1):
-        place = (
-            "-".join(str(mine[column].iloc[0]) for column in COMPARED[:2])
-            + f"-{mine['expert_knowledge'].iloc[0]}"
-        )
-        environment = str(mine["environment"].iloc[0])
+        environment, challenge, level = mine[["environment", "challenge", "expert_knowledge"]].iloc[0]
+        place = f"{environment}-{challenge}-{level}"
         several = any(PLUS in pool for pool in mine["pool"])
         panels = partial(
             body_panels if several else _panel, mine, ceiling=ceiling_percent(frames, environment)
@@ -221,9 +218,9 @@ def _of_comparison(frames: Frames, mine: Measured, name: str) -> Iterator[Drawin
         suffix = "" if len(axes) == 2 else f"-{axes[first].name}-{axes[second].name}".replace(" ", "_")
         dimensions = (first, second) if len(axes) > 2 else None
         for end, runs in _sheets(mine):
-            shots = partial(_shots, frames, runs, dimensions)
-            yield Drawing(f"{name}-film{suffix}{end}", partial(_film, film_strip, shots, plane))
-            yield Drawing(f"{name}-motion{suffix}{end}", partial(_film, animation, shots, plane))
+            for kind, drawn in (("film", film_strip), ("motion", animation)):
+                film = partial(_film, drawn, frames, runs, dimensions, plane)
+                yield Drawing(f"{name}-{kind}{suffix}{end}", film)
     if len(axes) == len(varied) == 2:
         for end, runs in _sheets(mine):
             drawn = partial(_training_tasks, frames, mine, runs, (axes[0], axes[1]))
@@ -251,17 +248,17 @@ def _training_tasks(
     return curriculum_strip(shown, plane)
 
 
-def _shots(frames: Frames, runs: Mapping[str, pd.Series], dimensions: tuple[int, int] | None) -> list[Shot]:
+def _film(
+    draw: Callable[..., Figure | bytes],
+    frames: Frames,
+    runs: Mapping[str, pd.Series],
+    dimensions: tuple[int, int] | None,
+    plane: tuple[Axis, Axis],
+) -> Figure | bytes:
     shots, names = [], short_labels(runs, LONGEST_NAME)
     for teacher, run in runs.items():
         curriculum = curriculum_of(frames, run)
         if len(curriculum.probes):
             shown = projected(curriculum, dimensions) if dimensions else curriculum
             shots.append(Shot(names[teacher], teacher, shown))
-    return shots
-
-
-def _film(
-    draw: Callable[..., Figure | bytes], shots: Callable[[], list[Shot]], plane: tuple[object, object]
-) -> Figure | bytes:
-    return draw(shots(), plane)
+    return draw(shots, plane)
