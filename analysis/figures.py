@@ -104,7 +104,7 @@ STARS = 4
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure that is drawn when it is asked for.
+    """A figure that is drawn on demand.
 
     Attributes:
         name: name of its files, without ending.
@@ -228,7 +228,7 @@ def _of_comparison(frames: Frames, mine: Measured, name: str) -> Iterator[Drawin
 
 
 def _sheets(mine: Measured) -> Iterator[tuple[str, dict[str, pd.Series]]]:
-    """Yield the run of each teacher in as few parts of like size as can be, each with the end of its name.
+    """Yield the teachers' runs in the fewest parts of similar size, each with a suffix for its name.
 
     Forty rows fit on no page, and laying out their panels together takes minutes.
     """

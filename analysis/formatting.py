@@ -24,7 +24,7 @@ def plus_minus(mean: float, std: float, digits: int = 1) -> str:
 
 
 def ends(low: float, high: float, digits: int = 1) -> str:
-    """Return an interval as ``[1.0, 2.5]``, or that runs have no spread for one."""
+    """Return an interval as ``[1.0, 2.5]``, or a note that the runs have no spread."""
     if not math.isfinite(low):
         return "[no spread]"
     return f"[{number(low, digits)}, {number(high, digits)}]"
@@ -43,7 +43,7 @@ def p_value(p: float) -> str:
 
 
 def amount(steps: float) -> str:
-    """Return a number of steps as people say it: ``20 million``, ``30 thousand``, ``500``."""
+    """Return a number of steps in words: ``20 million``, ``30 thousand``, ``500``."""
     for size, word in ((1e6, "million"), (1e3, "thousand")):
         if steps >= size:
             return f"{steps / size:.4g} {word}"

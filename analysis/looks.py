@@ -21,7 +21,7 @@ RULE = "#d9dce1"
 
 
 class Look(NamedTuple):
-    """Look of one teacher: colour, marker and dashes, so that colour never carries it alone."""
+    """Look of one teacher: colour, marker and dashes, distinct without colour too."""
 
     colour: str
     marker: str
@@ -64,7 +64,7 @@ def look(teacher: str) -> Look:
 
 @contextmanager
 def shown_together(teachers: Iterable[str]) -> Iterator[None]:
-    """Give every one of `teachers` a look of its own for as long as the context lasts.
+    """Context manager that gives each of `teachers` a look of its own.
 
     No colour is used twice before all are used, nor a colour with the same marker. A context within another
     that has all its teachers leaves looks as they are, so that all parts of a page agree.
@@ -101,7 +101,7 @@ class _Places(NamedTuple):
 
 
 def _assigned(teachers: Iterable[str]) -> dict[str, Look]:
-    """Return looks by teacher: the own one of each if it is free, else the next that is used least."""
+    """Return the look of each teacher: its own if free, else the least used one."""
     taken: list[_Places] = []
     for teacher in sorted(teachers):
         own = _Places.of(teacher)

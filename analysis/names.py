@@ -48,7 +48,7 @@ _LABELS = {
 
 
 def label(teacher: str) -> str:
-    """Return the name of a teacher as the paper prints it, or the plug-in's own, with its settings.
+    """Return the display name of a teacher, the paper's or the plug-in's own, with its settings.
 
     Of a name over `LONGEST` its beginning and end are kept, and four digits of its hash, so that no two names
     that differ in the middle alone become one.
@@ -67,7 +67,7 @@ def label(teacher: str) -> str:
 
 @contextmanager
 def own_first(teachers: Iterable[str]) -> Iterator[None]:
-    """Mark `teachers` as the reader's own, and sort them before all others, within the context.
+    """Context manager that marks `teachers` as the reader's own and sorts them first.
 
     The mark is in `marked_label` and `short_labels`, not in `label`, which sentences are made of.
     """
@@ -95,7 +95,7 @@ def with_settings(name: str, settings: Mapping[str, str]) -> str:
 
 
 def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
-    """Return the title of a challenge of the benchmark, with its settings; `otherwise` of somebody else's.
+    """Return the title of a challenge of the benchmark with its settings; `otherwise` for any other.
 
     Examples:
         >>> challenge_title("parkour:swinging_creepers=true", "easy", "")
@@ -149,7 +149,7 @@ def plain_name(teacher: str) -> str:
 
 
 def title(column: str, value: object) -> str:
-    """Return a value of a column of result tables as panels are headed: ``Mostly unfeasible``."""
+    """Return a value of a result table as a heading: ``Mostly unfeasible``."""
     if column == "expert_knowledge":
         return f"{'no' if value == KnowledgeLevel.NONE else value} expert knowledge".capitalize()
     if column == "challenge":
@@ -161,7 +161,7 @@ def title(column: str, value: object) -> str:
 
 
 def order(column: str, value: object) -> tuple[int, str]:
-    """Sort such values: challenges as the benchmark lists them, levels by rank, the rest by name."""
+    """Sort values of result tables: challenges in the benchmark's order, levels by rank, others by name."""
     known: list[object] = []
     if column == "expert_knowledge":
         known = [level.value for level in KnowledgeLevel]

@@ -63,7 +63,7 @@ def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
 
 
 def check_names(name: str, value: object) -> None:
-    """Refuse a text by a TypeError where a list of texts is expected: its characters would be the entries."""
+    """Refuse a single text where a list of texts is expected, by a TypeError."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise TypeError(f"{name} = {value!r:.60}: expected several, as in [{value!r:.60}]")
 

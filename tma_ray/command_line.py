@@ -125,7 +125,7 @@ class HelpFormatter(PlainFormatter):
         self.defaults = defaults or {}
 
     def render_usage(self, console: Console, options: ConsoleOptions, usage: Any) -> None:  # noqa: ARG002
-        """Print the line of usage, in lower case as the titles of the groups."""
+        """Print the usage line, in lower case like the titles of groups."""
         console.print(f"usage: {str(usage).strip()}\n", markup=False, highlight=False)
 
     def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:  # noqa: ARG002

@@ -54,7 +54,7 @@ class BodyConformance:
             metafunc.parametrize("environment", self.environments)
 
     def test_its_file_is_read(self) -> None:
-        """Parts, joints and sensors are consistent, masses positive."""
+        """Check that parts, joints and sensors are consistent and masses positive."""
         loaded = self._loaded()
         for part in loaded.parts:
             assert part.mass > 0, f"a part has mass {part.mass}: check its shape and density"
@@ -78,14 +78,14 @@ class BodyConformance:
                 )
 
     def test_seed_and_actions_determine_its_way(self, environment: str) -> None:
-        """Bit for bit, in a new instance, too."""
+        """Check that a repeated episode is equal bit for bit, also in a new instance."""
         first, second = (
             [observation.tobytes() for observation, _ in self._played(environment, 1)] for _ in range(2)
         )
         assert first == second, f"{self.body}: the same seed and actions lead elsewhere"
 
     def test_its_motors_move_it(self, environment: str) -> None:
-        """Other actions lead elsewhere."""
+        """Check that other actions lead to other states."""
         still, moved = (
             np.stack([observation for observation, _ in self._played(environment, 0, scale)])
             for scale in (0.0, 1.0)
@@ -163,7 +163,7 @@ class EnvironmentConformance:
             np.testing.assert_array_equal(np.float32(info["task"]), np.float32(task))
 
     def test_tasks_outside_its_domain_are_refused(self) -> None:
-        """A ValueError that names the dimension; also for NaN."""
+        """Check that a ValueError names the dimension, also for NaN."""
         made, domain = self._made(), self._spaces()[1]
         for index, name in enumerate(domain.names):
             for value in (domain.low[index] - domain.width[index], np.nan):
@@ -174,7 +174,7 @@ class EnvironmentConformance:
                 assert name in error, f"the refusal of {name} = {value} does not name it: {error!r}"
 
     def test_without_a_task_it_draws_one(self) -> None:
-        """From the task space, by its seed."""
+        """Check that the task is in the task space and determined by the seed."""
         made, space = self._made(), self._spaces()[0]
         drawn = [np.float32(made.reset(seed=seed)[1]["task"]) for seed in (1, 2, 1)]
         assert all(space.contains(task) for task in drawn), f"{drawn} are not all inside of task_space"
@@ -304,7 +304,7 @@ class StudentConformance:
         assert all(action.astype(np.float32) in ACTIONS for action in greedy), f"{greedy} leave {ACTIONS}"
 
     def test_the_same_seed_acts_the_same(self) -> None:
-        """Bit for bit; another seed differs."""
+        """Check that actions are equal bit for bit, and differ for another seed."""
         first, second, other = (_train(self._made(seed), self.steps, 0) for seed in (1, 1, 2))
         np.testing.assert_array_equal(
             first, second, "two students of one seed differ: is all randomness its own?"

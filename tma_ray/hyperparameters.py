@@ -140,7 +140,7 @@ def identifying(part: Any) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value that survives JSON unchanged: enums as text, tuples as lists."""
+    """Return a value in the types of JSON: enums as text, tuples as lists."""
     if isinstance(value, StrEnum):
         return value.value
     return [plain(item) for item in value] if isinstance(value, (tuple, list)) else value
@@ -210,7 +210,7 @@ def _from_text(text: str, annotation: Any) -> Any:
 
 
 def _number(text: str) -> Any:
-    """Return the number that `text` says, whole if it is; the text itself if it says none."""
+    """Return the number in `text`, as an integer if it is whole; the text itself if it is no number."""
     try:
         return int(text)
     except ValueError:

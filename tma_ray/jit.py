@@ -18,7 +18,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 class _Announcement(event.Listener):
-    """A line on the error stream, once, which says why a command is silent for half a minute."""
+    """One-time message on the error stream that kernels are being compiled."""
 
     said = False
 
@@ -30,7 +30,7 @@ class _Announcement(event.Listener):
             )
 
     def on_end(self, event: Any) -> None:
-        """Leave it at that."""
+        """Do nothing at the end of a compilation."""
 
 
 class _Count(event.Listener):
@@ -40,7 +40,7 @@ class _Count(event.Listener):
         self._show = show
 
     def on_start(self, event: Any) -> None:
-        """Do nothing yet."""
+        """Do nothing at the start of a compilation."""
 
     def on_end(self, event: Any) -> None:  # noqa: ARG002 - as numba asks
         self._show(sum(bool(each.signatures) for each in _kernels), len(_kernels))

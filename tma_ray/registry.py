@@ -107,7 +107,7 @@ class Registry(Generic[T]):
         return {name: self._summary(name) for name in self.names()}
 
     def _summary(self, name: str) -> str:
-        """Read the source where that will do: importing an implementation may take seconds."""
+        """Return the first docstring line, from the source if possible: imports may take seconds."""
         if name in self._decorated:
             return _first_line(self._decorated[name].__doc__)
         module, _, attribute = self._target(name).partition(":")
@@ -269,7 +269,7 @@ def _target_of(implementation: object) -> str:
 
 
 def _identity(implementation: object) -> str:
-    """Return module and name: the same for a script and for whoever imports it by its file's name."""
+    """Return module and name, the same for a script and for its module imported by file name."""
     module = getattr(implementation, "__module__", "?")
     with contextlib.suppress(ValueError):  # an interactive session has no other name
         module = importable_name(module)

@@ -59,13 +59,13 @@ def card(
 
 
 def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return the distinct values of some columns, sorted, and some counts, as JSON has them."""
+    """Return the sorted distinct values of some columns, and some counts, as JSON values."""
     found = {name: sorted(set(values)) for name, values in columns.items()}
     return {name: values for name, values in found.items() if values and values != [""]} | dict(counts)
 
 
 def _plain(name: str, value: Any) -> str:
-    """Return what a release holds of one kind, as the card has it."""
+    """Return the contents of one kind of a release, as text for the card."""
     if name == "steps":
         return ", ".join(map(amount, value))
     if name == "teachers":
@@ -76,7 +76,7 @@ def _plain(name: str, value: Any) -> str:
 
 
 def _safe(text: str) -> str:
-    """Return a name that may be somebody else's, without what Markdown or a table would take for its own."""
+    """Return a name from outside with the characters escaped that Markdown or a table would interpret."""
     return "".join(each if each.isalnum() or each in " _-+./:=" else f"&#{ord(each)};" for each in text)
 
 

@@ -31,7 +31,7 @@ FOREIGN_FILES: Final = frozenset({".gitattributes"})
 
 
 class BaselineError(ValueError):
-    """A place that is not a baseline, or one that cannot be used; the message says why and what to do."""
+    """Missing or unusable baseline; the message says why and what to do."""
 
 
 class BaselineKind(StrEnum):
@@ -69,7 +69,7 @@ class BaselineFile:
 
 @dataclass(frozen=True)
 class About:
-    """Statements about a release that its runs do not make.
+    """Facts about a release that its runs do not contain.
 
     Attributes:
         core: campaigns that ``tma-ray campaign --like`` repeats; empty for what the release has, or all.
@@ -125,7 +125,7 @@ class BaselineManifest:
 
     @property
     def citation(self) -> str:
-        """Text that others cite if its authors give no other."""
+        """Default citation, for releases whose authors give none."""
         return f"{self.name}, made with {self.software} on {self.created[:10]}."
 
     def to_bytes(self) -> bytes:
@@ -166,7 +166,7 @@ PLACES_VARIABLE: Final = "TMA_BASELINES"
 
 @dataclass(frozen=True)
 class Baseline:
-    """Results to compare with, somewhere.
+    """Results to compare with, in a folder or at an address.
 
     Attributes:
         place: folder, or address in an object store.
@@ -206,14 +206,14 @@ class Baseline:
         return published_frame(self.store())
 
     def store(self) -> Store:
-        """Return its files; at an address all of each is compared with its checksum before it is used."""
+        """Return the store of its files; at an address, each file's checksum is checked before use."""
         store = Store.open(self.place)
         recorded = {file.path: file.sha256 for file in self.manifest.files}
         return store.recorded(recorded) if "://" in self.place else store
 
 
 def baselines() -> tuple[Baseline, ...]:
-    """Return the baselines that have a name here, by name.
+    """Return the baselines that are known by name.
 
     Raises:
         BaselineError: `PLACES_VARIABLE` names a place without any, or one is damaged.
@@ -249,7 +249,7 @@ def find_baseline(name: str | Path) -> Baseline:
 
 
 def as_baseline(root: str | Path) -> Baseline | None:
-    """Return the baseline that `root` names or is, None if it is none: perhaps a results root.
+    """Return the baseline at or called `root`; None if it is none, as for a results root.
 
     Raises:
         BaselineError: it is a damaged one.
@@ -272,7 +272,7 @@ def as_baseline(root: str | Path) -> Baseline | None:
 
 
 def _within(entry: str) -> Iterator[str]:
-    """Yield the baselines at a place: itself, or those just below it."""
+    """Yield the baseline at a place, or those in the folders directly below it."""
     store = Store.open(entry)
     if store.holds(BASELINE_FILE):
         yield entry
@@ -293,7 +293,7 @@ Sources: TypeAlias = str | Path | Sequence[str | Path]
 
 
 def read(sources: Sources) -> Frames:
-    """Return the runs of all `sources` together, as those of one root; raises as `read_one` does."""
+    """Return the runs of all `sources` together, as if of one root; raises as `read_one`."""
     return joined([read_one(place) for place in places_of(sources)])
 
 
@@ -310,7 +310,7 @@ def places_of(sources: Sources) -> tuple[str | Path, ...]:
 
 
 def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
-    """Return the teachers, but Random, of the results roots that are read with baselines, if any are."""
+    """Return the teachers, except Random, of the results roots among the sources that include baselines."""
     places = places_of(sources)
     roots = [place for place in places if as_baseline(place) is None]
     if not 0 < len(roots) < len(places):
@@ -321,7 +321,7 @@ def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
 
 
 def published(sources: Sources) -> Baseline | None:
-    """Return the baseline of published means and deviations that `sources` is, None if it has runs."""
+    """Return the baseline of `sources` if it holds published means and deviations; None if it holds runs."""
     places = places_of(sources)
     baseline = as_baseline(places[0]) if len(places) == 1 else None
     return baseline if baseline and baseline.manifest.kind is BaselineKind.PUBLISHED else None

@@ -61,7 +61,7 @@ _TYPES: Final = {
 
 
 def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: str) -> dict[str, Any]:
-    """Return the Croissant metadata of a release of runs, as JSON has it."""
+    """Return the Croissant metadata of a release of runs, as JSON values."""
     tables = {table: [f for f in files if f.path.startswith(f"tables/{table}/")] for table in Table}
     held = {table: parts for table, parts in tables.items() if parts}
     numbers = [each for each in manifest.name.rpartition("-")[2].split(".") if each.isdigit()]

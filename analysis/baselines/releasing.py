@@ -74,7 +74,7 @@ def release(
     contents: Contents = WHOLE,
     about: About = UNSAID,
 ) -> Path:
-    """Pack the campaigns of a root that are done into a folder of files that need nothing else.
+    """Pack the finished campaigns of a root into a self-contained folder.
 
     It is a results root of its own: `analysis.load` reads it as it reads `root`, from a disk or an
     object store, without ray or torch. Checkpoints and logs stay behind, and so does what is neither JSON
@@ -116,7 +116,7 @@ def release(
 
 @contextmanager
 def _aside(folder: Path) -> Iterator[Path]:
-    """Context manager: a place next to `folder`; what is left there at the end goes."""
+    """Context manager of a temporary folder next to `folder`, removed at the end."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     aside = folder.parent / f".{folder.name}-{uuid4().hex[:8]}"
     try:
@@ -133,7 +133,7 @@ def _draft(
     missing: str,
     planned: Mapping[str, int],
 ) -> BaselineManifest:
-    """Return the manifest of a release without its contents; what is not given is as it was `before`."""
+    """Return the manifest of a release without its contents; values not given are those of `before`."""
     return BaselineManifest(
         name=name,
         kind=BaselineKind.RUNS,
@@ -151,7 +151,7 @@ def _draft(
 
 
 def _complete(draft: BaselineManifest, place: Path, copied: Copy | Shard) -> None:
-    """Write card, metadata and manifest of a root that was copied to `place`, and verify all of it.
+    """Write card, metadata and manifest of a root that was copied to `place`, and verify the release.
 
     Raises:
         BaselineError: it is not as it should be.
@@ -191,7 +191,7 @@ def _release_folder(name: str, output: Path | None) -> Path:
 
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str) -> str:
-    """Return the gaps of the campaigns, in words, if they are allowed; `lacking` if all runs are done."""
+    """Return the gaps of the campaigns in words, if gaps are allowed; `lacking` if all runs are done."""
     holder = holder_of(frames.results.store)
     if holder is not None:
         raise BaselineError(f"{holder} is at work on the root: wait for its end, or stop it first")
@@ -218,7 +218,7 @@ def _refuse_damaged(problems: Sequence[str], partial: bool) -> None:
 
 
 def _with_contents(draft: BaselineManifest, frames: Frames, copied: Copy | Shard) -> BaselineManifest:
-    """Return a manifest with what its tables hold, and their limits."""
+    """Return a manifest with the contents of its tables, and their limits."""
     cells, runs = frames.cells, frames.results.runs()
     columns = {name: cells[column].astype(object).dropna().tolist() for name, column in HELD.items()}
     columns |= {name: list(map(int, columns[name])) for name in ("steps", "seeds")}
@@ -258,7 +258,7 @@ def add_to_release(
     *,
     about: About = UNSAID,
 ) -> Path:
-    """Add to a release the runs of a root that are done and that it lacks, as one file per table.
+    """Add the finished runs of a root to a release that lacks them, as one file per table.
 
     The release is made if there is none. It holds evaluations, windows of training, curricula, cells, runs
     and attempts without names of machines; neither episodes, logs of teachers nor policies. Its other files

@@ -194,7 +194,7 @@ def publish(folder: str | Path, address: str) -> str:
 
 
 def check_address(address: str, paths: Collection[str] | None = None) -> None:
-    """Try whether a release can be published at an address; leave nothing there.
+    """Check that a release can be published at an address; leave nothing there.
 
     Args:
         address: address of the release.

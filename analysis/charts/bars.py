@@ -256,7 +256,7 @@ def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> d
 
 
 def lanes(spans: Collection[tuple[int, int]]) -> dict[tuple[int, int], int]:
-    """Return for each span of whole numbers a lane, from 0, so that spans in a lane only touch.
+    """Return the lane of each span of whole numbers, from 0, such that spans in a lane do not overlap.
 
     Short spans come first, so that long brackets lie outside.
     """

@@ -92,7 +92,7 @@ class Scale:
 
     @property
     def each_whole(self) -> bool:
-        """True if each whole number between the bounds has a tick: there are few."""
+        """True if the range is short enough for a tick at each whole number."""
         return self.whole and (self.high or 0) - (self.low or 0) <= MOST_TICKS
 
 
@@ -119,7 +119,7 @@ class Colours:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mark:
-    """Something drawn in a panel.
+    """An element drawn in a panel.
 
     Attributes:
         look: colour, marker and dashes.
@@ -395,7 +395,7 @@ class Chart:
 
     @property
     def all_panels(self) -> list[Any]:
-        """The panels that there are, row by row."""
+        """Panels, row by row, without empty places."""
         return [panel for row in self.panels for panel in row if panel is not None]
 
 
@@ -426,7 +426,7 @@ def require(table: pd.DataFrame, columns: Sequence[str], what: str) -> None:
 
 
 def require_unique(table: pd.DataFrame, keys: Sequence[str], what: str) -> None:
-    """Check that no two rows belong at the same place of a figure.
+    """Check that no two rows share a place in a figure.
 
     Raises:
         ValueError: two rows have the same `keys`.
@@ -441,5 +441,5 @@ def require_unique(table: pd.DataFrame, keys: Sequence[str], what: str) -> None:
 
 
 def significant(tests: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of `tests` with a p-value under 0.05 after Holm's correction; NaN is none."""
+    """Return the rows of `tests` with a p-value under 0.05 after Holm's correction, NaN excluded."""
     return tests[tests["holm"] < SIGNIFICANCE]

@@ -88,7 +88,7 @@ def film_strip(
 
 
 def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> Chart:
-    """Return a film strip in motion: a panel per run, each of whose moments is a frame.
+    """Return a film strip in motion: a panel per run, a frame per moment.
 
     Args:
         shots: runs as in `film_strip`; at most `MOST_SHOTS`.

@@ -80,7 +80,7 @@ def learning_curves(
     ceiling: float | None = None,
     against: str = STEPS,
 ) -> Chart:
-    """Return a line with its band for each teacher: mean ± one standard error over runs, against steps.
+    """Return the learning curve of each teacher: mean ± one standard error over runs, against steps.
 
     Args:
         table: teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`.
@@ -116,7 +116,7 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Chart:
 def _curves(
     table: pd.DataFrame, teacher: str, style: Look, name: str, width: float, fill: str = ""
 ) -> Iterator[Curve]:
-    """Yield the line of a teacher's rows of mean and standard_error, by step; nothing of no values."""
+    """Yield the line of a teacher's rows of mean and standard_error, by step; nothing without values."""
     rows = table[(table["teacher"] == teacher) & table["mean"].notna()].sort_values("step")
     if rows.empty:
         return
@@ -139,7 +139,7 @@ def _curves(
 
 
 def _ceiling(value: float | None, curves: Sequence[Curve]) -> Iterator[Rule]:
-    """Yield the line that no run exceeds, unless it is so high above all curves that it flattens them."""
+    """Yield the line that no run exceeds, unless it would flatten the curves far below it."""
     highest = max((float(curve.high.max()) for curve in curves if curve.high is not None), default=0.0)
     if value is not None and highest >= FLATTENED * value:
         yield Rule(y=value, look=Look(MUTED, "", (0, (1, 2))), name="mastered by any run", width=1.0)
@@ -280,7 +280,7 @@ def _kind(measure: str) -> Kind:
 
 
 def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> Iterator[Key]:
-    """Yield legend entries for full and hollow stars, of those that there are."""
+    """Yield legend entries for full and hollow stars, where they occur."""
     tests = [panel.tests for panel in panels if panel.tests is not None and len(panel.tests)]
     references = sorted({str(name) for table in tests for name in table["second"]})
     levels = any("teacher" in table for table in tests)

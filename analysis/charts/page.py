@@ -86,7 +86,7 @@ class Plot:
 
     @property
     def json(self) -> str:
-        """All of it as JSON that may stand in a script element of a page."""
+        """The chart as JSON that is safe within a script element."""
         whole = {"data": list(self.traces), "layout": self.layout, "frames": list(self.frames)}
         return str(to_json_plotly(_compact(whole))).replace("<", "\\u003c")
 
@@ -123,7 +123,7 @@ def on_page(chart: Chart) -> PageChart:
 
 
 def plotly_library() -> str:
-    """Return plotly.js, as it may stand in a script element, without addresses to send to or load from."""
+    """Return plotly.js, safe within a script element and without remote addresses."""
     # Strings that are nothing but an address, other than that of a namespace of XML.
     address = r"""(["'`])https?://(?!www\.w3\.org/)[^"'`]*\1"""
     return re.sub(address, r"\1\1", str(get_plotlyjs())).replace("</script", "<\\/script")
@@ -149,7 +149,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _traces(panel: Panel) -> list[Trace]:
-    """Return the traces of a panel; a name is in the legend once."""
+    """Return the traces of a panel; each name is in the legend once."""
     traces, named = [], set[str]()
     for mark in panel.marks:
         for trace in _traces_of(mark, panel):
@@ -374,7 +374,7 @@ def _axis_of_kind(scale: Scale, panel: Panel) -> dict[str, Any]:
 
 
 def _rows(scale: Scale, places: Any) -> Any:
-    """Return positions along an axis: the names of teachers' rows, numbers with the digits that are seen."""
+    """Return positions along an axis: names for rows of teachers, else numbers rounded to visible digits."""
     if scale.kind is Kind.TEACHERS:
         names = [_shown(name) for name in scale.rows.values()]
         return [names[int(place)] for place in places]
@@ -382,13 +382,13 @@ def _rows(scale: Scale, places: Any) -> Any:
 
 
 def _positions(steps: NDArray[Any]) -> NDArray[Any]:
-    """Return whole numbers as integers, which take half the room."""
+    """Return whole numbers as integers, which take half the space."""
     whole = np.equal(steps, np.round(steps)).all()
     return steps.astype(np.int64) if whole and len(steps) else steps.astype(np.float32)
 
 
 def _short(values: Any) -> list[float]:
-    """Return values with as many digits as a reader can tell apart."""
+    """Return values rounded to the digits that are visible in a chart."""
     return [float(f"{value:.4g}") for value in values]
 
 
@@ -405,7 +405,7 @@ def _hover(mark: Mark, extra: str = "<extra></extra>") -> dict[str, Any]:
 
 
 def _template(hover: str, value: str) -> str:
-    """Return `hover` with its fields as plotly.js has them; `value` is the name of a point's value there."""
+    """Return `hover` with its fields in the syntax of plotly.js; `value` is the field of a point's value."""
     return re.sub(r"\{(x|y|text)(:[^}]*)?\}", r"%{\1\2}", hover).replace("{value", f"%{{{value}")
 
 
@@ -425,12 +425,12 @@ def colour_scale(name: str) -> list[list[Any]]:
 
 
 def _shown(text: str) -> str:
-    """Return `text` so that plotly.js shows it as it is: it interprets some HTML."""
+    """Return `text` with the HTML escaped that plotly.js would interpret."""
     return html.escape(text, quote=False)
 
 
 def _compact(value: Any) -> Any:
-    """Return plain data that takes little room: whole numbers as integers, arrays of numbers as bytes."""
+    """Return plain data in compact form: whole numbers as integers, arrays of numbers as bytes."""
     if isinstance(value, np.ndarray):
         if value.dtype == np.int64 and value.size and np.abs(value).max() <= np.iinfo(np.int32).max:
             value = value.astype(np.int32)

@@ -72,7 +72,7 @@ def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
 
 
 def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -> Chart | None:
-    """Return a panel for each scalar that a teacher logs, at most `MOST_PER_TEACHER` of a teacher."""
+    """Return a panel for each scalar that teachers log, at most `MOST_PER_TEACHER` per teacher."""
     panels = []
     for teacher, label in short_labels(curricula, LONGEST_NAME).items():
         for scalar, values in list(scalars_of(curricula[teacher]).items())[:MOST_PER_TEACHER]:

@@ -54,7 +54,7 @@ def task_scale(axis: Axis) -> Scale:
 
 @dataclass(frozen=True)
 class TaskView:
-    """A way to show tasks: on the task plane where it has two dimensions that vary.
+    """Projection of tasks: onto the task plane if two dimensions vary.
 
     Else in a column for each dimension that varies, at their share of its range.
     """
@@ -63,7 +63,7 @@ class TaskView:
 
     @property
     def varied(self) -> list[int]:
-        """Places of the dimensions that vary."""
+        """Indices of the dimensions that vary."""
         return [place for place, axis in enumerate(self.axes) if axis.low < axis.high]
 
     @property
@@ -248,7 +248,7 @@ def episodes(part: Curriculum, teacher: str, view: TaskView, colours: Colours, m
 
 
 def projected(curriculum: Curriculum, dimensions: tuple[int, int]) -> Curriculum:
-    """Return a curriculum as it looks along two of its task dimensions.
+    """Return the projection of a curriculum onto two of its task dimensions.
 
     Tasks and boxes are projected; of Gaussians the marginals are taken. Where boxes lie behind each
     other, that with the highest score is seen.

@@ -56,7 +56,7 @@ from tma_ray.tasks import KnowledgeLevel
 
 @dataclass(frozen=True)
 class Sample:
-    """Results of one reading.
+    """Results for one reading.
 
     Attributes:
         description: n, mean and std of mastered tasks, in per cent.
@@ -70,10 +70,10 @@ class Sample:
 
 
 class Source(Protocol):
-    """Results that readings can be looked up in."""
+    """Source of the results of readings."""
 
     def sample(self, reading: Reading) -> Sample | None:
-        """Return the results of `reading`; None if they are not there, or not complete."""
+        """Return the results of `reading`; None if they are missing or incomplete."""
 
     def teachers(self, reading: Reading) -> Sequence[str]:
         """Return the teachers that have results where `reading` is read."""
@@ -81,7 +81,7 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class Finding:
-    """A statement held against results.
+    """A statement judged by results.
 
     Attributes:
         statement: claim about single results.
@@ -96,7 +96,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim held against results.
+    """A claim judged by results.
 
     Attributes:
         claim: claim of the paper.
@@ -290,7 +290,7 @@ class RootSource:
         self._present = set(frames.cells[columns].itertuples(index=False, name=None))
 
     def sample(self, reading: Reading) -> Sample | None:
-        """Return the runs of the reading, None unless all of its pool are there."""
+        """Return the runs of the reading; None unless its pool is complete."""
         return self._at(reading).get(reading.teacher)
 
     def teachers(self, reading: Reading) -> Sequence[str]:
@@ -306,7 +306,7 @@ class RootSource:
         return self._places(reading.share, bool(reading.embodiment)).get(tuple(place), {})
 
     def _complete(self, share: float, by_body: bool) -> dict[tuple[str, ...], dict[str, Sample]]:
-        """Return the complete results after a share of the budget, by place (and body) and teacher."""
+        """Return the complete results after a share of the budget, by place, body and teacher."""
         assert self._conditions is not None
         by = ["embodiment"] if by_body else []
         runs = runs_after(self._frames, share, training=share == 1)  # of which the page shows more
@@ -354,7 +354,7 @@ def _entries(reading: Reading) -> list[PaperResult]:
 
 
 def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
-    """Return those of `verdicts` of which the results say anything, if only about one statement."""
+    """Return the `verdicts` on which the results decide at least one statement."""
     return [verdict for verdict in verdicts if verdict.standing is not Standing.NO_DATA]
 
 
@@ -395,7 +395,7 @@ class Agreement:
 
 
 def agreements(frames: Frames) -> list[Agreement]:
-    """Return tau for each challenge and level that both have, and last its mean over all of them.
+    """Return tau for each challenge and level in both, followed by its mean.
 
     Tau is a mean over pairs of teachers, of 1 for a pair in the same order on both sides and -1 for one in
     the reverse. An order is known of pairs that Welch's tests tell apart on both sides, after Holm's
@@ -436,7 +436,7 @@ def agreements(frames: Frames) -> list[Agreement]:
 def pairs_in_both(
     first: Sequence[Description], second: Sequence[Description]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return for each pair of teachers (n,) 1 or -1, same order or reverse, and the p-value of that.
+    """Return the agreement of each pair of teachers (n,), 1 in the same order or -1, and its p-value.
 
     The order of a pair is known in both samples of the same teachers where it is in each: p is the larger.
     """

@@ -45,7 +45,7 @@ def show_baselines(console: Console | None = None) -> None:
 
 
 def show_verification(name: str | Path, console: Console | None = None) -> bool:
-    """Print the verification of a baseline; return True if it is as released.
+    """Print the verification of a baseline; return True if it is undamaged.
 
     Raises:
         BaselineError: no baseline of that name or place.

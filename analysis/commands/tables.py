@@ -20,7 +20,7 @@ from analysis.tables.table import ENDINGS, Table, TableFormat, render
 
 
 class Written(NamedTuple):
-    """What was written.
+    """Files that were written.
 
     Attributes:
         files: files of tables; vector and PNG files, and GIFs, of figures.

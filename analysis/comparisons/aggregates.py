@@ -105,7 +105,7 @@ def improvements(
 
 
 def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = ACROSS) -> pd.DataFrame:
-    """Return the mean of each teacher over all challenges that it has results of, one row each.
+    """Return the mean of each teacher over all challenges with its results, one row per teacher.
 
     Weights as in `frame.over_challenges`. Intervals of percentages stay within 0 and 100, and are not
     symmetric.
@@ -129,7 +129,7 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
 
 
 def _clusters(sample: Mapping[str, pd.Series], seeds: Seeds) -> Seeds | None:
-    """Return the seeds of a sample whose runs they make depend on each other; None where they do not."""
+    """Return the seeds of a sample whose runs depend on each other by their seeds; else None."""
     return seeds if are_paired(list(sample.values()), seeds) else None
 
 

@@ -122,7 +122,7 @@ class Rank:
 
 
 def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: str = HEADLINE) -> list[Rank]:
-    """Return the rank of each teacher at each level and budget, the best first; of some `teachers` alone.
+    """Return the rank of each teacher, or of `teachers` alone, at each level and budget, the best first.
 
     One family at each, corrected by Holm: the tests of the pairs of which one is looked at, and of which the
     other has results on all of its challenges. What is not ranked costs no power.
@@ -169,7 +169,7 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
 
 
 def _names(tests: pd.DataFrame) -> tuple[str, ...]:
-    """Return the others of some tests, Random first, then by name."""
+    """Return the references of some tests, Random first, then by name."""
     return tuple(sorted(tests["second"], key=lambda name: (not is_baseline(name), name)))
 
 
@@ -394,7 +394,7 @@ def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterato
 
 
 def _told(runs: pd.DataFrame) -> list[str]:
-    """Return the conditions that places name: the budget, and those that vary."""
+    """Return the conditions that titles name: the budget, and those that vary."""
     return list(dict.fromkeys(["steps", *varying(runs)])) if len(runs) else []
 
 

@@ -140,7 +140,7 @@ def over_challenges(runs: pd.DataFrame, measure: str, reference: str | None = No
 
 
 def from_both_sides(tests: pd.DataFrame) -> pd.DataFrame:
-    """Return each test of a frame twice, as it is and with its sides exchanged, with the same index."""
+    """Return each test of a frame and its mirror image with sides exchanged, under the same index."""
     exchanged = tests.assign(
         first=tests["second"],
         second=tests["first"],
@@ -281,7 +281,7 @@ def pairs_of(names: Sequence[str], reference: str | None) -> Iterator[tuple[str,
 
 
 def nobody(reference: str) -> str:
-    """Return the reason why nothing was compared with `reference`, which was not run."""
+    """Return the message that `reference` was not run and nothing was compared with it."""
     return NO_BASELINE if is_baseline(reference) else f"no {reference} to compare with"
 
 

@@ -23,7 +23,7 @@ TESTED = tuple(MEASURES)
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Frames that all have the columns of `load.COMPARISON`.
+    """Frames of measures, all with the columns of `load.COMPARISON`.
 
     Attributes:
         cells: cells of `Frames`.
@@ -75,7 +75,7 @@ def measure(frames: Frames) -> Measured:
 def curricula_of(
     frames: Frames, mine: Measured, runs: Mapping[str, pd.Series] | None = None
 ) -> dict[str, Curriculum]:
-    """Return the curriculum of the median run of each teacher, or of `runs`, if it has played any episode."""
+    """Return the curriculum of each teacher's median run, or of `runs`, if it has any episode."""
     size = len(task_axes(mine.cells))
     examples = examples_of(mine) if runs is None else runs
     found = zip(examples, curricula_of_runs(frames, list(examples.values())), strict=True)
@@ -93,7 +93,7 @@ def which_runs(curricula: Mapping[str, Curriculum]) -> str:
 
 
 def in_whose_space(curricula: Mapping[str, Curriculum]) -> str:
-    """Return a sentence on whose tasks are shown where the task space is shuffled, else nothing."""
+    """Return a sentence on the space of the tasks shown if the task space is shuffled, else nothing."""
     shuffled = any(curriculum.shuffled for curriculum in curricula.values())
     return " The task space is shuffled: axes are the teacher's, not the world's." if shuffled else ""
 

@@ -75,7 +75,7 @@ def _lite_deviations() -> dict[Hashable, list[float]]:
 def plans_against_random(
     runs: pd.DataFrame, teachers: Collection[str], hours: pd.Series, measure: str = HEADLINE
 ) -> list[str]:
-    """Return a sentence on each teacher not told from Random: the runs and hours that would tell them apart.
+    """Return a sentence on each teacher that does not differ from Random: runs and hours until a test would.
 
     Args:
         runs: rows of `pooling.pool_runs`.

@@ -41,12 +41,12 @@ OTHERS = "\N{OBJECT REPLACEMENT CHARACTER}"
 
 
 def in_brief(smallest: float) -> str:
-    """Return the end of a sentence on tests of a group with `smallest` runs: ``; few seeds``, or nothing."""
+    """Return the end of a sentence on tests with `smallest` runs in a group: ``; few seeds``, or nothing."""
     return "; few seeds" if smallest < FEW_SEEDS else ""
 
 
 def caveat(smallest: float) -> str:
-    """Return a sentence for readers of results of which one has no more than `smallest` runs, or nothing."""
+    """Return a warning on results with as few as `smallest` runs, or nothing."""
     if not smallest < FEW_SEEDS:
         return ""
     seeds = f"{smallest:.0f} seed{'s' if smallest > 1 else ''}"

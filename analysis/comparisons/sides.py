@@ -1,4 +1,4 @@
-"""A teacher of one's own among released results: who is comparable, who is better, what stands apart."""
+"""Comparison of one's own teacher with released results: comparable teachers, tests, what stands apart."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def side_of(frames: Frames, name: str) -> Side:
 
 
 def named_jointly(mine: Side, baselines: Sequence[Side]) -> tuple[Side, list[Side], tuple[str, ...]]:
-    """Return the same sides with names that mean one thing in all, and a sentence on each split name.
+    """Return the sides with names that are unambiguous across all, and a sentence on each split name.
 
     What one root calls PPO may have other settings, or another version, in another root.
     """
@@ -148,7 +148,7 @@ def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = HEADLINE) 
 
 
 def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> list[str]:
-    """Return a sentence on each baseline none of whose `runs` may be compared with mine: why, what to run."""
+    """Return a sentence on each baseline without comparable `runs`: why, and what to run."""
     said = []
     for side in baselines if len(mine.table) else ():
         if side.name in set(runs["source"]):
@@ -167,7 +167,7 @@ def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> l
 
 
 def _apart(mine: Side, baseline: Side) -> str:
-    """Return the conditions that no result of a baseline shares with mine, and a command to repeat them."""
+    """Return the conditions that a baseline shares with no result of mine, and a command to repeat them."""
     differing = []
     for column, words in {**PLACES, **SAID}.items():
         words_of = amount if column == "steps" else str
@@ -182,7 +182,7 @@ def _apart(mine: Side, baseline: Side) -> str:
 
 
 def beside(mine: Side, baseline: Side) -> pd.DataFrame:
-    """Return the results of a baseline that must not be compared with mine, where I have some.
+    """Return the results of a baseline that are incomparable with mine, on challenges with results of mine.
 
     Returns:
         `PLACE`, teacher, n, mastered_percent_mean and _std, and differs: what is not the same, in words.

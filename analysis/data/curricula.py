@@ -46,7 +46,7 @@ class Curriculum:
 
     @property
     def shuffled(self) -> bool:
-        """True if the teacher chooses in a shuffled space, which is not the world's."""
+        """True if the teacher's space is a shuffled one."""
         return bool(self.episodes["world_task"].notna().any())
 
     @property
@@ -110,7 +110,7 @@ def gaussians_of(update: pd.Series) -> list[dict[str, Any]]:
 
 
 def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
-    """Return the boxes of an update, the largest first, so that those within others lie above them.
+    """Return the boxes of an update, the largest first, so that inner ones are drawn on top.
 
     Projections of boxes say themselves which lies above.
     """
@@ -149,7 +149,7 @@ def curricula_of_runs(frames: Frames, runs: Sequence[pd.Series]) -> list[Curricu
 
 
 class Axis(NamedTuple):
-    """One dimension of the task space: how it is called, with its unit, and its bounds."""
+    """One dimension of the task space: its label with the unit, and its bounds."""
 
     name: str
     low: float

@@ -54,7 +54,7 @@ STATUSES = ("done", "running", "failed", "waiting")
 
 @dataclass(frozen=True)
 class Frames:
-    """The results of one root. Tables that not all need, and those that hold tasks, are read when asked for.
+    """The results of one root; large tables are read on first use.
 
     Attributes:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
@@ -81,18 +81,18 @@ class Frames:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """All that a reader must know before trusting a comparison, of training too."""
+        """Warnings for readers of a comparison, on evaluations and training."""
         return (*self.told, *training_warnings(self.training_returns))
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Sentences on files that could not be read, of those that have been asked for."""
+        """Sentences on requested files that could not be read."""
         places = {id(each): each for each in (self.results, *self.elsewhere.values())}.values()
         return tuple(dict.fromkeys(text for each in places for text in each.problems))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """All that a reader must know: the warnings, and which files were left out."""
+        """Warnings, and sentences on files that were left out."""
         return (*self.warnings, *self.left_out)
 
     @functools.cached_property
@@ -165,7 +165,7 @@ class Frames:
         return positions(self.evaluations["run_id"])
 
     def _rows(self, table: Table, columns: list[str], run_ids: Sequence[str]) -> pd.DataFrame:
-        """Read a long table of some runs, from wherever they are."""
+        """Read a long table of some runs, from whichever files hold them."""
         known = set(self._run_ids)
         for run_id in run_ids:
             check_kind("run_id", run_id, str, "the id of one run")
@@ -184,7 +184,7 @@ class Frames:
 def computed_once(
     function: Callable[Concatenate[Frames, P], pd.DataFrame],
 ) -> Callable[Concatenate[Frames, P], pd.DataFrame]:
-    """Return `function` made to compute each frame once for the same `Frames`; every caller has a copy."""
+    """Wrap `function` so that it computes each frame once per `Frames`; every caller gets a copy."""
     signature = inspect.signature(function)
 
     @functools.wraps(function)
@@ -358,7 +358,7 @@ def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
 
 
 def check_measure(name: str, table: object, measure: str, columns: Sequence[str]) -> None:
-    """Refuse what is not a table with `columns` and the numbers of a `measure`.
+    """Refuse anything but a table with `columns` and the numbers of a `measure`.
 
     Raises:
         TypeError: errors of `check_columns`.

@@ -78,7 +78,7 @@ def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tuple[str, ...]]:
-    """Return the cells of one or several roots with names that mean one thing each, and the split names.
+    """Return the cells of one or several roots with unambiguous names, and the names that were split.
 
     Points of searches for hyper-parameters, which differ by design, keep their names.
 
@@ -139,7 +139,7 @@ def searches() -> list[Matrix]:
 
 
 def of_searches(experiments: pd.Series) -> pd.Series:
-    """Return a mask of the `experiments` that are points of a search, by their names."""
+    """Return a mask of the `experiments` whose names are those of points of a search."""
     names = "|".join(matrix.name for matrix in searches())
     search = re.compile(rf"({names})(_\d+)?( \(.*\))?")
     found = {name: search.fullmatch(name) is not None for name in experiments.unique()}
@@ -147,7 +147,7 @@ def of_searches(experiments: pd.Series) -> pd.Series:
 
 
 def _of_part(spec: Mapping[str, Any], part: str, files: Mapping[str, str]) -> dict[str, Any]:
-    """Return version, source and files of a part; nothing of a run that says nothing of itself."""
+    """Return version, source and files of a part; nothing if the run's spec lacks them."""
     if not spec or part not in spec:
         return {}
     found: dict[str, Any] = {"algorithm_version": spec.get("algorithm_versions", {}).get(part)}

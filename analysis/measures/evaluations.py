@@ -138,7 +138,7 @@ def measured_so_far(frames: Frames) -> pd.DataFrame:
 
 
 def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
-    """Return mastered_area over the `budget` of runs whose last value holds until its end.
+    """Return mastered_area over the `budget`, with the last value of each run continued to its end.
 
     `ends` is the last row of `measured_so_far` of each run, with the same index.
     """

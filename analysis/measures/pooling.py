@@ -34,7 +34,7 @@ def varying(table: pd.DataFrame, columns: Sequence[str] = CONDITIONS) -> list[st
 
 
 def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list[str]:
-    """Return the conditions of a result in words, those in `columns`; nothing of the paper's own variant."""
+    """Return the conditions `columns` of a result in words; empty for the paper's own variant."""
     said = []
     for column in columns:
         value = row[column]
@@ -52,7 +52,7 @@ def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list
 
 
 def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the runs of each set of conditions, and a tag for names of files; the most runs first.
+    """Yield the runs under each set of conditions and a tag for file names, the largest set first.
 
     Runs that have not begun, of no budget yet, belong to none.
     """
@@ -152,7 +152,7 @@ def pool_runs(
 
 
 def _pool_members(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> pd.DataFrame:
-    """Return the rows of `pool_runs` without values: which runs are in which pools, however measured."""
+    """Return the rows of `pool_runs` without values: the members of each pool."""
     pools, test_sets = _pools(cells, matrices), _test_sets(cells)
     rows = cells.assign(pool=pools, test_sets=test_sets, settings=cells["settings"].fillna(""))
     for column in SETTINGS:
@@ -266,7 +266,7 @@ def _test_sets(cells: pd.DataFrame) -> pd.Series:
 
 
 def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Iterator[str]:
-    """Yield what keeps the `counted` of these rows from being a whole pool."""
+    """Yield the reasons why the `counted` rows are not a complete pool."""
     ids = set(counted["run_id"])
     reasons = rows["reason"] if "reason" in rows else rows["status"]
     uncounted = Counter(
@@ -337,7 +337,7 @@ def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
 
 @computed_once
 def _members(frames: Frames) -> pd.DataFrame:
-    """Return the runs of all pools: the same whatever is measured of them, and when."""
+    """Return the runs of all pools, independent of measure and step."""
     groups = by_students(without_searches(frames.cells))
     parts = [_pool_members(chosen, matrices) for _, matrices, chosen in groups]
     members = pd.concat(parts, ignore_index=True).drop_duplicates([*POOLED, "run_id"])

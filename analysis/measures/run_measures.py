@@ -91,7 +91,7 @@ def run_measures(
 
 @computed_once
 def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
-    """Return the measures of every run at each of `steps`, of runs that got there and did not fail.
+    """Return the measures at each of `steps` of every run that reached it and did not fail.
 
     Returns:
         step (the one asked for), run_id, evaluated_at (step of the last evaluation at or before it), and
@@ -122,7 +122,7 @@ def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
 
 
 def _latest(frames: Frames, curves: pd.DataFrame, measured: str, steps: Sequence[int]) -> pd.DataFrame:
-    """Return the last row of `curves` until each of `steps`, of runs that got there."""
+    """Return the last row of `curves` up to each of `steps`, of runs that reached it."""
     reached = _reached(frames, frames.measured)
     standing = [_standing(frames, step, reached).assign(step=step) for step in steps]
     asked = pd.concat([_standing(frames, 0, reached).head(0).assign(step=0), *standing]).reset_index()
@@ -156,7 +156,7 @@ def _reached(frames: Frames, curves: pd.DataFrame) -> pd.Series:
 
 
 def _standing(frames: Frames, at: int | None, reached: pd.Series, share: float = 1.0) -> pd.DataFrame:
-    """Return by run_id the steps at which it is measured, and why it cannot be."""
+    """Return the step at which each run is measured, or the reason why none is, by run_id."""
     runs = frames.cells.drop_duplicates("run_id").set_index("run_id").sort_index()
     status, budget = runs["status"], runs["steps"].astype(float)
     steps = np.floor(share * budget) if at is None else pd.Series(float(at), index=runs.index)
@@ -183,7 +183,7 @@ def _steps_to(curves: pd.DataFrame, shares: Sequence[float]) -> pd.DataFrame:
 
 
 def _forgotten(evaluations: pd.DataFrame, measured: pd.DataFrame) -> pd.Series:
-    """Return the % of test tasks once mastered and not at the last evaluation, by run_id."""
+    """Return the % of test tasks mastered before but not at the last evaluation, by run_id."""
     mastered = evaluations.loc[evaluations["mastered"], ["run_id", "task_index", "step"]]
     broken = measured.loc[measured["not_finite"] > 0, ["run_id", "step"]]
     if len(broken):

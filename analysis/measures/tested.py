@@ -62,7 +62,7 @@ Seeds: TypeAlias = Mapping[Hashable, Hashable]
 
 
 def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
-    """Return the seeds of the runs that are to be paired by them; tables have engine, seed and run_id."""
+    """Return the seeds by which runs are paired; tables have engine, seed and run_id."""
     seeds: dict[Hashable, Hashable] = {}
     for table in tables:
         rows = table[table["engine"].isin(SHARED)]
@@ -119,7 +119,7 @@ def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], see
 
 
 def in_common(first: pd.Series, second: pd.Series, seeds: Seeds) -> tuple[pd.Series, pd.Series]:
-    """Return the values of both samples whose seeds both have, if they are paired; else all of them."""
+    """Return the values of both samples, of their common seeds alone if they are paired."""
     if not are_paired([first, second], seeds):
         return first, second
     mine, theirs = (sample.index.map(seeds) for sample in (first, second))

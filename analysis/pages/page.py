@@ -29,7 +29,7 @@ from tma_ray.commands.texts import visible
 
 
 def page(template: str, **content: Any) -> str:
-    """Return the page that `template`, of the folder of templates, makes of `content`."""
+    """Return the page rendered by `template`, from the folder of templates, with `content`."""
     told = {
         "version": installed_version("tma_ray"),
         "written": datetime.now(UTC),
@@ -40,7 +40,7 @@ def page(template: str, **content: Any) -> str:
 
 @cache
 def _environment() -> Environment:
-    """Return the environment of templates, which compiles each once."""
+    """Return the cached environment of templates."""
     environment = Environment(
         loader=PackageLoader("analysis.pages.page"),
         autoescape=True,
@@ -165,7 +165,7 @@ SHOWN = 8
 def leading(
     results: pd.DataFrame, measure: str, teachers: Iterable[object], within: Sequence[str] = ()
 ) -> frozenset[str]:
-    """Return the teachers that a page shows at first: all, or of many Random and the best.
+    """Return the teachers that a page shows initially: all, or Random and the best of many.
 
     The best are those with the highest mean of a measure over the challenges that each has results of, and
     the best one of each comparison that would otherwise be empty.

@@ -107,13 +107,13 @@ def counts(rows: pd.DataFrame) -> str:
 
 
 def thresholds(cells: pd.DataFrame) -> str:
-    """Return the episodic return over which tasks are mastered, or all of them: ``230``."""
+    """Return the mastery threshold or thresholds, as text: ``230``."""
     found = sorted(cells["mastery_threshold"].dropna().unique())
     return " or ".join(map(threshold, found))
 
 
 def threshold(value: float) -> str:
-    """Return one such return, without decimals where it has none."""
+    """Return a mastery threshold as text, without needless decimals."""
     return number(value, 0 if value == round(value) else 2)
 
 
@@ -143,7 +143,7 @@ def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Ch
 
 
 def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart]:
-    """Yield learning curves against the steps that trained, if the student of a teacher has others, too."""
+    """Yield learning curves against trained steps, if some steps of a teacher do not train."""
     trained = trained_steps(frames)
     trained = trained[trained["run_id"].isin(mine.evaluations["run_id"])]
     teachers = mine.evaluations.drop_duplicates("run_id").set_index("run_id")["teacher"]

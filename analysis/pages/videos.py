@@ -20,7 +20,7 @@ KINDS = {".mp4": "video/mp4", ".gif": "image/gif"}
 
 @dataclass(frozen=True)
 class WantedVideo:
-    """An episode that a report would show.
+    """An episode to be shown in a report.
 
     Attributes:
         comparison: anchor of the section it belongs to.

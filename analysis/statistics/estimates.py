@@ -97,7 +97,7 @@ def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
 
 
 def signal_to_noise(strata: Sequence[Mapping[str, ArrayLike]]) -> Estimate:
-    """Return the deviation between teachers over that between seeds, shrunken by what chance explains.
+    """Return the ratio of the deviation between teachers to that between seeds, shrunken by chance.
 
     With F = n v / s², where v is the mean variance of the teachers' means in a stratum and s² the pooled
     variance of seeds with f degrees of freedom, the square is (F (f - 2) / f - 1) / n, or 0 if that is less:
@@ -197,7 +197,7 @@ def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
 
 
 def _finite(sample: Strata) -> dict[str, pd.Series]:
-    """Return the strata that have finite values, those only, as floats."""
+    """Return the finite values of each stratum that has any, as floats."""
     finite = {}
     for name, values in sample.items():
         part = values.astype(float)

@@ -69,7 +69,7 @@ def sign_flip_p(differences: ArrayLike) -> float:
 
 
 def _share(differences: Floats, found: float, scale: float) -> float:
-    """Return the share of `differences` that are at least as far from 0 as the one `found`."""
+    """Return the share of `differences` at least as far from 0 as `found`."""
     return float(np.mean(np.abs(differences) >= abs(found) - EQUAL * scale))
 
 
@@ -411,7 +411,7 @@ def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Estimate:
 
 
 def least_correlation(n: int) -> float:
-    """Return the correlation over which pairs of `n` runs have a narrower interval than Welch's test.
+    """Return the least correlation at which pairs of `n` runs have a narrower interval than Welch's test.
 
     0.58 with 3 runs, 0.31 with 5, 0.14 with 10: the variance of a difference falls by the correlation, while
     Student's quantile grows, since n - 1 degrees of freedom are left of 2 n - 2.
@@ -428,7 +428,7 @@ def least_correlation(n: int) -> float:
 
 
 def pairing_helps(correlation: Estimate, n: int) -> bool:
-    """Return the rule: runs are paired where the interval of their correlation is over what `n` need.
+    """Return True if the interval of the correlation exceeds the least one at which `n` pairs help.
 
     It is held against released results of other campaigns, never against those that are to be tested: to
     choose the test by its own data finds differences that are not there.

@@ -53,7 +53,7 @@ APART = ["steps", "engine", "physics_version", "mastery_threshold", "test_set"]
 
 @dataclass(frozen=True)
 class TableResults:
-    """Results that may stand in one table.
+    """Results that can share a table.
 
     Attributes:
         rows: one result each, with the columns `RESULTS`.
@@ -82,7 +82,7 @@ def published_table_results(frame: pd.DataFrame | None = None) -> TableResults:
 
 
 def table_results(frames: Frames, step: int | None = None) -> list[TableResults]:
-    """Return the results of a root, those apart that no table may hold together.
+    """Return the results of a root, split into groups that can share a table.
 
     Results of students that the paper does not have in a challenge, such as PPO everywhere, stand apart from
     those that pool the paper's. Points of searches for hyper-parameters are left out.
@@ -166,7 +166,7 @@ _LEVELS = {"none": "No expert knowledge", "low": "Low", "high": "High"}
 
 
 def result_tables(results: TableResults) -> list[Table]:
-    """Return every table of results of which any cell was asked for, in the paper's order.
+    """Return every table of results with at least one requested cell, in the paper's order.
 
     The original task space of Stump Tracks has a column for each level of expert knowledge, its challenges a
     table for each level, and Parkour, which has one level, a column for each body and one over all of them.

@@ -152,7 +152,7 @@ def render(table: Table, kind: TableFormat) -> str:
 
 
 class _Marks(NamedTuple):
-    """Marks of a format for what is not plain text."""
+    """Markup of a format."""
 
     escape: Callable[[str], str]
     bold: Callable[[str], str]

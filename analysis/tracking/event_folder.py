@@ -57,7 +57,7 @@ def _records(content: bytes) -> Iterator[bytes]:
 
 
 class RunEvents:
-    """Event files of a run, in a folder of its own; TensorBoard may read along.
+    """Event files of a run, in a folder that TensorBoard may read meanwhile.
 
     tensorboardX's own `SummaryWriter` would need a thread and a queue for every file.
     """
@@ -120,7 +120,7 @@ class RunEvents:
 
 
 def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, float]]]) -> int:
-    """Return the number of `points` that come first in `written`, by tag, and remove them there."""
+    """Return the number of leading `points` that are in `written`, by tag, and remove them there."""
     for index, (step, scalars) in enumerate(points):
         expected = {tag: (step, float(np.float32(value))) for tag, value in scalars.items()}
         if any(not written.get(tag) or written[tag][0] != value for tag, value in expected.items()):
@@ -183,5 +183,5 @@ def run_folder(run: RunRecord, experiment: str) -> Path:
 
 
 def _plain(name: object) -> str:
-    """Return `name` as that of a folder: anything may be read from a root, even a path upwards."""
+    """Return `name` as a safe folder name, since names in a root may be any text, even ``..``."""
     return re.sub(r"[^0-9A-Za-z._=-]+", "_", str(name)).strip("._")[:100] or "unnamed"

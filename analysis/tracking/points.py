@@ -53,7 +53,7 @@ class Tracker(ABC):
         self._files: dict[str, object] = {}  # of the manifest of each run, when they were read
 
     def update(self) -> int:
-        """Write what has been published since the last time.
+        """Write the points published since the last update.
 
         Returns:
             Number of runs of which there was something.
@@ -79,7 +79,7 @@ class Tracker(ABC):
 
 
 def watch(tracker: Tracker) -> Iterator[int]:
-    """Update every few seconds; yield the number of runs of which there was something, where there was."""
+    """Update every few seconds; yield the number of runs with new points, if any."""
     while True:
         time.sleep(WATCH_SECONDS)
         if count := tracker.update():
@@ -87,7 +87,7 @@ def watch(tracker: Tracker) -> Iterator[int]:
 
 
 def experiments_of(results: Results, manifests: Iterable[Manifest]) -> dict[str, str]:
-    """Return the experiment of each run by its ID, the first by name of those that share it."""
+    """Return the experiment of each run by run id; of several, the first by name."""
     cells = _rows(results, Table.CELLS, _ids(manifests), ["run_id", "campaign", "experiment"])
     cells = cells.sort_values(["campaign", "experiment"], kind="stable").drop_duplicates("run_id")
     return dict(zip(cells["run_id"], cells["experiment"], strict=True))

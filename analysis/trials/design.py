@@ -90,7 +90,7 @@ class TrialCell:
 
 @dataclass(frozen=True)
 class Design:
-    """All that a trial fixes beforehand.
+    """Design of a trial, fixed beforehand.
 
     Attributes:
         teacher: its canonical name.
@@ -199,7 +199,7 @@ def moments_of(runs: pd.DataFrame, teacher: str, places: Sequence[tuple[str, ...
 
 
 def newest_release() -> Baseline:
-    """Return the release made last of those with runs of real students that have names here.
+    """Return the newest named release with runs of real students.
 
     Raises:
         BaselineError: there is none.
@@ -290,7 +290,7 @@ def _chosen(cells: pd.DataFrame, wanted: Collection[str]) -> dict[str, tuple[str
 def _cells(
     places: Mapping[str, tuple[str, ...]], released: pd.DataFrame, frames: Frames
 ) -> tuple[TrialCell, ...]:
-    """Return the cells, first those in which a core-hour reveals most about teachers.
+    """Return the cells in falling order of signal to noise per core-hour.
 
     That is the variance between the release's teachers, without what their seeds add to it, over the variance
     of a run, for each hour of a run.

@@ -52,7 +52,7 @@ class Relation(StrEnum):
 
 @dataclass(frozen=True)
 class Compared:
-    """The first reading is in `relation` to the second."""
+    """Statement that the first reading is in `relation` to the second."""
 
     first: Reading
     relation: Relation
@@ -61,7 +61,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Bounded:
-    """The mean of the reading is at most `most`, or at least `least`, in per cent of the test tasks.
+    """Statement that the mean of a reading is at most `most`, or at least `least`, in % of the test tasks.
 
     With `best_seed` it is the best seed and not the mean.
     """
@@ -74,7 +74,7 @@ class Bounded:
 
 @dataclass(frozen=True)
 class Ranked:
-    """The mean of the reading is among the `top` highest of the paper's teachers there."""
+    """Statement that the mean of a reading is among the `top` highest of the paper's teachers."""
 
     reading: Reading
     top: int
@@ -82,7 +82,7 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Scaled:
-    """The mean of the first reading is at least `factor` times that of the second."""
+    """Statement that the mean of the first reading is at least `factor` times that of the second."""
 
     first: Reading
     factor: float
@@ -121,7 +121,7 @@ class Claim:
 
     @property
     def threshold(self) -> str:
-        """Words for who says how many of the statements must hold."""
+        """Origin of the number of statements that must hold, in words."""
         return "needed by our reading" if self.ours else "claimed"
 
 

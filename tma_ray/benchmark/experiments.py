@@ -34,7 +34,7 @@ class Tier(StrEnum):
 
 @dataclass(frozen=True)
 class Size:
-    """Changes of a tier to every experiment; None leaves that as the experiment has it.
+    """Changes of a tier to every experiment; None leaves the experiment's own value.
 
     Attributes:
         students: students that learn instead of the experiment's.

@@ -190,7 +190,7 @@ class Matrix:
         find_challenge(self.environment, self.challenge)
 
     def taught_by(self, teachers: Sequence[str]) -> Matrix:
-        """Return it with `teachers` if it leaves them open, else as it is."""
+        """Return the matrix with `teachers`, unless it names its own."""
         return self if self.teachers else replace(self, teachers=tuple(teachers))
 
     def points(self) -> tuple[tuple[dict[str, Any], dict[str, Any]], ...]:
@@ -309,7 +309,7 @@ are ours."""
 
 
 def select(matrices: Sequence[Matrix], challenges: Sequence[str]) -> tuple[Matrix, ...]:
-    """Return those of `matrices` that go by one of these names, or are on a challenge that does.
+    """Return the `matrices` with one of these names, or on a challenge with one.
 
     Raises:
         ValueError: a name that none of them answers to.

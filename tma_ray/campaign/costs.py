@@ -539,7 +539,7 @@ def _size(gib: float) -> str:
 
 
 def _main() -> None:
-    """Measure the runs that the standard input names, each after the other."""
+    """Measure the runs named on the standard input, one after the other."""
     specs, settings, files, search_path = pickle.load(sys.stdin.buffer)
     sys.path[:] = dict.fromkeys((*sys.path, *search_path))
     provide(files)

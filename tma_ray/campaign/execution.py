@@ -151,7 +151,7 @@ def check_installation() -> None:
 
 
 def _ask(node: str, task: Any, *arguments: Any) -> Any:
-    """Return the answer to come of a task on a node, by Ray's id, or on another if that node is gone."""
+    """Return the future of a task on a node, by Ray's id, or on another node if that one is gone."""
     there = NodeAffinitySchedulingStrategy(node, soft=True)
     return task.options(scheduling_strategy=there).remote(*arguments)
 

@@ -132,7 +132,7 @@ logger = logging.getLogger(__name__)
 
 
 class Silence:
-    """Runs that do not answer: an actor, or a node with many, may be unreachable for `most_seconds`."""
+    """Record of runs that do not answer, which are given up after `most_seconds`."""
 
     def __init__(self, most_seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._most_seconds = most_seconds

@@ -71,13 +71,13 @@ class Resources:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Nodes that a cost is for: Ray's resources of each (memory in bytes), and a name of them all."""
+    """Nodes for which a cost is estimated: Ray's resources of each (memory in bytes), and a common name."""
 
     resources: tuple[Mapping[str, float], ...]
     place: str
 
     def at_once(self, each: Resources) -> int:
-        """Return the number of runs that they hold at once, at least one."""
+        """Return the number of runs that the nodes hold at once, at least one."""
         return max(1, sum(each.fit_into(node) for node in self.resources))
 
 

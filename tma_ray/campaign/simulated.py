@@ -38,7 +38,7 @@ FRACTION = 64
 
 
 class SimulatedRoot:
-    """A results root of simulated runs, which knows all of them beforehand and gets one after the other.
+    """Results root of simulated runs, written one after the other.
 
     Returns on test tasks are expected ones. Steps are those of episodes of average length.
 

@@ -91,7 +91,7 @@ def app() -> App:
 
 
 def _prepare() -> None:
-    """Make what lies in the current folder known as plug-ins, once nothing hides a package of ours.
+    """Make modules of the current folder known as plug-ins, after checking that none hides a package of ours.
 
     Raises:
         RefusedError: something lies in the place of the package `analysis`, which is next to this one.

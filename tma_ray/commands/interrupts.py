@@ -49,7 +49,7 @@ def block_sigint() -> Iterator[None]:
 
 
 def unblock_sigint() -> None:
-    """End this process without a message on Ctrl-C, also an earlier one."""
+    """Unblock Ctrl-C, which ends this process without a message, also if it came while blocked."""
     signal.signal(signal.SIGINT, leave_at_once)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 

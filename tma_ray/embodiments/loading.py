@@ -91,7 +91,7 @@ def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
 
 
 def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return a body's file with its sections written out `counts` times, after the entries outside."""
+    """Return a body's file with its repeated sections written out `counts` times."""
     parts, joints = list(data.get("parts", [])), list(data.get("joints", []))
     sensors = list(data.get("grip_sensors", []))
     for name, section in repeats(data).items():
@@ -253,7 +253,7 @@ def _shipped(name: str, settings: tuple[tuple[str, float], ...]) -> Embodiment:
 
 
 def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
-    """Return the body of a file with `settings`; its name tells those that make a difference."""
+    """Return the body of a file with `settings`; its name includes those that differ from the defaults."""
     try:
         if isinstance(path, Path):
             check_file(path, MOST_TEXT_BYTES)
@@ -312,7 +312,7 @@ def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
 def _decoded(
     what: str, entry: dict[str, Any], kind: type[Embodiment | Part | Joint | GripSensor]
 ) -> dict[str, Any]:
-    """Return the fields of an entry as `kind` declares them; lists of further entries stay as they are."""
+    """Return the fields of an entry as `kind` declares them; nested lists of entries are left unchanged."""
     types = _TYPES[kind]
     vertices = {"shape": "vertices"} if kind is Part else {}
     names = {field.name: vertices.get(field.name, field.name) for field in fields(kind)}

@@ -87,7 +87,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     @cached_property
     def _engine(self) -> Engine:
-        """The engine, made when it is first needed: what only reads the spaces compiles nothing."""
+        """Engine, created on first use, so that reading the spaces compiles nothing."""
         return make_engine(self.embodiment, self.rules)
 
     @property

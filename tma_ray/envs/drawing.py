@@ -111,7 +111,7 @@ def height_at(segments: NDArray[np.float64], x: NDArray[np.float64] | float) -> 
 
 
 def _around(segments: NDArray[np.float64], x: float) -> float:
-    """Return the mean height around `x`, what is near counting most."""
+    """Return the mean height around `x`, weighted by nearness."""
     offsets = np.linspace(-1, 1, 41)
     weights = 1 + np.cos(np.pi * offsets)
     return float(np.average(height_at(segments, x + REACH * offsets), weights=weights))
@@ -175,7 +175,7 @@ class Canvas:
         pygame.draw.circle(self.surface, colour, centre, radius * SUPERSAMPLING)
 
     def tint(self, top: float, colour: Colour, opacity: int) -> None:
-        """Lay a pane of `colour` over everything under the height `top` in m; 255 would hide it."""
+        """Tint everything below the height `top`, in m, with `colour`; an opacity of 255 hides it."""
         height = HEIGHT * SUPERSAMPLING
         row = int(np.clip((self.view.top - top) * self.view.scale * SUPERSAMPLING, 0, height))
         self._glass.fill(colour)
@@ -188,7 +188,7 @@ class Canvas:
         self.surface.blit(drawn, drawn.get_rect(midtop=self._pixels(point).tolist()))
 
     def bar(self, share: float, colours: tuple[Colour, Colour, Colour]) -> None:
-        """Draw along the top how much of a way is done, in colours of the way, what is done, and the end."""
+        """Draw a progress bar along the top, in colours of the track, the part done, and the end."""
         left, right, y = (SUPERSAMPLING * value for value in (20, WIDTH - 20, 16))
         at, (way, done, end) = left + share * (right - left), colours
         pygame.draw.line(self.surface, way, (left, y), (right, y), 2 * SUPERSAMPLING)
@@ -197,7 +197,7 @@ class Canvas:
         pygame.draw.circle(self.surface, end, (right, y), 4 * SUPERSAMPLING)
 
     def sees(self, left: Floats, right: Floats) -> NDArray[np.bool_]:
-        """Tell of things that reach from x = `left` to `right` (n,) whether the frame shows them (n,)."""
+        """Return True (n,) for objects between x = `left` and `right` (n,) that the frame shows."""
         return np.asarray((right >= self.view.left) & (left <= self.view.right))
 
     def _pixels(self, points: Floats) -> Floats:

@@ -28,7 +28,7 @@ GYMNASIUM_IDS = {
 
 
 def register_environments() -> None:
-    """Register the environments with gymnasium; importing this module does it."""
+    """Register the environments with gymnasium; called when this module is imported."""
     for name, (one, many) in GYMNASIUM_IDS.items():
         if name not in gymnasium.registry:
             gymnasium.register(id=name, entry_point=one, vector_entry_point=many)

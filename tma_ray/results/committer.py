@@ -54,7 +54,7 @@ logger = logging.getLogger(__name__)
 
 
 class StaleAttemptError(RuntimeError):
-    """An attempt that no longer counts tried to publish; its process should end."""
+    """Publication by an attempt that is no longer valid; its process should end."""
 
 
 def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | None:
@@ -169,7 +169,7 @@ class Committer:
         return whole
 
     def publish(self, run: RunRecord, attempt: int, parts: Sequence[PartFile]) -> None:
-        """Make `parts`, all of the run so far in order, its visible rows: a checkpoint holds them.
+        """Publish `parts`, all of the run so far in order, once a checkpoint holds them.
 
         Raises:
             StaleAttemptError: a later attempt is accepted, or the run is done.

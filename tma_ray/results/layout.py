@@ -76,7 +76,7 @@ def _check_content(store: Store) -> None:
 
 
 def create_root(store: Store) -> None:
-    """Make an empty place a results root; leaves one of this version as it is, and mends its `ROOT_FILE`.
+    """Make an empty place a results root; leave one of this version unchanged but for a missing `ROOT_FILE`.
 
     Raises:
         ResultsRootError: something else is there, or a root of another version.
@@ -159,7 +159,7 @@ def check_id(name: str) -> str:
 
 
 def check_path(path: str) -> str:
-    """Return `path` if it stays below the folder that it is relative to: files name other files.
+    """Return `path` if it stays below its base folder, as paths named in files must.
 
     Raises:
         ValueError: an absolute path, or one with "..", a backslash or an empty part.

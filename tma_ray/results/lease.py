@@ -96,7 +96,7 @@ class LearnerProgress:
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """A sign of life.
+    """Heartbeat of a campaign.
 
     Attributes:
         holder: campaign, host and process, as in the lease.

@@ -252,7 +252,7 @@ class Copy:
 
 
 def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> Copy:
-    """Copy all that a root says of its runs, and their policies, to an empty place, files merged.
+    """Copy the tables and policies of a root to an empty place, with files merged.
 
     What is damaged is left out.
 

@@ -272,7 +272,7 @@ def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
 
 
 def _opened(table: Table, source: Any, *, checked: bool = False) -> pq.ParquetFile:
-    """Return an opened file whose ids are read as dictionaries, whatever the file says of them."""
+    """Return an opened file whose ids are read as dictionaries, whatever types the file stores."""
     metadata = pq.read_metadata(source)
     there = set(metadata.schema.names)  # an older file lacks some, which must not be asked for
     ids = [name for name in _ids(table) if name in there]

@@ -245,7 +245,7 @@ class Run:
         return replace(trajectory, entropy_bonuses=bonuses) if bonuses.any() else trajectory
 
     def _events(self, step: int) -> None:
-        """Do everything that is due at `step`: evaluation, probe, training statistics, then a reset."""
+        """Run all events due at `step`: evaluation, probe, training statistics, then a reset."""
         schedule = self.spec.schedule
         if step % schedule.evaluation_interval == 0 or step == schedule.steps:
             rows = [{"step": step, **row} for row in self._evaluation(self.student.act_greedily)]

@@ -38,7 +38,7 @@ class TeacherLink(Protocol):
     """Interface of a run to its teacher, in this process or another."""
 
     def exchange(self, episode: Episode | None) -> Reply:
-        """Report a finished episode (none before the first) and asks for the next task."""
+        """Report a finished episode (none before the first) and ask for the next task."""
 
     def answer(self, answer: Answer) -> Reply:
         """Answer the query of the last reply."""
@@ -78,7 +78,7 @@ class InlineTeacher:
         self._teacher.start(spec.task_space, knowledge, np.random.default_rng(Streams.of(spec).teacher))
 
     def exchange(self, episode: Episode | None) -> Reply:
-        """Report a finished episode (none before the first) and asks for the next task.
+        """Report a finished episode (none before the first) and ask for the next task.
 
         Raises:
             ValueError: the teacher proposes something else than a task of its space.

@@ -94,7 +94,7 @@ class Normaliser:
         return self._mean, self._variance, self.observation_clip
 
     def normalise_reward(self, reward: float) -> float:
-        """Return `reward` scaled and clipped; the mean is not taken off."""
+        """Return `reward` scaled and clipped; the mean is not subtracted."""
         return max(-self.reward_clip, min(self.reward_clip, reward / self.reward_scale))
 
     @property

@@ -49,12 +49,12 @@ class TestSet:
         return len(self.tasks)
 
     def __repr__(self) -> str:
-        """Name it; a run spec holds one, and is printed in messages."""
+        """Return a short name, since messages print run specs."""
         return f"TestSet({self.name!r}, {', '.join(self.dimensions)}: {len(self)} tasks, {self.digest})"
 
     @property
     def digest(self) -> str:
-        """Hash of dimensions and tasks: two sets of one name and other tasks never pass for each other."""
+        """Hash of dimensions and tasks, by which sets of the same name are told apart."""
         content = ",".join(self.dimensions).encode() + np.ascontiguousarray(self.tasks).tobytes()
         return hashlib.sha256(content).hexdigest()[:16]
 

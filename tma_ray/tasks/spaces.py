@@ -175,7 +175,7 @@ CUTS = 4
 
 @dataclass(frozen=True, eq=False)
 class ShuffledSpace:
-    """The box a teacher works in, and where each of its tasks really lies.
+    """The teacher's box, with the map from its tasks to the world's.
 
     Every dimension is cut into equal intervals, which change places within it, independently of the
     other dimensions. The teacher sees the same box as before; a smooth path through it jumps wherever

@@ -31,7 +31,7 @@ def assigned(sources: Array, targets: Array) -> NDArray[np.int64]:
 
 
 class Performance(NamedTuple):
-    """Return expected at points: averages of known ones, weighted by a Gaussian kernel (Nadaraya-Watson).
+    """Expected returns at points: averages of known returns weighted by a Gaussian kernel (Nadaraya-Watson).
 
     Attributes:
         points: tasks with known returns (n, f).

@@ -142,7 +142,7 @@ class EntropyUpdate:
     largest: float
 
     def solved(self) -> BetaProduct:
-        """Return the feasible distribution of highest entropy; if there is none, that of most success."""
+        """Return the feasible distribution of highest entropy; without one, that of highest success."""
         start = self.present.logs
         if self.success(start)[0] < self.least_success:
             start = self._best(start, self.success, (), self.success(start)[0])

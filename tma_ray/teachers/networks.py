@@ -286,7 +286,7 @@ JUDGE_UNITS = 64
 def new_networks(
     size: int, hidden_units: int, learning_rate: float, rng: np.random.Generator
 ) -> tuple[nn.Sequential, RealNVP, torch.optim.Optimizer, torch.optim.Optimizer]:
-    """Return a judge and a setter that have learned nothing, for tasks of a `size`, and their optimisers."""
+    """Return an untrained judge and setter for tasks of a `size`, and their optimisers."""
     seeded = torch_generator(rng)
     layers: list[nn.Module] = []  # three hidden ones (paper, appendix A) and the logit of success
     for inputs in (size, JUDGE_UNITS, JUDGE_UNITS):

@@ -176,7 +176,7 @@ class TaskBuffer:
         self.scores[place], self.best[place], self.mastered[place] = score, best, mastered
 
     def offer(self, task: Task, score: float, best: float, mastered: bool = False) -> int | None:
-        """Take `task` (d,) in, unless the buffer is full and the task that would give way scores higher.
+        """Add `task` (d,) unless the buffer is full and the task to be replaced scores higher.
 
         Returns:
             The place of `task`, None if it was not taken in.
@@ -267,7 +267,7 @@ class PrioritisedReplay(Teacher):
         return self.space.sample(rng, count)
 
     def observe(self, episode: Episode) -> Query:
-        """Ask for what the score is made of."""
+        """Request the trajectory for the score."""
         self.episode_, self.episodes_ = episode, self.episodes_ + 1
         return Query(QueryKind.TRAJECTORY)
 
@@ -291,7 +291,7 @@ class PrioritisedReplay(Teacher):
         return tasks
 
     def after_replay(self, task: Task) -> None:
-        """Hears that `task` (d,) of the buffer was played and scored."""
+        """Respond to the replay of `task` (d,), which has been scored; do nothing by default."""
 
     def estimate(
         self, trajectory: Trajectory, values: NDArray[np.float64], best: float, mastered: bool

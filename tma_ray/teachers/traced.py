@@ -75,7 +75,7 @@ class TransitionModel:
 
 @dataclass
 class TRACED(ACCEL):
-    """ACCEL whose score adds the error of a transition model, and what a task does for others.
+    """ACCEL whose score adds the error of a transition model and the task's co-learnability.
 
     The difficulty of a task is its positive value loss plus alpha times the mean error of the transitions of
     its episode under a model that is learned online. The co-learnability of the tasks replayed in round k is

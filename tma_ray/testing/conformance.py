@@ -113,7 +113,7 @@ class TeacherConformance:
         json.dumps(hyperparameters_of(self.teacher()))
 
     def test_unknown_hyperparameters_are_refused(self) -> None:
-        """Before anything runs."""
+        """Check that unknown hyper-parameters are refused before anything runs."""
         try:
             self.teacher(no_such_hyperparameter=1)  # type: ignore[call-arg]
         except TypeError:
@@ -164,7 +164,7 @@ class TeacherConformance:
         check_tasks(self._record(scenario).tasks, scenario.space, self._name)
 
     def test_tasks_stay_inside_whatever_the_student_does(self, pupil: TrialStudent) -> None:
-        """Also when nothing is ever mastered, or everything at once."""
+        """Check that tasks stay inside the space when nothing or everything is mastered."""
         scenario = self.claimed_scenarios()[-1]
         teacher = self._started(scenario)
         check_tasks(play(teacher, scenario, 0, self.episodes, pupil), scenario.space, self._name)

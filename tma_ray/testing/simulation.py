@@ -66,7 +66,7 @@ class SimulatedRun:
 
 
 class Simulation:
-    """A teacher, a student, and the world between them.
+    """Loop of a teacher and a simulated student.
 
     Attributes:
         episodes: played so far, those of evaluations for the teacher among them.

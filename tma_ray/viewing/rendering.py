@@ -108,7 +108,7 @@ def _write_gif(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
 
 
 def _colours(picture: Image.Image, count: int, method: Image.Quantize) -> list[int]:
-    """Return `count` colours of `picture`, one value after the other."""
+    """Return the values of `count` colours of `picture`, concatenated."""
     values = picture.quantize(count, method=method).getpalette() or []
     return (values + [0] * 3 * count)[: 3 * count]
 

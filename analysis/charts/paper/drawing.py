@@ -41,7 +41,7 @@ Drawn = dict[Panel, Axes]
 
 
 def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
-    """Return `chart_of` made to return its chart as a figure of matplotlib."""
+    """Wrap `chart_of` so that it returns its chart as a figure of matplotlib."""
 
     @functools.wraps(chart_of)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:

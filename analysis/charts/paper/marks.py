@@ -64,7 +64,7 @@ def _draw(mark: Mark, *_: object) -> None:
 
 @_draw.register
 def _(mark: Curve, axes: Axes, panel: Panel) -> None:
-    """Draw a line from where all runs have values, thin where some of them have yet to arrive."""
+    """Draw a line from the first step with values of all runs, thin where some runs have not arrived yet."""
     whole = np.ones(len(mark.x), bool) if mark.n is None else mark.n == mark.n.max()
     start, end = (int(place) for place in np.flatnonzero(whole)[[0, -1]])
     x, colour = mark.x[start:], mark.look.colour

@@ -62,7 +62,7 @@ R = TypeVar("R")
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Return `draw` made to work in `STYLE`, whatever the caller's settings, which stay as they are."""
+    """Wrap `draw` so that it uses `STYLE` and leaves the caller's settings of matplotlib unchanged."""
 
     @functools.wraps(draw)
     def draw_in_style(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -85,7 +85,7 @@ def png(figure: Figure) -> bytes:
 
 
 def svg(figure: Figure) -> str:
-    """Return `figure` as an element of a page, whose letters can be searched and read aloud."""
+    """Return `figure` as an SVG element whose text can be searched and read aloud."""
     with mpl.rc_context({"svg.fonttype": "none"}):
         text = _file(figure, "svg", DPI).decode()
     return " ".join(text[text.index("<svg") :].split())  # no line is empty, which would end it in Markdown

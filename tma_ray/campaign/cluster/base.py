@@ -20,14 +20,14 @@ from tma_ray.plugin_source import PluginSource
 
 
 class Watched(Protocol):
-    """A Ray without which a campaign cannot go on."""
+    """Ray cluster whose head is watched while a campaign runs."""
 
     def lost(self, patience: float) -> str | None:
-        """Return the reason why the head counts as lost after a silence of `patience`, s; else None."""
+        """Return the reason why the head counts as lost after `patience` seconds of silence; else None."""
         ...
 
     def abandon(self) -> None:
-        """Kill what is left of a Ray that this process has started, without any call of Ray."""
+        """Kill the remaining processes of a Ray that this process has started, without any call of Ray."""
         ...
 
 
@@ -73,7 +73,7 @@ def offers(nodes: Sequence[Mapping[str, float]]) -> str:
 
 
 def working_nodes() -> list[dict[str, Any]]:
-    """Return the living nodes that may get a run, or all where those are still to come.
+    """Return the living nodes that may get a run, or all nodes if workers are still to come.
 
     Every run needs some share of a core, which the head node of many clusters does not offer.
     """
@@ -122,7 +122,7 @@ def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, A
 
 
 def use_shipped() -> None:
-    """Put the shipped files first on the search path of this worker."""
+    """Put the shipped plug-ins first on the search path of this worker."""
     try:
         shipped = importlib.import_module(FOLDER)
     except ModuleNotFoundError:  # nothing was shipped: all is installed, or Ray was connected before
@@ -217,7 +217,7 @@ def leaving_without_head(
     grace: float = 0.0,
     conclude: Callable[[], None] = lambda: None,
 ) -> Iterator[None]:
-    """End this process with a message and `RAY_LOST` if Ray's head is lost while the block runs.
+    """Context manager that ends this process with a message and `RAY_LOST` if Ray's head is lost.
 
     A call of Ray waits for a head that is gone until Ray itself ends the process, after 60 s and without a
     word, and cannot be interrupted. The block has `grace` s to notice the loss and end by itself; `conclude`

@@ -78,7 +78,7 @@ class OwnProcesses:
         self._serving: set[psutil.Process] = set()
 
     def look(self) -> None:
-        """Take note of what has been started.
+        """Record the processes that have been started.
 
         Core processes are children of this one. The node manager's own children bear its name, too, until
         they become workers, which may end at any time.
@@ -102,7 +102,7 @@ class OwnProcesses:
         )
 
     def abandon(self) -> None:
-        """Kill what is left of this Ray, some of which would stay for minutes; see `Watched`."""
+        """Kill the remaining processes of this Ray, some of which would live for minutes; see `Watched`."""
         self.look()
         for process in self._core:
             with suppress(psutil.NoSuchProcess):
@@ -116,7 +116,7 @@ class OwnProcesses:
         psutil.wait_procs(self._started, timeout=END_SECONDS)
 
     def _serves(self, process: psutil.Process) -> bool:
-        """Return False if a process has ended or closed its ports: after SIGTERM a head does, and hangs."""
+        """Return False if a process has ended or closed its ports, as a hanging head does after SIGTERM."""
         try:
             if not process.is_running() or process.status() == psutil.STATUS_ZOMBIE:
                 return False
@@ -190,14 +190,14 @@ class LocalHead:
         return None if self._left else self._processes.lost(patience)
 
     def abandon(self) -> None:
-        """Kill what is left of this Ray; see `Watched`."""
+        """Kill the remaining processes of this Ray; see `Watched`."""
         self._processes.abandon()
 
     def close(self) -> None:
-        """Do nothing: it is watched without a thread."""
+        """Do nothing, since there is no thread."""
 
     def _clean(self, folder: Path) -> None:
-        """End this Ray and remove its folder, when the interpreter ends: before Ray would end it itself."""
+        """End this Ray and remove its folder when the interpreter exits, before Ray's own exit handler."""
         if self.is_connected():
             ray.shutdown()
         self._processes.wait()
@@ -206,7 +206,7 @@ class LocalHead:
 
 
 def private_folder() -> Path | None:
-    """Return a new folder of this user alone in which Ray's can be; None leaves the choice to Ray.
+    """Return a new private folder for Ray's files; None leaves the choice to Ray.
 
     Ray lets all users of the machine write into its own folder, whose path must be short because of sockets.
     This process holds a lock on the folder as long as it lives; folders of ours without one are removed.
@@ -233,7 +233,7 @@ def private_folder() -> Path | None:
 
 
 def _remove(folder: Path) -> None:
-    """Remove a folder of ours, its mark last, so that another try finds what was left."""
+    """Remove a folder of ours, its mark last, so that an interrupted removal can be repeated."""
     if (folder / "ray").exists():
         shutil.rmtree(folder / "ray")
     (folder / MARK).unlink()

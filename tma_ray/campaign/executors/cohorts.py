@@ -28,7 +28,7 @@ from tma_ray.students.players import COHORT_STUDENTS, CohortSettings
 
 
 class Kind(NamedTuple):
-    """All on which the shapes and the settings of a stacked learner depend: algorithm, lengths, settings."""
+    """Kind of runs that a stacked learner can hold together: algorithm, sizes and settings."""
 
     student: str
     observation: int
@@ -296,7 +296,7 @@ class Cohorts:
         return False
 
     def _narrow(self, cohort: _Cohort, error: MemoryError) -> None:
-        """Halve the width of learners to come, so that the runs of this one can go on."""
+        """Halve the width of future learners, so that the runs of this one can continue."""
         if cohort.width == 1:
             _warn(cohort, error)
             return

@@ -51,7 +51,7 @@ logger = logging.getLogger(__name__)
 
 
 class ResultsRootError(ValueError):
-    """A place that cannot be used as a results root; the message says why and what to do."""
+    """Unusable results root; the message says why and what to do."""
 
 
 class StorageError(OSError):
@@ -225,18 +225,18 @@ class Store(ABC):
 
     @abstractmethod
     def write_bytes(self, path: str, data: bytes) -> None:
-        """Write or replaces a file, atomically and durably."""
+        """Write or replace a file, atomically and durably."""
 
     @abstractmethod
     def create(self, path: str, data: bytes) -> bool:
-        """Write a new file; returns False and changes nothing if there is one.
+        """Write a new file; return False and change nothing if it exists.
 
         Exactly one of several writers makes it, in folders and in buckets.
         """
 
     @abstractmethod
     def replace(self, path: str, data: bytes, version: Version) -> bool:
-        """Replace a file; returns False and changes nothing if its version is another.
+        """Replace a file; return False and change nothing if its version is another.
 
         Exactly one of several writers that have read the same version replaces it: in a bucket by a
         conditional request, in a folder under a lock of its file system, where that has locks.
@@ -252,7 +252,7 @@ class Store(ABC):
 
     @abstractmethod
     def delete(self, path: str) -> None:
-        """Delete a file, or a folder with all it holds; fine if there is none."""
+        """Delete a file, or a folder with its contents, if it exists."""
 
     @abstractmethod
     def exists(self, path: str) -> bool:

@@ -91,7 +91,7 @@ class FolderStore(Store, schemes=("", "file")):
             write_file(target, self._aside(), data)
 
     def create(self, path: str, data: bytes) -> bool:
-        """Write a new file by an exclusive link, which needs no locks; False if there is one."""
+        """Write a new file by an exclusive link, which needs no locks; return False if it exists."""
         target = self._own_path(path)
         with explained_disk(self.where(path)):
             return write_file(target, self._aside(), data, exclusive=True)
@@ -181,7 +181,7 @@ class FolderStore(Store, schemes=("", "file")):
         return f"tma_ray-{Path(self.base).stat().st_ino}-"
 
     def _refuse_links_out(self, path: str) -> None:
-        """Refuse symbolic links that lead out of the root: it may be others' who made it."""
+        """Refuse symbolic links that lead out of the root, which others may have created."""
         if links_out(self.base, path):
             raise DamagedFileError(
                 f"{self.where(path)} is damaged: a symbolic link leads out of the root or nowhere"
@@ -337,7 +337,7 @@ def stamps_below(base: str, folder: str) -> Iterator[tuple[str, Stamp]]:
 
 
 def delete(path: Path) -> None:
-    """Delete a file, a link but not its target, or as much of a folder as can be; fine if there is none."""
+    """Delete a file, a link but not its target, or as much of a folder as possible, if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:

@@ -137,7 +137,7 @@ _KEY_STEPS = 0x9E3779B9, 0xBB67AE85
 
 
 class Purpose(IntEnum):
-    """Use of numbers: those of different uses are independent.
+    """Purpose of random numbers; those of different purposes are independent.
 
     Attributes:
         BATCH: transitions of a batch.
@@ -196,7 +196,7 @@ def standard_normals(drawn: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 
 def _product(word: torch.Tensor, multiplier: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the high and the low word of the product, made of halves: in one piece it has 64 bits.
+    """Return the high and the low word of a product of 32-bit words, computed from 16-bit halves.
 
     Signed numbers of 64 bits would overflow, which compilers of C++ assume never to happen.
     """

@@ -64,7 +64,7 @@ class StackedLearner(ABC):
             counts[slot].fill_(0)
 
     def owe(self, slot: int, updates: int) -> None:
-        """Add `updates` to what is due to the run in `slot`."""
+        """Add `updates` to those due to the run in `slot`."""
         self.owed[slot] += updates
         self._owed[slot].add_(updates)
 
@@ -120,7 +120,7 @@ class StackedLearner(ABC):
 
     @abstractmethod
     def _stacks(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Return all that is learned in padded layouts; first what runs act by.
+        """Return all learned parameters in padded layouts, those of acting first.
 
         Each is memory with one row or more per slot (k, ..., p), and the places of the parameters without
         padding in a row.

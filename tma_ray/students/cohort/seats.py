@@ -75,7 +75,7 @@ class Seat(ABC):
             generator.bit_generator.state = saved
         return lambda: self.student.save(folder, incremental)
 
-    def take_over(self) -> tuple[NDArray[np.float32], PlayerState]:
+    def load_state(self) -> tuple[NDArray[np.float32], PlayerState]:
         """Load the state that the student has read; return the weights and the player's half."""
         self._enter()
         generators = [dict(each.bit_generator.state) for each in self.student._generators]

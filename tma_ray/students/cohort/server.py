@@ -21,7 +21,7 @@ from tma_ray.students.players.link import CohortSettings, Mailbox
 
 
 def recorded() -> torch.cuda.Event:
-    """Return a mark in the work that the GPU was asked to do; who waits for it leaves the processor."""
+    """Return an event recorded on the GPU's stream; waiting for it leaves the processor idle."""
     event = torch.cuda.Event(blocking=True)  # type: ignore[no-untyped-call]
     event.record()
     return event
@@ -256,7 +256,7 @@ class LearnerServer:
 
     def _load_for(self, connection: Connection, folder: Path) -> Any:
         seat = self._seats[connection]
-        return self._aside(connection, lambda: seat.student.load(folder), lambda _: seat.take_over())
+        return self._aside(connection, lambda: seat.student.load(folder), lambda _: seat.load_state())
 
     def _hardware_for(self, _: Connection) -> Any:
         settings = self._stacks.settings

@@ -82,10 +82,10 @@ class Player(ActingStudent):
         self._acting = ArrayNetwork(layout, self._low.size)
         self._link = link
         self._start()
-        self._take_over(link.join(membership))
+        self._load_weights(link.join(membership))
 
     @abstractmethod
-    def _take_over(self, weights: Weights) -> None:
+    def _load_weights(self, weights: Weights) -> None:
         """Act with `weights` from now on."""
 
     @abstractmethod
@@ -102,7 +102,7 @@ class Player(ActingStudent):
 
     def reset(self) -> None:  # noqa: D102
         self._forget()
-        self._take_over(self._link.ask("reset"))
+        self._load_weights(self._link.ask("reset"))
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
         unchanged: tuple[str, ...] = self._link.ask("save", folder, self._state(), incremental)
@@ -111,7 +111,7 @@ class Player(ActingStudent):
     def load(self, folder: Path) -> None:  # noqa: D102
         weights, state = self._link.ask("load", folder)
         self._forget()
-        self._take_over(weights)
+        self._load_weights(weights)
         for generator, saved in zip(self._generators, state.generators, strict=True):
             generator.bit_generator.state = saved
         self.restore_experience(state.experience)
@@ -121,7 +121,7 @@ class Player(ActingStudent):
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:
-        """Refuse: policies are those of the student that learns alone, which loads them."""
+        """Raise an error, since only the student that learns alone loads policies."""
         raise NotImplementedError("load the policy with tma_ray.students.load_policy")
 
     def scalars(self) -> dict[str, float]:  # noqa: D102

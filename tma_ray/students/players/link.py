@@ -62,11 +62,11 @@ class Mailbox:
         return cls(recv_handle(connection), size)
 
     def offer(self, connection: Connection) -> None:
-        """Give the other side of a connection this mailbox."""
+        """Send this mailbox to the other side of a connection."""
         send_handle(connection, self._descriptor, None)
 
     def post(self, parts: Iterable[Any]) -> tuple[Any, ...]:
-        """Return `parts` as a message has them: arrays are in the memory, all else as it is."""
+        """Return `parts` for a message, with arrays replaced by their places in the mailbox."""
         posted, offset = [], 0
         for part in parts:
             if isinstance(part, np.ndarray):
@@ -83,7 +83,7 @@ class Mailbox:
         return tuple(self._view(part).copy() if isinstance(part, Posted) else part for part in posted)
 
     def close(self) -> None:
-        """Give the descriptor back; the memory goes with its last view."""
+        """Close the descriptor; the memory is freed with its last view."""
         os.close(self._descriptor)
 
     def _view(self, place: Posted) -> NDArray[Any]:
@@ -108,15 +108,15 @@ Weights = NDArray[np.float32]
 
 
 class LearnerError(RuntimeError):
-    """The learner refused or failed at what a player asked for; the message has its traceback."""
+    """Failed request to the learner; the message has its traceback."""
 
 
 class CohortFullError(LearnerError):
-    """All slots for runs of a kind are taken; somebody may be about to leave one."""
+    """Cohort without a free slot; one may become free soon."""
 
 
 class LearnerLostError(ConnectionError):
-    """The learner does not answer: its process, or its machine, has ended. The run can be taken up again."""
+    """Lost learner, whose process or machine has ended; the run can be resumed."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class Learner:
 
 
 class Membership(NamedTuple):
-    """All that the learner has to know of a player that joins.
+    """Description of a player that joins, for the learner.
 
     Attributes:
         student: name in the student registry.

@@ -287,7 +287,7 @@ class PPOPlayer(PPOActing, Player):
         if self.hyperparameters.averaged_steps:
             self._greedy = ArrayNetwork(self._acting.layout, self._low.size)
 
-    def _take_over(self, weights: Weights) -> None:
+    def _load_weights(self, weights: Weights) -> None:
         """Load the network's parameters and, after them, the log deviation (a,)."""
         count = self._low.size
         own = weights[:-count]
@@ -322,5 +322,5 @@ class PPOPlayer(PPOActing, Player):
         updates = hyper.epochs * (hyper.steps_per_update // hyper.batch_size)
         weights = self._link.learn((*self.rollout.columns(), orders), updates)
         assert weights is not None, "a rollout is followed by updates"
-        self._take_over(weights)
+        self._load_weights(weights)
         self.rollout.clear()

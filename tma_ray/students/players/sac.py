@@ -152,7 +152,7 @@ class SACPlayer(SACActing, Player):
         super()._start()
         self._forget()
 
-    def _take_over(self, weights: Weights) -> None:
+    def _load_weights(self, weights: Weights) -> None:
         self._acting.load(weights)
 
     def _forget(self) -> None:
@@ -175,7 +175,7 @@ class SACPlayer(SACActing, Player):
             experience = observations, self._scaled(actions), rewards, transition.terminated
             weights = self._link.learn(experience, updates)
             if weights is not None:
-                self._take_over(weights)
+                self._load_weights(weights)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Return V(s) (n,) of `observations` (n, o), entropy bonus included."""

@@ -217,7 +217,7 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
         return make_model(self.algorithm, *boxes, self.hyperparameters, self.device)
 
     def _refresh(self) -> None:
-        """Nothing is copied from the model."""
+        """Do nothing, since the student acts with the model itself."""
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
         actions: Actions = self.model.predict(observations, deterministic=True)[0]
