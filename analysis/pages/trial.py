@@ -1,4 +1,4 @@
-"""The page of a trial: the verdict, how far the next one is, curves, costs, and what a paper needs."""
+"""The page of a trial: verdicts and their boundaries, curves, costs, and material for a paper."""
 
 from __future__ import annotations
 

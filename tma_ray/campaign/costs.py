@@ -204,7 +204,7 @@ def measured_speeds(
 
 @cache
 def machine_speed(at_once: int) -> float:
-    """Return the speed of one of several busy cores, in rounds of `ROUNDS` per second, within a second."""
+    """Return the speed of a core while all are busy, in rounds of `ROUNDS` per second."""
     started = [
         subprocess.Popen(  # noqa: S603
             [sys.executable, "-c", ROUNDS, str(MACHINE_SECONDS)],

@@ -138,7 +138,7 @@ def _still_space(body: BodyArrays, settings: SolverSettings) -> tuple[pymunk.Spa
 
 
 def _posed(body: BodyArrays, parts: list[pymunk.Body]) -> BodyArrays:
-    """Return `body` where its `parts` are."""
+    """Return `body` in the present pose of its `parts`."""
     return body._replace(
         position=np.array([part.position for part in parts]), angle=np.array([part.angle for part in parts])
     )

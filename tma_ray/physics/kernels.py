@@ -485,7 +485,7 @@ def water_forces(
 
 @kernel
 def _submerged(part: int, pose: Floats, rotation: Floats, body: StepArrays, water_y: float) -> Floats:
-    """Return the corners of what is under water of a part, in world axes (k, 2), counter-clockwise."""
+    """Return the corners (k, 2) of the submerged area of a part, in world axes, counter-clockwise."""
     first, count = body.first_vertex[part], body.first_vertex[part + 1] - body.first_vertex[part]
     corners = np.empty((count, 2))
     for index in range(count):

@@ -304,7 +304,7 @@ def _check_size(
 
 
 def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
-    """Return those of `columns` that are in `file`; of others, one that says how many rows there are."""
+    """Return the `columns` that `file` has; if it has none, any other one, for the number of rows."""
     there = file.schema_arrow.names
     return [name for name in columns if name in there] or there[:1]
 

@@ -355,7 +355,7 @@ def cluster_nodes(address: str, *, gpus: bool, autoscaling: bool) -> Nodes:
 
 
 def nodes_to_come(heads: Collection[str], *, gpus: bool) -> list[dict[str, float]]:
-    """Return the nodes to which a cluster may grow whose autoscaler runs on this machine, the largest first.
+    """Return the nodes that the autoscaler on this machine may still start, the largest first.
 
     Args:
         heads: addresses of its head.

@@ -267,7 +267,7 @@ class LearnerActor:
 
 
 def wait_for_end(thread: threading.Thread, turned_at: Callable[[], float | None]) -> None:
-    """Wait for the end of a learner's thread, which last looked for requests at the time `turned_at()`, s.
+    """Wait for the end of a learner's thread; `turned_at()` is the time of its last turn, s.
 
     Raises:
         TimeoutError: the same updates have taken longer than `LONGEST_TURN`.

@@ -269,7 +269,7 @@ class Cohorts:
         cohort.asked = cohort.actor.report.remote()
 
     def _lives(self, cohort: _Cohort) -> bool:
-        """Return True if a learner is at work, or may be although it does not answer; else log the reason."""
+        """Return True unless a learner has certainly ended; then log the reason."""
         if not _come(cohort.ended):
             if cohort.unanswered < self._settings.unreachable_seconds:
                 return True

@@ -160,7 +160,7 @@ _add, _exchange = _atomic("add"), _atomic("xchg")
 
 @kernel
 def _work(board: Integers, thread: int) -> None:
-    """Step worlds until no ticket is left; those of `thread` first, which its processor has in its cache."""
+    """Step worlds until no ticket is left, first those in the cache of the processor of `thread`."""
     threads = (len(board) - LEFT) // LINE
     for turn in range(threads):
         owner = (thread + turn) % threads
@@ -207,7 +207,7 @@ def _serve(board: Integers, lock: int, thread: int) -> None:
 
 @kernel
 def _wake(locks: Integers) -> None:
-    """Open every lock; one that is open may not be opened twice, and is taken first."""
+    """Release every lock, acquiring a free one first, since a free lock cannot be released."""
     for lock in locks:
         _lock_take(lock, 0)
         _lock_open(lock)

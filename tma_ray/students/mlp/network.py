@@ -98,7 +98,7 @@ class Network:
         )
 
     def backpropagate(self, kept: Sequence[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
-        """Write the parameters' gradient, given that by the outputs (n, h) and every layer's inputs `kept`.
+        """Write the parameters' gradient, given the outputs' (n, h) and the inputs `kept` of every layer.
 
         Returns:
             The loss's gradient by the first layer's outputs (n, h), which the next pass overwrites.
