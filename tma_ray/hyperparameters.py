@@ -210,7 +210,7 @@ def _from_text(text: str, annotation: Any) -> Any:
 
 
 def _number(text: str) -> Any:
-    """Return the number in `text`, as an integer if it is whole; the text itself if it is no number."""
+    """Return the number in `text`, as an integer if it is whole; any other text unchanged."""
     try:
         return int(text)
     except ValueError:

@@ -54,7 +54,7 @@ logger = logging.getLogger(__name__)
 
 
 class StaleAttemptError(RuntimeError):
-    """Publication by an attempt that is no longer valid; its process should end."""
+    """Publication by an attempt that a newer one has replaced; its process should end."""
 
 
 def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | None:

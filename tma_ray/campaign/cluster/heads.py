@@ -194,7 +194,7 @@ class LocalHead:
         self._processes.abandon()
 
     def close(self) -> None:
-        """Do nothing, since there is no thread."""
+        """Do nothing: the processes are watched without a thread."""
 
     def _clean(self, folder: Path) -> None:
         """End this Ray and remove its folder when the interpreter exits, before Ray's own exit handler."""
