@@ -26,6 +26,7 @@ from tma_ray.results import (
     NotRunningError,
     RootInUseError,
     RunProgress,
+    StorageError,
     Store,
     ask_to_stop,
     holder_of,
@@ -82,6 +83,20 @@ def test_a_released_lease_is_free_at_once(store: Store, clock: Clock) -> None:
         first.renew()
     with pytest.raises(RootInUseError, match="nobody"):
         first.renew()
+
+
+def test_a_lease_that_a_full_disk_keeps_hides_no_error(
+    store: Store, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: Lease) -> None:
+        raise StorageError("no space")
+
+    monkeypatch.setattr(Lease, "release", refuse)
+    with pytest.raises(KeyError), Lease(store, "first", 100.0, clock):
+        raise KeyError
+    clock.now += 100
+    with pytest.raises(StorageError), Lease(store, "second", 100.0, clock):
+        pass
 
 
 def test_of_two_that_start_at_once_one_is_refused_at_its_first_renewal(store: Store, clock: Clock) -> None:

@@ -260,7 +260,12 @@ class Lease:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.release()
+        try:
+            self.release()
+        except StorageError as unreleased:
+            if error is None:
+                raise
+            logger.warning("%s; the lease stays, and is free once this process has ended", unreleased)
 
     def acquire(self) -> None:
         """Acquire the lease if it is free, released, damaged, or no longer renewed.
