@@ -201,7 +201,7 @@ def test_no_file_tells_when_it_was_written(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_bytes_do_not_depend_on_the_process(tmp_path: Path) -> None:
-    code = "import sys, test_saving as t; t.save(t.figure(), sys.argv[1], t.Vector(sys.argv[2]))"
+    code = "import sys, test_figures as t; t.save(t.figure(), sys.argv[1], t.Vector(sys.argv[2]))"
     path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
     for vector in Vector:
         for seed in ("1", "2"):
