@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum
 from functools import cache
 from numbers import Integral, Real
@@ -100,10 +100,7 @@ def check_at_least(record: object, least: float, *names: str) -> None:
     Raises:
         ValueError: the message holds the attribute's name and its value.
     """
-    for name in names:
-        value = getattr(record, name)
-        if not value >= least:
-            raise ValueError(f"{name} = {value!r}: expected at least {least}")
+    _check_attributes(record, names, lambda value: value >= least, f"at least {least}")
 
 
 def check_positive(record: object, *names: str) -> None:
@@ -112,10 +109,7 @@ def check_positive(record: object, *names: str) -> None:
     Raises:
         ValueError: the message holds the attribute's name and its value.
     """
-    for name in names:
-        value = getattr(record, name)
-        if value is not None and not value > 0:
-            raise ValueError(f"{name} = {value!r}: expected more than 0")
+    _check_attributes(record, names, lambda value: value is None or value > 0, "more than 0")
 
 
 def check_shares(record: object, *names: str) -> None:
@@ -124,7 +118,13 @@ def check_shares(record: object, *names: str) -> None:
     Raises:
         ValueError: the message holds the attribute's name and its value.
     """
+    _check_attributes(record, names, lambda value: 0 <= value <= 1, "a share in [0, 1]")
+
+
+def _check_attributes(
+    record: object, names: Sequence[str], holds: Callable[[Any], bool], expected: str
+) -> None:
     for name in names:
         value = getattr(record, name)
-        if not 0 <= value <= 1:
-            raise ValueError(f"{name} = {value!r}: expected a share in [0, 1]")
+        if not holds(value):
+            raise ValueError(f"{name} = {value!r}: expected {expected}")

@@ -40,6 +40,11 @@ def for_budget(size: int, budget: int) -> int:
     return max(1, round(size * math.sqrt(budget / PAPER_STEPS)))
 
 
+def next_due(due: int, every: int, step: int) -> int:
+    """Return the first of the steps `due`, `due` + `every`, ... after `step`, which is at least `due`."""
+    return due + every * ((step - due) // every + 1)
+
+
 @dataclass
 class Teacher(ABC):
     """An automatic curriculum learning algorithm.

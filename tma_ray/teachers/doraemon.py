@@ -19,7 +19,7 @@ from tma_ray.tasks import (
     TeacherUpdate,
     WeightedGaussian,
 )
-from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
+from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget, next_due
 from tma_ray.teachers.numerics import CONSTANT_STD, UnitBox
 
 Array = NDArray[np.float64]
@@ -267,7 +267,7 @@ class DORAEMON(Teacher):
         if episode.step < self.next_update_:
             return
         every = for_budget(self.update_every, self.budget)
-        self.next_update_ += every * ((episode.step - self.next_update_) // every + 1)
+        self.next_update_ = next_due(self.next_update_, every, episode.step)
         old, mastered = self.distribution_, np.array(self.successes_)
         self.reached_ = self.reached_ or bool(mastered.mean() >= self.least_success)
         if self.reached_:

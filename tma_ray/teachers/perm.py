@@ -47,7 +47,7 @@ class ResponseModel(NamedTuple):
         """Return the most probable abilities (k,) and weights (m,), which are unique.
 
         Args:
-            features: what difficulty depends on (n, m).
+            features: values that difficulties depend on (n, m).
             windows: number of each response's window (n,), from 0 to k - 1.
             responses: values y (n,).
         """

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tma_ray.arguments import check_at_least, check_positive
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
-from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
+from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget, next_due
 from tma_ray.teachers.currot import Performance
 from tma_ray.teachers.numerics import (
     HIGHEST_RETURN,
@@ -117,7 +117,7 @@ class ProCuRLTarget(Teacher):
         if episode.step < self.next_update_:
             return
         every = for_budget(self.update_every, self.budget)
-        self.next_update_ += every * ((episode.step - self.next_update_) // every + 1)
+        self.next_update_ = next_due(self.next_update_, every, episode.step)
         self._update()
 
     def probe(self, count: int) -> Task:
@@ -149,6 +149,3 @@ class ProCuRLTarget(Teacher):
         }
         gaussian = cloud_gaussian(self.space, self._box.denormalise(self.pool_), self.chances_)
         self.log(TeacherUpdate(gaussians=(gaussian,), scalars=scalars))
-
-    def _value(self, returns: Array) -> Array:
-        return np.clip((returns - self.lowest_return) / (self.highest_return - self.lowest_return), 0.0, 1.0)

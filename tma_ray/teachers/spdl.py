@@ -26,7 +26,7 @@ from tma_ray.tasks import (
     TeacherUpdate,
     WeightedGaussian,
 )
-from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.base import Teacher, next_due
 from tma_ray.teachers.numerics import UnitBox
 
 Array = NDArray[np.float64]
@@ -238,8 +238,7 @@ class SPDL(Teacher):
         self.discounted_returns_.append(episode.discounted_return)
         if episode.step < self.next_update_:
             return None
-        passed = (episode.step - self.first_update) // self.update_every
-        self.next_update_ = self.first_update + (passed + 1) * self.update_every
+        self.next_update_ = next_due(self.first_update, self.update_every, episode.step)
         return Query(QueryKind.STATE_VALUES, np.stack([observation for _, observation in self.contexts_]))
 
     def answer(self, answer: NDArray[np.float64]) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
-from tma_ray.teachers.base import PAPER_STEPS, for_budget
+from tma_ray.teachers.base import PAPER_STEPS, for_budget, next_due
 from tma_ray.teachers.spdl import SPDL, FullGaussian
 
 Array = NDArray[np.float64]
@@ -185,7 +185,7 @@ class SPGL(SPDL):
         if episode.step < self.next_update_:
             return
         every = for_budget(self.update_every, self.budget)
-        self.next_update_ += every * ((episode.step - self.next_update_) // every + 1)
+        self.next_update_ = next_due(self.next_update_, every, episode.step)
         old, contexts, returns = self.distribution_, np.stack(self.tasks_), np.array(self.returns_)
         penalty, bound = self._penalty(float(returns.mean())), self.most_divergence
         found = closed_form_update(old, self._target, self._box.normalise(contexts), returns, penalty, bound)

@@ -109,7 +109,7 @@ class StackedPPO(StackedLearner):
 
         Args:
             slot: slot of the run, which has no updates due from before.
-            columns: what a mini-batch holds of `steps_per_update` steps n each, as in `Rollout.columns`.
+            columns: values of `steps_per_update` steps n each, for mini-batches, as in `Rollout.columns`.
             orders: orders of the steps in each epoch, cut into mini-batches (epochs, n).
         """
         assert not self.owed[slot]
