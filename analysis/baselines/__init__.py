@@ -11,7 +11,7 @@ from analysis.baselines.catalogue import (
     baselines,
     find_baseline,
 )
-from analysis.baselines.releasing import add_to_release, release
+from analysis.baselines.releasing import add_to_release, median_policies, release
 from analysis.baselines.verification import Verification, check_address, publish, verify
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "baselines",
     "check_address",
     "find_baseline",
+    "median_policies",
     "publish",
     "release",
     "verify",

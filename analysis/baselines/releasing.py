@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Final
 from uuid import uuid4
 
@@ -28,12 +28,16 @@ from analysis.baselines.croissant import CROISSANT_FILE, croissant
 from analysis.baselines.verification import verify
 from analysis.data.frames import STATUSES, Frames, load
 from analysis.measures.evaluations import ceilings_in_words
+from analysis.measures.run_measures import run_measures
+from analysis.measures.tested import HEADLINE
 from analysis.tables.paper_tables import result_tables, table_results
 from tma_ray.arguments import check_known
 from tma_ray.commands.exits import installed_version
 from tma_ray.commands.values import expanded
 from tma_ray.results import (
     CHIPMUNK,
+    LEAN,
+    POLICIES,
     SCHEMA_VERSION,
     WHOLE,
     Contents,
@@ -328,6 +332,38 @@ def _copied(folder: Path, aside: Path) -> BaselineManifest:
         (aside / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / file, aside / file)
     return manifest
+
+
+def median_policies(root: str | Path, core: Sequence[str] = ()) -> Contents:
+    """Return the contents of a lean release with a policy of each cell: that of the run in the middle.
+
+    That is the run with the median of `mastered_area` over the seeds; of an even number the lower of both in
+    the middle. The weights are float16.
+
+    Args:
+        root: a folder, or an ``s3://`` or ``gs://`` address.
+        core: campaigns whose cells have a policy; all by default.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+        BaselineError: a run in the middle has no policy.
+        ValueError: the root has no campaign of a name in `core`.
+    """
+    frames = load(root)
+    for campaign in core:
+        check_known("campaign", campaign, set(frames.cells["campaign"]), "the root has")
+    cells = frames.cells[frames.cells["campaign"].isin(core)] if core else frames.cells
+    runs = cells.drop_duplicates("run_id")[["run_id", "teacher", "settings", "seed"]]
+    runs = runs.merge(run_measures(frames, training=False)).dropna(subset=[HEADLINE])
+    ordered = runs.sort_values([HEADLINE, "seed"]).groupby(["teacher", "settings"], observed=True)["run_id"]
+    middle = frozenset(str(run_ids.iloc[(len(run_ids) - 1) // 2]) for _, run_ids in ordered)
+    saved = {PurePosixPath(path).parts[1] for path in frames.results.store.files(POLICIES)}
+    if lacking := sorted(middle - saved):
+        raise BaselineError(
+            f"{len(lacking)} of {len(middle)} runs in the middle of their cells have no policy in "
+            f"{frames.results.store.where(POLICIES)}, as {lacking[0]}: release the root that they ended in"
+        )
+    return replace(LEAN, policies=True, runs=middle, half_precision=True)
 
 
 def _campaigns(results: Results) -> dict[str, set[str]]:

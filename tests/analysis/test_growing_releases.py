@@ -4,15 +4,27 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import gymnasium
+import numpy as np
 import pandas as pd
 import pytest
 from synthetic_results import SyntheticCampaign
 
-from analysis.baselines import About, BaselineError, add_to_release, find_baseline, release, verify
+from analysis.baselines import (
+    About,
+    BaselineError,
+    add_to_release,
+    find_baseline,
+    median_policies,
+    release,
+    verify,
+)
 from analysis.baselines.catalogue import PLACES_VARIABLE
 from analysis.data.frames import load
+from analysis.measures.run_measures import run_measures
 from tma_ray.cli import main
 from tma_ray.results import LEAN, Committer, Results, ResultsRootError, Store, Table, start_from
+from tma_ray.students import load_policy, make_student
 
 SMALL = {"steps": 20_000, "evaluation_every": 10_000, "episode_steps": 1_000, "grid": 2, "updates": 2}
 TEACHERS = ("random", "alp_gmm")
@@ -182,3 +194,37 @@ def test_the_command_adds_shards(
     assert capsys.readouterr().out == "growing\n"
     assert main(["release", "first", "growing", "--shard", "two"]) == 2
     assert "nothing to add" in capsys.readouterr().err
+
+
+def test_the_policy_of_the_run_in_the_middle_of_each_cell_is_released(tmp_path: Path) -> None:
+    root, rng = batch(tmp_path / "root", range(4)), np.random.default_rng(0)
+    space = gymnasium.spaces.Box(-1, 1, (24,))
+    student = make_student("ppo", space, gymnasium.spaces.Box(-1, 1, (4,)), np.random.SeedSequence(0))
+    for run_id in load(root).cells["run_id"]:
+        folder = root / "policies" / run_id
+        folder.mkdir(parents=True)
+        student.save_policy(folder)
+    contents = median_policies(root)
+    released = load(release(root, "policies", tmp_path, contents=contents))
+    areas = run_measures(load(root), training=False).merge(load(root).cells[["run_id", "teacher"]])
+    for teacher, own in areas.groupby("teacher", observed=True):
+        (ours,) = released.cells.loc[released.cells["teacher"] == teacher, "run_id"]
+        below = own["mastered_area"] < own.set_index("run_id")["mastered_area"][ours]
+        assert below.sum() == 1
+        folders = [place / "policies" / ours for place in (root, tmp_path / "policies")]
+        before, after = (load_policy("ppo", folder) for folder in folders)
+        observations = rng.uniform(-1, 1, (50, 24)).astype(np.float32)
+        difference = np.abs(before(observations) - after(observations)).max()
+        assert 0 < difference < 2e-3
+        weights = [(folder / "policy.safetensors").stat().st_size for folder in folders]
+        assert weights[1] < 0.52 * weights[0]
+    assert verify(tmp_path / "policies").whole
+    assert find_baseline(tmp_path / "policies").manifest.holds["policies"] == len(TEACHERS)
+
+
+def test_a_run_in_the_middle_without_a_policy_is_no_release_of_policies(first: Path) -> None:
+    with pytest.raises(BaselineError, match=r"2 of 2 runs .* have no policy in .*policies, as"):
+        median_policies(first)
+    with pytest.raises(ValueError, match=r"campaign 'bacth'.*the root has"):
+        median_policies(first, ["bacth"])
+    assert main(["release", str(first), "mine", "--policies", "--lean"]) == 2

@@ -68,6 +68,7 @@ def release(
     licence: Licence = "",
     partial: bool = False,
     lean: bool = False,
+    policies: bool = False,
     shard: Name | None = None,
     core: Annotated[tuple[str, ...], value(names, "NAME,...")] = (),
     gaps: Annotated[str, value(named("a sentence"), "TEXT")] = "",
@@ -83,6 +84,7 @@ def release(
         licence: licence of the results, as CC-BY-4.0 (default: none)
         partial: allow missing runs, and mark the baseline so
         lean: leave out episodes, logs of teachers, policies and names of machines: 20 kB a run
+        policies: pack, lean, the run with the median result of each cell, and its final policy as float16
         shard: name of files that add the finished runs that the release lacks, lean (default: pack all)
         core: campaigns that 'tma-ray campaign --like' repeats (default: all)
         gaps: campaigns that the release is to have and that have not begun, for its card (default: none)
@@ -91,17 +93,20 @@ def release(
         tma-ray release results mine-1.0 --licence CC-BY-4.0
         tma-ray release results mine-1.0 --output s3://bucket/releases
         tma-ray release results growing --shard batch-1 --licence CC-BY-4.0
+        tma-ray release results mine-1.0-policies --policies --licence CC-BY-4.0
     """
-    from analysis.baselines import About, add_to_release, check_address, publish
+    from analysis.baselines import About, add_to_release, check_address, median_policies, publish
     from analysis.baselines import release as write
     from tma_ray.results import LEAN, WHOLE
 
+    if policies and (shard or lean):
+        raise ValueError("--policies makes a lean release of its own: leave --lean and --shard out")
     about = About(core, gaps)
 
     def packed(folder: Path) -> Path:
         if shard:
             return add_to_release(root, name, shard, folder, licence, about=about)
-        contents = LEAN if lean else WHOLE
+        contents = median_policies(root, core) if policies else LEAN if lean else WHOLE
         return write(root, name, folder, licence, partial=partial, contents=contents, about=about)
 
     if "://" not in output:

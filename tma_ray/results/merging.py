@@ -12,8 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Final
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from safetensors.numpy import load as parse_tensors
+from safetensors.numpy import save as serialise_tensors
 
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results.inputs import kept_files
@@ -49,12 +52,16 @@ class Contents:
         unfinished: True to copy runs that are not done.
         policies: True to copy final policies.
         hosts: True to keep the names of machines in the table of attempts.
+        runs: ids of the runs that are copied; None for all.
+        half_precision: True to write the weights of policies as float16.
     """
 
     tables: tuple[Table, ...] = DATA_TABLES
     unfinished: bool = True
     policies: bool = True
     hosts: bool = True
+    runs: frozenset[str] | None = None
+    half_precision: bool = False
 
 
 WHOLE: Final = Contents()
@@ -292,10 +299,21 @@ def copy_beside(
     left_out = []
     for path in results.store.files(POLICIES):
         if path.endswith(POLICY_FILES) and PurePosixPath(path).parts[1] in ours:
-            target.write_bytes(path, results.store.read_bytes(path))
-        else:
+            data = results.store.read_bytes(path)
+            weights = contents.half_precision and path.endswith(".safetensors")
+            target.write_bytes(path, _halved(data) if weights else data)
+        elif contents.runs is None:
             left_out.append(path)
     return tuple(left_out)
+
+
+def _halved(data: bytes) -> bytes:
+    """Return a safetensors file with its matrices of float32 as float16."""
+    tensors = {
+        name: tensor.astype(np.float16) if tensor.dtype == np.float32 and tensor.ndim == 2 else tensor
+        for name, tensor in parse_tensors(data).items()
+    }
+    return serialise_tensors(tensors)
 
 
 def sound_runs(results: Results, contents: Contents) -> tuple[list[Manifest], list[str]]:
@@ -306,7 +324,12 @@ def sound_runs(results: Results, contents: Contents) -> tuple[list[Manifest], li
     """
     sound: list[Manifest] = []
     damaged: list[str] = []
-    wanted = [run for run in results.runs() if contents.unfinished or run.status is RunStatus.DONE]
+    wanted = [
+        manifest
+        for manifest in results.runs()
+        if (contents.unfinished or manifest.status is RunStatus.DONE)
+        and (contents.runs is None or manifest.run.run_id in contents.runs)
+    ]
     for manifest, found in Inspector(results.store).inspect_all(wanted):
         if found.newer:
             raise DamagedFileError(newer_version(results.store, found.newer[0]))

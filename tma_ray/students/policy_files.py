@@ -175,7 +175,10 @@ def read_policy(folder: Path, student: str) -> StoredPolicy:
         found = parse_tensors(_bytes(path))
     except (SafetensorError, KeyError, TypeError) as error:  # a type that numpy lacks is a KeyError
         raise PolicyFileError(path, f"no sound safetensors file ({error}); {_ADVICE}") from error
-    tensors = {name: np.array(tensor) for name, tensor in found.items()}  # aligned and writable
+    tensors = {  # aligned and writable; releases have float16
+        name: np.array(tensor, np.float32 if tensor.dtype == np.float16 else tensor.dtype)
+        for name, tensor in found.items()
+    }
     return StoredPolicy(folder, observation_space, action_space, settings.hyperparameters, tensors)
 
 
