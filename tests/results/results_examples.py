@@ -1,12 +1,12 @@
 """Rows and runs for the tests of the results package."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tma_ray.results import RunRecord, Store, Table, teacher_log_row
+from tma_ray.results import Committer, PartFile, RunRecord, RunWriter, Store, Table, teacher_log_row
 from tma_ray.results.storage import BucketStore
 from tma_ray.tasks import ScoredBox, TeacherUpdate, WeightedGaussian
 
@@ -47,6 +47,35 @@ def make_rows(rng: np.random.Generator, step: int) -> list[tuple[Table, list[dic
         (Table.CURRICULUM, [{"step": step, "sample": i, "task": task} for i in range(2)]),
         (Table.TEACHER_LOG, [teacher_log_row(step, step // 10, update)]),
     ]
+
+
+def add_run(
+    store: Store,
+    run_id: str = "run-1",
+    steps: Sequence[int] = (0,),
+    *,
+    finished: bool = True,
+    empty: Table | None = None,
+) -> list[PartFile]:
+    """Write a run with published parts of each step and no rows of one table; return the parts."""
+    committer, record = Committer(store), make_record(run_id)
+    writer = RunWriter(store, run_id, committer.start(record))
+    for step in steps:
+        for table, rows in make_rows(np.random.default_rng([step, *run_id.encode()]), step):
+            if table is not empty:
+                writer.add(table, rows)
+        parts = writer.flush()
+    committer.publish(record, writer.attempt, parts)
+    if finished:
+        committer.finish(record, writer.attempt, writer.finish())
+    return list(parts)
+
+
+def make_cell(run_id: str, seed: int = 0, experiment: str = "x", teacher: str = "alp_gmm") -> dict[str, Any]:
+    """Return a row of the table of cells."""
+    names = ("environment", "challenge", "embodiment", "student", "expert_knowledge")
+    names_of = dict.fromkeys(names, "x") | {"experiment": experiment, "teacher": teacher}
+    return names_of | {"seed": seed, "run_id": run_id}
 
 
 def _training_row(rng: np.random.Generator, step: int) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow as pa
@@ -35,22 +36,23 @@ ADDED = {
 
 
 @pytest.fixture
-def newer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Add a column to most tables."""
-    for table, field in ADDED.items():
-        monkeypatch.setitem(SCHEMAS, table, SCHEMAS[table].append(field))
+def newer(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
+    """Add a column to most tables, until this is undone."""
+    with monkeypatch.context() as patch:
+        for table, field in ADDED.items():
+            patch.setitem(SCHEMAS, table, SCHEMAS[table].append(field))
+        yield patch
 
 
-def new_run(store: ResultsStore) -> str:
-    """Write a run with the columns of today; return its id."""
+ROW = {"step": 0, "test_set": "grid", "task_index": 0, "task": [0.5], "episodic_return": 1.0, "length": 7}
+
+
+def new_run(store: ResultsStore) -> None:
+    """Write a run with the columns of today."""
     committer, record = Committer(store), make_record("new")
-    attempt = committer.start(record)
-    writer = RunWriter(store, "new", attempt)
-    row = {"step": 0, "test_set": "grid", "task_index": 0, "task": [0.5], "episodic_return": 1.0}
-    extra = {"falls": 3} if "falls" in SCHEMAS[Table.EVALUATIONS].names else {}
-    writer.add(Table.EVALUATIONS, [row | {"length": 7} | extra])
-    committer.finish(record, attempt, writer.finish())
-    return "new"
+    writer = RunWriter(store, "new", committer.start(record))
+    writer.add(Table.EVALUATIONS, [ROW | {"falls": 3}])
+    committer.finish(record, writer.attempt, writer.finish())
 
 
 @pytest.mark.usefixtures("newer")
@@ -83,27 +85,23 @@ def test_old_and_new_files_are_merged_and_copied_together(old_root: Path, tmp_pa
 def test_a_run_goes_on_from_parts_of_fewer_columns(old_root: Path, request: pytest.FixtureRequest) -> None:
     store, record = ResultsStore.open(old_root), make_record("long")
     committer = Committer(store)
-    row = {"step": 0, "test_set": "grid", "task_index": 0, "task": [0.5], "episodic_return": 1.0, "length": 7}
     writer = RunWriter(store, "long", committer.start(record))
-    writer.add(Table.EVALUATIONS, [row])
+    writer.add(Table.EVALUATIONS, [ROW])
     parts = writer.flush()
     request.getfixturevalue("newer")
-    attempt = committer.start(record)
-    writer = RunWriter(store, "long", attempt, parts)
-    writer.add(Table.EVALUATIONS, [row | {"step": 10, "falls": 2}])
-    committer.finish(record, attempt, writer.finish())
+    writer = RunWriter(store, "long", committer.start(record), parts)
+    writer.add(Table.EVALUATIONS, [ROW | {"step": 10, "falls": 2}])
+    committer.finish(record, writer.attempt, writer.finish())
     assert Results(store).table(Table.EVALUATIONS, ["long"])["falls"].to_pylist() == [None, 2]
 
 
 @pytest.mark.filterwarnings("ignore:.*written by a newer")
 def test_columns_of_a_newer_version_are_ignored_and_never_lost(
-    old_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    old_root: Path, tmp_path: Path, newer: pytest.MonkeyPatch
 ) -> None:
     store = ResultsStore.open(old_root)
-    with monkeypatch.context() as newer:
-        for table, field in ADDED.items():
-            newer.setitem(SCHEMAS, table, SCHEMAS[table].append(field))
-        new_run(store)
+    new_run(store)
+    newer.undo()
     path = old_root / "manifests" / "new.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"a_newer_field": [1]}))
     results = Results(store)
@@ -119,10 +117,7 @@ def test_columns_of_a_newer_version_are_ignored_and_never_lost(
 def test_a_column_that_has_always_been_there_is_missed(old_root: Path) -> None:
     store = ResultsStore.open(old_root)
     path = store.files("tables/cells")[0]
-    rows = pa.table({"campaign": ["c"]})
-    sink = pa.BufferOutputStream()
-    pq.write_table(rows, sink)
-    store.write_bytes(path, bytes(sink.getvalue()))
+    pq.write_table(pa.table({"campaign": ["c"]}), old_root / path)
     with pytest.warns(
         DamagedFileWarning, match=r"cells/.*no column 'experiment', which cells has always had"
     ):

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from results_examples import TASKS_PER_EVALUATION, make_record, make_rows, sibling, tree
+from results_examples import TASKS_PER_EVALUATION, make_cell, make_record, make_rows, sibling, tree
 
 from tma_ray.results import (
     DATA_TABLES,
@@ -88,6 +88,14 @@ def visible_steps(store: Store) -> list[int]:
     return steps
 
 
+def begun(store: Store, record: RunRecord) -> tuple[Committer, RunWriter, tuple[PartFile, ...]]:
+    """Start an attempt whose rows of one evaluation are flushed, and not published."""
+    committer = Committer(store)
+    writer = RunWriter(store, record.run_id, committer.start(record))
+    writer.add(*make_rows(np.random.default_rng(0), 0)[0])
+    return committer, writer, writer.flush()
+
+
 def in_tables(path: str) -> bool:
     """All but the attempts, of which each life has one more."""
     return path.startswith("tables/") and not path.startswith("tables/attempts/")
@@ -126,19 +134,15 @@ def test_a_kill_between_any_two_file_operations_loses_and_doubles_nothing(store:
 def test_a_run_is_visible_from_its_start_and_rows_from_their_publication(
     store: Store, record: RunRecord
 ) -> None:
-    committer = Committer(store)
-    attempt = committer.start(record)
+    committer, writer, parts = begun(store, record)
     assert [(m.run, m.status) for m in Results(store).runs()] == [(record, RunStatus.RUNNING)]
-    writer = RunWriter(store, "run-1", attempt)
-    writer.add(*make_rows(np.random.default_rng(0), 0)[0])
-    parts = writer.flush()
     assert visible_steps(store) == []
-    committer.publish(record, attempt, parts)
+    committer.publish(record, 0, parts)
     assert visible_steps(store) == [0]
     assert not store.exists("tables/evaluations/run-1.parquet")
     final = writer.finish()
     assert visible_steps(store) == [0]
-    committer.finish(record, attempt, final)
+    committer.finish(record, 0, final)
     assert visible_steps(store) == [0]
     assert {path for path in store.files("tables") if "/runs/" not in path} == {
         f"tables/{table}/run-1.parquet" for table in DATA_TABLES
@@ -148,16 +152,12 @@ def test_a_run_is_visible_from_its_start_and_rows_from_their_publication(
 
 
 def test_every_step_may_be_repeated(store: Store, record: RunRecord) -> None:
-    committer = Committer(store)
-    attempt = committer.start(record)
-    writer = RunWriter(store, "run-1", attempt)
-    writer.add(*make_rows(np.random.default_rng(0), 0)[0])
-    parts = writer.flush()
+    committer, writer, parts = begun(store, record)
     final = writer.finish()
     for step in (
-        lambda: committer.publish(record, attempt, parts),
-        lambda: committer.fail(record, attempt, "boom"),
-        lambda: committer.finish(record, attempt, final),
+        lambda: committer.publish(record, 0, parts),
+        lambda: committer.fail(record, 0, "boom"),
+        lambda: committer.finish(record, 0, final),
         committer.sweep,
     ):
         step()
@@ -169,10 +169,8 @@ def test_every_step_may_be_repeated(store: Store, record: RunRecord) -> None:
 def test_a_kill_within_the_end_of_a_run_is_made_good_by_repeating_it(store: Store, record: RunRecord) -> None:
     for life in count():
         root = sibling(store, f"-{life}")
-        committer = Committer(root)
-        writer = RunWriter(root, "run-1", committer.start(record))
-        writer.add(*make_rows(np.random.default_rng(0), 0)[0])
-        committer.publish(record, 0, writer.flush())
+        committer, writer, parts = begun(root, record)
+        committer.publish(record, 0, parts)
         final = writer.finish()
         try:
             Committer(mortal(root, life)).finish(record, 0, final)
@@ -188,10 +186,8 @@ def test_a_kill_within_the_end_of_a_run_is_made_good_by_repeating_it(store: Stor
 
 
 def test_an_older_attempt_is_fenced_off_as_soon_as_a_new_one_starts(store: Store, record: RunRecord) -> None:
-    committer = Committer(store)
-    zombie = RunWriter(store, "run-1", committer.start(record))
-    zombie.add(*make_rows(np.random.default_rng(0), 0)[0])
-    committer.publish(record, 0, zombie.flush())
+    committer, zombie, parts = begun(store, record)
+    committer.publish(record, 0, parts)
     assert committer.start(record) == 1
     assert visible_steps(store) == [0]
     before = tree(store, keep=lambda path: path.startswith(("manifests/", "tables/")))
@@ -225,18 +221,14 @@ def test_a_finished_run_stays_as_it_is(store: Store, record: RunRecord) -> None:
 
 
 def test_a_failed_run_keeps_its_rows_and_may_be_taken_up_again(store: Store, record: RunRecord) -> None:
-    committer = Committer(store)
-    writer = RunWriter(store, "run-1", committer.start(record))
-    writer.add(*make_rows(np.random.default_rng(0), 0)[0])
-    parts = writer.flush()
+    committer, _, parts = begun(store, record)
     committer.publish(record, 0, parts)
     committer.fail(record, 0, "ValueError: task 3 fell over")
     row = Results(store).table(Table.RUNS).to_pylist()[0]
     assert (row["status"], row["error"]) == ("failed", "ValueError: task 3 fell over")
     assert visible_steps(store) == [0]
-    attempt = committer.start(record)
-    assert attempt == 1
-    committer.finish(record, attempt, RunWriter(store, "run-1", attempt, parts).finish())
+    assert committer.start(record) == 1
+    committer.finish(record, 1, RunWriter(store, "run-1", 1, parts).finish())
     row = Results(store).table(Table.RUNS).to_pylist()[0]
     assert (row["status"], row["error"]) == ("done", None)
     assert visible_steps(store) == [0]
@@ -278,16 +270,13 @@ def test_an_attempt_has_a_time_zone() -> None:
         AttemptRecord("run-1", 0, datetime(2026, 1, 2), 1.0, 1.0, "h", "{}", AttemptOutcome.DONE)
 
 
-def cell(teacher: str, run_id: str) -> dict[str, Any]:
-    names = ("experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge")
-    return {**dict.fromkeys(names, "x"), "teacher": teacher, "seed": 0, "run_id": run_id}
-
-
 def test_cells_of_a_campaign_add_up_and_follow_their_run(store: Store) -> None:
     committer = Committer(store)
-    committer.write_cells("stumps", [cell("riac", "a"), cell("adr", "b")])
-    committer.write_cells("stumps", [cell("adr", "c"), cell("random", "d")])
-    committer.write_cells("parkour", [cell("adr", "b")])
+    teachers = {"a": "riac", "b": "adr", "c": "adr", "d": "random"}
+    a, b, c, d = (make_cell(run_id, teacher=teacher) for run_id, teacher in teachers.items())
+    committer.write_cells("stumps", [a, b])
+    committer.write_cells("stumps", [c, d])
+    committer.write_cells("parkour", [b])
     rows = Results(store).table(Table.CELLS, columns=["campaign", "teacher", "run_id"]).to_pylist()
     assert [tuple(row.values()) for row in rows] == [
         ("parkour", "adr", "b"),
@@ -296,15 +285,12 @@ def test_cells_of_a_campaign_add_up_and_follow_their_run(store: Store) -> None:
         ("stumps", "riac", "a"),
     ]
     with pytest.raises(ValueError, match="missing: seed"):
-        committer.write_cells("stumps", [{k: v for k, v in cell("adr", "b").items() if k != "seed"}])
+        committer.write_cells("stumps", [{k: v for k, v in a.items() if k != "seed"}])
 
 
 def test_a_sweep_takes_what_zombies_left_of_finished_runs_only(store: Store) -> None:
-    committer = Committer(store)
     for run_id in ("run-1", "run-2"):
-        writer = RunWriter(store, run_id, committer.start(make_record(run_id)))
-        writer.add(*make_rows(np.random.default_rng(0), 0)[0])
-        writer.flush()
+        committer, _, _ = begun(store, make_record(run_id))
     committer.finish(make_record("run-1"), 0, RunWriter(store, "run-1", 0).finish())
     store.write_bytes("staging/run-1/attempt-000/part-00009/episodes.parquet", b"late")
     committer.sweep()

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
 import pytest
-from obstore.store import MemoryStore
-from results_examples import make_record, make_rows, sibling, tree
+from results_examples import add_run, make_cell, sibling, tree
 
 from tma_ray.results import (
     DATA_TABLES,
@@ -24,7 +21,6 @@ from tma_ray.results import (
     ResultsRootError,
     RootInUseError,
     RunStatus,
-    RunWriter,
     Store,
     Table,
     compact,
@@ -32,29 +28,8 @@ from tma_ray.results import (
     manifest,
     merging,
 )
-from tma_ray.results.storage import BucketStore
 
 RUNS = {"first": ["run-00", "run-01", "run-02", "run-03"], "second": ["run-00a"]}
-
-
-OPEN = Store.open
-
-BOTH = pytest.mark.parametrize(
-    "store",
-    ["local", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("memory", "s3"))],
-    indirect=True,
-)
-"""Stores of all kinds among the fast tests; of other tests the slow ones try them."""
-
-
-@pytest.fixture(params=["local", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("memory", "s3"))])
-def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
-    """As in `conftest`."""
-    if request.param == "local":
-        return OPEN(tmp_path / "root")
-    if request.param == "s3":
-        return OPEN(request.getfixturevalue("s3_root"))
-    return BucketStore(MemoryStore(), "s3://bucket/root")
 
 
 @pytest.fixture(autouse=True)
@@ -68,7 +43,7 @@ def open_store(monkeypatch: pytest.MonkeyPatch, store: Store) -> None:
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with finished runs of two experiments, and one that stands."""
     folder = tmp_path_factory.mktemp("written") / "root"
-    committer = Committer(OPEN(folder))
+    committer = Committer(Store.open(folder))
     for experiment, run_ids in RUNS.items():
         for run_id in run_ids:
             add(committer, run_id)
@@ -87,17 +62,8 @@ def root(store: Store, written: Path) -> Store:
 
 
 def add(committer: Committer, run_id: str, *, finished: bool = True) -> None:
-    record, store = make_record(run_id), committer.store
-    writer = RunWriter(store, run_id, committer.start(record))
-    for step in (0, 10):
-        for table, rows in make_rows(np.random.default_rng([step, *run_id.encode()]), step):
-            if table is not Table.TRAINING or run_id != "run-03":  # a run may have no rows of a table
-                writer.add(table, rows)
-    parts = writer.flush()
-    if finished:
-        committer.finish(record, writer.attempt, writer.finish())
-    else:
-        committer.publish(record, writer.attempt, parts)
+    empty = Table.TRAINING if run_id == "run-03" else None
+    add_run(committer.store, run_id, (0, 10), finished=finished, empty=empty)
     for attempt in range(2):
         started = datetime(2026, 11, 20, tzinfo=UTC)
         committer.record_attempt(
@@ -106,9 +72,7 @@ def add(committer: Committer, run_id: str, *, finished: bool = True) -> None:
 
 
 def add_cells(committer: Committer, experiment: str, run_ids: list[str]) -> None:
-    cell = {"environment": "stump_tracks", "challenge": "original", "embodiment": "bipedal", "student": "sac"}
-    cell |= {"teacher": "alp_gmm", "expert_knowledge": "none", "experiment": experiment}
-    rows = [cell | {"seed": seed, "run_id": run_id} for seed, run_id in enumerate(run_ids)]
+    rows = [make_cell(run_id, seed, experiment) for seed, run_id in enumerate(run_ids)]
     committer.write_cells(experiment, rows)
 
 
@@ -126,7 +90,6 @@ def content(store: Store) -> dict[str, object]:
     return {name: repr(rows.to_pylist()) for name, rows in found.items()} | orders
 
 
-@BOTH
 def test_merged_files_read_as_before(root: Store) -> None:
     before = content(root)
     outcome = compact(root)
@@ -161,7 +124,6 @@ def test_again_there_is_nothing_to_merge(root: Store) -> None:
     assert tree(root) == before
 
 
-@BOTH
 def test_later_runs_are_merged_with_the_earlier_ones(root: Store) -> None:
     compact(root)
     committer = Committer(root)
@@ -192,18 +154,13 @@ class KilledError(Exception):
     pass
 
 
-def kills(store: Store) -> Iterator[int]:
-    """Yield how many writes and deletions a call may make before it is killed, until it gets to its end."""
-    yield from range(0, 40, 3)
-
-
 @pytest.mark.parametrize("store", ["local"], indirect=True)
 def test_a_kill_anywhere_leaves_a_root_that_reads_the_same(
     root: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = content(root)
     killed = 0
-    for allowed in kills(root):
+    for allowed in range(0, 40, 3):  # writes and deletions before a kill
         left = [allowed]
 
         def counted(method: str, left: list[int] = left) -> object:
@@ -291,7 +248,6 @@ def test_damage_of_a_merged_file_is_named(root: Store) -> None:
     assert len(results.problems) == 1
 
 
-@BOTH
 def test_a_copy_holds_all_that_is_said_of_the_runs(root: Store, tmp_path: object) -> None:
     root.write_bytes("policies/run-01/policy.json", b"{}")
     root.write_bytes("policies/run-01/policy.pkl", b"danger")

@@ -6,9 +6,8 @@ import gzip
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from results_examples import make_record, make_rows
+from results_examples import add_run
 
 from tma_ray.results import (
     Committer,
@@ -16,7 +15,6 @@ from tma_ray.results import (
     Manifest,
     Results,
     RunStatus,
-    RunWriter,
     Store,
     Table,
     copy_merged,
@@ -29,15 +27,10 @@ RUNS = ("run-0", "run-1", "run-10")
 
 @pytest.fixture
 def root(tmp_path: Path) -> Store:
-    committer = Committer.open(tmp_path / "root")
-    for number, run_id in enumerate(RUNS):
-        record = make_record(run_id)
-        attempt = committer.start(record)
-        writer = RunWriter(committer.store, run_id, attempt)
-        for table, rows in make_rows(np.random.default_rng(number), 10):
-            writer.add(table, rows)
-        committer.finish(record, attempt, writer.finish())
-    return committer.store
+    store = Committer.open(tmp_path / "root").store
+    for run_id in RUNS:
+        add_run(store, run_id)
+    return store
 
 
 @pytest.fixture

@@ -47,21 +47,16 @@ def clock() -> Clock:
     return Clock()
 
 
-def test_a_second_campaign_is_refused_and_told_by_whom(store: Store, clock: Clock) -> None:
-    Lease(store, "stumps on head-1", 100.0, clock).acquire()
-    clock.now += 99
-    with pytest.raises(RootInUseError, match="stumps on head-1, last sign of life 99 s ago"):
-        Lease(store, "parkour", 100.0, clock).acquire()
-
-
-def test_a_renewed_lease_does_not_run_out(store: Store, clock: Clock) -> None:
-    first = Lease(store, "first", 100.0, clock)
+def test_a_second_campaign_is_refused_as_long_as_the_lease_of_the_first_is_renewed(
+    store: Store, clock: Clock
+) -> None:
+    first = Lease(store, "stumps on head-1", 100.0, clock)
     first.acquire()
-    clock.now += 99
-    first.renew()
-    clock.now += 99
-    with pytest.raises(RootInUseError, match="first"):
-        Lease(store, "second", 100.0, clock).acquire()
+    for _ in range(2):
+        clock.now += 99
+        with pytest.raises(RootInUseError, match="stumps on head-1, last sign of life 99 s ago"):
+            Lease(store, "parkour", 100.0, clock).acquire()
+        first.renew()
 
 
 def test_the_lease_of_a_killed_campaign_runs_out_and_its_zombie_notices(store: Store, clock: Clock) -> None:
@@ -237,9 +232,9 @@ def test_a_campaign_beats_now_and_then_and_says_when_it_leaves(store: Store) -> 
     assert Heartbeat.load(store) is None
     clock = Clock()
     pulse = HeartbeatWriter(store, "stumps on head-1", clock)
-    pulse.beat({"run": RunProgress(1000, 250.0)})
-    first = Heartbeat.load(store)
     runs = {"run": RunProgress(1000, 250.0)}
+    pulse.beat(runs)
+    first = Heartbeat.load(store)
     assert first == Heartbeat("stumps on head-1", clock.now, runs, process=Process.this())
     clock.now += HEARTBEAT_SECONDS - 1
     pulse.beat({})
@@ -274,10 +269,7 @@ def test_a_campaign_whose_process_is_known_to_be_dead_is_not_alive(store: Store)
 
 
 def test_a_zombie_does_not_speak_for_its_successor(store: Store) -> None:
-    zombie, successor = (
-        HeartbeatWriter(store, "zombie", Clock()),
-        HeartbeatWriter(store, "successor", Clock()),
-    )
+    zombie, successor = (HeartbeatWriter(store, name, Clock()) for name in ("zombie", "successor"))
     zombie.beat({})
     successor.beat({})
     zombie.end()
@@ -286,15 +278,12 @@ def test_a_zombie_does_not_speak_for_its_successor(store: Store) -> None:
     assert (heartbeat.holder, heartbeat.ended) == ("successor", False)
 
 
-def test_a_damaged_heartbeat_is_none(store: Store) -> None:
-    for content in (
-        b"",
-        b"[]",
-        b'{"holder": 1}',
-        b'{"holder": "a", "at": 1, "runs": {"r": 3}, "ended": false}',
-    ):
-        store.write_bytes(HEARTBEAT_FILE, content)
-        assert Heartbeat.load(store) is None
+@pytest.mark.parametrize(
+    "content", [*DAMAGED.values(), b'{"holder": "a", "at": 1, "runs": {"r": 3}, "ended": false}'], ids=repr
+)
+def test_a_damaged_heartbeat_is_none(store: Store, content: bytes) -> None:
+    store.write_bytes(HEARTBEAT_FILE, content)
+    assert Heartbeat.load(store) is None
 
 
 PROCESSES, ROUNDS = 3, 15
@@ -318,20 +307,16 @@ def ask(place: str, barrier: Barrier, answers: Any) -> None:
             answers.put((root.name, "got it"))
 
 
-@pytest.mark.parametrize("left", LEFT_BEHIND)
-def test_exactly_one_of_several_processes_gets_it(tmp_path: Path, left: str) -> None:
-    assert_one_gets_it(tmp_path, LEFT_BEHIND[left])
-
-
-def test_a_new_lease_needs_no_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("left", [*LEFT_BEHIND, "no locks"])
+def test_exactly_one_of_several_processes_gets_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, left: str
+) -> None:
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOLCK, "no locks available")
 
-    monkeypatch.setattr(fcntl, "flock", refuse)
-    assert_one_gets_it(tmp_path, None)
-
-
-def assert_one_gets_it(tmp_path: Path, content: str | None) -> None:
+    if left == "no locks":  # which a new lease does not need
+        monkeypatch.setattr(fcntl, "flock", refuse)
+    content = LEFT_BEHIND.get(left)
     for number in range(ROUNDS):
         root = tmp_path / f"root-{number:02d}"
         root.mkdir()

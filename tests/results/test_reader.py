@@ -1,36 +1,20 @@
 import re
 import warnings
 
-import numpy as np
 import pytest
-from results_examples import make_record, make_rows
+from results_examples import add_run, make_record
 
 from tma_ray.results import (
     DATA_TABLES,
     SCHEMAS,
     Committer,
     DamagedFileWarning,
-    PartFile,
     Results,
     RunStatus,
     RunWriter,
     Store,
     Table,
 )
-
-
-def add_run(store: Store, run_id: str, steps: tuple[int, ...], *, finished: bool = True) -> list[PartFile]:
-    committer = Committer(store)
-    record = make_record(run_id)
-    writer = RunWriter(store, run_id, committer.start(record))
-    for step in steps:
-        for table, rows in make_rows(np.random.default_rng(step), step):
-            writer.add(table, rows)
-        parts = writer.flush()
-    committer.publish(record, writer.attempt, parts)
-    if finished:
-        committer.finish(record, writer.attempt, writer.finish())
-    return list(parts)
 
 
 def test_runs_come_by_id_and_their_rows_as_written(store: Store) -> None:

@@ -8,9 +8,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-from results_examples import OLD_ROOT, make_record, make_rows
+from results_examples import OLD_ROOT, add_run
 
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results import (
@@ -18,7 +17,6 @@ from tma_ray.results import (
     Lease,
     Results,
     ResultsRootError,
-    RunWriter,
     Store,
     Table,
     ask_to_stop,
@@ -72,11 +70,8 @@ def contents(folder: Path) -> dict[str, str]:
 
 def finished(place: Path) -> Committer:
     """Return the committer of a root with one run that is done."""
-    committer, record = Committer.open(place), make_record("run-1")
-    writer = RunWriter(committer.store, record.run_id, committer.start(record))
-    for table, rows in make_rows(np.random.default_rng(0), 10):
-        writer.add(table, rows)
-    committer.finish(record, 0, writer.finish())
+    committer = Committer.open(place)
+    add_run(committer.store)
     return committer
 
 
