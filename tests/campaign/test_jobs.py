@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from local_head import RAY, Head, local_head
 from small_runs import data_files, rows
+from test_interrupts import wait_for_a_checkpoint
 
 from tma_ray.results import Results, RunStatus, Table
 
@@ -78,13 +78,6 @@ def test_a_stopped_job_leaves_checkpoints_and_the_same_command_continues(head: H
     assert sorted(row["outcome"] for row in rows(root, Table.ATTEMPTS)) == ["done", "stopped"]
     assert submit("undisturbed", undisturbed).returncode == 0
     assert data_files(root) == data_files(undisturbed)
-
-
-def wait_for_a_checkpoint(root: Path) -> None:
-    deadline = time.monotonic() + 120
-    while not any(root.glob("checkpoints/*/*/index.json")):
-        assert time.monotonic() < deadline, "no checkpoint"
-        time.sleep(0.1)
 
 
 def test_the_wrong_token_joins_nothing_and_says_so(head: Head, tmp_path: Path) -> None:

@@ -16,7 +16,6 @@ from tma_ray.campaign.script import script
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
 from tma_ray.command_line import read
-from tma_ray.commands.values import COUNT
 from tma_ray.physics import engine_in_use
 from tma_ray.runs import Status
 
@@ -49,15 +48,6 @@ def test_seeds_that_are_none_are_refused(text: str) -> None:
         parse_seeds(text)
 
 
-def test_numbers_of_steps() -> None:
-    assert [COUNT(text) for text in ("5e5", "500k", "20M", "500_000", "7")] == [
-        500_000, 500_000, 20_000_000, 500_000, 7,
-    ]  # fmt: skip
-    for text in ("0", "-5", "1.5", "many", ""):
-        with pytest.raises(ValueError, match="expected a whole number"):
-            COUNT(text)
-
-
 def test_a_plan_counts_cells_and_runs() -> None:
     plan = chosen("--expert-knowledge", "none,low", "--steps", "1000").plan()
     assert (len(plan.cell_rows), len(plan.runs), plan.steps) == (8, 4, 4000)
@@ -68,14 +58,11 @@ def test_a_plan_counts_cells_and_runs() -> None:
 
 def test_refusals_leave_no_files_and_exit_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     root = tmp_path / "root"
-    wrong = [
-        (["run", "--teacher", "alp_gm"], "did you mean 'alp_gmm'"),
-        (["run", "--expert-knowledge", "hgih"], "unknown level of expert knowledge 'hgih'"),
-        (["campaign", "--students", "pppo"], "did you mean 'ppo'"),
-        (["campaign", "--challenges", "originall"], "did you mean 'original'"),
-    ]
-    for arguments, message in wrong:
-        assert main([*arguments, "--results", str(root)]) == 2
+    for command, message in (
+        ("run --expert-knowledge hgih", "unknown level of expert knowledge 'hgih'"),
+        ("campaign --students pppo", "did you mean 'ppo'"),
+    ):
+        assert main([*command.split(), "--results", str(root)]) == 2
         assert message in capsys.readouterr().err
     assert not root.exists()
     (tmp_path / "precious.txt").write_text("keep me")
@@ -84,27 +71,11 @@ def test_refusals_leave_no_files_and_exit_2(tmp_path: Path, capsys: pytest.Captu
     assert main(["status", str(tmp_path)]) == 2
 
 
-def test_a_root_of_another_schema_version_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "root.json").write_text('{"format": "tma_ray results", "schema_version": 99}')
-    assert main(["run", "--results", str(tmp_path)]) == 2
-    assert "schema version 99" in capsys.readouterr().err
-
-
 def test_a_campaign_of_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match="0 cells"):
         Campaign("empty", ())
     with pytest.raises(ValueError, match="part of file names"):
         Campaign("../elsewhere", cells_of(("random",)))
-
-
-def test_dry_run_and_list_start_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["campaign", "--dry-run", "--seeds", "4", "--results", str(tmp_path / "root")]) == 0
-    assert "4 runs, 80,000,000 environment steps" in capsys.readouterr().out
-    assert not (tmp_path / "root").exists()
-    assert main(["list", "teachers"]) == 0
-    assert "  alp_gmm  " in capsys.readouterr().out
 
 
 def test_the_doctor_says_which_engine_simulates(

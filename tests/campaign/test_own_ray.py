@@ -41,12 +41,11 @@ def listening(processes: list[psutil.Process]) -> dict[tuple[str, int], str]:
 
 def is_loopback(address: str) -> bool:
     found = ipaddress.ip_address(address)
-    mapped = getattr(found, "ipv4_mapped", None)
-    return (mapped or found).is_loopback
+    return (getattr(found, "ipv4_mapped", None) or found).is_loopback
 
 
 def assert_ends_soon_with_nothing_left(
-    driver: subprocess.Popen[bytes], processes: list[psutil.Process]
+    driver: subprocess.Popen[bytes], processes: list[psutil.Process], said: Path
 ) -> None:
     """Once one of its Ray's core processes has been killed."""
     killed = time.monotonic()
@@ -54,6 +53,8 @@ def assert_ends_soon_with_nothing_left(
     assert time.monotonic() - killed < 15
     _, left = psutil.wait_procs(processes, timeout=3)
     assert left == []
+    assert "same command" in said.read_text()
+    assert "Traceback" not in said.read_text()
 
 
 def folders_of_ray(processes: list[psutil.Process]) -> set[Path]:
@@ -67,8 +68,8 @@ def folders_of_ray(processes: list[psutil.Process]) -> set[Path]:
 def test_is_closed_to_others_and_ends_with_its_core_processes(
     tmp_path: Path, core: str, number: signal.Signals
 ) -> None:
-    root = tmp_path / "root"
-    driver = start(root, tmp_path / "said.txt")
+    root, said = tmp_path / "root", tmp_path / "said.txt"
+    driver = start(root, said)
     try:
         wait_for_a_checkpoint(root, driver)
         processes = family(driver.pid)
@@ -80,12 +81,9 @@ def test_is_closed_to_others_and_ends_with_its_core_processes(
         assert stat.S_IMODE(folder.stat().st_mode) == 0o700
 
         next(process for process in processes if process.name() == core).send_signal(number)
-        assert_ends_soon_with_nothing_left(driver, processes)
+        assert_ends_soon_with_nothing_left(driver, processes, said)
     finally:
         driver.kill()
-    said = (tmp_path / "said.txt").read_text()
-    assert "the same command continues" in said
-    assert "Traceback" not in said
     assert {row["outcome"] for row in rows(root, Table.ATTEMPTS)} == {"lost"}
     found = overview(root, time.time())
     assert found.heartbeat is not None
@@ -104,17 +102,15 @@ def test_nothing_of_a_campaign_that_has_ended_is_left(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("core", ["gcs_server", "raylet"])
 def test_a_ray_that_dies_while_it_starts_ends_the_driver_with_a_message(tmp_path: Path, core: str) -> None:
-    driver = start(tmp_path / "root", tmp_path / "said.txt")
+    said = tmp_path / "said.txt"
+    driver = start(tmp_path / "root", said)
     try:
         while "raylet" not in (names := {each.name(): each for each in family(driver.pid)}):
             assert driver.poll() is None, "the driver ended before Ray had started"
             time.sleep(0.05)
         processes = family(driver.pid)
         names[core].kill()
-        assert_ends_soon_with_nothing_left(driver, processes)
+        assert_ends_soon_with_nothing_left(driver, processes, said)
     finally:
         driver.kill()
-    said = (tmp_path / "said.txt").read_text()
-    assert "same command" in said
-    assert "Traceback" not in said
     assert list((tmp_path / "root").rglob("*.parquet")) == []

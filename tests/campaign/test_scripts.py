@@ -224,14 +224,6 @@ def test_costs_follow_from_measured_throughput() -> None:
     assert isinstance(cost, Cost)
 
 
-def test_throughput_counts_whole_updates(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(costs, "MEASURED_SECONDS", 0.01)
-    (spec,) = Campaign("fast", cells_of(("random",), ("ppo",)), (0,), Schedule(steps=1_000)).plan().runs
-    measured = costs.measure(spec, Settings())
-    assert measured.label == "ppo on stump_tracks classic_bipedal"
-    assert 100 < measured.training < measured.playing
-
-
 FROM_LOW_KNOWLEDGE = ("adr", "goal_gan", "setter_solver")
 
 PAPERS = ("random", "riac", "alp_gmm", "covar_gmm", "spdl", *FROM_LOW_KNOWLEDGE)

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from local_head import free_ports
 from small_runs import rows
+from test_interrupts import wait_for_a_checkpoint
 
 from tma_ray.results import Table
 
@@ -101,9 +102,7 @@ def test_a_campaign_asked_to_leave_is_queued_again_and_ends_there(
         )  # fmt: skip
 
     job = start()
-    while not any(root.glob("checkpoints/*/*/index.json")):
-        assert job.poll() is None, job.communicate()[0]
-        time.sleep(0.1)
+    wait_for_a_checkpoint(root, job)
     os.kill(job.pid, signal.SIGTERM)  # the batch shell alone, as --signal=B: does
     output, _ = job.communicate(timeout=120)
     assert job.returncode == 130, output

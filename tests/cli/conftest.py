@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tma_ray.campaign import costs
+from tma_ray.campaign.costs import Throughput
 from tma_ray.cli import main
 
 TINY = [
@@ -19,7 +21,15 @@ TINY = [
     "100",
 ]
 
+MEASURED = Throughput("measured", 1e6, 1e6, 100)
+
 TEACHERS = ("random", "alp_gmm", "alp_gmm:fit_every=20")
+
+
+@pytest.fixture
+def known_speeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stands for a measurement of seconds."""
+    monkeypatch.setattr(costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
 
 
 @pytest.fixture(scope="session")

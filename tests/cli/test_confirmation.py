@@ -32,8 +32,12 @@ NODE = {"CPU": 16.0, "memory": 26.0 * GIB}
 def measured(monkeypatch: pytest.MonkeyPatch) -> None:
     """Stands for a measurement of seconds."""
     monkeypatch.setattr(costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
+    watched_by(monkeypatch, person=False)
+
+
+def watched_by(monkeypatch: pytest.MonkeyPatch, *, person: bool) -> None:
     for stream in (sys.stdin, sys.stdout):
-        monkeypatch.setattr(stream, "isatty", lambda: False)
+        monkeypatch.setattr(stream, "isatty", lambda: person)
 
 
 def plan_of(student: str, steps: int, seeds: int = 2) -> Plan:
@@ -61,13 +65,12 @@ def test_a_campaign_on_a_cluster_is_refused_at_once_with_the_clusters_cost(
 ) -> None:
     """Also at a terminal: that of ``ray submit --tmux`` is watched by nobody."""
     monkeypatch.setattr("builtins.input", lambda _: pytest.fail("nobody can answer"))
-    for stream in (sys.stdin, sys.stdout):
-        monkeypatch.setattr(stream, "isatty", lambda: True)
+    watched_by(monkeypatch, person=True)
     nodes = Nodes((NODE, NODE), "on the cluster's 2 nodes")
     monkeypatch.setattr(heads, "cluster_nodes", lambda *_, **__: nodes)
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"127.0.0.1:{server.getsockname()[1]}"
-        for command in (["campaign"], ["experiment", "full_benchmark"]):
+        for command in (["campaign"], ["experiment", "parkour"]):
             assert main([*command, "--address", address, "--results", str(tmp_path / "root")]) == 2
             refusal = capsys.readouterr().err
             assert "runs at once on the cluster's 2 nodes" in refusal
@@ -139,8 +142,7 @@ def test_the_answer_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     confirm("campaign 'x'", cost, yes=True)
     with pytest.raises(ValueError, match="pass --yes"):
         confirm("campaign 'x'", cost, yes=False)
-    for stream in (sys.stdin, sys.stdout):
-        monkeypatch.setattr(stream, "isatty", lambda: True)
+    watched_by(monkeypatch, person=True)
     asked: list[str] = []
     answers = iter(("y", "", "n", "what?"))
     monkeypatch.setattr("builtins.input", lambda question: asked.append(question) or next(answers))

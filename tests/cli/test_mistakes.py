@@ -19,8 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mistakes import Mistake, commands, fill, flags, mistakes, valid_rest
 
-from tma_ray.campaign import costs, execution, script
-from tma_ray.campaign.costs import Throughput
+from tma_ray.campaign import execution, script
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.cli import main
 from tma_ray.command_line import METAVARS, arguments
@@ -30,8 +29,6 @@ from tma_ray.results import AttemptOutcome, Results, Store, check_usable
 
 SECONDS = 1.0
 """Processor time within which a mistake is refused, s."""
-
-MEASURED = Throughput("measured", 1e6, 1e6, 100)
 
 QUANTITIES = [each for each in vars(values).values() if isinstance(each, Quantity)]
 
@@ -60,11 +57,12 @@ class Ending:
 
 
 @pytest.fixture
-def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mapping[str, Any]:
+def places(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, known_speeds: None
+) -> Mapping[str, Any]:
     """What commands may name, right and wrong; nothing is trained, measured or found at home."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
-    monkeypatch.setattr(costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
     monkeypatch.setattr(script, "run_locally", lambda *_: AttemptOutcome.DONE)
     monkeypatch.setattr(execution, "execute_plan", _checked_plan)
     for name in ("empty", "foreign", "home", "checkout/.git", "busy/tmp"):
@@ -140,7 +138,7 @@ def test_every_number_is_of_the_one_grammar() -> None:
                 assert isinstance(parse, Quantity), f"{' '.join(path)} {argument.names}"
 
 
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, suppress_health_check=list(HealthCheck))
 @given(mistake=st.sampled_from(MISTAKES))
 def test_mistakes_are_refused_by_name(warm: Mapping[str, Any], mistake: Mistake) -> None:
     assert wrong(mistake, warm) == ""
@@ -173,7 +171,7 @@ def test_no_command_makes_a_root_where_others_have_files(
     assert len(list(places["busy"].rglob("*"))) == 2
 
 
-@settings(max_examples=400, deadline=None, derandomize=True)
+@settings(max_examples=150)
 @given(
     text=st.from_regex(r"[+-]?[0-9_.]{0,12}([eE][+-]?[0-9]{1,3})?[kKmMG]{0,2}", fullmatch=True)
     | st.text(max_size=8)
@@ -187,19 +185,14 @@ def test_numbers_are_read_or_refused(text: str) -> None:
         power = int(exponent or 0) + {"": 0, "k": 3, "K": 3, "M": 6}[unit]
         value = Decimal(f"{sign}{whole.replace('_', '')}{rest or ''}").scaleb(power)
     for quantity in QUANTITIES:
-        assert_read_or_refused(quantity, text, value)
-
-
-def assert_read_or_refused(quantity: Quantity, text: str, value: Decimal | None) -> None:
-    fits = value is not None and quantity.least <= value <= quantity.most
-    fits = fits and not (quantity.whole and value % 1)
-    fits = fits and not (quantity.positive and float(value or 0) == quantity.least)
-    if fits:
-        assert quantity(text) == pytest.approx(float(value or 0), rel=1e-12)
-        quantity.check("it", quantity(text))
-    else:
-        with pytest.raises(ValueError, match="expected"):
-            quantity(text)
+        fits = value is not None and quantity.least <= value <= quantity.most
+        fits = fits and not (quantity.whole and value % 1)
+        if fits and not (quantity.positive and float(value) == quantity.least):
+            assert quantity(text) == pytest.approx(float(value), rel=1e-12)
+            quantity.check("it", quantity(text))
+        else:
+            with pytest.raises(ValueError, match="expected"):
+                quantity(text)
 
 
 @pytest.mark.slow
@@ -226,8 +219,6 @@ def test_the_whole_catalogue_is_refused(warm: Mapping[str, Any]) -> None:
             "unknown unit 'm': k is a thousand, M a million; expected a whole number",
         ),
         ("status ~nosuchuser/x", "no home folder is known for '~nosuchuser'"),
-        ("plan parkour --tier x", "'x': expected one of smoke, lite, paper"),
-        ("campaign --teacher-placement x", "'x': expected one of actor, inline"),
     ],
 )
 def test_values_are_checked_where_nothing_needs_them(

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign import costs
-from tma_ray.campaign.costs import Throughput
 from tma_ray.cli import main
 
 COMMANDS = [
@@ -28,16 +26,12 @@ COMMANDS = [
 ]
 
 
+@pytest.mark.usefixtures("known_speeds")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_tables_fit_80_columns(
     root: Path, command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr(
-        costs,
-        "known_speeds",
-        lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100)),
-    )
     assert main([word.format(root=root) for word in command.split()]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines

@@ -42,6 +42,7 @@ class Quiet(SimpleHTTPRequestHandler):
 @pytest.fixture(scope="module")
 def served() -> Iterator[str]:
     """The address of the root at a web server."""
+    pytest.importorskip("aiohttp")
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(ROOT.parent))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_port}/{ROOT.name}"
@@ -61,13 +62,9 @@ def measures(place: str | Path) -> list[float]:
     return find_baseline(place).frames().measured["mastered_percent"].tolist()
 
 
-def test_a_baseline_in_memory_reads_as_on_disk(memory: str) -> None:
-    assert measures(memory) == measures(ROOT)
-
-
-def test_a_baseline_behind_a_web_server_reads_as_on_disk(served: str) -> None:
-    pytest.importorskip("aiohttp")
-    assert measures(served) == measures(ROOT)
+@pytest.mark.parametrize("place", ["memory", "served"])
+def test_a_baseline_elsewhere_reads_as_on_disk(request: pytest.FixtureRequest, place: str) -> None:
+    assert measures(request.getfixturevalue(place)) == measures(ROOT)
 
 
 def test_what_was_changed_there_is_named_and_left_out(memory: str) -> None:
@@ -106,7 +103,6 @@ class Refusing(Quiet):
 
 
 def test_a_place_that_refuses_or_is_gone_is_told_from_one_without_a_baseline(served: str) -> None:
-    pytest.importorskip("aiohttp")
     with ThreadingHTTPServer(("127.0.0.1", 0), Refusing) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"http://127.0.0.1:{server.server_port}/mine"
@@ -140,7 +136,6 @@ def test_a_variable_may_name_a_folder_of_baselines_at_an_address(
 
 
 def test_campaigns_are_refused_where_nothing_can_be_written(served: str, memory: str) -> None:
-    pytest.importorskip("aiohttp")
     with pytest.raises(ObjectStoreError, match="can only be read"):
         check_usable(Store.open(served))
     check_usable(Store.open(memory))
@@ -160,13 +155,9 @@ def published(packed: Path) -> Iterator[str]:
     fsspec.filesystem("memory").rm("memory://published", recursive=True)
 
 
-def test_a_published_release_is_whole_and_reads_as_on_disk(packed: Path, published: str) -> None:
+def test_a_published_release_reads_as_on_disk_and_is_never_overwritten(packed: Path, published: str) -> None:
     assert verify(published).whole
     assert measures(published) == measures(packed)
-
-
-@pytest.mark.slow
-def test_a_published_release_is_never_overwritten(packed: Path, published: str) -> None:
     with pytest.raises(BaselineError, match="never overwritten"):
         publish(packed, published)
 
@@ -198,7 +189,6 @@ def test_nothing_of_a_changed_file_is_shown(published: str) -> None:
 def test_where_nothing_can_be_written_a_release_is_refused_before_it_is_packed(
     served: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("aiohttp")
     assert main(["release", str(ROOT), "mine-1.0", "--output", served]) == 2
     assert "can only be read" in capsys.readouterr().err
 

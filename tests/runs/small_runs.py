@@ -7,12 +7,17 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tma_ray.results import Committer, Results, Store, Table
-from tma_ray.runs import Cell, Placement, RunSpec, Schedule, effective_spec, run_locally
-from tma_ray.tasks import KnowledgeLevel
+import numpy as np
+
+from tma_ray.envs import Environment
+from tma_ray.results import Committer, Results, RunWriter, Store, Table
+from tma_ray.runs import Cell, InlineTeacher, Placement, RunSpec, Schedule, effective_spec, run_locally
+from tma_ray.runs.run import Run
+from tma_ray.tasks import KnowledgeLevel, Task
 
 SCHEDULE = Schedule(
     steps=3_000, evaluation_interval=1_000, probe_interval=500, probe_size=10, training_window=1_000
@@ -104,6 +109,26 @@ def run(
         return stop_after is not None and episodes >= stop_after
 
     return run_locally(spec, Committer.open(root), placement, stop).value
+
+
+def new_run(
+    spec: RunSpec, root: str | Path, attempt: int = 0, teacher: type[InlineTeacher] = InlineTeacher
+) -> Run:
+    """Return a run that has not begun, which writes its rows into `root`."""
+    return Run(spec, teacher(spec), RunWriter(Store.open(root), spec.run_id, attempt))
+
+
+def one_episode(
+    environment: Environment, act_greedily: Callable[[np.ndarray], np.ndarray], task: Task, seed: int
+) -> tuple[int, float]:
+    """Play `task` greedily; return length and episodic return."""
+    observation, _ = environment.reset(seed=seed, options={"task": task})
+    total, length, over = 0.0, 0, False
+    while not over:
+        action = act_greedily(observation[None])[0]
+        observation, reward, terminated, truncated, _ = environment.step(action)
+        total, length, over = total + float(reward), length + 1, terminated or truncated
+    return length, total
 
 
 def rows(root: str | Path, table: Table) -> list[dict[str, Any]]:

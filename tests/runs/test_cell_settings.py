@@ -104,6 +104,15 @@ def test_an_easy_task_outside_of_the_space_is_not_told() -> None:
         (Cell(environment_options={"weight": 1}), "environment 'stump_tracks': unknown option 'weight'"),
         (Cell("parkour", environment_options={"swinging_creepers": 2}), "expected bool"),
         (Cell("parkour:embodiment=fish"), "use --embodiment"),
+        (Cell(teacher="alp_gm"), "did you mean 'alp_gmm'"),
+        (Cell(student="ppoo"), "did you mean 'ppo'"),
+        (Cell("stump_track"), "did you mean 'stump_tracks'"),
+        (Cell(challenge="orignal"), "did you mean 'original'"),
+        (Cell(embodiment="classic_bipdal"), "did you mean 'classic_bipedal'"),
+        (Cell(teacher_hyperparameters={"explore": 1}), "unknown hyper-parameter .explore."),
+        (Cell(student_hyperparameters={"gama": 0.9}), "gamma"),
+        (Cell(test_set="nowhere.csv"), "nowhere.csv"),
+        (Cell(teacher="not_there:Teacher"), "no module"),
     ],
 )
 def test_what_cannot_run_is_refused(cell: Cell, message: str) -> None:

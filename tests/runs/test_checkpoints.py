@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from small_runs import data_files, rows, run, small_spec
+from small_runs import data_files, new_run, rows, run, small_spec
 
 from tma_ray.results import (
     CHECKPOINTS,
@@ -13,7 +13,6 @@ from tma_ray.results import (
     Committer,
     Results,
     RunStatus,
-    RunWriter,
     StaleAttemptError,
     Store,
     Table,
@@ -25,13 +24,8 @@ from tma_ray.runs import Placement, RunSpec
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.run import Run
-from tma_ray.runs.teaching import InlineTeacher
 
 EVERY_EPISODE = Placement(checkpoint_seconds=0.0)
-
-
-def new_run(spec: RunSpec, store: Store, attempt: int = 0) -> Run:
-    return Run(spec, InlineTeacher(spec), RunWriter(store, spec.run_id, attempt))
 
 
 def play(one: Run, episodes: int) -> None:
@@ -51,8 +45,13 @@ def future(one: Run) -> list[tuple[float, int]]:
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Store:
-    return Store.open(tmp_path / "root")
+def root(tmp_path: Path) -> Path:
+    return tmp_path / "root"
+
+
+@pytest.fixture
+def store(root: Path) -> Store:
+    return Store.open(root)
 
 
 @pytest.fixture
@@ -62,7 +61,7 @@ def spec(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunSpec:
 
 
 def test_full_segments_of_a_replay_buffer_are_written_once(spec: RunSpec, store: Store) -> None:
-    one, checkpoints = new_run(spec, store), Checkpoints(store, spec.run_id, 0)
+    one, checkpoints = new_run(spec, store.base), Checkpoints(store, spec.run_id, 0)
     sizes = []
     for _ in range(4):
         play(one, 20)
@@ -70,7 +69,7 @@ def test_full_segments_of_a_replay_buffer_are_written_once(spec: RunSpec, store:
     newest = max(path.split("/")[0] for path in files(store))
     own = [path for path in files(store) if path.startswith(newest) and "replay-" in path]
     assert len(own) < 7 < len([path for path in files(store) if "replay-0" in path])
-    other = new_run(spec, store, attempt=1)
+    other = new_run(spec, store.base, attempt=1)
     successor = Checkpoints(store, spec.run_id, 1)
     restored = successor.restore(other)
     assert restored is not None
@@ -78,20 +77,20 @@ def test_full_segments_of_a_replay_buffer_are_written_once(spec: RunSpec, store:
     successor.save(other, (), "here")
     play(other, 1)
     assert successor.save(other, (), "here") < sizes[-1], "what was loaded is not written again"
-    third = new_run(spec, store, attempt=2)
+    third = new_run(spec, store.base, attempt=2)
     assert Checkpoints(store, spec.run_id, 2).restore(third) is not None
     assert future(third) == future(other)
 
 
 def test_only_the_newest_and_the_one_before_are_kept_with_all_they_need(spec: RunSpec, store: Store) -> None:
-    one, checkpoints = new_run(spec, store), Checkpoints(store, spec.run_id, 0)
+    one, checkpoints = new_run(spec, store.base), Checkpoints(store, spec.run_id, 0)
     for _ in range(5):
         play(one, 20)
         checkpoints.save(one, (), "here")
     indices = sorted(path for path in files(store) if path.endswith("index.json"))
     assert len(indices) == 2
     store.delete(f"{CHECKPOINTS}/{spec.run_id}/{indices[-1]}")
-    assert Checkpoints(store, spec.run_id, 1).restore(new_run(spec, store, 1)) is not None
+    assert Checkpoints(store, spec.run_id, 1).restore(new_run(spec, store.base, 1)) is not None
     states = [path for path in files(store) if path.endswith("run.pickle")]
     assert len(states) == 2, "small files of older checkpoints are gone"
 
@@ -99,7 +98,7 @@ def test_only_the_newest_and_the_one_before_are_kept_with_all_they_need(spec: Ru
 def test_after_a_checkpoint_that_could_not_be_written_the_next_one_is_complete(
     spec: RunSpec, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    one, checkpoints = new_run(spec, store), Checkpoints(store, spec.run_id, 0)
+    one, checkpoints = new_run(spec, store.base), Checkpoints(store, spec.run_id, 0)
     play(one, 30)
     checkpoints.save(one, (), "here")
     play(one, 30)
@@ -108,7 +107,7 @@ def test_after_a_checkpoint_that_could_not_be_written_the_next_one_is_complete(
         with pytest.raises(StorageError):
             checkpoints.save(one, (), "here")
     checkpoints.save(one, (), "here")
-    other = new_run(spec, store, attempt=1)
+    other = new_run(spec, store.base, attempt=1)
     restored = Checkpoints(store, spec.run_id, 1).restore(other)
     assert restored is not None
     assert restored.step == one.progress.step
@@ -118,10 +117,10 @@ def test_after_a_checkpoint_that_could_not_be_written_the_next_one_is_complete(
 def test_an_attempt_that_was_taken_for_lost_takes_nothing_from_its_successor(
     spec: RunSpec, store: Store
 ) -> None:
-    lost, before = new_run(spec, store), Checkpoints(store, spec.run_id, 0)
+    lost, before = new_run(spec, store.base), Checkpoints(store, spec.run_id, 0)
     play(lost, 30)
     before.save(lost, (), "here")
-    successor, after = new_run(spec, store, attempt=1), Checkpoints(store, spec.run_id, 1)
+    successor, after = new_run(spec, store.base, attempt=1), Checkpoints(store, spec.run_id, 1)
     after.restore(successor)
     play(successor, 5)
     after.save(successor, (), "here")
@@ -216,11 +215,15 @@ def die(spec: RunSpec, root: Path, episodes: int) -> Attempt:
     return attempt
 
 
-def test_the_next_attempt_writes_the_row_of_one_that_died_with_its_driver(tmp_path: Path) -> None:
-    spec, root = small_spec(tmp_path, steps=1_000), tmp_path / "root"
-    lost = [die(spec, root, episodes=3), die(spec, root, episodes=2)]
+@pytest.fixture
+def short(tmp_path: Path) -> RunSpec:
+    return small_spec(tmp_path, steps=300, evaluation_interval=300)
+
+
+def test_the_next_attempt_writes_the_row_of_one_that_died_with_its_driver(short: RunSpec, root: Path) -> None:
+    lost = [die(short, root, episodes=3), die(short, root, episodes=2)]
     assert len(rows(root, Table.ATTEMPTS)) == 1, "that of the first is written by the second"
-    run(spec, root)
+    run(short, root)
     found = sorted(rows(root, Table.ATTEMPTS), key=lambda row: row["attempt"])
     assert [row["outcome"] for row in found] == ["lost", "lost", "done"]
     for row, attempt in zip(found, lost, strict=False):
@@ -230,46 +233,41 @@ def test_the_next_attempt_writes_the_row_of_one_that_died_with_its_driver(tmp_pa
         assert (row["host"], row["fingerprint"]) == (record.host, record.fingerprint)
 
 
-def test_of_an_attempt_that_never_began_its_start_is_known(tmp_path: Path) -> None:
-    spec, root = small_spec(tmp_path, steps=1_000), tmp_path / "root"
-    Committer.open(root).start(spec.record())
-    run(spec, root)
+def test_of_an_attempt_that_never_began_its_start_is_known(short: RunSpec, root: Path) -> None:
+    Committer.open(root).start(short.record())
+    run(short, root)
     lost, done = sorted(rows(root, Table.ATTEMPTS), key=lambda row: row["attempt"])
     assert (lost["outcome"], lost["wall_seconds"], lost["host"]) == ("lost", 0.0, "")
     assert lost["started_at"] <= done["started_at"]
 
 
-def test_an_attempt_that_was_withdrawn_has_no_row_and_keeps_its_number(tmp_path: Path) -> None:
-    spec, root = small_spec(tmp_path, steps=1_000), tmp_path / "root"
+def test_an_attempt_that_was_withdrawn_has_no_row_and_keeps_its_number(short: RunSpec, root: Path) -> None:
     committer = Committer.open(root)
-    committer.withdraw(spec.run_id, committer.start(spec.record()))
-    run(spec, root)
+    committer.withdraw(short.run_id, committer.start(short.record()))
+    run(short, root)
     assert [(row["attempt"], row["outcome"]) for row in rows(root, Table.ATTEMPTS)] == [(1, "done")]
 
 
-def test_an_attempt_that_has_its_row_keeps_it(tmp_path: Path) -> None:
-    spec, root = small_spec(tmp_path, steps=1_000), tmp_path / "root"
-    run(spec, root, stop_after=3)
+def test_an_attempt_that_has_its_row_keeps_it(short: RunSpec, root: Path) -> None:
+    run(short, root, stop_after=3)
     stopped = rows(root, Table.ATTEMPTS)
-    run(spec, root)
+    run(short, root)
     assert [row["outcome"] for row in rows(root, Table.ATTEMPTS)] == ["stopped", "done"]
     assert rows(root, Table.ATTEMPTS)[0] == stopped[0]
 
 
 def test_a_driver_that_dies_before_the_last_row_leaves_it_to_the_next(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    short: RunSpec, root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spec, root = small_spec(tmp_path, steps=1_000), tmp_path / "root"
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
     with monkeypatch.context() as patch:
         patch.setattr(Committer, "record_attempt", killed)
         with pytest.raises(KeyboardInterrupt):
-            run(spec, root)
+            run(short, root)
     assert [manifest.status for manifest in Results.open(root).runs()] == [RunStatus.DONE]
     assert rows(root, Table.ATTEMPTS) == []
     Committer.open(root).sweep()
     assert [row["outcome"] for row in rows(root, Table.ATTEMPTS)] == ["done"]
     assert Store.open(root).files("staging") == ()
-
-
-def killed(*_: object) -> None:
-    raise KeyboardInterrupt

@@ -107,29 +107,26 @@ def stopped(tmp_path_factory: pytest.TempPathFactory, short: tuple[RunSpec, dict
     return root
 
 
-@pytest.mark.parametrize("damage", ["flip", "truncate", "no_index", "garbage_index", "escape"])
+DAMAGE: dict[str, Callable[[bytes], bytes | None]] = {
+    "run.pickle flipped": lambda state: state[:-1] + b"x",
+    "run.pickle truncated": lambda state: state[: len(state) // 2],
+    "index.json removed": lambda index: None,
+    "index.json truncated": lambda index: b"{",
+    "index.json leads out": lambda index: index.replace(b'"run.pickle"', b'"../run.pickle"'),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
 def test_a_damaged_checkpoint_falls_back_to_the_one_before(
     tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]], stopped: Path, damage: str
 ) -> None:
     spec, undisturbed = short
     root = shutil.copytree(stopped, tmp_path / "damaged")
-    folders = sorted((root / "checkpoints" / spec.run_id).iterdir())
-    assert len(folders) == 2
-    newest = folders[-1]
-    if damage == "flip":
-        state = newest / "run.pickle"
-        state.write_bytes(state.read_bytes()[:-1] + b"x")
-    elif damage == "truncate":
-        state = newest / "run.pickle"
-        state.write_bytes(state.read_bytes()[: state.stat().st_size // 2])
-    elif damage == "no_index":
-        (newest / "index.json").unlink()
-    elif damage == "escape":
-        index = newest / "index.json"
-        index.write_text(index.read_text().replace('"run.pickle"', '"../run.pickle"'))
-        (newest.parent / "run.pickle").write_bytes((newest / "run.pickle").read_bytes())
-    else:
-        (newest / "index.json").write_text("{")
+    _, newest = sorted((root / "checkpoints" / spec.run_id).iterdir())
+    shutil.copy(newest / "run.pickle", newest.parent)  # where one leads out to
+    file = newest / damage.split()[0]
+    content = DAMAGE[damage](file.read_bytes())
+    file.unlink() if content is None else file.write_bytes(content)
     assert run(spec, root) == "done"
     assert data_files(root) == undisturbed
 

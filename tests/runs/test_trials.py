@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_runs import data_files, rows, run, small_spec, stump_tracks_spec
+from small_runs import data_files, new_run, one_episode, rows, run, small_spec, stump_tracks_spec
 
 from tma_ray.campaign.executors.processes import cohort
-from tma_ray.results import RunWriter, Store, Table
+from tma_ray.results import Table
 from tma_ray.runs import Cell, InlineTeacher, Placement, Reply, RunSpec, Schedule, effective_spec, evaluation
 from tma_ray.runs.evaluation import Trials
 from tma_ray.runs.run import Run
 from tma_ray.students import STUDENTS, Student
 from tma_ray.students.players import CohortSettings
-from tma_ray.tasks import Answer, Episode, Task
+from tma_ray.tasks import Answer, Episode
 
 
 def student_files(run: Run, folder: Path) -> dict[str, bytes]:
@@ -65,7 +65,7 @@ def test_the_schedule_is_kept_where_an_evaluation_passes_over_it(finished: Path)
 @pytest.mark.parametrize("student", ["ppo", "sac"])
 def test_the_student_stays_as_it_was(tmp_path: Path, student: str) -> None:
     spec = small_spec(tmp_path, student, teacher="odd_teachers:Watching", steps=300)
-    watched = Run(spec, InlineTeacher(spec), RunWriter(Store.open(tmp_path / "root"), spec.run_id, 0))
+    watched = new_run(spec, tmp_path / "root")
     before = student_files(watched, tmp_path / "before")
     returns = []
     while not watched.finished:
@@ -94,7 +94,7 @@ def _sent(message: Any) -> Any:
 def test_it_makes_no_difference_where_the_teacher_is(tmp_path: Path, teacher: str) -> None:
     spec, played = small_spec(tmp_path, teacher=teacher, steps=1_500), []
     for kind in (InlineTeacher, DistantTeacher):
-        whole = Run(spec, kind(spec), RunWriter(Store.open(tmp_path / kind.__name__), spec.run_id, 0))
+        whole = new_run(spec, tmp_path / kind.__name__, teacher=kind)
         episodes = []
         while not whole.finished:
             episode = whole.advance()
@@ -125,14 +125,14 @@ def test_an_evaluation_is_one_episode_of_each_task(
     """Three at a time; more of them, then fewer."""
     monkeypatch.setattr(evaluation, "WORLDS", 3)
     spec = make_spec(tmp_path)
-    whole = Run(spec, InlineTeacher(spec), RunWriter(Store.open(tmp_path / "root"), spec.run_id, 0))
+    whole = new_run(spec, tmp_path / "root")
     playing, seeds = Trials(spec, np.random.SeedSequence(5)), np.random.default_rng(np.random.SeedSequence(5))
     for count in (2, 7, 1):
         tasks, before = spec.task_space.sample(np.random.default_rng(count), count), playing.state
         outcomes = playing.evaluate(whole.student, tasks, greedy=True, budget=100_000)
         assert outcomes is not None
         for index, seed in enumerate(seeds.integers(2**31, size=count)):
-            played = one_episode(whole, tasks[index], int(seed))
+            played = one_episode(whole.environment, whole.student.act_greedily, tasks[index], int(seed))
             assert played == (outcomes.lengths[index], pytest.approx(outcomes.episodic_returns[index]))
     steps = int(outcomes.lengths.sum())
     for budget, ended in ((1, True), (steps, True), (steps + 1, False)):
@@ -142,20 +142,9 @@ def test_an_evaluation_is_one_episode_of_each_task(
     whole.close()
 
 
-def one_episode(whole: Run, task: Task, seed: int) -> tuple[int, float]:
-    """Play `task` greedily in the training environment; return length and episodic return."""
-    observation, _ = whole.environment.reset(seed=seed, options={"task": task})
-    total, length, over = 0.0, 0, False
-    while not over:
-        action = whole.student.act_greedily(observation[None])[0]
-        observation, reward, terminated, truncated, _ = whole.environment.step(action)
-        total, length, over = total + float(reward), length + 1, terminated or truncated
-    return length, total
-
-
 def test_a_run_ends_where_an_evaluation_takes_what_is_left(tmp_path: Path) -> None:
     spec = small_spec(tmp_path, teacher="odd_teachers:Examining", steps=3_000)
-    asked = Run(spec, InlineTeacher(spec), RunWriter(Store.open(tmp_path / "root"), spec.run_id, 0))
+    asked = new_run(spec, tmp_path / "root")
     while asked.progress.episodes < 5:
         asked.advance()
     asked.progress.step = 2_990  # the next evaluation takes more than ten steps
