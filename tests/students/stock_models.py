@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import cycle
+
+import numpy as np
 import stable_baselines3
 import torch
 from gymnasium import spaces
@@ -20,6 +23,17 @@ OBSERVATION, ACTION = 5, 3
 
 def world() -> SpacesOnly:
     return SpacesOnly(spaces.Box(-1, 1, (OBSERVATION,)), spaces.Box(-1, 1, (ACTION,)))
+
+
+class Batches:
+    """Stands in for a rollout buffer: the mini-batches of one epoch after another, again and again."""
+
+    def __init__(self, epochs) -> None:
+        self.epochs = cycle(epochs)
+        self.values = self.returns = np.ones(4)
+
+    def get(self, batch_size):
+        return iter(next(self.epochs))
 
 
 def convert(model, dtype) -> None:

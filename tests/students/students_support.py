@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -12,10 +15,24 @@ from gymnasium import spaces
 from tma_ray.part_names import base_name
 from tma_ray.students import Student, Transition, make_student
 
-SMALL = {
+OURS = ("ppo", "sac")
+
+OFF_POLICY = {
+    "policy_kwargs": {"net_arch": [16, 8]},
+    "buffer_size": 150,
+    "batch_size": 20,
+    "learning_starts": 60,
+    "train_freq": 10,
+}
+
+SMALL: dict[str, dict[str, Any]] = {
     "ppo": {"hidden_units": [16, 8], "steps_per_update": 50, "batch_size": 25, "epochs": 2},
     "sac": {"hidden_units": [16, 8], "buffer_size": 150, "batch_size": 20, "exploration_steps": 60},
+    "A2C": {"policy_kwargs": {"net_arch": [16, 8]}, "n_steps": 20},
+    "TRPO": {"policy_kwargs": {"net_arch": [16, 8]}, "n_steps": 60, "batch_size": 30},
+    **dict.fromkeys(("CrossQ", "DDPG", "TD3", "TQC"), OFF_POLICY),
 }
+"""Tiny networks, and updates that come soon, by the name of a student; all else is the default."""
 
 
 class Drift(gymnasium.Env):
@@ -36,7 +53,7 @@ class Drift(gymnasium.Env):
     def step(self, action):
         assert self.action_space.contains(action), action
         self.steps += 1
-        self.state = 0.9 * self.state + 0.3 * self.generator.normal(size=3) + 0.2 * action.sum()
+        self.state = 0.9 * self.state + 0.3 * self.generator.normal(size=3) + 0.2 * float(action.sum())
         terminated = bool(self.generator.random() < self.ending)
         truncated = self.limit is not None and self.steps >= self.limit
         reward = 3.0 - float(self.state @ self.state)
@@ -49,32 +66,44 @@ def small_student(name: str, seed: int = 0, **hyperparameters) -> Student:
     return make_student(name, env.observation_space, env.action_space, np.random.SeedSequence(seed), values)
 
 
-def train(student: Student, env: gymnasium.Env, steps: int) -> list[Transition]:
-    """Play from a reset for `steps` steps; return what happened."""
-    observation, _ = env.reset()
-    transitions = []
-    for _ in range(steps):
+def played(
+    student: Student, env: gymnasium.Env, observation: np.ndarray | None = None
+) -> Iterator[Transition]:
+    """Play and learn without end, from a reset or on from `observation`; yield what happened."""
+    while True:
+        if observation is None:
+            observation = env.reset()[0]
         action = student.act(observation)
         following, reward, terminated, truncated, _ = env.step(action)
-        transitions.append(Transition(observation, action, float(reward), following, terminated, truncated))
-        student.observe(transitions[-1])
-        observation = env.reset()[0] if terminated or truncated else following
-    return transitions
+        transition = Transition(observation, action, float(reward), following, terminated, truncated)
+        student.observe(transition)
+        yield transition
+        observation = None if terminated or truncated else following
+
+
+def train(student: Student, env: gymnasium.Env, steps: int) -> list[Transition]:
+    """Play from a reset for `steps` steps; return what happened."""
+    return list(islice(played(student, env), steps))
+
+
+def actions_of(transitions: list[Transition]) -> np.ndarray:
+    return np.stack([step.action for step in transitions])
 
 
 def train_episodes(student: Student, episodes: range) -> list[float]:
     """Play whole episodes, each in a world seeded by its number; return their returns."""
     returns = []
     for episode in episodes:
-        env = Drift(seed=episode)
-        observation, over, total = env.reset()[0], False, 0.0
-        while not over:
-            action = student.act(observation)
-            following, reward, terminated, truncated, _ = env.step(action)
-            student.observe(Transition(observation, action, reward, following, terminated, truncated))
-            observation, over, total = following, terminated or truncated, total + reward
-        returns.append(total)
+        returns.append(0.0)
+        for step in played(student, Drift(seed=episode)):
+            returns[-1] += step.reward
+            if step.terminated or step.truncated:
+                break
     return returns
+
+
+def differ(before: dict[str, np.ndarray], after: dict[str, np.ndarray]) -> bool:
+    return any((before[name] != value).any() for name, value in after.items())
 
 
 def parameters(student: Student) -> dict[str, np.ndarray]:

@@ -14,18 +14,13 @@ from tma_ray.students.mlp.acting import ArrayNetwork, RowNetwork
 from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.students.mlp.network import FlatParameters, Network, as_modules, blocks_of, forward, split
 
+pytestmark = pytest.mark.usefixtures("_seeded")
+
 LAYOUTS = [Layout(sizes) for sizes in ((5, 7, 6, 3), (4, 2), (24, 40, 30, 8), (1, 9, 1))]
 LAYOUTS.append(Layout((5, 7, 6, 3), Activation.TANH))
 EACH = pytest.mark.parametrize(
     "layout", LAYOUTS, ids=lambda layout: "-".join(map(str, (*layout.sizes, layout.activation)))
 )
-
-
-@pytest.fixture(autouse=True)
-def _seeded():
-    with torch.random.fork_rng():
-        torch.manual_seed(4)
-        yield
 
 
 def drawn(layout: Layout, rows: int = 9) -> tuple[torch.Tensor, torch.Tensor]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from students_support import SMALL, Drift, small_student, train, train_episodes
+from students_support import SMALL, Drift, actions_of, small_student, train, train_episodes
 
 from tma_ray.students import Learner, make_player
 from tma_ray.students.cohort.server import LearnerServer
@@ -24,6 +24,7 @@ from tma_ray.students.ppo import PPO
 @contextmanager
 def serving(folder: Path, width: int = 3) -> Iterator[tuple[Learner, LearnerServer]]:
     """Serve players in a thread of this process."""
+    folder.mkdir(exist_ok=True)
     learner, over = Learner(str(folder / "learner"), b"secret"), threading.Event()
     server = LearnerServer(learner, CohortSettings(width=width))
     thread = threading.Thread(target=server.serve, args=(over.is_set, 0.02))
@@ -57,6 +58,7 @@ def weights(student, folder: Path) -> dict[str, np.ndarray]:
     return load_file(file)
 
 
+STATES = np.random.default_rng(0).normal(size=(6, 3)).astype(np.float32)
 VARIANTS = {"activation": "tanh", "separate_trunks": True}, {"averaged_steps": 100}
 
 
@@ -64,15 +66,13 @@ VARIANTS = {"activation": "tanh", "separate_trunks": True}, {"averaged_steps": 1
 def test_ppo_learns_as_alone(learner, tmp_path, hyper):
     """Same worlds, same noise, same mini-batches: equal to rounding after several rollouts."""
     alone, player = small_student("ppo", **hyper), player_of(learner, "ppo", **hyper)
-    steps = [train(student, Drift(seed=5), 260) for student in (alone, player)]
-    for one, other in zip(*steps, strict=True):
-        np.testing.assert_allclose(one.action, other.action, rtol=1e-3, atol=1e-4)
+    acted = [actions_of(train(student, Drift(seed=5), 260)) for student in (alone, player)]
+    np.testing.assert_allclose(*acted, rtol=1e-3, atol=1e-4)
     expected, learned = weights(alone, tmp_path / "alone"), weights(player, tmp_path / "player")
     for name, values in expected.items():
         np.testing.assert_allclose(learned[name], values, rtol=1e-3, atol=1e-5)
-    states = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
-    np.testing.assert_allclose(player.state_values(states), alone.state_values(states), rtol=1e-3)
-    np.testing.assert_allclose(player.act_greedily(states), alone.act_greedily(states), rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(player.state_values(STATES), alone.state_values(STATES), rtol=1e-3)
+    np.testing.assert_allclose(player.act_greedily(STATES), alone.act_greedily(STATES), rtol=1e-3, atol=1e-5)
 
 
 def test_sac_hands_over_what_it_sees(tmp_path):
@@ -101,20 +101,13 @@ def test_actions_without_learning_are_those_of_act(learner, name, values):
     alone, player = (make(name, **values) for make in (small_student, partial(player_of, learner)))
     for student in (alone, player):
         train(student, Drift(seed=5, limit=10, ending=0.0), 130)
-        states = np.random.default_rng(0).normal(size=(6, 3)).astype(np.float32)
-        rows = [student.sample_actions(state[None], student_noise(student))[0] for state in states]
-        together = student.sample_actions(states, np.random.default_rng(3))
+        sampled = student.sample_actions(STATES[:1], copy.deepcopy(student._exploration))
+        together = student.sample_actions(STATES, np.random.default_rng(3))
         one_by_one = np.random.default_rng(3)
-        singles = np.concatenate([student.sample_actions(state[None], one_by_one) for state in states])
+        singles = np.concatenate([student.sample_actions(state[None], one_by_one) for state in STATES])
         np.testing.assert_allclose(together, singles, rtol=1e-4, atol=1e-5)
-        if name == "ppo":
-            student._episode_starts = False  # else acting counts the observation first
-        np.testing.assert_allclose(rows[0], student.act(states[0]), rtol=1e-5, atol=1e-6)
-
-
-def student_noise(student) -> np.random.Generator:
-    """Return a copy of the generator that explores."""
-    return copy.deepcopy(student._exploration)
+        student._episode_starts = False  # else acting counts the observation first
+        np.testing.assert_allclose(sampled[0], student.act(STATES[0]), rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -125,21 +118,18 @@ def test_a_run_moves_out_of_a_cohort_and_into_one(learner, tmp_path, name, hyper
     player = player_of(learner, name, seed=3, **hyper)
     env = Drift(seed=9, limit=10, ending=0.0)
     train(player, env, 130)
-    folders = [tmp_path / part for part in ("first", "second")]
-    for folder in folders:
-        folder.mkdir()
-    player.save(folders[0])
+    player.save(tmp_path)
     alone = small_student(name, seed=3, **hyper)
-    alone.load(folders[0])
-    states = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
-    np.testing.assert_allclose(alone.act_greedily(states), player.act_greedily(states), rtol=1e-5, atol=1e-6)
-    alone.save(folders[1])
+    alone.load(tmp_path)
+    np.testing.assert_allclose(alone.act_greedily(STATES), player.act_greedily(STATES), rtol=1e-5, atol=1e-6)
+    second = tmp_path / "second"
+    second.mkdir()
+    alone.save(second)
     again = player_of(learner, name, seed=3, **hyper)
-    again.load(folders[1])
-    np.testing.assert_array_equal(again.act_greedily(states), player.act_greedily(states))
-    ends = [train(each, Drift(seed=1, limit=10, ending=0.0), 120) for each in (player, again)]
-    for one, other in zip(*ends, strict=True):
-        np.testing.assert_array_equal(one.action, other.action)
+    again.load(second)
+    np.testing.assert_array_equal(again.act_greedily(STATES), player.act_greedily(STATES))
+    ends = [actions_of(train(each, Drift(seed=1, limit=10, ending=0.0), 120)) for each in (player, again)]
+    np.testing.assert_array_equal(*ends)
 
 
 @pytest.mark.parametrize("name", ["ppo", "sac"])
@@ -147,20 +137,17 @@ def test_neighbours_change_no_bit(tmp_path, name):
     """A run is the same alone in its cohort, beside others, and after one of them has left."""
     played = []
     for neighbours in (0, 2):
-        folder = tmp_path / str(neighbours)
-        folder.mkdir()
-        with serving(folder) as (learner, _):
+        with serving(tmp_path / str(neighbours)) as (learner, _):
             others = [player_of(learner, name, seed=10 + k) for k in range(neighbours)]
             for other in others:
                 train(other, Drift(seed=2), 60)
             if others:
                 others[0]._link.close()
             player = player_of(learner, name)
-            played.append(train(player, Drift(seed=5), 160))
+            played.append(actions_of(train(player, Drift(seed=5), 160)))
             for other in others[1:]:
                 train(other, Drift(seed=3), 60)
-    for one, other in zip(*played, strict=True):
-        np.testing.assert_array_equal(one.action, other.action)
+    np.testing.assert_array_equal(*played)
 
 
 @pytest.mark.parametrize("name", ["ppo", "sac"])
@@ -204,15 +191,12 @@ def test_shared_memory_changes_no_bit(tmp_path, monkeypatch, name):
     """The same weights where the system has no memory without a name, and all goes through the socket."""
     played = []
     for shared in (True, False):
-        folder = tmp_path / str(shared)
-        folder.mkdir()
-        with monkeypatch.context() as patch, serving(folder) as (learner, server):
+        with monkeypatch.context() as patch, serving(tmp_path / str(shared)) as (learner, server):
             patch.setattr("tma_ray.students.players.link.can_share", lambda shared=shared: shared)
             player = player_of(learner, name)
-            played.append(train(player, Drift(seed=5), 160))
+            played.append(actions_of(train(player, Drift(seed=5), 160)))
             assert len(server._mailboxes) == shared
-    for one, other in zip(*played, strict=True):
-        np.testing.assert_array_equal(one.action, other.action)
+    np.testing.assert_array_equal(*played)
 
 
 def test_a_mailbox_returns_what_was_posted_and_larger_ones_replace_it():

@@ -29,6 +29,14 @@ def stream(rng: np.random.Generator, count: int, ending: float):
         observation = rng.normal(size=3).astype(np.float32) if end < ending else following
 
 
+def fill(replay: ReplayBuffer, transitions, count: int | None = None) -> list[Transition]:
+    """Add the next `count` transitions, or all that there are; return them."""
+    added = list(itertools.islice(transitions, count))
+    for transition in added:
+        replay.add(transition, transition.action)
+    return added
+
+
 def as_rows(samples) -> set[tuple[float, ...]]:
     parts = (samples.observations, samples.actions, samples.next_observations, samples.dones, samples.rewards)
     return {tuple(row.tolist()) for row in torch.cat(parts, dim=1)}
@@ -57,9 +65,7 @@ def test_a_ring_holds_exactly_the_newest_transitions_as_a_list_would(capacity, e
 
 def test_sampling_is_uniform():
     replay = buffer(20)
-    transitions = list(stream(np.random.default_rng(1), 50, 0.2))
-    for transition in transitions:
-        replay.add(transition, transition.action)
+    transitions = fill(replay, stream(np.random.default_rng(1), 50, 0.2))
     rewards = replay.sample(40_000).rewards.numpy()
     shares = [np.mean(rewards == np.float32(t.reward)) for t in transitions[-20:]]
     np.testing.assert_allclose(shares, 1 / 20, atol=0.006)  # over 5 standard errors
@@ -79,7 +85,7 @@ def test_the_environment_may_reuse_its_arrays():
 def assert_same_future(first: ReplayBuffer, second: ReplayBuffer, source) -> None:
     for transition in source:
         for replay in (first, second):
-            replay.add(transition, transition.action)
+            fill(replay, [transition])
         for ours, theirs in zip(first.sample(10), second.sample(10), strict=True):
             assert ours is theirs is None or torch.equal(ours, theirs)
 
@@ -89,8 +95,7 @@ def test_a_loaded_buffer_goes_on_as_the_saved_one(tmp_path, count, monkeypatch):
     monkeypatch.setattr("tma_ray.students.replay.SEGMENT_ROWS", 8)
     first, second = buffer(41), buffer(41)
     source = stream(np.random.default_rng(2), count + 60, 0.2)
-    for transition in itertools.islice(source, count):
-        first.add(transition, transition.action)
+    fill(first, source, count)
     first.save(tmp_path)
     second.load(tmp_path)
     assert_same_future(first, second, source)
@@ -102,8 +107,7 @@ def test_incremental_saves_equal_full_ones(tmp_path, between, monkeypatch):
     source = stream(np.random.default_rng(3), 10_000, 0.3)
     replay, previous = buffer(41), None
     for number in range(8):
-        for transition in itertools.islice(source, between):
-            replay.add(transition, transition.action)
+        fill(replay, source, between)
         folder = tmp_path / str(number)
         folder.mkdir()
         for name in replay.save(folder, incremental=previous is not None):
@@ -127,8 +131,7 @@ def test_only_changed_segments_are_written(tmp_path, monkeypatch):
     replay, left_out = buffer(79), []
     for name, count, incremental in (("a", 200, True), ("b", 5, True), ("c", 5, False)):
         (tmp_path / name).mkdir()
-        for transition in itertools.islice(source, count):
-            replay.add(transition, transition.action)
+        fill(replay, source, count)
         left_out.append(replay.save(tmp_path / name, incremental))
         assert not {path.name for path in (tmp_path / name).iterdir()} & set(left_out[-1])
     assert left_out[0] == left_out[2] == ()
@@ -140,31 +143,26 @@ def test_a_buffer_that_was_cleared_since_is_saved_in_full(tmp_path):
     replay = buffer(41)
     for name in "ab":
         (tmp_path / name).mkdir()
-        for transition in itertools.islice(source, 9):
-            replay.add(transition, transition.action)
+        fill(replay, source, 9)
         assert replay.save(tmp_path / name, incremental=True) == ()
         replay.clear()
 
 
 def test_a_cleared_buffer_remembers_nothing():
     replay = buffer(10)
-    old, new = (list(stream(np.random.default_rng(seed), 17, 0.3)) for seed in (3, 4))
-    for transition in old:
-        replay.add(transition, transition.action)
+    fill(replay, stream(np.random.default_rng(3), 17, 0.3))
     replay.clear()
     assert len(replay) == 0
-    for transition in new[:4]:
-        replay.add(transition, transition.action)
-    assert as_rows(replay.sample(300)) == expected_rows(new[:4])
+    new = fill(replay, stream(np.random.default_rng(4), 4, 0.3))
+    assert as_rows(replay.sample(300)) == expected_rows(new)
 
 
 def test_what_is_kept_of_endings_goes_with_their_transitions(tmp_path):
-    replay, sizes = buffer(20), []
-    for index, transition in enumerate(stream(np.random.default_rng(6), 1000, 1.0)):
-        replay.add(transition, transition.action)
-        if index in (100, 999):
-            replay.save(tmp_path)
-            sizes.append(sum(path.stat().st_size for path in tmp_path.iterdir()))
+    replay, sizes, source = buffer(20), [], stream(np.random.default_rng(6), 1000, 1.0)
+    for count in (100, 900):
+        fill(replay, source, count)
+        replay.save(tmp_path)
+        sizes.append(sum(path.stat().st_size for path in tmp_path.iterdir()))
     assert sizes[0] == sizes[1]
 
 

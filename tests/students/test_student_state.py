@@ -2,25 +2,34 @@
 
 import json
 import random
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from students_support import Drift, digest, parameters, small_student, train, train_episodes
+from students_support import (
+    OURS,
+    SMALL,
+    Drift,
+    differ,
+    digest,
+    parameters,
+    small_student,
+    train,
+    train_episodes,
+)
+from suite.processes import python
 
 from tma_ray.students import load_policy
 
 OBSERVATIONS = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
-NAMES = pytest.mark.parametrize("name", ["ppo", "sac"])
+NAMES = pytest.mark.parametrize("name", OURS)
 
 
 @pytest.mark.slow
 def test_a_new_process_goes_on_bit_for_bit(tmp_path):
     expected, calls = [], []
-    for name in ("ppo", "sac"):
+    for name in OURS:
         student = small_student(name)
         train_episodes(student, range(20))
         first, second = (tmp_path / name / step for step in ("first", "second"))
@@ -34,8 +43,7 @@ def test_a_new_process_goes_on_bit_for_bit(tmp_path):
         f"from students_support import resume;"
         f"print(json.dumps([{', '.join(calls)}]))"
     )
-    run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-    assert json.loads(run.stdout) == expected
+    assert json.loads(python("-c", script)) == expected
 
 
 @NAMES
@@ -52,72 +60,73 @@ def test_saving_playing_greedily_and_asking_for_values_change_nothing(name, tmp_
         assert returns[0] == returns[1]
 
 
-@NAMES
-def test_a_state_of_other_hyperparameters_is_refused(name, tmp_path):
-    small_student(name).save(tmp_path)
-    with pytest.raises(ValueError, match=r"gamma 0\.99, here 0\.5"):
-        small_student(name, gamma=0.5).load(tmp_path)
+@pytest.mark.parametrize(
+    ("saved", "name", "values", "message"),
+    [
+        ("ppo", "ppo", {"gamma": 0.5}, r"gamma 0\.99, here 0\.5"),
+        ("sac", "sac", {"gamma": 0.5}, r"gamma 0\.99, here 0\.5"),
+        ("sac", "ppo", {}, "buffer_size 150, here none"),
+    ],
+)
+def test_a_state_of_another_student_is_refused(saved, name, values, message, tmp_path):
+    small_student(saved).save(tmp_path)
+    with pytest.raises(ValueError, match=message):
+        small_student(name, **values).load(tmp_path)
 
 
-def test_a_state_of_another_algorithm_is_refused(tmp_path):
-    small_student("sac").save(tmp_path)
-    with pytest.raises(ValueError, match="buffer_size 150, here none"):
-        small_student("ppo").load(tmp_path)
-
-
-@NAMES
-def test_the_same_seed_gives_the_same_student_and_another_seed_another(name, tmp_path):
-    seed = np.random.SeedSequence(5)
-    students = [small_student(name, seed=s) for s in (0, 0, 1)]
-    for student in students:
-        train_episodes(student, range(10))
-    first, same, other = (digest(s, tmp_path / str(i)) for i, s in enumerate(students))
-    assert first == same
-    assert first["networks.pt"] != other["networks.pt"]
-    assert seed.n_children_spawned == 0
-
-
-def test_interleaved_students_do_not_perturb_each_other(tmp_path):
-    alone = {}
-    for name in ("ppo", "sac"):
-        student = small_student(name)
+def test_interleaved_students_do_not_perturb_each_other_and_another_seed_is_another(tmp_path):
+    def trained(name, seed=0):
+        student = small_student(name, seed)
         train_episodes(student, range(20))
-        alone[name] = digest(student, tmp_path / f"alone-{name}")
-    together = {name: small_student(name) for name in ("ppo", "sac")}
+        return digest(student, tmp_path / f"{name}-{seed}")
+
+    alone = {name: trained(name) for name in OURS}
+    together = {name: small_student(name) for name in OURS}
     for episode in range(20):
         for student in together.values():
             train_episodes(student, range(episode, episode + 1))
             torch.randn(3), np.random.rand(3)  # noqa: NPY002  # what a teacher may do
     for name, student in together.items():
-        assert digest(student, tmp_path / f"together-{name}") == alone[name]
+        assert digest(student, tmp_path / name) == alone[name]
+        assert trained(name, seed=1)["networks.pt"] != alone[name]["networks.pt"]
 
 
-@NAMES
-def test_the_global_generators_stay_as_they_were(name, tmp_path):
+@pytest.mark.parametrize("name", SMALL)
+def test_it_learns_goes_on_from_its_files_and_leaves_the_global_generators(name, tmp_path):
     def states():
         legacy = np.random.get_state()  # noqa: NPY002
         return torch.get_rng_state().tolist(), legacy[1].tolist(), legacy[2:], random.getstate()
 
     before = states()
-    student = small_student(name)
-    train(student, Drift(), 130)
-    student.state_values(OBSERVATIONS)
-    student.save(tmp_path)
-    student.save_policy(tmp_path)
-    student.load(tmp_path)
-    load_policy(name, tmp_path)(OBSERVATIONS)
-    student.reset()
+    first, second = small_student(name), small_student(name, seed=9)
+    initial = parameters(first)
+    train_episodes(first, range(8))
+    assert differ(initial, parameters(first))
+    digest(first, tmp_path / "first")
+    second.load(tmp_path / "first")
+    assert train_episodes(first, range(8, 14)) == train_episodes(second, range(8, 14))
+    assert digest(first, tmp_path / "a") == digest(second, tmp_path / "b")
+    values = first.state_values(OBSERVATIONS)
+    assert (values.shape, values.dtype) == ((20,), np.float64)
+    assert np.isfinite(values).all()
+    first.save_policy(tmp_path)
+    assert (
+        load_policy(name, tmp_path)(OBSERVATIONS).shape == first.act_greedily(OBSERVATIONS).shape == (20, 2)
+    )
+    first.reset()
+    train(first, Drift(), 80)
     assert states() == before
 
 
 @NAMES
-def test_a_reset_forgets_networks_optimisers_and_experience(name, tmp_path):
+def test_a_reset_forgets_all_but_the_statistics_that_normalise(name, tmp_path):
     student = small_student(name)
     train(student, Drift(), 130)
     trained = parameters(student)
+    normalised = student.normaliser.normalise(OBSERVATIONS) if name == "ppo" else None
     student.reset()
     fresh = parameters(student)
-    assert any((trained[key] != fresh[key]).any() for key in trained)
+    assert differ(trained, fresh)
     state = student.model.get_parameters()
     assert all(not state[key]["state"] for key in state if key.endswith("optimizer"))
     assert student.scalars() == {}
@@ -128,16 +137,9 @@ def test_a_reset_forgets_networks_optimisers_and_experience(name, tmp_path):
                 assert (fresh[key] == fresh[key.replace("critic_target", "critic")]).all()
     else:
         assert len(student.rollout.state()["rewards"]) == 0
+        np.testing.assert_array_equal(student.normaliser.normalise(OBSERVATIONS), normalised)
     train(student, Drift(), 130)  # and goes on
-    assert any((fresh[key] != value).any() for key, value in parameters(student).items())
-
-
-def test_a_reset_keeps_the_statistics_that_normalise():
-    student = small_student("ppo")
-    train(student, Drift(), 130)
-    before = student.normaliser.normalise(OBSERVATIONS)
-    student.reset()
-    np.testing.assert_array_equal(student.normaliser.normalise(OBSERVATIONS), before)
+    assert differ(fresh, parameters(student))
 
 
 def test_a_reset_does_not_repeat_the_uniform_exploration():
@@ -200,12 +202,9 @@ def test_sac_values_of_a_policy_without_spread_are_in_closed_form():
         student.model.actor.log_std.bias.fill_(-15)
     seen = torch.from_numpy(OBSERVATIONS)
     with torch.no_grad():
-        expected = torch.cat(model_q(student, seen), dim=1).min(dim=1).values.numpy()
+        values = student.model.critic(seen, student.model.actor(seen, deterministic=True))
+        expected = torch.cat(values, dim=1).min(dim=1).values.numpy()
     np.testing.assert_allclose(student.state_values(OBSERVATIONS), expected, atol=1e-5)
-
-
-def model_q(student, seen):
-    return student.model.critic(seen, student.model.actor(seen, deterministic=True))
 
 
 def test_evaluations_see_the_exponential_average_of_the_weights(tmp_path):

@@ -10,15 +10,13 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-import gymnasium
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs import ENVIRONMENTS, make_environment
 from tma_ray.physics import PHYSICS_VERSION
-from tma_ray.students import STUDENTS, Transition, make_student
+from tma_ray.students import STUDENTS
 from tma_ray.tasks import Episode, KnowledgeLevel, Outcomes, TaskSpace, expert_knowledge
 from tma_ray.teachers import TEACHERS, make_teacher
 from tma_ray.testing.students import report_episode
@@ -58,24 +56,6 @@ TEACHER_SIZES: dict[str, dict[str, Any]] = {
 }
 """Hyper-parameters that let 150 episodes show everything; all others are the defaults."""
 
-STUDENT_SIZES: dict[str, dict[str, Any]] = {
-    "ppo": {"hidden_units": [16, 8], "steps_per_update": 50, "batch_size": 25, "epochs": 2},
-    "sac": {"hidden_units": [16, 8], "buffer_size": 150, "batch_size": 20, "exploration_steps": 60},
-    "A2C": {"policy_kwargs": {"net_arch": [16, 8]}, "n_steps": 20},
-    "TRPO": {"policy_kwargs": {"net_arch": [16, 8]}, "n_steps": 60, "batch_size": 30},
-    **{
-        name: {
-            "policy_kwargs": {"net_arch": [16, 8]},
-            "buffer_size": 150,
-            "batch_size": 20,
-            "learning_starts": 60,
-            "train_freq": 10,
-        }
-        for name in ("CrossQ", "DDPG", "TD3", "TQC")
-    },
-}
-"""Tiny networks, and updates that come soon; all else is the default."""
-
 STUDENT_STEPS, ENVIRONMENT_STEPS = 130, 40
 
 ENVIRONMENT_TASKS = {
@@ -101,20 +81,10 @@ def teacher_traces(name: str) -> dict[str, list[float]]:
 
 def student_traces(name: str) -> dict[str, list[float]]:
     """Return the trace of a student's exploring actions, and of its greedy ones at the end."""
-    environment = Drift()
-    student = make_student(
-        name,
-        environment.observation_space,
-        environment.action_space,
-        np.random.SeedSequence(0),
-        STUDENT_SIZES[name.removeprefix("stock:")],
-    )
-    observation, actions = environment.reset()[0], []
-    for _ in range(STUDENT_STEPS):
-        actions.append(student.act(observation))
-        following, reward, terminated, truncated, _ = environment.step(actions[-1])
-        student.observe(Transition(observation, actions[-1], reward, following, terminated, truncated))
-        observation = environment.reset()[0] if terminated or truncated else following
+    from students_support import Drift, small_student, train  # which a script finds later than a test
+
+    student = small_student(name)
+    actions = [step.action for step in train(student, Drift(), STUDENT_STEPS)]
     asked = np.random.default_rng(1).normal(size=(20, 3)).astype(np.float32)
     values = student.state_values(asked)
     return {
@@ -151,25 +121,6 @@ def version(part: str, name: str) -> str:
     registry: Any = {"environment": ENVIRONMENTS, "student": STUDENTS, "teacher": TEACHERS}[part]
     own = registry.algorithm_version(name)
     return f"{own}, physics {PHYSICS_VERSION}" if part == "environment" else str(own)
-
-
-class Drift(gymnasium.Env[Any, Any]):
-    """A noisy linear system with oddly bounded actions; episodes end by chance or after 17 steps."""
-
-    def __init__(self) -> None:
-        self.observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
-        self.action_space = spaces.Box(np.array([-2, -1], np.float32), np.array([1, 3], np.float32))
-        self.generator = np.random.default_rng(0)
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        self.state, self.steps = self.generator.normal(size=3), 0
-        return self.state.astype(np.float32), {}
-
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        self.steps += 1
-        self.state = 0.9 * self.state + 0.3 * self.generator.normal(size=3) + 0.2 * float(np.sum(action))
-        terminated, reward = bool(self.generator.random() < 0.05), 3.0 - float(self.state @ self.state)
-        return self.state.astype(np.float32), reward, terminated, self.steps >= 17, {}
 
 
 def _tasks(name: str, level: KnowledgeLevel) -> list[Any]:

@@ -157,6 +157,7 @@ def _text(table: Table) -> str:
 
 
 if __name__ == "__main__":
+    sys.path.append(str(FILE.parents[1] / "students"))
     try:
         main(sys.argv[1:])
     except ValueError as refusal:
