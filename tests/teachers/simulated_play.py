@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -31,16 +32,20 @@ def started(
     space: TaskSpace,
     seed: int = 0,
     level: KnowledgeLevel = KnowledgeLevel.HIGH,
+    easy_task: Sequence[float] | None = None,
     **hyperparameters: Any,
-) -> Teacher:
+) -> Any:
+    """Return a teacher that has been told `level`; the easy task is the space's lower corner unless given."""
     teacher = make_teacher(name, QUICK.get(name, {}) | hyperparameters)
-    knowledge = expert_knowledge(level, space, np.random.default_rng(seed), easy_task=space.low)
+    easy = space.low if easy_task is None else easy_task
+    knowledge = expert_knowledge(level, space, np.random.default_rng(seed), easy)
     teacher.start(space, knowledge, np.random.default_rng(seed))
     return teacher
 
 
-def ended(task: Task, episodic_return: float = 0.0, success: bool = False, step: int = 0) -> Episode:
+def ended(task: Any, episodic_return: float = 0.0, success: bool = False, step: int = 0) -> Episode:
     """An episode of ten steps, of which a teacher learns its return and whether it was mastered."""
+    task = np.asarray(task, np.float32)
     return Episode(task, episodic_return, success, 10, np.zeros(1, np.float32), 0.0, step)
 
 
@@ -55,14 +60,13 @@ def play(teacher: Teacher, episodes: int, step: int = 0) -> list[Task]:
         task = teacher.propose().task
         difficulty = float(teacher.space.normalise(task).mean())
         episodic_return = 300 - 400 * difficulty + 0.2 * index
-        initial_observation = np.array([difficulty, 0, 0], dtype=np.float32)
         query = teacher.observe(
             Episode(
                 task=task,
                 episodic_return=episodic_return,
                 success=episodic_return > 230,
                 length=EPISODE_LENGTH,
-                initial_observation=initial_observation,
+                initial_observation=np.array([difficulty, 0, 0], dtype=np.float32),
                 discounted_return=episodic_return / 5,
                 step=EPISODE_LENGTH * (index + 1),
             )
@@ -75,5 +79,4 @@ def play(teacher: Teacher, episodes: int, step: int = 0) -> list[Task]:
 
 def answer(query: Query) -> Answer:
     assert query.kind is QueryKind.STATE_VALUES
-    assert query.observations is not None
     return 60 - 80 * query.observations[:, 0].astype(np.float64)

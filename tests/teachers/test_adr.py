@@ -4,21 +4,17 @@ import numpy as np
 import pytest
 from simulated_play import SPACES, ended, started
 
-from tma_ray.tasks import KnowledgeLevel, TaskSpace, expert_knowledge
-from tma_ray.teachers import make_teacher
+from tma_ray.tasks import KnowledgeLevel, TaskSpace
 from tma_ray.teachers.adr import ADR, Boundary
 
 STUMP_TRACKS = SPACES["stump_tracks"]
 MIDDLE = (1.5, 3.0)
 UPPER_HEIGHT = Boundary(side=1, dimension=0)
+BOUNDARIES = [Boundary(side, dimension) for side in (0, 1) for dimension in (0, 1)]
 
 
 def adr(easy_task: tuple[float, ...] = MIDDLE, space: TaskSpace = STUMP_TRACKS, **options: float) -> ADR:
-    teacher = make_teacher("adr", options)
-    assert isinstance(teacher, ADR)
-    knowledge = expert_knowledge(KnowledgeLevel.HIGH, space, np.random.default_rng(0), easy_task)
-    teacher.start(space, knowledge, np.random.default_rng(0))
-    return teacher
+    return started("adr", space, easy_task=easy_task, **options)
 
 
 def play_boundary(teacher: ADR, boundary: Boundary, *returns: float) -> None:
@@ -48,7 +44,7 @@ def test_it_starts_from_a_single_task() -> None:
         ([-100.0, 460.0] * 5, 0.1),
     ],
 )
-@pytest.mark.parametrize("boundary", [Boundary(side, dim) for side in (0, 1) for dim in (0, 1)])
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_the_mean_of_ten_returns_moves_the_boundary(
     boundary: Boundary, returns: list[float], moved: float
 ) -> None:
@@ -78,21 +74,13 @@ def test_only_tasks_set_to_a_boundary_are_queued() -> None:
 
 def test_the_box_stays_inside_the_space_and_is_then_left_alone() -> None:
     teacher = adr()
-    for _ in range(20_000):
+    for _ in range(4_000):
         teacher.observe(ended(teacher.sample(), 300.0))
     np.testing.assert_allclose(teacher.bounds_, [STUMP_TRACKS.low, STUMP_TRACKS.high], atol=1e-12)
     for _ in range(200):  # nothing is left to test, and no boundary moves in again
         teacher.observe(ended(teacher.sample(), -100.0))
         assert teacher.boundary_ is None
     np.testing.assert_allclose(teacher.bounds_, [STUMP_TRACKS.low, STUMP_TRACKS.high], atol=1e-12)
-
-
-def test_it_is_stuck_where_it_starts_if_that_is_unfeasible() -> None:
-    teacher = adr()
-    for _ in range(2_000):
-        teacher.observe(ended(teacher.sample(), -100.0))
-    np.testing.assert_array_equal(teacher.bounds_, [MIDDLE, MIDDLE])
-    assert len(teacher.drain_updates()) == 1
 
 
 def test_a_boundary_never_passes_the_opposite_one() -> None:
@@ -109,7 +97,7 @@ def test_boundaries_are_set_with_their_share_and_equally_often() -> None:
     for _ in range(8_000):
         tasks.append(teacher.sample())
         boundaries.append(teacher.boundary_)
-    for boundary in [Boundary(side, dim) for side in (0, 1) for dim in (0, 1)]:
+    for boundary in BOUNDARIES:
         count = boundaries.count(boundary)
         assert count == pytest.approx(8_000 * 0.7 / 4, abs=4 * np.sqrt(8_000 * 0.175 * 0.825))
         on_it = [
@@ -179,7 +167,7 @@ def test_it_follows_a_naive_implementation_through_ups_and_downs(name: str) -> N
     start = [float(value) for value in space.denormalise([0.4] * space.size)]
     teacher = adr(tuple(start), space)
     rng, moves = np.random.default_rng(2), []
-    for index in range(6_000):
+    for index in range(3_000):
         task = teacher.sample()
         assert space.contains(task)
         episodic_return = float(rng.normal(200 if index % 1500 < 1000 else -20, 60))

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_play import SPACES, ended
+from simulated_play import SPACES, ended, started
 
-from tma_ray.tasks import KnowledgeLevel, expert_knowledge
-from tma_ray.teachers import make_teacher
+from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers.currot import Performance, SuccessBuffer, assigned, moved
 
 RNG = np.random.default_rng(0)
@@ -84,11 +83,7 @@ def test_what_is_left_out_is_told() -> None:
 
 @pytest.mark.parametrize("level", [KnowledgeLevel.LOW, KnowledgeLevel.HIGH])
 def test_the_curriculum_covers_what_can_be_mastered_and_no_more(level: KnowledgeLevel) -> None:
-    space = SPACES["line"]
-    teacher = make_teacher("currot", {"particles": 60, "update_every": 30})
-    knowledge = expert_knowledge(level, space, np.random.default_rng(1), easy_task=space.low)
-    teacher.start(space, knowledge, np.random.default_rng(0))
-    tasks = []
+    teacher, tasks = started("currot", SPACES["line"], level=level, particles=60, update_every=30), []
     for index in range(1500):
         task = teacher.sample()
         gained = 300.0 if task[0] < 0.2 else 0.0

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.optimize import check_grad
-from simulated_play import SPACES, ended
+from simulated_play import SPACES, ended, started
 
-from tma_ray.tasks import KnowledgeLevel, TaskSpace, expert_knowledge
-from tma_ray.teachers import make_teacher
+from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers.doraemon import DORAEMON, BetaProduct, EntropyUpdate
 
 ONE = BetaProduct(np.array([3.0, 1.0]), np.array([5.0, 2.5]))
@@ -68,18 +67,22 @@ def test_without_a_feasible_distribution_success_is_sought() -> None:
     assert update.success(found.logs)[0] > 1.5 * update.success(present.logs)[0]
 
 
-def taught(limit: float, updates: int = 40, episodes: int = 40, **settings: float) -> DORAEMON:
+def taught(limit: float, updates: int = 30, episodes: int = 40, **settings: float) -> DORAEMON:
     """Play `episodes` per update of which those are mastered whose first coordinate is at most `limit`."""
-    space: TaskSpace = SPACES["with_constants"]
-    teacher = make_teacher("doraemon", {"update_every": 10 * episodes, **settings})
-    assert isinstance(teacher, DORAEMON)
-    knowledge = expert_knowledge(KnowledgeLevel.HIGH, space, np.random.default_rng(1), [0.2, 10, 0])
-    teacher.start(space, knowledge, np.random.default_rng(0))
-    for index in range(episodes * updates):
-        task = teacher.sample()
-        mastered = bool(task[0] <= limit)
-        teacher.observe(ended(task, 0.0, mastered, 10 * (index + 1)))
+    teacher = doraemon(update_every=10 * episodes, **settings)
+    learn(teacher, limit, episodes * updates, 10)
     return teacher
+
+
+def doraemon(level: KnowledgeLevel = KnowledgeLevel.HIGH, **settings: float) -> DORAEMON:
+    return started("doraemon", SPACES["with_constants"], level=level, easy_task=[0.2, 10, 0], **settings)
+
+
+def learn(teacher: DORAEMON, limit: float, episodes: int, steps: int) -> None:
+    """Play episodes of `steps`, mastered where the first coordinate is at most `limit`."""
+    for index in range(episodes):
+        task = teacher.sample()
+        teacher.observe(ended(task, 0.0, bool(task[0] <= limit), steps * (index + 1)))
 
 
 def test_the_mode_is_at_first_the_initial_task() -> None:
@@ -113,16 +116,9 @@ def test_nothing_changes_before_the_share_is_reached() -> None:
 def test_where_no_easy_task_is_known_it_can_start_uniform_and_narrow_to_what_is_mastered(
     level: KnowledgeLevel, is_wide: bool
 ) -> None:
-    space = SPACES["with_constants"]
-    teacher = make_teacher("doraemon", {"start_from_wide_uniform": True, "budget": 20_000})
-    assert isinstance(teacher, DORAEMON)
-    knowledge = expert_knowledge(level, space, np.random.default_rng(1), [0.2, 10, 0])
-    teacher.start(space, knowledge, np.random.default_rng(0))
+    teacher = doraemon(level, start_from_wide_uniform=True, budget=20_000)
     assert (teacher.distribution_.entropy()[0] == 0.0) == is_wide
     if is_wide:
         assert teacher.next_update_ == 3162  # of 100,000, for a thousandth of the paper's budget
-        for index in range(1, 1501):
-            task = teacher.sample()
-            mastered = bool(task[0] <= 0.1)
-            teacher.observe(ended(task, 0.0, mastered, 20 * index))
+        learn(teacher, 0.1, 1500, 20)
         assert (teacher.probe(2_000)[:, 0] <= 0.1).mean() > 0.3

@@ -10,22 +10,6 @@ from tma_ray.teachers import TEACHERS
 from tma_ray.testing import TeacherConformance
 from tma_ray.testing.trials import SCENARIOS
 
-SMALLER: dict[str, dict[str, Any]] = {
-    "accel": {"buffer_size": 50},
-    "plr": {"buffer_size": 50},
-    "traced": {"buffer_size": 50},
-    "perm": {"window_episodes": 60},
-    "procurl_target": {"first_update": 100_000, "update_every": 100_000},
-    "robust_plr": {"buffer_size": 50},
-    "sfl": {"refresh_every": 100},
-    "alp_gmm": {"most_components": 5},
-    "covar_gmm": {"most_components": 5},
-    "currot": {"particles": 60},
-    "goal_gan": {"pretraining_iterations": 20, "iterations_per_task": 0.25},
-    "setter_solver": {"hidden_units": 16},
-}
-"""Where the defaults take longest."""
-
 TINY: dict[str, dict[str, Any]] = {
     "alp_gmm": {"most_components": 3},
     "covar_gmm": {"most_components": 3},
@@ -43,7 +27,10 @@ TINY: dict[str, dict[str, Any]] = {
     "plr": {"buffer_size": 30},
     "robust_plr": {"buffer_size": 30},
 }
-"""Likewise, for the task spaces of the fast tier."""
+"""Where the defaults take longest."""
+
+DEFAULT_EVERYWHERE = ("doraemon", "lp_acrl", "spgl")
+"""Of these, the ones that the slow tier leaves at their defaults."""
 
 FEW = tuple(scenario for scenario in SCENARIOS if scenario.name in ("plane", "rugged"))
 """Of which the fast tier gives every second teacher the plane and the others the rugged one."""
@@ -64,22 +51,12 @@ class FastConformance(TeacherConformance):
         super().test_a_saved_teacher_continues_in_a_new_process()
 
 
-def _kit(
-    name: str, kind: type[TeacherConformance] = TeacherConformance, **members: Any
-) -> type[TeacherConformance]:
-    return type(name, (kind,), members)
-
-
 for _place, _name in enumerate(TEACHERS.names()):
-    _teacher = TEACHERS.get(_name)
+    _members = {"teacher": TEACHERS.get(_name), "hyperparameters": TINY.get(_name, {})}
+    _fewer = {**_members, "scenarios": FEW[_place % 2 :: 2], "episodes": FEWER_EPISODES}
     _kind = TeacherConformance if _name in IN_NEW_PROCESSES else FastConformance
-    globals()[f"Test_{_name}"] = _kit(
-        f"Test_{_name}",
-        _kind,
-        teacher=_teacher,
-        hyperparameters=TINY.get(_name, {}),
-        scenarios=FEW[_place % 2 :: 2],
-        episodes=FEWER_EPISODES,
-    )
-    _kept = _kit(f"Test_{_name}_everywhere", teacher=_teacher, hyperparameters=SMALLER.get(_name, {}))
-    globals()[f"Test_{_name}_everywhere"] = pytest.mark.slow(_kept)
+    globals()[f"Test_{_name}"] = type(f"Test_{_name}", (_kind,), _fewer)
+    if _name in DEFAULT_EVERYWHERE:
+        _members["hyperparameters"] = {}
+    _kept = type(f"Test_{_name}_everywhere", (TeacherConformance,), _members)
+    globals()[_kept.__name__] = pytest.mark.slow(_kept)

@@ -13,9 +13,7 @@ STUMP_TRACKS = SPACES["stump_tracks"]
 
 
 def goal_gan(level: KnowledgeLevel = KnowledgeLevel.HIGH, seed: int = 0, **changes: float) -> GoalGAN:
-    teacher = started("goal_gan", STUMP_TRACKS, seed, level, **changes)
-    assert isinstance(teacher, GoalGAN)
-    return teacher
+    return started("goal_gan", STUMP_TRACKS, seed, level, **changes)
 
 
 def outcome(teacher: GoalGAN, *successes: bool) -> Task:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from simulated_play import SPACES, play, started
 
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers import TEACHERS, effective_level, hyperparameters_of, make_teacher
@@ -141,6 +142,11 @@ IMPOSSIBLE: dict[str, dict[str, Any]] = {
     "accel": {"edits": 0, "edit_step": 0.0, "edit_share": -0.1},
     "ramp": {"steps": 0},
     "robust_plr": {"budget": 0},
+    "lp_acrl": {"cells": 1, "stage_episodes": 0, "temperature": 0.0, "budget": 0},
+    "perm": {"windows": 0, "explore": 2.0, "bump_width": 0.0, "lowest_return": 400.0},
+    "procurl_target": {"beta": 0.0, "pool_size": 0, "lowest_return": 400.0, "budget": 0},
+    "spgl": {"budget": 0},
+    "traced": {"score": "max_mc", "error_weight": -1.0, "round_size": 0, "memory": 0.0},
 }
 
 
@@ -148,3 +154,20 @@ IMPOSSIBLE: dict[str, dict[str, Any]] = {
 def test_impossible_hyperparameters_are_refused(name: str, key: str) -> None:
     with pytest.raises(ValueError, match=key):
         make_teacher(name, {key: IMPOSSIBLE[name][key]})
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "episodes", "updates"),
+    [
+        ("lp_acrl", {"stage_episodes": 100}, 25, 2),
+        ("perm", {"window_episodes": 100}, 35, 3),
+        ("spgl", {"first_update": 1_000, "update_every": 2_000}, 10, 1 + 5),
+    ],
+)
+def test_waits_are_scaled_by_the_square_root_of_the_budget(
+    name: str, settings: dict[str, Any], episodes: int, updates: int
+) -> None:
+    """Of a hundredth of the paper's budget a tenth; episodes have 100 steps."""
+    teacher = started(name, SPACES["line"], **settings, budget=200_000)
+    play(teacher, episodes)
+    assert len(teacher.drain_updates()) == updates

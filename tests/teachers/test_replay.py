@@ -6,18 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import simulated_play
+from simulated_play import ended
 
-from tma_ray.tasks import (
-    Episode,
-    ExpertKnowledge,
-    KnowledgeLevel,
-    Proposal,
-    Query,
-    QueryKind,
-    TaskSpace,
-    Trajectory,
-    expert_knowledge,
-)
+from tma_ray.tasks import KnowledgeLevel, Proposal, QueryKind, TaskSpace, Trajectory
 from tma_ray.teachers import canonical_teacher, hyperparameters_of, make_teacher
 from tma_ray.teachers.prioritised_replay import (
     PrioritisedReplay,
@@ -78,10 +70,9 @@ def test_a_negative_advantage_counts_on_tasks_that_were_mastered_once() -> None:
     teacher = started("robust_plr", score="mna", replay_share=1.0, fill_first=1.0, buffer_size=2)
     for mastered in (False, True):
         play(teacher, teacher.propose(), 3.0, value=5.0, mastered=mastered)
-    assert teacher.buffer_.scores.tolist() == [
-        0.0,
-        pytest.approx(negative_advantage(three_ones(), FIVES, 0.9)),
-    ]
+    three_ones = trajectory([1.0, 1.0, 1.0], True, gamma=1.0)
+    expected = negative_advantage(three_ones, np.full(4, 5.0), 0.9)
+    assert teacher.buffer_.scores.tolist() == [0.0, pytest.approx(expected)]
     for _ in range(20):  # failing later takes nothing from it
         play(teacher, teacher.propose(), 3.0, value=5.0)
     assert teacher.buffer_.mastered.tolist() == [False, True]
@@ -99,11 +90,8 @@ def test_values_with_an_entropy_bonus_are_compared_with_rewards_that_have_it(sco
         for step in (2, 1, 0):
             following = values[step] = rewards[step] + bonus[step] + 0.9 * following
         gained = float(np.polynomial.polynomial.polyval(0.9, rewards))
-        task = teacher.propose().task
-        teacher.observe(Episode(task, 7.0, False, 3, np.zeros(1, np.float32), gained, 0, True))
+        teacher.observe(replace(ended(teacher.propose().task, 7.0), discounted_return=gained, trains=True))
         asked = teacher.answer(replace(trajectory(list(rewards), True), entropy_bonuses=bonus))
-        assert asked is not None
-        assert asked.observations is not None
         teacher.answer(values[: len(asked.observations)] - 2.0)
         scores += list(teacher.buffer_.scores)
     assert scores == pytest.approx([2.0, 2.0])
@@ -145,34 +133,20 @@ def test_a_new_task_replaces_the_one_replayed_least_if_it_scores_as_high() -> No
 
 
 def started(name: str, level: KnowledgeLevel = KnowledgeLevel.NONE, **settings: object) -> PrioritisedReplay:
-    teacher = make_teacher(name, {"buffer_size": 20, "staleness_share": 0.3, **settings})
-    assert isinstance(teacher, PrioritisedReplay)
-    knowledge: ExpertKnowledge = expert_knowledge(level, SPACE, np.random.default_rng(1), [0.2, 7, 5.8])
-    teacher.start(SPACE, knowledge, np.random.default_rng(0))
-    return teacher
-
-
-FIVES = np.full(4, 5.0)
-
-
-def three_ones() -> Trajectory:
-    return trajectory([1.0, 1.0, 1.0], True, gamma=1.0)
+    settings = {"buffer_size": 20, "staleness_share": 0.3, **settings}
+    return simulated_play.started(name, SPACE, level=level, easy_task=[0.2, 7, 5.8], **settings)
 
 
 def play(
     teacher: PrioritisedReplay, proposal: Proposal, gained: float, value: float = 0.0, mastered: bool = False
 ) -> None:
     """Play an episode of three steps, each of which returns a third."""
-    trains = proposal.trains
-    observation = np.zeros(1, np.float32)
-    query: Query | None = teacher.observe(
-        Episode(proposal.task, gained, mastered, 3, observation, gained, 0, trains)
-    )
+    episode = ended(proposal.task, gained, mastered)
+    query = teacher.observe(replace(episode, discounted_return=gained, trains=proposal.trains))
     while query is not None:
         if query.kind is QueryKind.TRAJECTORY:
             query = teacher.answer(trajectory([gained / 3] * 3, True, gamma=1.0))
         else:
-            assert query.observations is not None
             query = teacher.answer(np.full(len(query.observations), value))
 
 

@@ -54,6 +54,8 @@ def test_a_probe_shows_what_comes_next() -> None:
 
 
 def test_only_dimensions_with_width_are_chosen() -> None:
+    with pytest.raises(ValueError, match="there is nothing to choose"):
+        UnitBox(TaskSpace.from_bounds({"fixed": (3, 3)}))
     box = UnitBox(SPACES["with_constants"])
     assert box.size == 2
     np.testing.assert_allclose(box.normalise([[0.25, 10, 5]]), [[0.25, 1.0]])
@@ -61,8 +63,3 @@ def test_only_dimensions_with_width_are_chosen() -> None:
     assert tasks.tolist() == [[0.5, 10, 0], [0, 10, 5]]
     assert tasks.dtype == np.float32
     assert box.denormalise(np.array([1.0, 0.0])).tolist() == [1, 10, -5]
-
-
-def test_a_space_without_width_is_refused() -> None:
-    with pytest.raises(ValueError, match="there is nothing to choose"):
-        UnitBox(TaskSpace.from_bounds({"fixed": (3, 3)}))

@@ -14,9 +14,7 @@ STUMP_TRACKS = SPACES["stump_tracks"]
 
 
 def setter_solver(**changes: float) -> SetterSolver:
-    teacher = started("setter_solver", STUMP_TRACKS, level=KnowledgeLevel.LOW, **changes)
-    assert isinstance(teacher, SetterSolver)
-    return teacher
+    return started("setter_solver", STUMP_TRACKS, level=KnowledgeLevel.LOW, **changes)
 
 
 @cache
@@ -67,7 +65,6 @@ def test_both_get_better_for_longer() -> None:
 def test_what_was_solved_becomes_likely() -> None:
     """Without judge and spread in the way: the validity loss alone falls."""
     teacher = setter_solver(hidden_units=16, learning_rate=3e-3)
-    losses = []
     for _ in range(15 * teacher.update_every):
         task = teacher.sample()
         teacher.observe(ended(task, success=bool(np.all(STUMP_TRACKS.normalise(task) < 0.5))))

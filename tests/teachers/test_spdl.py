@@ -14,9 +14,7 @@ STUMP_TRACKS = SPACES["stump_tracks"]
 
 
 def spdl(level: KnowledgeLevel = KnowledgeLevel.HIGH, space: str = "stump_tracks", **changes: float) -> SPDL:
-    teacher = started("spdl", SPACES[space], level=level, **changes)
-    assert isinstance(teacher, SPDL)
-    return teacher
+    return started("spdl", SPACES[space], level=level, **changes)
 
 
 def end(teacher: SPDL, step: int, discounted_return: float = 50.0) -> Query | None:
@@ -28,13 +26,17 @@ def end(teacher: SPDL, step: int, discounted_return: float = 50.0) -> Query | No
 def learn(teacher: SPDL, discounted_return: float = 50.0) -> dict[str, float]:
     """End episodes until an update, answers with flat values, and return what it logged."""
     teacher.drain_updates()
-    query, step = None, teacher.next_update_ - 400
-    while query is None:
-        step += 20
-        query = end(teacher, step, discounted_return)
-    assert query.observations is not None
+    query = asked(teacher, 400, discounted_return)
     teacher.answer(np.full(len(query.observations), 40.0))
     return teacher.drain_updates()[0].scalars
+
+
+def asked(teacher: SPDL, ahead: int, discounted_return: float = 50.0) -> Query:
+    """End an episode every 20 steps, from `ahead` steps before an update on, and return what it asks."""
+    steps = range(teacher.next_update_ - ahead + 20, teacher.next_update_ + 20, 20)
+    *others, query = [end(teacher, step, discounted_return) for step in steps]
+    assert others == [None] * len(others)
+    return query
 
 
 def test_an_update_is_due_at_the_first_episode_end_after_its_step() -> None:
@@ -53,15 +55,11 @@ def test_it_asks_for_the_values_of_the_episodes_since_the_last_update() -> None:
     for step in range(1, 5000):
         assert end(teacher, step) is None
     query = end(teacher, 5000)
-    assert query is not None
     assert query.kind is QueryKind.STATE_VALUES
-    assert query.observations is not None
     assert query.observations[:, 2].tolist() == list(range(5001 - MOST_CONTEXTS, 5001))
     teacher.answer(np.zeros(MOST_CONTEXTS))
     assert end(teacher, 5040) is None
     query = end(teacher, 5050)
-    assert query is not None
-    assert query.observations is not None
     assert query.observations[:, 2].tolist() == [5040, 5050]
 
 
@@ -98,11 +96,7 @@ def test_it_goes_where_values_are_high() -> None:
     teacher = spdl(KnowledgeLevel.NONE, penalty_share=0.01)
     before = teacher.probe(200).mean(axis=0)
     for _ in range(6):
-        query, step = None, teacher.next_update_ - 4000
-        while query is None:
-            step += 20
-            query = end(teacher, step)
-        assert query.observations is not None
+        query = asked(teacher, 4000)
         teacher.answer(10.0 * query.observations[:, 0])  # higher stumps are worth more
     after = teacher.probe(200).mean(axis=0)
     assert after[0] > before[0] + 0.5
@@ -110,14 +104,11 @@ def test_it_goes_where_values_are_high() -> None:
 
 
 def test_it_starts_at_the_initial_gaussian() -> None:
-    informed = spdl(KnowledgeLevel.HIGH)
-    gaussian = informed.drain_updates()[0].gaussians[0]
-    np.testing.assert_allclose(gaussian.mean, informed.knowledge.initial.mean)
-    np.testing.assert_allclose(gaussian.covariance, np.diag(informed.knowledge.initial.variance))
-    placed = spdl(KnowledgeLevel.LOW)
-    np.testing.assert_allclose(
-        placed.drain_updates()[0].gaussians[0].mean, placed.knowledge.initial.mean, rtol=1e-6
-    )
+    informed, placed = spdl(KnowledgeLevel.HIGH), spdl(KnowledgeLevel.LOW)
+    for teacher in (informed, placed):
+        gaussian = teacher.drain_updates()[0].gaussians[0]
+        np.testing.assert_allclose(gaussian.mean, teacher.knowledge.initial.mean, rtol=1e-6)
+        np.testing.assert_allclose(gaussian.covariance, np.diag(teacher.knowledge.initial.variance))
     assert not np.allclose(placed.knowledge.initial.mean, informed.knowledge.initial.mean)
 
 
@@ -239,10 +230,7 @@ def test_nothing_to_gain_changes_nothing() -> None:
 
 def test_values_pull_the_mean_and_noise_does_not_outweigh_them() -> None:
     rng = np.random.default_rng(1)
-    old, target = (
-        FullGaussian(np.full(2, 0.5), 0.1 * np.eye(2)),
-        FullGaussian(np.full(2, 0.5), 0.25 * np.eye(2)),
-    )
+    old, target = (FullGaussian(np.full(2, 0.5), spread * np.eye(2)) for spread in (0.1, 0.25))
     points = old.draw(rng, 250)
     values = 200 * points[:, 0] + rng.normal(0, 10, 250)
     new = self_paced_update(old, target, points, values, 0.0, 0.5)

@@ -11,9 +11,8 @@ from scipy.optimize import minimize
 from simulated_play import SPACES, play, started
 
 from tma_ray.tasks import Episode
-from tma_ray.teachers import make_teacher
 from tma_ray.teachers.spdl import FullGaussian
-from tma_ray.teachers.spgl import SPGL, closed_form_update, quadratic_fit
+from tma_ray.teachers.spgl import closed_form_update, quadratic_fit
 
 Array = NDArray[np.float64]
 
@@ -107,18 +106,9 @@ def test_it_walks_from_the_easy_corner_to_the_target_as_returns_rise() -> None:
 def test_it_does_not_shrink_to_a_point_on_the_best_of_hopeless_tasks() -> None:
     """Returns below 0 leave no penalty that would pull it to the target."""
     teacher = started("spgl", SPACES["stump_tracks"], first_update=1, update_every=1)
-    assert isinstance(teacher, SPGL)
-    for step in range(0, 8_000, 40):
+    for step in range(0, 3_000, 40):
         tasks = teacher.probe(40)
         teacher.tasks_ = list(tasks[:-1])
         teacher.returns_ = [-500 - 100 * float(((task - 1) ** 2).sum()) for task in tasks[:-1]]
         teacher.observe(Episode(tasks[-1], -500.0, False, 40, np.zeros(1, np.float32), 0.0, step + 40))
     assert np.linalg.svd(teacher.distribution_.factor)[1].min() >= 0.99e-3
-
-
-def test_updates_are_scaled_by_the_square_root_of_the_budget() -> None:
-    teacher = started("spgl", SPACES["line"], first_update=1_000, update_every=2_000, budget=200_000)
-    play(teacher, 10)  # of 100 steps: updates after 100, 300, 500, 700 and 900
-    assert len(teacher.drain_updates()) == 1 + 5
-    with pytest.raises(ValueError, match="budget = 0"):
-        make_teacher("spgl", {"budget": 0})
