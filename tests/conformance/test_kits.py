@@ -11,10 +11,6 @@ from tma_ray.conformance import BodyConformance, EnvironmentConformance, Student
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-class TestStumpTracks(EnvironmentConformance):
-    environment = "stump_tracks"
-
-
 class TestSwingUp(EnvironmentConformance):
     environment = "swing_up:SwingUp"
 

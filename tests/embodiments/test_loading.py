@@ -1,5 +1,6 @@
-"""Every body that ships loads; a body or outline that cannot be built says what is wrong with it."""
+"""Bodies of files and their outlines; one that cannot be built says what is wrong with it."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,29 +12,30 @@ from tma_ray.embodiments import EmbodimentError, GripSensor, Polygon, embodiment
 DATA = Path(tma_ray.embodiments.__file__).parent / "data"
 
 
-@pytest.mark.parametrize("name", embodiment_names())
-def test_every_body_loads_under_its_own_name(name: str) -> None:
-    body = load_embodiment(name)
-    assert body.name == name
-    assert body.parts[body.head].head
-    assert body.action_size == len(body.motors) + len(body.grip_sensors) > 0
+Edited = Callable[[str, str, str], Path]
 
 
-def test_unknown_name_offers_the_nearest() -> None:
-    with pytest.raises(EmbodimentError, match="did you mean 'classic_bipedal'"):
-        load_embodiment("clasic_bipedal")
+@pytest.fixture
+def edited(tmp_path: Path) -> Edited:
+    """Write the file of a body with other text in it; return its place."""
+
+    def edit(body: str, old: str, new: str) -> Path:
+        path, text = tmp_path / "mine.toml", (DATA / f"{body}.toml").read_text()
+        assert old in text
+        path.write_text(text.replace(old, new))
+        return path
+
+    return edit
 
 
-def test_a_body_loads_from_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(_text().replace('name = "classic_bipedal"', 'name = "mine"'))
+def test_a_body_loads_from_a_file(edited: Edited) -> None:
+    path = edited("classic_bipedal", 'name = "classic_bipedal"', 'name = "mine"')
     assert load_embodiment(path).name == "mine"
     assert load_embodiment(str(path)).parts == load_embodiment("classic_bipedal").parts
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
+UNFIT = {
+    "classic_bipedal": [
         ('part_b = "lower_2"', 'part_b = "lower_1"', "connects part 'lower_2'"),
         ("anchor = [0.0, -0.1]", "anchor = [0.0, -0.9]", "outside part 'hull'"),
         ("density = 5.0", "density = 0.0", "density 0.0"),
@@ -98,20 +100,14 @@ def test_a_body_loads_from_a_file(tmp_path: Path) -> None:
             "anchor = [0.0, -0.1]\nanchor_b = [0.0, 0.0]",
             r"anchor \[0.0, 0.0\] lies 0.100 m outside part 'leg_1'",
         ),
+        ("torque_cost = ", "torque_cost = 'x' # ", "body: torque_cost 'x': Expected `float`, got `str`"),
+        ("spawn_height = ", "spawn_height = nan # ", "spawn_height nan: expected numbers within"),
+        ("density = ", "density = 1e300 # ", r"density 1e\+300: expected numbers within"),
+        ("position = ", "position = [1.0] # ", r"position \[1.0\]: Expected `array` of length 2, got 1"),
+        ("head = ", "head = 1 # ", "head 1: Expected `bool`, got `int`"),
     ],
-)
-def test_bodies_that_cannot_be_built_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
-    path, text = tmp_path / "mine.toml", _text()
-    assert old in text
-    path.write_text(text.replace(old, new))
-    with pytest.raises(EmbodimentError, match=message):
-        load_embodiment(path)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ('part = "hand_2"', 'part = "paw"', "grip sensor 'hand_sensor_2': no part 'paw'; the parts are"),
+    "climbing_chimpanzee": [
+        ('\npart = "hand_2"', '\npart = "paw"', "grip sensor 'hand_sensor_2': no part 'paw'; the parts are"),
         (
             "position = [0.0, 2.8666667]",
             "position = [0.0, 2.94]",
@@ -122,21 +118,37 @@ def test_bodies_that_cannot_be_built_are_refused(tmp_path: Path, old: str, new: 
         ('name = "hand_sensor_2"', 'name = "hand_sensor_1"', "'hand_sensor_1' is used more than once"),
         ('name = "hand_sensor_2"', 'name = "hand_2"', "name 'hand_2' is used more than once"),
         ("radius = 0.05", "raduis = 0.05", "grip sensor 'hand_sensor_1': unknown field 'raduis'"),
-        ('part = "hand_2"\n', "", "grip sensor 'hand_sensor_2': field 'part' is missing"),
+        ('\npart = "hand_2"\n', "\n", "grip sensor 'hand_sensor_2': field 'part' is missing"),
     ],
+    "spider": [
+        ("count = 2", "count = 9", "pairs_of_legs 9 must be a whole number from 1 to 8"),
+        ("at_most = 8", "", "repeat 'pairs_of_legs'.*at_most"),
+        ("{2k}", "{2k-1}", "is used more than once"),
+    ],
+}
+"""Texts of the files of bodies, what replaces them, and what the refusal says."""
+
+
+@pytest.mark.parametrize(
+    ("body", "old", "new", "message"), [(body, *row) for body, rows in UNFIT.items() for row in rows]
 )
-def test_grip_sensors_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
-    path, text = tmp_path / "mine.toml", (DATA / "climbing_chimpanzee.toml").read_text()
-    before, sensors = text[: text.index("[[grip_sensors]]")], text[text.index("[[grip_sensors]]") :]
-    assert old in sensors
-    path.write_text(before + sensors.replace(old, new))
+def test_bodies_that_cannot_be_built_are_refused(
+    edited: Edited, body: str, old: str, new: str, message: str
+) -> None:
     with pytest.raises(EmbodimentError, match=message):
-        load_embodiment(path)
+        load_embodiment(edited(body, old, new))
 
 
-def test_a_grip_sensor_may_stick_out_of_its_part_by_its_radius(tmp_path: Path) -> None:
-    path, text = tmp_path / "mine.toml", (DATA / "climbing_chimpanzee.toml").read_text()
-    path.write_text(text.replace("position = [0.0, 2.8666667]", "position = [0.0, 2.93]"))
+def test_a_single_joint_in_place_of_sections_is_named(edited: Edited) -> None:
+    text = (DATA / "classic_bipedal.toml").read_text()
+    joints = text[text.index("[[joints]]") :]
+    single = joints[: joints.index("[[", 2)].replace("[[joints]]", "[joints]")
+    with pytest.raises(EmbodimentError, match=r"joints .*: expected sections"):
+        load_embodiment(edited("classic_bipedal", joints, single))
+
+
+def test_a_grip_sensor_may_stick_out_of_its_part_by_its_radius(edited: Edited) -> None:
+    path = edited("climbing_chimpanzee", "position = [0.0, 2.8666667]", "position = [0.0, 2.93]")
     assert load_embodiment(path).grip_sensors[0].position == (0.0, 2.93)
 
 
@@ -146,15 +158,10 @@ def test_a_grip_sensor_has_the_mass_and_inertia_of_a_disc() -> None:
     assert sensor.inertia == pytest.approx(np.pi / 8)
 
 
-def test_a_joint_may_lie_outside_its_parts_if_the_file_says_so(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(_text().replace("anchor = [0.0, -0.1]", "anchor = [0.0, -0.9]\noutside_parts = true"))
+def test_a_joint_may_lie_outside_its_parts_if_the_file_says_so(edited: Edited) -> None:
+    new = "anchor = [0.0, -0.9]\noutside_parts = true"
+    path = edited("classic_bipedal", "anchor = [0.0, -0.1]", new)
     assert load_embodiment(path).joints[0].anchor == (0.0, -0.9)
-
-
-def test_only_climbers_hang() -> None:
-    hanging = [name for name in embodiment_names() if load_embodiment(name).grip_sensors]
-    assert hanging == ["climbing_chest_chimpanzee", "climbing_chimpanzee"]
 
 
 def test_only_the_old_bodies_are_drawn_stretched() -> None:
@@ -165,30 +172,6 @@ def test_only_the_old_bodies_are_drawn_stretched() -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(EmbodimentError, match=r"nowhere\.toml"):
         load_embodiment(tmp_path / "nowhere.toml")
-
-
-def _text() -> str:
-    return (DATA / "classic_bipedal.toml").read_text()
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("torque_cost = ", "torque_cost = 'x' # ", "body: torque_cost 'x': Expected `float`, got `str`"),
-        ("spawn_height = ", "spawn_height = nan # ", "spawn_height nan: expected numbers within"),
-        ("density = ", "density = 1e300 # ", r"density 1e\+300: expected numbers within"),
-        ("position = ", "position = [1.0] # ", r"position \[1.0\]: Expected `array` of length 2, got 1"),
-        ("head = ", "head = 1 # ", "head 1: Expected `bool`, got `int`"),
-        ("[[joints]]", "[joints]", "joints .*: expected sections"),
-    ],
-)
-def test_mistyped_fields_are_named(tmp_path: Path, old: str, new: str, message: str) -> None:
-    path, text = tmp_path / "mine.toml", _text()
-    start = text.index(old)
-    end = text.index("[[", start + 2) if old == "[[joints]]" else len(text)
-    path.write_text(text[:start] + text[start:end].replace(old, new, 1))
-    with pytest.raises(EmbodimentError, match=message):
-        load_embodiment(path)
 
 
 @pytest.mark.parametrize("corners", [3, 4, 5, 8])

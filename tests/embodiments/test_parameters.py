@@ -7,7 +7,6 @@ import pytest
 
 import tma_ray.embodiments
 from tma_ray.embodiments import EmbodimentError, embodiment_names, load_embodiment
-from tma_ray.envs.stump_tracks import StumpTracks
 
 DATA = Path(tma_ray.embodiments.__file__).parent / "data"
 
@@ -83,19 +82,6 @@ def test_a_name_may_hold_the_parameters() -> None:
     assert load_embodiment(path) == expected
 
 
-@pytest.mark.parametrize("body", ["spider:pairs_of_legs=3", "millipede:bodies=6", "wheel:size=1.5"])
-def test_the_environment_plays_them(body: str) -> None:
-    env = StumpTracks(embodiment=body)
-    observation, _ = env.reset(seed=0, options={"task": [0.5, 3.0]})
-    assert observation in env.observation_space
-    env.action_space.seed(0)
-    for _ in range(20):
-        observation, _, terminated, truncated, _ = env.step(env.action_space.sample())
-        assert np.all(np.isfinite(observation))
-        if terminated or truncated:
-            env.reset(options={"task": [0.5, 3.0]})
-
-
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -120,20 +106,3 @@ def test_the_environment_plays_them(body: str) -> None:
 def test_parameters_that_make_no_body_are_refused(name: str, message: str) -> None:
     with pytest.raises(EmbodimentError, match=message):
         load_embodiment(name)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("count = 2", "count = 9", "pairs_of_legs 9 must be a whole number from 1 to 8"),
-        ("at_most = 8", "", "repeat 'pairs_of_legs'.*at_most"),
-        ("{2k}", "{2k-1}", "is used more than once"),
-    ],
-)
-def test_sections_that_make_no_body_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
-    text = (DATA / "spider.toml").read_text()
-    assert old in text
-    path = tmp_path / "mine.toml"
-    path.write_text(text.replace(old, new))
-    with pytest.raises(EmbodimentError, match=message):
-        load_embodiment(path)

@@ -27,30 +27,28 @@ def test_every_shipped_body_is_measured() -> None:
 @pytest.mark.parametrize("name", BODIES)
 def test_whole_body(name: str) -> None:
     body, measured = load_embodiment(name), BODIES[name]
+    assert body.name == name
     assert body.body_type == measured["body_type"]
     assert body.torque_cost == pytest.approx(measured["torque_cost"], **TOLERANCE)
     assert body.upright_reward == measured["upright_reward"]
     pieces = (*body.parts, *body.grip_sensors)
     assert sum(piece.mass for piece in pieces) == pytest.approx(measured["total_mass"], **TOLERANCE)
-
-
-@pytest.mark.parametrize("environment", ["stump_tracks", "parkour"])
-@pytest.mark.parametrize("name", BODIES)
-def test_start_and_actions(name: str, environment: str) -> None:
-    body, measured = load_embodiment(name), BODIES[name]
-    assert body.action_size == measured["action_size"][environment]
-    if environment == "stump_tracks" or name not in OLD:
-        assert body.spawn_height == pytest.approx(measured["spawn_height"][environment], **TOLERANCE)
-
-
-@pytest.mark.parametrize("name", BODIES)
-def test_life_in_parkour(name: str) -> None:
-    body, measured = load_embodiment(name), BODIES[name]
     assert body.lidars == (measured["lidars"] or CHOSEN_LIDARS[name])
     assert body.steps_survivable_under_water == measured["steps_survivable_under_water"]
     assert body.steps_survivable_outside_water == measured["steps_survivable_outside_water"]
     assert body.may_touch_ceiling == bool(body.grip_sensors) == (measured["body_type"] == "climber")
     assert body.pushed == measured["pushed"]
+
+
+@pytest.mark.parametrize("environment", ["stump_tracks", "parkour"])
+@pytest.mark.parametrize("name", BODIES)
+def test_start_and_sizes(name: str, environment: str) -> None:
+    body, measured = load_embodiment(name), BODIES[name]
+    assert body.action_size == measured["action_size"][environment]
+    rules = Rules(environment, body.lidars, observes_medium=environment == "parkour")
+    assert observation_size(step_arrays(body, rules)) == measured["observation_size"][environment]
+    if environment == "stump_tracks" or name not in OLD:
+        assert body.spawn_height == pytest.approx(measured["spawn_height"][environment], **TOLERANCE)
 
 
 @pytest.mark.parametrize("name", BODIES)
@@ -112,14 +110,6 @@ def test_observation_layout(name: str) -> None:
         label = f"grip sensor {index}"
         ours += [f"{label} touches a graspable surface", f"{label} is attached"]
     assert ours == BODIES[name]["observed_joints_and_grips"]
-
-
-@pytest.mark.parametrize("environment", ["stump_tracks", "parkour"])
-@pytest.mark.parametrize("name", BODIES)
-def test_observation_size(name: str, environment: str) -> None:
-    body = load_embodiment(name)
-    rules = Rules(environment, body.lidars, observes_medium=environment == "parkour")
-    assert observation_size(step_arrays(body, rules)) == BODIES[name]["observation_size"][environment]
 
 
 def _rotated(vertices: Any) -> list[tuple[float, float]]:

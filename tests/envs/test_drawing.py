@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from parkour_worlds import parkour_rules, parkour_world
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.drawing import (
@@ -26,24 +28,16 @@ from tma_ray.envs.drawing import (
     view_of,
 )
 from tma_ray.envs.scene import Look, Scene, scene_of
-from tma_ray.physics import Rules, engine_in_use, make_engine
+from tma_ray.physics import engine_in_use, make_engine
 from tma_ray.terrain import Terrain
-from tma_ray.terrain.parkour import CPPN, DEFAULT_WEIGHTS, parkour
 from tma_ray.terrain.stump_tracks import stump_tracks
 
-TASK = [-0.1, 0.8, 0.1, 0.0, 0.25, 2.0, 1.0, 10.0]
-
-
-def world(swinging: bool = False, **changes: float) -> Terrain:
-    names = ["theta_1", "theta_2", "theta_3", "water", "width", "height", "spacing", "delta"]
-    task = np.array(list({**dict(zip(names, TASK, strict=True)), **changes}.values()), np.float32)
-    cppn = CPPN.load(DEFAULT_WEIGHTS)
-    return parkour(task, np.random.default_rng(0), cppn=cppn, swinging_creepers=swinging)
+world = partial(parkour_world, theta=(-0.1, 0.8, 0.1), creepers=(0.25, 2.0, 1.0))
 
 
 def scene(body: str, terrain: Terrain, steps: int = 0) -> Scene:
     embodiment = load_embodiment(body)
-    engine = make_engine(embodiment, Rules("parkour", embodiment.lidars, observes_medium=True))
+    engine = make_engine(embodiment, parkour_rules(embodiment))
     observation = engine.reset(terrain, 0.0)
     for _ in range(steps):
         observation, *_ = engine.step(np.ones(embodiment.action_size))

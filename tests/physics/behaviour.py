@@ -10,10 +10,9 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from parkour_worlds import parkour_rules
 
@@ -26,9 +25,6 @@ from tma_ray.terrain import GROUND_HEIGHT, Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks
 
 BEHAVIOUR = Path(__file__).parents[1] / "reference" / "behaviour.csv"
-
-FAST = ("classic_bipedal", "climbing_chimpanzee", "fish")
-"""Bodies whose behaviour the fast tier measures."""
 
 
 class Statistics(NamedTuple):
@@ -46,11 +42,6 @@ def measured(protocol: str, environment: str, embodiment: str, case: str = "") -
         KeyError: nothing of the kind was measured.
     """
     return _behaviour()[protocol, environment, embodiment, case]
-
-
-def bodies(*names: str) -> list[Any]:
-    """Return values of a test's parameter: bodies, those outside the fast tier marked as slow."""
-    return [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
 @cache

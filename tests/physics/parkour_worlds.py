@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -28,13 +29,15 @@ def parkour_world(
     water: float = 0.0,
     creepers: tuple[float, float, float] = CREEPERS,
     *,
+    theta: Sequence[float] = THETA,
     delta: float = DELTA,
+    cppn: CPPN = SHIPPED,
     swinging: bool = False,
     seed: int = 0,
 ) -> Terrain:
     """Return a world with `creepers` of this width, mean height and spacing, in m."""
-    task = np.array([*THETA, water, *creepers, delta], dtype=np.float32)
-    return parkour(task, np.random.default_rng(seed), cppn=SHIPPED, swinging_creepers=swinging)
+    task = np.array([*theta, water, *creepers, delta], dtype=np.float32)
+    return parkour(task, np.random.default_rng(seed), cppn=cppn, swinging_creepers=swinging)
 
 
 def without_creepers(terrain: Terrain) -> Terrain:

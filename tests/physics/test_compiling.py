@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from numba.core.caching import CompileResultCacheImpl
+from suite.processes import python
 
 from tma_ray.jit import kernel
 
@@ -38,9 +39,7 @@ kernels.added(1, 2)
 def test_compiled_kernels_are_counted_among_those_that_are_known(tmp_path: Path) -> None:
     other = KERNELS.partition("@kernel")[2].replace("added", "more")
     (tmp_path / "kernels.py").write_text(f"{KERNELS}\n@kernel{other}")
-    command = [sys.executable, "-c", COUNTED]
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert ended.stdout == "1 2\n"
+    assert python("-c", COUNTED, cwd=tmp_path) == "1 2\n"
 
 
 @pytest.mark.slow
@@ -78,16 +77,8 @@ def package(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def printed(tmp_path: Path) -> Callable[[str], str]:
-    path = os.pathsep.join([str(tmp_path), *sys.path])
-    environment = {**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-
-    def run(script: str) -> str:
-        ended = subprocess.run(
-            [sys.executable, "-c", script], check=True, capture_output=True, text=True, env=environment
-        )
-        return ended.stdout.strip()
-
-    return run
+    path, cache = os.pathsep.join([str(tmp_path), *sys.path]), str(tmp_path / "cache")
+    return lambda script: python("-c", script, PYTHONPATH=path, NUMBA_CACHE_DIR=cache).strip()
 
 
 @pytest.mark.slow

@@ -1,11 +1,10 @@
 """Which engine a process uses."""
 
 import logging
-import os
-import subprocess
 import sys
 
 import pytest
+from suite.processes import python
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES
@@ -85,14 +84,8 @@ def test_a_machine_with_other_calling_conventions_takes_pymunk(monkeypatch: pyte
     assert "riscv64" in engine_in_use().reason
 
 
-def output(code: str, **variables: str) -> str:
-    command = [sys.executable, "-c", code]
-    run = subprocess.run(command, env=os.environ | variables, capture_output=True, text=True, check=True)
-    return run.stdout.strip()
-
-
 def test_without_a_compiler_pymunk_is_taken() -> None:
     code = "from tma_ray.physics import engine_in_use\nprint(engine_in_use())"
-    choice = output(code, NUMBA_DISABLE_JIT="1")
+    choice = python("-c", code, NUMBA_DISABLE_JIT="1")
     assert "name='pymunk'" in choice
     assert "NUMBA_DISABLE_JIT" in choice

@@ -3,7 +3,8 @@
 import numpy as np
 import parkour_behaviour as parkour
 import pytest
-from behaviour import bodies, gaits, measured, zero_action
+from behaviour import gaits, measured, zero_action
+from suite.bodies import bodies, body
 
 LAND_IN_ANOTHER_POSE = ("old_classic_bipedal", "climbing_chimpanzee")
 """Bodies that 100 steps without torque leave in another pose; docs/fidelity.md tells how."""
@@ -12,7 +13,7 @@ LAND_IN_ANOTHER_POSE = ("old_classic_bipedal", "climbing_chimpanzee")
 LIMP = [name for name in parkour.BODIES if name not in LAND_IN_ANOTHER_POSE]
 
 
-@pytest.mark.parametrize("name", bodies(*LIMP))
+@pytest.mark.parametrize("name", map(body, LIMP))
 def test_limp_bodies_come_to_lie_as_high(name: str) -> None:
     ours, theirs = zero_action(name, 10, parkour.dry()), measured("zero_actions", "parkour", name)
     expected = theirs["head_height_above_ground"].mean
@@ -22,7 +23,7 @@ def test_limp_bodies_come_to_lie_as_high(name: str) -> None:
         assert ours["first_terminal_step"].mean() == pytest.approx(steps, abs=4)
 
 
-@pytest.mark.parametrize("name", bodies(*parkour.BODIES))
+@pytest.mark.parametrize("name", bodies())
 def test_random_actions_earn_as_much_and_last_as_long(name: str) -> None:
     ours, theirs = parkour.random_actions(name, 30), measured("random_actions", "parkour", name)
     assert ours["episode_return"].mean() == pytest.approx(theirs["episode_return"].mean, abs=15)
@@ -31,7 +32,7 @@ def test_random_actions_earn_as_much_and_last_as_long(name: str) -> None:
     assert ours["fraction_terminated"].mean() == pytest.approx(expected, abs=0.15)
 
 
-@pytest.mark.parametrize("name", bodies(*parkour.BODIES))
+@pytest.mark.parametrize("name", bodies())
 def test_random_gaits_are_as_fast(name: str) -> None:
     """As many gaits as the release was measured with: their speeds vary by more than their mean."""
     ours, theirs = gaits(name, 100, parkour.place_of(name)), measured("random_gaits", "parkour", name)

@@ -119,7 +119,7 @@ def test_a_tilted_box_is_lifted_and_turned_by_what_is_under_water(seed: int) -> 
     rng = np.random.default_rng(seed)
     width, height, angle = rng.uniform(0.2, 1.5), rng.uniform(0.2, 1.5), rng.uniform(-np.pi, np.pi)
     surface = rng.uniform(-0.2, 0.2)
-    grid = np.stack(np.meshgrid(*[(np.arange(1000) + 0.5) / 1000 - 0.5] * 2), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(*[(np.arange(400) + 0.5) / 400 - 0.5] * 2), axis=-1).reshape(-1, 2)
     points = turned(grid * [width, height], angle)
     under = points[points[:, 1] < surface]
     buoyancy = 10 * width * height * len(under) / len(points)

@@ -63,8 +63,3 @@ def test_the_surface_is_one_line_from_end_to_end_over_all_solids(task: tuple[flo
         inside = (terrain.solids[:, 0, 0] < x) & (x < terrain.solids[:, 1, 0])
         flat = (surface[:, 0] < x) & (x < surface[:, 2])
         assert surface[flat, 1].max() == terrain.solids[inside, 2, 1].max()
-
-
-def test_the_same_generator_state_gives_the_same_world() -> None:
-    np.testing.assert_array_equal(world(2.0, 1.0, 5).solids, world(2.0, 1.0, 5).solids)
-    assert not np.array_equal(world(2.0, 1.0, 5).solids, world(2.0, 1.0, 6).solids)
