@@ -29,24 +29,30 @@ STOPPED = "0/1 runs done, 1 stopped"
 """Last line of a run that leaves with a checkpoint when its time is up."""
 
 OTHERS = {
-    "claim_standings": "--experiments 1",
-    "cohort": "--widths 2 --precisions highest --seconds 0.2 --whole 1 --students ppo --output o.json",
-    "data_plane": "--exchanges 5",
-    "familywise_error": "--experiments 1",
-    "interval_coverage": "--experiments 1",
-    "learning": f"{SHORT_RUNS} --seeds 1",
-    "lite": IN_A_MOMENT,
-    "locomotion": f"{SHORT_RUNS} --seeds 1",
-    "pairing": f"{IN_A_MOMENT} --seeds 1",
-    "pilot": f"{IN_A_MOMENT} --csv pilot.csv",
-    "precision": "--student ppo --seeds 2 --steps 400 --cohort 2 --processes 2 --results results",
-    "sac_learning": f"{IN_A_MOMENT} --seeds 1 --parts easy",
-    "cluster_scale": "--runs 4",
-    "playground": "--episodes 1 --steps 5 --bodies fish",
-    "trials": "--trials 20",
-    "sensitivity": f"{IN_A_MOMENT} --seeds 1 --parts cohort",
+    "claim_standings": ("--experiments 1", "In Parkour ADR is worse than Random.,supported,1 of 1"),
+    "cluster_scale": ("--runs 4", "driver_kilobytes_per_run"),
+    "cohort": (
+        "--widths 2 --precisions highest --seconds 0.2 --whole 1 --students ppo --output o.json",
+        "| student | width | alone, µs | players, µs | learner, µs | speed per core |",
+    ),
+    "data_plane": ("--exchanges 5", "| Ray calls |"),
+    "familywise_error": ("--experiments 1", "mastered_area,arcsine,15,"),
+    "interval_coverage": ("--experiments 1", "bimodal,5,32,"),
+    "learning": (f"{SHORT_RUNS} --seeds 1", "of 1 seeds walk"),
+    "lite": (IN_A_MOMENT, STOPPED),
+    "locomotion": (f"{SHORT_RUNS} --seeds 1", "climbing_chimpanzee, easy_climbing: mean return by seed"),
+    "pairing": (f"{IN_A_MOMENT} --seeds 1", STOPPED),
+    "pilot": (f"{IN_A_MOMENT} --csv pilot.csv", STOPPED),
+    "playground": ("--episodes 1 --steps 5 --bodies fish", "fish,stump tracks,1,1,1,1,1,"),
+    "precision": (
+        "--student ppo --seeds 2 --steps 400 --cohort 2 --processes 2 --results results",
+        "| at 400 steps | highest | medium | difference |",
+    ),
+    "sac_learning": (f"{IN_A_MOMENT} --seeds 1 --parts easy", STOPPED),
+    "sensitivity": (f"{IN_A_MOMENT} --seeds 1 --parts cohort", STOPPED),
+    "trials": ("--trials 20", "rugged_difficulty,1,2.5000,0.0500,5.0000,"),
 }
-"""The other scripts, and the smallest arguments of each."""
+"""The other scripts: the smallest arguments of each, and what its output has."""
 
 
 def run(place: Path, name: str, *arguments: str) -> str:
@@ -91,23 +97,6 @@ def test_a_measurement_ends_and_writes_json(name: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(OTHERS))
 def test_another_script_ends_with_its_summary(name: str, tmp_path: Path) -> None:
-    summaries = {
-        "cluster_scale": "driver_kilobytes_per_run",
-        "playground": "fish,stump tracks,1,1,1,1,1,",
-        "trials": "rugged_difficulty,1,2.5000,0.0500,5.0000,",
-        "claim_standings": "In Parkour ADR is worse than Random.,supported,1 of 1",
-        "cohort": "| student | width | alone, µs | players, µs | learner, µs | speed per core |",
-        "data_plane": "| Ray calls |",
-        "familywise_error": "mastered_area,arcsine,15,",
-        "interval_coverage": "bimodal,5,32,",
-        "learning": "of 1 seeds walk",
-        "lite": STOPPED,
-        "locomotion": "climbing_chimpanzee, easy_climbing: mean return by seed",
-        "pairing": STOPPED,
-        "pilot": STOPPED,
-        "precision": "| at 400 steps | highest | medium | difference |",
-        "sac_learning": STOPPED,
-        "sensitivity": STOPPED,
-    }
-    assert summaries[name] in run(tmp_path, name, *OTHERS[name].split())
-    assert summaries[name] != STOPPED or list(tmp_path.glob("results/checkpoints/*/*/index.json"))
+    arguments, summary = OTHERS[name]
+    assert summary in run(tmp_path, name, *arguments.split())
+    assert summary != STOPPED or list(tmp_path.glob("results/checkpoints/*/*/index.json"))

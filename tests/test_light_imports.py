@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import dataclass
 
 import pytest
+from suite.processes import python
 
 LEARNING = frozenset({"torch", "stable_baselines3"})
 
@@ -78,7 +77,9 @@ STEPS = (
     Step("pages", "import analysis.pages.report", LEARNING | {"ray", "pymunk", "matplotlib.pyplot"}),
     Step(
         "training worlds",
-        "import tma_ray.envs as envs; envs.make_environment('stump_tracks').reset(seed=0)",
+        "env = gymnasium.make('tma_ray/StumpTracks-v0', embodiment='classic_bipedal')\n"
+        "assert env.spec.max_episode_steps is None\n"
+        "assert env.reset(seed=0, options={'task': [1, 2]})[0].shape == (24,)",
         LEARNING | {"pygame", "ray"},
     ),
     Step(
@@ -111,8 +112,7 @@ def loaded() -> dict[str, set[str]]:
     """Modules that are there after each step."""
     lines = [f"{step.statement}\nloaded[{step.name!r}] = sorted(sys.modules)" for step in STEPS]
     script = "\n".join([SCRIPT, *lines, "print(json.dumps(loaded))"])
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    return {name: set(modules) for name, modules in json.loads(done.stdout).items()}
+    return {name: set(modules) for name, modules in json.loads(python("-c", script)).items()}
 
 
 @pytest.mark.parametrize("step", STEPS, ids=lambda step: step.name)

@@ -29,6 +29,7 @@ from tma_ray.runs.saved_policies import find_policy
 from tma_ray.students import load_policy
 
 STUDENTS = ["ppo", "sac"]
+FILES = {"policy.json", "policy.safetensors", "policy.onnx", "spec.json"}
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
@@ -37,7 +38,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two runs that have ended and one that has not."""
     folder = tmp_path_factory.mktemp("exported")
     for student in STUDENTS:
-        spec = stump_tracks_spec(folder, student, "alp_gmm", steps=600, evaluation_interval=200)
+        spec = stump_tracks_spec(folder, student, "alp_gmm", steps=400, evaluation_interval=200)
         run(spec, folder / "root")
     run(stump_tracks_spec(folder, "ppo", "random", steps=5_000), folder / "root", stop_after=1)
     return folder / "root"
@@ -56,21 +57,29 @@ def card_of(folder: Path) -> tuple[dict[str, Any], str]:
     return yaml.safe_load(front), text
 
 
+def code_of(text: str) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+
+
+def assert_acts_as_its_policy(student: str, folder: Path, observations: np.ndarray) -> np.ndarray:
+    """Compare the ONNX file of an exported policy with the policy; return its actions."""
+    session = onnxruntime.InferenceSession(folder / "policy.onnx")
+    (actions,) = session.run(["actions"], {"observations": observations})
+    np.testing.assert_allclose(actions, load_policy(student, folder)(observations), atol=1e-5)
+    return actions
+
+
 def spec_of(root: Path, name: str) -> RunSpec:
     return find_policy(name, root).spec
 
 
 @pytest.mark.parametrize("student", STUDENTS)
 def test_the_onnx_file_acts_as_the_policy(student: str, exports: dict[str, Export]) -> None:
-    folder = exports[student].folder
-    policy = load_policy(student, folder)
-    session = onnxruntime.InferenceSession(folder / "policy.onnx")
     rng = np.random.default_rng(5)
     for count in (1, 64):
         observations = rng.normal(0, 3, (count, 24)).astype(np.float32)
-        (actions,) = session.run(["actions"], {"observations": observations})
+        actions = assert_acts_as_its_policy(student, exports[student].folder, observations)
         assert (actions.dtype, actions.shape) == (np.float32, (count, 4))
-        np.testing.assert_allclose(actions, policy(observations), atol=1e-5)
         assert np.abs(actions).max() <= 1
     assert np.ptp(actions, axis=0).min() > 1e-4  # it does look at the observations
     assert exports[student].difference <= 1e-5
@@ -88,7 +97,7 @@ def test_the_onnx_file_says_what_it_is(student: str, root: Path, exports: dict[s
         "student": spec.student,
         "teacher": spec.teacher,
         "seed": "0",
-        "steps": "600",
+        "steps": "400",
         "physics_version": str(spec.physics_version),
         "tma_ray_version": __version__,
     }
@@ -120,7 +129,7 @@ def test_the_card_says_what_the_tables_say(student: str, root: Path, exports: di
     evaluations = [row for row in rows(root, Table.EVALUATIONS) if row["run_id"] == spec.run_id]
     steps = sorted({row["step"] for row in evaluations})
     assert steps[0] == 0
-    assert len(steps) == 4
+    assert len(steps) == 3
     for step in steps:
         returns = [row["episodic_return"] for row in evaluations if row["step"] == step]
         mastered = 100 * np.mean([value > spec.mastery_threshold for value in returns])
@@ -141,7 +150,7 @@ def test_the_card_says_how_it_was_trained(root: Path, exports: dict[str, Export]
         "| stump_height | 0 | 3 | terrain steps of 0.4667 m |",
         "| obstacle_spacing | 0 | 6 | m |",
         "| expert knowledge | none |",  # at low, ALP-GMM is told nothing that it uses
-        "| environment steps | 600 |",
+        "| environment steps | 400 |",
         "| seed | 0 |",
         "| 0 | head | angle | rad | none | none |",
         "| 8 | lower_1 | whether it touches ground or ceiling |  | none | none |",
@@ -160,7 +169,7 @@ def test_the_card_lists_every_other_file(student: str, exports: dict[str, Export
     _, text = card_of(folder)
     listed = dict(re.findall(r"^\| (\S+) \| [\d,]+ \| ([0-9a-f]{64}) \|$", text, re.MULTILINE))
     files = {path.name for path in folder.iterdir()} - {"README.md"}
-    assert files == {"policy.json", "policy.safetensors", "policy.onnx", "spec.json"}
+    assert files == FILES
     assert listed == {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in files}
 
 
@@ -169,7 +178,7 @@ def test_the_code_of_the_card_runs(
     student: str, exports: dict[str, Export], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, text = card_of(exports[student].folder)
-    ours, theirs = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    ours, theirs = code_of(text)
     monkeypatch.chdir(exports[student].folder)
     names: dict[str, Any] = {}
     exec(ours, names)
@@ -187,12 +196,7 @@ def test_an_exported_folder_is_exported_alone_without_results(
     again = export(str(exports["sac"].folder), tmp_path / "again", onnx=False)
     front, text = card_of(again.folder)
     assert again.difference is None
-    assert {path.name for path in again.folder.iterdir()} == {
-        "README.md",
-        "policy.json",
-        "policy.safetensors",
-        "spec.json",
-    }
+    assert {path.name for path in again.folder.iterdir()} == FILES - {"policy.onnx"} | {"README.md"}
     assert front["model-index"][0]["results"] == []
     assert "license" not in front
     assert "its evaluations are not known here" in text
@@ -223,12 +227,10 @@ def test_a_plug_in_is_exported_too(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "its episodic return is over -200" in text.replace("\n", " ")
     assert "| plug-in | environment from module swing_up, source" in text
     assert "| mass | 0.2 | 2 | kg |" in text
-    session = onnxruntime.InferenceSession(done.folder / "policy.onnx")
     observations = np.random.default_rng(0).normal(0, 2, (7, 3)).astype(np.float32)
-    (actions,) = session.run(["actions"], {"observations": observations})
-    np.testing.assert_allclose(actions, load_policy("TD3", done.folder)(observations), atol=1e-5)
+    assert_acts_as_its_policy("TD3", done.folder, observations)
     monkeypatch.chdir(done.folder)
-    for code in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
+    for code in code_of(text):
         exec(code, {})
 
 
@@ -259,12 +261,11 @@ def test_what_cannot_be_exported_is_refused_before_anything_is_written(
 def test_a_failure_on_the_way_leaves_nothing(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tma_ray.export.exporting.policy_layers", lambda *_: nn.Sequential(nn.Linear(7, 4)))
-    with pytest.raises(NotExpressibleError, match="torch cannot export the policy"):
-        export("ppo_alp", tmp_path / "out", root)
-    monkeypatch.setattr("tma_ray.export.exporting.policy_layers", lambda *_: nn.Sequential(nn.Linear(24, 4)))
-    with pytest.raises(NotExpressibleError, match="differ by up to"):
-        export("ppo_alp", tmp_path / "out", root)
+    for inputs, message in ((7, "torch cannot export the policy"), (24, "differ by up to")):
+        layers = nn.Sequential(nn.Linear(inputs, 4))
+        monkeypatch.setattr("tma_ray.export.exporting.policy_layers", lambda *_, layers=layers: layers)
+        with pytest.raises(NotExpressibleError, match=message):
+            export("ppo_alp", tmp_path / "out", root)
     assert not list(tmp_path.iterdir())
 
 

@@ -59,7 +59,7 @@ def test_it_follows_its_equations(size: int) -> None:
     aptitude = replace(STEADY, pace=0.5, regions=5, zone=0.3, forgetting=0.01)
     learner = SimulatedStudent(np.zeros(size), np.ones(size), np.random.default_rng(0), aptitude)
     loop, rng = Loop(size, aptitude), np.random.default_rng(2)
-    for q in (1.1 * rng.random((150, size)) ** 2).astype(np.float32):  # mostly easy
+    for q in (1.1 * rng.random((80, size)) ** 2).astype(np.float32):  # mostly easy
         learner.play(q)
         loop.play(q.astype(np.float64))
     tests = (rng.random((40, size)) ** 2).astype(np.float32)
@@ -113,19 +113,12 @@ def test_unfeasible_tasks_are_hopeless_and_competence_fades_meanwhile() -> None:
     assert after == pytest.approx(before * (1 - STEADY.forgetting) ** 600)
 
 
-def test_a_reset_student_knows_nothing() -> None:
-    learner = trained()
-    assert learner.expected_returns([[0.2, 5.5]])[0] > 200
-    learner.reset()
-    np.testing.assert_array_equal(learner.expected_returns([[0, 6], [0.2, 5.5]]), -100)
-
-
 def test_returns_scatter_around_what_is_expected() -> None:
     learner = trained(aptitude=replace(STEADY, forgetting=0.0))
     learner._pace = np.zeros_like(learner._pace)  # from now on only examined
     tests = [[0.2, 5.5], [1.0, 4.0], [1.2, 3.0]]
     for task, expected in zip(tests, learner.expected_returns(tests), strict=True):
-        returns = np.array([learner.play(task) for _ in range(2000)])
+        returns = np.array([learner.play(task) for _ in range(1000)])
         competence = (expected + 100) / 400
         assert returns.mean() == pytest.approx(expected, abs=5)
         assert returns.std() == pytest.approx(400 * (0.02 + 0.4 * competence * (1 - competence)), rel=0.1)
@@ -153,28 +146,3 @@ def test_no_two_students_are_alike_and_one_seed_is_one_student() -> None:
             learner.play([0, 6])
         returns.append(float(learner.expected_returns([[0, 6]])[0]))
     assert returns[0] == returns[1] != returns[2]
-
-
-@pytest.mark.parametrize("size", [1, 6])
-def test_it_learns_in_one_to_six_dimensions(size: int) -> None:
-    aptitude = replace(STEADY, regions=20 if size == 1 else 4, zone=0.3, pace=0.3)
-    learner = SimulatedStudent(np.zeros(size), np.ones(size), np.random.default_rng(0), aptitude)
-    for q in np.random.default_rng(1).random((2000, size)):
-        learner.play(0.5 * q)
-    assert learner.expected_returns([np.full(size, 0.2)])[0] > 100
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [({"pace": 0}, "pace = 0"), ({"forgetting": 1.0}, "share"), ({"pace_spread": -1}, "pace_spread")],
-)
-def test_impossible_aptitudes_are_refused(wrong: dict[str, float], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        StudentParameters(**wrong)
-
-
-def test_impossible_worlds_are_refused() -> None:
-    with pytest.raises(ValueError, match="differ in every dimension"):
-        SimulatedStudent([0, 6], [3, 6], np.random.default_rng(0))
-    with pytest.raises(ValueError, match="regions = 10 in each of 5"):
-        SimulatedStudent(np.zeros(5), np.ones(5), np.random.default_rng(0))

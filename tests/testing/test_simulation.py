@@ -98,11 +98,6 @@ def test_a_reset_student_has_forgotten_at_the_next_evaluation() -> None:
     assert reset[14] < 0.7 * reset[13]
 
 
-def test_a_tiny_run_is_refused() -> None:
-    with pytest.raises(ValueError, match="at least 20"):
-        simulate(find("original"), "random", episodes=19)
-
-
 def small_matrix(jobs: int) -> pd.DataFrame:
     challenges = [find("original"), find("forgetting_student")]
     cells = matrix.cells_of(["random", "odd_levels:NeedsLow"], challenges, list(KnowledgeLevel))
