@@ -14,10 +14,15 @@ from analysis.baselines import baselines, find_baseline
 from analysis.commands.releases import NO_BREAK
 from analysis.commands.releases import markdown as leaderboards
 from analysis.commands.simulated import BETTER, WORSE, markdown, mastered_table, recovery_table
-from analysis.formatting import amount
+from analysis.comparisons.boards import runs_after
+from analysis.comparisons.frame import over_challenges, pairwise, verdict
+from analysis.formatting import amount, estimate, listed
+from analysis.measures.tested import HEADLINE
 from analysis.names import challenge_title, label, teacher_order
 from analysis.statistics import SIGNIFICANCE, Description, holm, welch, welch_from_statistics
+from tma_ray.benchmark.experiments import TEACHERS as TEACHERS_OF_THE_PAPER
 from tma_ray.campaign.simulated import played_runs
+from tma_ray.part_names import split_name
 from tma_ray.results import Results
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.testing import SIMULATED_CHALLENGES
@@ -164,6 +169,38 @@ def learning_of_the_release() -> str:
     return markdown(
         pd.DataFrame([["mastered, %", *(f"{100 * mean:.1f}" for mean in means)]], columns=["steps", *head])
     )
+
+
+def later_teachers() -> str:
+    """Return the tests of the teachers of `lite-1` that are not the paper's, against Random and ALP-GMM.
+
+    Over all challenges that both have, and the single ones on which the test is significant. Holm's
+    correction covers all teachers of the release against the same one, over all challenges or on one.
+    """
+    runs = runs_after(find_baseline("lite-1").frames())
+    later = [name for name in runs["teacher"].unique() if split_name(name)[0] not in TEACHERS_OF_THE_PAPER]
+    rows: dict[str, dict[str, str]] = {label(name): {} for name in sorted(later, key=teacher_order)}
+    counts = []
+    for reference in ("random", "alp_gmm"):
+        together = over_challenges(runs, HEADLINE, reference)
+        single = pairwise(runs, HEADLINE, reference, detectable=False)
+        verdicts = Counter[str]()
+        for test in together[together["first"].isin(later)].to_dict("records"):
+            own = single[(single["first"] == test["first"]) & (single["holm"] < SIGNIFICANCE)]
+            places = [
+                f"{verdict(each)} on {challenge_title(each.environment, each.challenge, each.challenge)}"
+                for _, each in own.iterrows()
+            ]
+            row, told = rows[label(test["first"])], verdict(test)
+            verdicts[told] += 1
+            row["challenges"] = str(test["challenges"])
+            shown = estimate(test["difference"], test["low"], test["high"])
+            row[f"against {label(reference)}"] = f"{shown}, {told}"
+            row[f"alone against {label(reference)}"] = "; ".join(places) or NOTHING
+        told = listed(f"{verdicts[word]} {word}" for word in ("better", "not distinguishable", "worse"))
+        counts.append(f"Against {label(reference)}: {told}.")
+    table = pd.DataFrame([{"teacher": name, **row} for name, row in rows.items()])
+    return "\n\n".join([" ".join(counts), markdown(table)])
 
 
 def sensitivity() -> str:

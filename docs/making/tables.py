@@ -12,6 +12,7 @@ from typing import Any
 
 import pyarrow as pa
 from release_tables import (
+    later_teachers,
     leaderboard,
     learning_of_the_release,
     releases,
@@ -311,6 +312,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "baselines": releases,
     "learning of lite-1": learning_of_the_release,
     "findings": shipped_findings,
+    "later teachers": later_teachers,
     **{
         f"{kind} {path.stem}": functools.partial(data_table, path)
         for kind, files in DATA.items()
