@@ -10,19 +10,17 @@ from pathlib import Path
 
 def docstring_of(module: str, name: str) -> str | None:
     """Return the docstring of the class or function `name` of a module; None if it does not define that."""
-    for node in _definitions(module):
-        if node.name == name:
-            return ast.get_docstring(node) or ""
-    return None
+    return _docstrings(module).get(name)
 
 
 @cache
-def _definitions(module: str) -> tuple[ast.ClassDef | ast.FunctionDef, ...]:
+def _docstrings(module: str) -> dict[str, str]:
     try:
         spec = importlib.util.find_spec(module)
     except ImportError:
-        return ()
+        return {}
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-        return ()
-    tree = ast.parse(Path(spec.origin).read_bytes())
-    return tuple(node for node in tree.body if isinstance(node, (ast.ClassDef, ast.FunctionDef)))
+        return {}
+    nodes = reversed(ast.parse(Path(spec.origin).read_bytes()).body)  # the first of a name counts
+    definitions = (node for node in nodes if isinstance(node, (ast.ClassDef, ast.FunctionDef)))
+    return {node.name: ast.get_docstring(node) or "" for node in definitions}

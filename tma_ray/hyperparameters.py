@@ -45,9 +45,8 @@ def parameters_of(part: Callable[..., Any]) -> dict[str, Parameter]:
     return dict(_parameters(part))
 
 
-@cache
+@cache  # a plan of many cells asks for the same parts again and again
 def _parameters(part: Callable[..., Any]) -> dict[str, Parameter]:
-    """See `parameters_of`; a plan of many cells asks for the same parts again and again."""
     is_record = dataclasses.is_dataclass(part)
     try:
         function = part if is_record or not isinstance(part, type) else part.__init__  # type: ignore[misc]
@@ -82,30 +81,31 @@ def parse_settings(
             type, or a key with different values in `text` and in `given`.
     """
     check_kind(f"{kind}s", given or {}, Mapping, "values by name, as in {'batch_size': 100}")
-    known = parameters_of(part)
     presets: Mapping[str, Mapping[str, Any]] = getattr(part, "presets", {})
-    parsed = {
-        key: value if key == PRESET and presets else _from_text(value, _known(known, key, kind).annotation)
-        for key, value in text.items()
-    }
-    values = {}
-    for key, value in [*parsed.items(), *(given or {}).items()]:
+    known = parameters_of(part)
+    types = {key: parameter.annotation for key, parameter in known.items()} | (
+        {PRESET: str} if presets else {}
+    )
+
+    def typed(key: str, value: Any, *, is_text: bool = False) -> Any:
+        if key not in types:
+            listed = ", ".join(known) or "none"
+            raise ValueError(f"unknown {kind} {key!r}: {nearest(key, known)}known: {listed}")
         if key == PRESET and presets:
             if value not in presets:
                 hint = nearest(str(value), presets)
                 raise ValueError(f"unknown preset {value!r}: {hint}known: {', '.join(presets)}")
-            values[key] = value
-            continue
-        checked = converted(key, value, _known(known, key, kind).annotation, kind)
-        if key in values and values[key] != checked:
+            return value
+        return converted(key, _from_text(value, types[key]) if is_text else value, types[key], kind)
+
+    values = {key: typed(key, value, is_text=True) for key, value in text.items()}
+    for key, value in (given or {}).items():
+        checked = typed(key, value)
+        if key != PRESET and values.get(key, checked) != checked:
             raise ValueError(f"{kind} {key} is given as {values[key]!r} and as {checked!r}; give it once")
         values[key] = checked
     preset = values.pop(PRESET, None) if presets else None
-    expanded = {
-        key: converted(key, value, _known(known, key, kind).annotation, kind)
-        for key, value in (presets[preset] if preset else {}).items()
-    }
-    return expanded | values
+    return {key: typed(key, value) for key, value in (presets[preset] if preset else {}).items()} | values
 
 
 def differing(part: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -160,7 +160,10 @@ def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-paramete
         made = list if get_origin(annotation) is list else tuple
         return made(converted(key, item, get_args(annotation)[0], kind) for item in value)
     if annotation in (int, float):
-        return _number_as(key, value, annotation, kind)
+        fits = isinstance(value, Integral if annotation is int else Real) and not isinstance(value, bool)
+        if not (fits and math.isfinite(value)):
+            raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
+        return annotation(value)
     if isinstance(annotation, type) and issubclass(annotation, StrEnum) and isinstance(value, str):
         if value in list(annotation):
             return annotation(value)
@@ -169,13 +172,6 @@ def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-paramete
     if isinstance(annotation, type) and isinstance(value, annotation):
         return value
     raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
-
-
-def _number_as(key: str, value: Any, annotation: type[int] | type[float], kind: str) -> int | float:
-    fits = isinstance(value, Integral if annotation is int else Real) and not isinstance(value, bool)
-    if not (fits and math.isfinite(value)):
-        raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
-    return annotation(value)
 
 
 def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
@@ -220,13 +216,6 @@ def _number(text: str) -> Any:
     except ValueError:
         return text
     return int(value) if math.isfinite(value) and value == int(value) else value
-
-
-def _known(known: Mapping[str, Parameter], key: str, kind: str) -> Parameter:
-    if key not in known:
-        listed = ", ".join(known) or "none"
-        raise ValueError(f"unknown {kind} {key!r}: {nearest(key, known)}known: {listed}")
-    return known[key]
 
 
 def _expected(annotation: Any) -> str:

@@ -17,33 +17,24 @@ from tma_ray.commands.interrupts import is_command
 F = TypeVar("F", bound=Callable[..., object])
 
 
-class _Announcement(event.Listener):
-    """One-time message on the error stream that kernels are being compiled."""
+class _Listener(event.Listener):
+    """Listener that calls functions before and after each compilation."""
 
-    said = False
+    def __init__(self, before: Callable[[], None] = lambda: None, after: Callable[[], None] = lambda: None):
+        self._before, self._after = before, after
 
     def on_start(self, event: Any) -> None:  # noqa: ARG002 - as numba asks
-        if not self.said:
-            self.said = True
-            sys.stderr.write(
-                "tma-ray: compiling kernels, once per machine and version; it takes up to half a minute\n"
-            )
+        self._before()
 
-    def on_end(self, event: Any) -> None:
-        """Do nothing at the end of a compilation."""
+    def on_end(self, event: Any) -> None:  # noqa: ARG002
+        self._after()
 
 
-class _Count(event.Listener):
-    """Listener that calls a function after each compilation; see `count_compiled`."""
-
-    def __init__(self, show: Callable[[int, int], None]) -> None:
-        self._show = show
-
-    def on_start(self, event: Any) -> None:
-        """Do nothing at the start of a compilation."""
-
-    def on_end(self, event: Any) -> None:  # noqa: ARG002 - as numba asks
-        self._show(sum(bool(each.signatures) for each in _kernels), len(_kernels))
+@cache
+def _announce() -> None:
+    sys.stderr.write(
+        "tma-ray: compiling kernels, once per machine and version; it takes up to half a minute\n"
+    )
 
 
 _kernels: list[Any] = []
@@ -51,16 +42,16 @@ _kernels: list[Any] = []
 
 
 def count_compiled(show: Callable[[int, int], None]) -> None:
-    """Call `show` after each compilation from now on.
+    """Call `show` after each compilation with the number of compiled kernels, and of all imported so far."""
 
-    Args:
-        show: function of the number of kernels that are compiled, and of all in the modules imported so far.
-    """
-    event.register("numba:compile", _Count(show))  # type: ignore[no-untyped-call]
+    def count() -> None:
+        show(sum(bool(each.signatures) for each in _kernels), len(_kernels))
+
+    event.register("numba:compile", _Listener(after=count))  # type: ignore[no-untyped-call]
 
 
 if is_command(sys.orig_argv):
-    event.register("numba:compile", _Announcement())  # type: ignore[no-untyped-call]
+    event.register("numba:compile", _Listener(before=_announce))  # type: ignore[no-untyped-call]
 
 
 def kernel(function: F, nogil: bool = False, counted: bool = True) -> F:

@@ -37,21 +37,13 @@ def split_name(text: str) -> tuple[str, dict[str, str]]:
         >>> split_name("module:Name")
         ('module:Name', {})
     """
-    match = _settings_in(text)
-    if match is None:
-        return text, {}
-    pairs = [setting.split("=") for setting in match[0][1:].split(":")]
+    base = base_name(text)
+    pairs = [setting.split("=") for setting in text[len(base) + 1 :].split(":")] if base != text else []
     keys = [key for key, _ in pairs]
     for key in keys:
         if keys.count(key) > 1:
             raise ValueError(f"{text!r}: {key} is given {keys.count(key)} times; give it once")
-    return text[: match.start()], {key: unquote(value.strip()) for key, value in pairs}
-
-
-def _settings_in(text: object) -> re.Match[str] | None:
-    if not isinstance(text, str):
-        raise TypeError(f"{text!r:.60}: expected the name of a part, as 'random'")
-    return SETTINGS.search(text)
+    return base, {key: unquote(value.strip()) for key, value in pairs}
 
 
 def base_name(text: str) -> str:
@@ -61,7 +53,9 @@ def base_name(text: str) -> str:
         >>> base_name("alp_gmm:fit_every=10"), base_name("module:Name")
         ('alp_gmm', 'module:Name')
     """
-    match = _settings_in(text)
+    if not isinstance(text, str):
+        raise TypeError(f"{text!r:.60}: expected the name of a part, as 'random'")
+    match = SETTINGS.search(text)
     return text if match is None else text[: match.start()]
 
 

@@ -108,11 +108,8 @@ class Registry(Generic[T]):
 
     def _summary(self, name: str) -> str:
         """Return the first docstring line, from the source if possible: imports may take seconds."""
-        if name in self._decorated:
-            return _first_line(self._decorated[name].__doc__)
-        module, _, attribute = self._target(name).partition(":")
-        text = docstring_of(module, attribute)
-        return _first_line(text if text is not None else self.get(name).__doc__)
+        text = None if name in self._decorated else docstring_of(*self._target(name).split(":"))
+        return ((self.get(name).__doc__ if text is None else text) or "").strip().partition("\n")[0]
 
     def get(self, name: str) -> T:
         """Return the implementation of a registered name, or ``module:Name``; settings after it are ignored.
@@ -157,11 +154,6 @@ class Registry(Generic[T]):
             except ValueError as error:
                 raise ValueError(f"{self.kind} {name!r}: {error}") from error
         return self._sources[key]
-
-    def plugin_digest(self, name: str) -> str | None:
-        """Return the hash of `plugin`, so that an edited plug-in is never taken for the old."""
-        source = self.plugin(name)
-        return None if source is None else source.digest
 
     def algorithm_version(self, name: str) -> int | None:
         """Return the `algorithm_version` that an implementation declares, None if it declares none.
@@ -252,10 +244,6 @@ class Registry(Generic[T]):
     def _explain(self, name: str) -> str:
         hint = nearest(name, self.names())
         return f"unknown {self.kind} {name!r}: {hint}known: {', '.join(self.names())}, or module:Name"
-
-
-def _first_line(text: str | None) -> str:
-    return (text or "").strip().partition("\n")[0]
 
 
 @cache

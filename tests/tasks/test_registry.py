@@ -49,10 +49,10 @@ def test_a_name_is_taken_once(registry: Registry[type]) -> None:
 
 def test_what_ships_with_the_package_needs_no_digest_and_no_import() -> None:
     shipped: Registry[type] = Registry("thing", "tma_ray.things", {"gone": "tma_ray.nowhere:Thing"})
-    assert shipped.plugin_digest("gone") is None
-    assert shipped.plugin_digest("tma_ray.teachers.random:Random") is None
+    assert shipped.plugin("gone") is None
+    assert shipped.plugin("tma_ray.teachers.random:Random") is None
     with pytest.raises(UnknownNameError, match="did you mean 'gone'"):
-        shipped.plugin_digest("gon")
+        shipped.plugin("gon")
 
 
 def test_an_installed_package_offers_names_through_entry_points(
@@ -214,8 +214,11 @@ def test_a_script_is_known_by_its_file(tmp_path: Path) -> None:
 def test_a_plugin_that_is_edited_without_a_new_import_keeps_its_digest(write: Write) -> None:
     module = f"late_{write({'late_N.py': 'class Thing: ...'})}"
     registry: Registry[type] = Registry("thing", "tma_ray.things", {})
-    before = registry.plugin_digest(f"{module}:Thing")
+    before = registry.plugin(f"{module}:Thing")
+    assert before is not None
     write({"late_N.py": "class Thing:\n    edited = True\n"})
-    assert registry.plugin_digest(f"{module}:Thing") == before, "what runs here is what was imported"
+    assert registry.plugin(f"{module}:Thing") is before, "what runs here is what was imported"
     importlib.reload(sys.modules[module])
-    assert registry.plugin_digest(f"{module}:Thing") != before
+    after = registry.plugin(f"{module}:Thing")
+    assert after is not None
+    assert after.digest != before.digest
