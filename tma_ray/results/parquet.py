@@ -8,9 +8,7 @@ import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
-from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec
-from types import ModuleType
+from types import SimpleNamespace
 from typing import Any, Final, TypeAlias
 
 import pyarrow as pa
@@ -38,14 +36,10 @@ _BOOLEANS, _BYTE, _INTEGERS, _DOUBLE, _BINARY, _STRUCTURE = (1, 2), 3, (4, 5, 6)
 def unpacked_sizes(
     file: pq.ParquetFile, source: Any, groups: Iterable[int], columns: Collection[str], kept: Collection[str]
 ) -> Iterator[int]:
-    """Yield bounds of the bytes that pages of some columns take in memory, one by one.
+    """Yield bounds of the bytes that pages of `columns` take in memory, one by one.
 
-    Args:
-        file: the opened file.
-        source: the same file, with `read_at`.
-        groups: row groups that are to be read.
-        columns: columns that are to be read.
-        kept: those of texts that are read as dictionaries, in which every text stays one.
+    `source` is the opened file with `read_at`. Texts of `kept` columns are read as dictionaries, in which
+    every text stays one.
 
     Raises:
         DamagedFileError: something else lies where a page should be.
@@ -213,12 +207,8 @@ def decode(
 ) -> pa.Table:
     """Return the rows of a Parquet file with all columns of its table, or these in this order.
 
-    Args:
-        table: table of the rows.
-        data: content of the file.
-        columns: names of the columns to read; all if None.
-        count: number of rows that it must have; any number up to `MOST_ROWS` if None.
-        checked: True if `data` was compared with a checksum, which makes those of its pages needless.
+    It must have `count` rows, or any number up to `MOST_ROWS`. With `checked`, `data` was compared with a
+    checksum, which makes those of its pages needless.
 
     Raises:
         OSError, pa.ArrowException: the bytes are not a complete Parquet file of this table.
@@ -376,20 +366,6 @@ def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
         yield path, kind
 
 
-class _Refusal(MetaPathFinder):
-    """Import finder that refuses pandas."""
-
-    def find_spec(
-        self,
-        fullname: str,
-        path: Sequence[str] | None,  # noqa: ARG002  # as the protocol has it
-        target: ModuleType | None = None,  # noqa: ARG002
-    ) -> ModuleSpec | None:
-        if fullname == "pandas":
-            raise ModuleNotFoundError("pandas is left out", name=fullname)
-        return None
-
-
 def leave_pandas_out() -> None:
     """Let pyarrow convert lists without pandas in this process, unless pandas is imported already.
 
@@ -398,7 +374,12 @@ def leave_pandas_out() -> None:
     """
     if "pandas" in sys.modules:
         return
-    refusal = _Refusal()
+
+    def find_spec(name: str, *_: Any) -> None:
+        if name == "pandas":
+            raise ModuleNotFoundError("pandas is left out", name=name)
+
+    refusal: Any = SimpleNamespace(find_spec=find_spec)
     sys.meta_path.insert(0, refusal)
     try:
         pa.array([0])  # looks for pandas once in a process
