@@ -22,7 +22,7 @@ from tma_ray.runs import Cell, Placement, RunSpec, Schedule
 from tma_ray.runs.inputs import arguments
 from tma_ray.students import Learner, Transition, make_player
 from tma_ray.students.players import CohortSettings
-from tma_ray.students.players.link import account
+from tma_ray.students.players.link import ask_learner
 
 EXPLORATION = {"sac": {"exploration_steps": 1000}}
 """Hyper-parameters that let students learn soon."""
@@ -72,7 +72,7 @@ class Meter:
         """Take a sample if all runs learn."""
         steps = [run.status.step for run in snapshot.running]
         if len(steps) == self.runs and min(steps) > FIRST_STEPS:
-            parts = account(self.learner) if self.learner else {}
+            parts = ask_learner(self.learner, "account") if self.learner else {}
             used = _processor_seconds()
             learning = sum(seconds for pid, seconds in used.items() if pid in self.others)
             playing = sum(used.values()) - learning

@@ -15,7 +15,7 @@ from students_support import SMALL, Drift, actions_of, small_student, train, tra
 
 from tma_ray.students import Learner, make_player
 from tma_ray.students.cohort.server import LearnerServer
-from tma_ray.students.players import CohortSettings, LearnerError, LearnerLostError, hardware
+from tma_ray.students.players import CohortSettings, LearnerError, LearnerLostError, ask_learner
 from tma_ray.students.players.base import Player
 from tma_ray.students.players.link import Mailbox, room_for
 from tma_ray.students.ppo import PPO
@@ -183,7 +183,7 @@ def test_students_without_a_stacked_learner_are_refused(learner):
 
 
 def test_the_hardware_of_a_cohort_is_known(learner):
-    assert hardware(learner) == {"device": "cpu", "cohort": 3, "compiled": False, "threads": 1}
+    assert ask_learner(learner, "hardware") == {"device": "cpu", "cohort": 3, "compiled": False, "threads": 1}
 
 
 @pytest.mark.parametrize("name", ["ppo", "sac"])

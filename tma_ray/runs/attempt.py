@@ -39,7 +39,7 @@ from tma_ray.runs.placement import Placement, Status, fingerprint, gpu
 from tma_ray.runs.run import Run
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher, TeacherLink
-from tma_ray.students.players import LearnerLostError, hardware
+from tma_ray.students.players import LearnerLostError, ask_learner
 
 RECENT_EPISODES = 100
 """Number of training episodes over which the episodic return of a status is averaged."""
@@ -68,14 +68,8 @@ class Attempt:
     """Execution of a run in this process, from its newest checkpoint or from the start.
 
     `execute` is the whole sequence, with a log in the results root: fetch the files that the run reads,
-    resume, train, commit at checkpoints, finish. The other methods may be called from another thread.
-
-    Args:
-        spec: run to execute.
-        store: results root.
-        number: number of this attempt; no two processes may share one.
-        placement: device, threads, time between checkpoints.
-        teacher: maker of the link to the teacher of `spec`.
+    resume, train, commit at checkpoints, finish. The other methods may be called from another thread. No two
+    processes may share the `number` of an attempt; `teacher` makes the link to the teacher of a spec.
     """
 
     def __init__(
@@ -175,7 +169,7 @@ class Attempt:
         """Return the run in the state of its newest checkpoint."""
         placement = self._placement
         learner, device = placement.learner, placement.device
-        described = hardware(learner) if learner else gpu(device)
+        described = ask_learner(learner, "hardware") if learner else gpu(device)
         self.fingerprint = fingerprint(placement.threads, device, described)
         fetch(self._store, self.spec)
         writer = RunWriter(self._store, self.spec.run_id, self._number)
@@ -299,17 +293,10 @@ def run_locally(
     should_stop: Callable[[], bool] = lambda: False,
     on_status: Callable[[Status], None] = lambda _: None,
 ) -> AttemptOutcome:
-    """Run `spec` in this process, from its newest checkpoint if there is one.
+    """Run `spec` in this process, from its newest checkpoint if there is one, and return the outcome.
 
-    Args:
-        spec: run to execute; nothing happens if the root holds its results already.
-        committer: committer of the results root.
-        placement: device, threads, time between checkpoints.
-        should_stop: called after every episode; a stopped run leaves a checkpoint.
-        on_status: called with the run's status after every episode.
-
-    Returns:
-        The outcome of the attempt.
+    Nothing happens if the root holds its results already. After every episode `on_status` is called with the
+    run's status, then `should_stop`; a stopped run leaves a checkpoint.
 
     Raises:
         StorageError: the root refused what was written for too long; the run can be resumed.

@@ -119,11 +119,7 @@ def default_hyperparameters(name: str) -> dict[str, Any]:
 
 
 def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> Any:
-    """Return the frozen hyper-parameters of the student called `name` with the values `given`.
-
-    Args:
-        name: a student's name, with hyper-parameters if wanted (``sac:learning_rate=3e-4``).
-        given: further values that differ from the student's defaults.
+    """Return the frozen hyper-parameters of a student: those after its `name`, and the values `given`.
 
     Raises:
         UnknownNameError: no student answers to `name`.
@@ -140,8 +136,7 @@ def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> 
 def canonical_student(name: str, given: Mapping[str, Any] | None = None) -> str:
     """Return the name of a student with the hyper-parameters that differ from its defaults.
 
-    Equal students have equal names: see `tma_ray.part_names`. Arguments and errors as of
-    `check_hyperparameters`.
+    Equal students have equal names: see `tma_ray.part_names`. Raises as `check_hyperparameters`.
     """
     hyperparameters = check_hyperparameters(name, given)
     return join_name(base_name(name), differing(type(hyperparameters), identifying(hyperparameters)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 from pathlib import Path
@@ -13,7 +12,7 @@ import stable_baselines3
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from stable_baselines3.common.type_aliases import RolloutBufferSamples
 from stable_baselines3.common.utils import explained_variance
 from torch import nn
@@ -39,14 +38,9 @@ from tma_ray.students.sb3.base import StableBaselinesStudent
 
 
 class Trunk(BaseFeaturesExtractor):
-    """Hidden layers that policy and value share.
+    """Hidden layers that policy and value share, each followed by the activation.
 
     stable-baselines3 shares features extractors, no longer hidden layers; so these are one.
-
-    Args:
-        observation_space: a one-dimensional box.
-        hidden_units: units per layer, each followed by the activation.
-        activation: function after each layer.
     """
 
     def __init__(
@@ -56,10 +50,7 @@ class Trunk(BaseFeaturesExtractor):
         activation: Activation = Activation.RELU,
     ) -> None:
         super().__init__(observation_space, features_dim=hidden_units[-1])
-        sizes = (observation_space.shape[0], *hidden_units)
-        layers: list[nn.Module] = []
-        for size_in, size_out in itertools.pairwise(sizes):
-            layers += [nn.Linear(size_in, size_out), MODULES[activation]()]
+        layers = create_mlp(observation_space.shape[0], -1, list(hidden_units), MODULES[activation])
         self.layers = nn.Sequential(*layers)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
@@ -180,12 +171,8 @@ def _value_error(
 class PPOUpdate:
     """PPO's update of the networks of `model`, whose policy and value share a `Trunk`.
 
-    The model stays their owner, and the owner of the state of `adam`.
-
-    Args:
-        model: a set-up stable-baselines3 PPO.
-        parameters: its network's, whose outputs are means and value, and its log deviation.
-        hyperparameters: hyper-parameters of the student.
+    The model stays their owner, and the owner of the state of `adam`. The outputs of its network are means
+    and value; the log deviation follows its parameters.
     """
 
     def __init__(
@@ -313,8 +300,7 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
         log_std: NDArray[np.float32] = self._flat.others[0].numpy(force=True).copy()
         self._policy = log_std, np.stack([self._low, self._high])
 
-    def _prepare_update(self) -> None:
-        # flat parameters and optimiser; whoever changes them calls `changed`
+    def _prepare_update(self) -> None:  # whoever changes its parameters or optimiser calls `changed`
         self.update = PPOUpdate(self.model, self._flat, self.hyperparameters)
 
     def _train(self) -> None:

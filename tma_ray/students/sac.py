@@ -143,16 +143,7 @@ POLICIES: dict[LogStd, type[SACPolicy]] = {LogStd.TANH: TanhPolicy, LogStd.CLAMP
 class SACUpdate:
     """SAC's update of the networks of `model`, which owns them and the optimisers' states.
 
-    Args:
-        model: a set-up stable-baselines3 SAC with a fixed entropy coefficient.
-        actor: the parameters of its actor.
-        critics: the parameters of its critics.
-        hyperparameters: hyper-parameters of the student.
-
-    Attributes:
-        targets: the parameters of the target critics.
-        actor_adam: optimiser of the actor.
-        critic_adam: optimiser of the critics.
+    `actor`, `critics` and `targets` are the parameters of its networks.
     """
 
     def __init__(

@@ -137,15 +137,10 @@ _KEY_STEPS = 0x9E3779B9, 0xBB67AE85
 
 
 class Purpose(IntEnum):
-    """Purpose of random numbers; those of different purposes are independent.
+    """Purpose of random numbers; those of different purposes are independent."""
 
-    Attributes:
-        BATCH: transitions of a batch.
-        NOISE: noise of actions in an update.
-    """
-
-    BATCH = 0
-    NOISE = 1
+    BATCH = 0  # transitions of a batch
+    NOISE = 1  # of actions in an update
 
 
 def words_of(number: int) -> tuple[int, int]:
@@ -156,9 +151,7 @@ def words_of(number: int) -> tuple[int, int]:
 def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
     """Return four random words for each counter, in a new last axis (..., 4).
 
-    Args:
-        counters: four words, least significant first; all broadcast with one another and with `keys` (...).
-        keys: two words of the key.
+    Counters are four words, least significant first, keys two; all broadcast with one another (...).
     """
     c0, c1, c2, c3 = counters
     k0, k1 = keys

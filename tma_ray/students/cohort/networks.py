@@ -65,13 +65,9 @@ def _up(size: int, multiple: int) -> int:
 def stacked_pass(
     parameters: torch.Tensor, layout: PaddedLayout, inputs: torch.Tensor, hidden: torch.dtype
 ) -> torch.Tensor:
-    """Return the outputs (k, n, h) of k networks.
+    """Return the outputs (k, n, h) of k networks with padded `parameters` (k, p), for `inputs` (k, n, i).
 
-    Args:
-        parameters: padded (k, p).
-        layout: layout of each network.
-        inputs: values without padding (k, n, i).
-        hidden: type in which hidden layers are computed; the last layer is in that of the parameters.
+    Hidden layers are computed in the type `hidden`; the last layer is in that of the parameters.
     """
     layers, activation = _layers(parameters, layout), layout.padded.activation
     # leaving rows out pays: not on a GPU, which would be waited for, nor in compiled code
@@ -131,12 +127,7 @@ BETAS = 0.9, 0.999
 
 
 class StackedAdam:
-    """Adam as in `torch.optim.Adam`, with a step count for each run.
-
-    Args:
-        parameters: parameters of all runs (k, ..., p), which `step` changes.
-        rate: step size.
-        epsilon: added to the root of the mean square.
+    """Adam as in `torch.optim.Adam`, with a step count for each run; `step` changes parameters (k, ..., p).
 
     Attributes:
         mean: running mean of the gradient, with the shape of the parameters.

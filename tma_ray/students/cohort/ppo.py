@@ -47,13 +47,7 @@ class PPONetworks(NamedTuple):
 class StackedPPO(StackedLearner):
     """PPO of many runs; an update is a step of the optimiser on one mini-batch.
 
-    Args:
-        sizes: lengths o of an observation and a of an action.
-        hyper: hyper-parameters of the student.
-        width: number of slots k.
-        device: device of the learner.
-        dtype: data type of parameters, losses and optimisers.
-        compiled: see `compile_if`; compiling takes minutes once.
+    `sizes` are the lengths o of an observation and a of an action; see `StackedLearner` for the others.
     """
 
     _values: torch.Tensor  # of a row: its parameters, their gradient, and the network over both
@@ -105,12 +99,10 @@ class StackedPPO(StackedLearner):
             memory[slot].zero_()
 
     def store(self, slot: int, columns: Sequence[NDArray[np.float32]], orders: NDArray[np.integer]) -> None:
-        """Give the run in `slot` a rollout to learn from, which makes all its updates due.
+        """Give the run in `slot`, with no updates due, a rollout to learn from: all its updates are due.
 
-        Args:
-            slot: slot of the run, which has no updates due from before.
-            columns: values of `steps_per_update` steps n each, for mini-batches, as in `Rollout.columns`.
-            orders: orders of the steps in each epoch, cut into mini-batches (epochs, n).
+        Columns hold `steps_per_update` steps n each, as `Rollout.columns`; `orders` are those of the steps in
+        each epoch, cut into mini-batches (epochs, n).
         """
         assert not self.owed[slot]
         rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
@@ -158,11 +150,7 @@ class StackedPPO(StackedLearner):
         self._owed.sub_(active.long())
 
     def _learn(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Take one step of the `active` runs (k,) on their mini-batches (k, n, ...).
-
-        Returns:
-            Policy's and value's loss, divergence and clipped share before it (k, 4).
-        """
+        """Take one step of the `active` runs (k,) on mini-batches (k, n, ...); return `FIGURES` (k, 4)."""
         network, gradient_of, step = self._parts
         outputs = network(batch.observations)
         parts = gradient_of(outputs.detach(), batch)

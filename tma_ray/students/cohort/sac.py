@@ -53,14 +53,8 @@ class SACNetworks(NamedTuple):
 class StackedSAC(StackedLearner):
     """SAC of many runs; random draws come from Philox, keyed by run and by the number of its update.
 
-    Args:
-        sizes: lengths o of an observation and a of an action.
-        hyper: hyper-parameters of the student.
-        width: number of slots k.
-        capacity: transitions kept per run.
-        device: device of the learner.
-        dtype: data type of parameters, losses and optimisers.
-        compiled: see `compile_if`; compiling takes minutes once.
+    `sizes` are the lengths o of an observation and a of an action, and `capacity` transitions are kept per
+    run; see `StackedLearner` for the others.
     """
 
     def __init__(
@@ -118,10 +112,7 @@ class StackedSAC(StackedLearner):
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Add an episode's transitions to the replay of `slot`, or a part's; see `StackedReplay.store`.
-
-        `terminated` is False of an episode that is cut or goes on.
-        """
+        """Add an episode's transitions to the replay of `slot`, or a part's; see `StackedReplay.store`."""
         moves = self._replay.moves
         self._replay.store(slot, observations, actions, rewards, terminated)
         if self._replay.moves != moves:  # captured graphs read memory that is no longer there

@@ -28,13 +28,7 @@ def recorded() -> torch.cuda.Event:
 
 
 class Delivery(NamedTuple):
-    """A copy to the host that may still be under way.
-
-    Attributes:
-        receivers: receivers of the rows, in order.
-        rows: memory of the host (n, ...).
-        arrival: recorded after the copy on a GPU; None if it has arrived.
-    """
+    """A copy of rows (n, ...) to the host for `receivers`, in order, under way until its `arrival`."""
 
     receivers: Sequence[Connection]
     rows: torch.Tensor

@@ -175,12 +175,11 @@ def input_gradient(
 
 def _through(gradient: torch.Tensor, outputs: torch.Tensor, activation: Activation) -> torch.Tensor:
     """Return `gradient`, in place, times the derivative of the activation, given its `outputs`."""
-    through: torch.Tensor
     if activation is Activation.TANH:
-        through = torch.ops.aten.tanh_backward.grad_input(gradient, outputs, grad_input=gradient)
-        return through
-    through = torch.ops.aten.threshold_backward.grad_input(gradient, outputs, 0, grad_input=gradient)
-    return through
+        torch.ops.aten.tanh_backward.grad_input(gradient, outputs, grad_input=gradient)
+    else:
+        torch.ops.aten.threshold_backward.grad_input(gradient, outputs, 0, grad_input=gradient)
+    return gradient
 
 
 def as_batch(observations: NDArray[np.float32], device: torch.device) -> torch.Tensor:
@@ -287,9 +286,7 @@ def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
 class FlatAdam:
     """Adam over the vector `flat` that keeps the state of `optimiser`, which is saved and loaded as before.
 
-    Args:
-        optimiser: Adam over the same parameters, in any order.
-        flat: the parameters.
+    That is Adam over the same parameters, in any order.
     """
 
     def __init__(self, optimiser: torch.optim.Optimizer, flat: FlatParameters) -> None:

@@ -12,7 +12,7 @@ from tma_ray.students.players.link import (
     LearnerLostError,
     Membership,
     PlayerState,
-    hardware,
+    ask_learner,
 )
 
 __all__ = [
@@ -25,7 +25,7 @@ __all__ = [
     "LearnerLostError",
     "Membership",
     "PlayerState",
-    "hardware",
+    "ask_learner",
     "make_player",
     "player_class",
 ]

@@ -22,13 +22,7 @@ ALIGNMENT = 64
 
 
 class Posted(NamedTuple):
-    """An array in a mailbox, as a message names it.
-
-    Attributes:
-        offset: offset of its first byte.
-        dtype: its type, as numpy writes it.
-        shape: its shape.
-    """
+    """An array in a mailbox, as a message names it: offset of its first byte, name of its type, shape."""
 
     offset: int
     dtype: str
@@ -36,13 +30,9 @@ class Posted(NamedTuple):
 
 
 class Mailbox:
-    """Anonymous memory for the arrays of one message at a time, in either direction.
+    """Anonymous memory of a `size` in bytes for the arrays of one message at a time, in either direction.
 
-    It belongs to no folder and ends with the processes that have it.
-
-    Args:
-        descriptor: descriptor of the memory; closed with the mailbox.
-        size: bytes.
+    It belongs to no folder and ends with the processes that have it; its `descriptor` is closed with it.
     """
 
     def __init__(self, descriptor: int, size: int) -> None:
@@ -67,15 +57,12 @@ class Mailbox:
 
     def post(self, parts: Iterable[Any]) -> tuple[Any, ...]:
         """Return `parts` for a message, with arrays replaced by their places in the mailbox."""
-        posted, offset = [], 0
-        for part in parts:
+        posted, offset = list(parts), 0
+        for index, part in enumerate(posted):
             if isinstance(part, np.ndarray):
-                place = Posted(offset, part.dtype.str, part.shape)
+                posted[index] = place = Posted(offset, part.dtype.str, part.shape)
                 self._view(place)[...] = part
                 offset += room_for([part])
-                posted.append(place)
-            else:
-                posted.append(part)
         return tuple(posted)
 
     def collect(self, posted: Iterable[Any]) -> tuple[Any, ...]:
@@ -162,28 +149,6 @@ class PlayerState(NamedTuple):
     experience: dict[str, Any]
 
 
-def account(learner: Learner) -> dict[str, float]:
-    """Return the time of each part of the learner's work, s, and numbers of updates.
-
-    Raises:
-        LearnerLostError: it does not answer.
-    """
-    with closing(LearnerLink(learner)) as link:
-        parts: dict[str, float] = link.ask("account")
-    return parts
-
-
-def hardware(learner: Learner) -> dict[str, Any]:
-    """Return device, GPU and width of a cohort, on which results depend to rounding, for a fingerprint.
-
-    Raises:
-        LearnerLostError: it does not answer.
-    """
-    with closing(LearnerLink(learner)) as link:
-        entries: dict[str, Any] = link.ask("hardware")
-    return entries
-
-
 class LearnerLink:
     """The learning half of a student, over a socket of this machine.
 
@@ -206,6 +171,9 @@ class LearnerLink:
     def close(self) -> None:
         """Leave the cohort."""
         self._connection.close()
+        self._drop_mailbox()
+
+    def _drop_mailbox(self) -> None:
         if self._mailbox is not None:
             self._mailbox.close()
             self._mailbox = None
@@ -228,8 +196,7 @@ class LearnerLink:
             return weights
         size = max(room_for(experience), self._weights_size)
         if self._mailbox is None or self._mailbox.size < size:
-            if self._mailbox is not None:
-                self._mailbox.close()
+            self._drop_mailbox()
             self._mailbox = Mailbox.create(size + size // 2)
             self.ask("share", self._mailbox.size, follows=self._mailbox.offer)
         reply = self.ask("learn", self._mailbox.post(experience), updates)
@@ -259,6 +226,20 @@ class LearnerLink:
         if not succeeded:
             raise LearnerError(f"the learner of the cohort failed:\n{result}")
         return result
+
+
+def ask_learner(learner: Learner, request: str) -> dict[str, Any]:
+    """Return what a learner says of itself without a player.
+
+    Its "account" is the time of each part of its work, s, and numbers of updates; its "hardware" are device,
+    GPU and width, on which results depend to rounding, for a fingerprint.
+
+    Raises:
+        LearnerLostError: it does not answer.
+    """
+    with closing(LearnerLink(learner)) as link:
+        entries: dict[str, Any] = link.ask(request)
+    return entries
 
 
 @dataclass(frozen=True)

@@ -56,11 +56,9 @@ _POSITIVE = ("learning_rate", "buffer_size", "batch_size", "train_freq", "n_step
 def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type:
     """Return a frozen dataclass with the arguments of `algorithm` at their defaults.
 
-    Args:
-        algorithm: algorithm of stable-baselines3, or one that follows its conventions.
-        off_policy: it learns from a replay buffer. Then the dataclass also has `exploration_deviation`,
-            of normal noise on actions scaled to [-1, 1]: 0.1 where the policy is deterministic (TD3's
-            paper, arXiv:1802.09477), else 0.
+    One that is `off_policy` learns from a replay buffer. Then the dataclass also has `exploration_deviation`,
+    of normal noise on actions scaled to [-1, 1]: 0.1 where the policy is deterministic (TD3's paper,
+    arXiv:1802.09477), else 0.
     """
     left_out = NOT_OURS | ({"n_steps"} if off_policy else frozenset())
     # named arguments of the constructor, and of the next one while that takes any keyword
@@ -186,11 +184,9 @@ def student_of(name: str) -> type[Student]:
 def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
     """Return the student that an algorithm is, one of your own included.
 
-    Its hyper-parameters are the arguments of its constructor, and of those that this one passes its
+    It is for continuous actions, without memory, and derived from one of stable-baselines3. Its
+    hyper-parameters are the arguments of its constructor, and of those that this one passes its
     ``**keywords`` on to.
-
-    Args:
-        algorithm: for continuous actions, without memory; derived from one of stable-baselines3.
     """
     on_policy = issubclass(algorithm, OnPolicyAlgorithm)
     members = {
@@ -376,8 +372,8 @@ class OffPolicyStudent(AlgorithmStudent):
         model.policy.set_training_mode(False)
         with torch.no_grad(), torch.random.fork_rng():
             if not hasattr(model.actor, "action_log_prob"):
-                values: NDArray[np.float64]
-                values = self._smallest(inputs, model.actor(inputs)).double().numpy(force=True)
+                smallest = self._smallest(inputs, model.actor(inputs))
+                values: NDArray[np.float64] = smallest.double().numpy(force=True)
                 return values
             torch.manual_seed(int(self._values.integers(2**62)))
             total = torch.zeros(len(inputs), dtype=torch.float64, device=self.device)
@@ -396,9 +392,7 @@ class OffPolicyStudent(AlgorithmStudent):
             torch.manual_seed(0)  # the same draws every time, so that no generator of the student advances
             draws = range(self.hyperparameters.value_samples)
             drawn = torch.stack([model.actor.action_log_prob(inputs)[1].double() for _ in draws])
-            bonuses = -self._temperature() * drawn.mean(dim=0).reshape(-1)
-        averages: NDArray[np.float64] = bonuses.numpy(force=True)
-        return averages
+            return (-self._temperature() * drawn.mean(dim=0).reshape(-1)).numpy(force=True)
 
     def _temperature(self) -> torch.Tensor:
         log_coefficient = getattr(self.model, "log_ent_coef", None)
