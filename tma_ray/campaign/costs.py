@@ -138,27 +138,26 @@ def known_speeds(
     elsewhere = not settings.width and settings.device != "cpu" and is_available(settings.device)
     listed: dict[Kind, Throughput] = {}
     for kind, spec in examples.items():
-        student, body = spec.student, base_name(spec.embodiment)
+        body = base_name(spec.embodiment)
         if elsewhere or "environment" in spec.plugins or body not in embodiment_names():
             continue  # the table says nothing of it
-        student = base_name(student) if settings.width else student
+        student = base_name(spec.student) if settings.width else spec.student
         row = _table().get((student, body)) or _table().get((student, DEFAULT_BODY))
         if row is not None:
             scale = machine_speed(at_once) / REFERENCE_ROUNDS
             each = _shared(replace(row, label=label_of(spec)), spec, settings)
             learner = each.learner * (scale if settings.device == "cpu" else 1.0)
-            listed[kind] = replace(
-                each, training=scale * each.training, playing=scale * each.playing, learner=learner
-            )
+            speeds = scale * each.training, scale * each.playing, each.transition_bytes, learner
+            listed[kind] = Throughput(each.label, *speeds)
     missing = {kind: spec for kind, spec in examples.items() if kind not in listed}
-    return {**listed, **measured_speeds(missing, settings)}
+    return listed | measured_speeds(missing, settings)
 
 
 def measured_speeds(
     examples: Mapping[Kind, RunSpec],
     settings: Settings,
     at_once: int = 1,  # noqa: ARG001  # as of a `SpeedFinder`
-) -> Mapping[Kind, Throughput]:
+) -> dict[Kind, Throughput]:
     """Return the speeds of kinds of runs, measured here one after the other; of cohorts see `LEARNERS`.
 
     Each takes some seconds, and half a minute where kernels are compiled first. The measurement has a process
@@ -363,7 +362,7 @@ class Cost:
     memory_gib: float
 
     def summary(self) -> str:
-        """Return the time that it takes, by an estimate."""
+        """Return the estimated time that it takes."""
         spent = f"{_amount(self.core_hours)} core-hours"
         if self.gpu_hours:
             spent += f" and {_amount(self.gpu_hours)} GPU-hours"
@@ -398,10 +397,10 @@ def estimate(
     find_speeds: SpeedFinder | None = None,
     nodes: Nodes | None = None,
 ) -> Cost:
-    """Return the estimated cost of `plan` at the speeds of this machine.
+    """Return the estimated cost of `plan` at the speeds of this machine, which executes it without `nodes`.
 
     Teachers are left out, which cost milliseconds an episode. `known` has speeds of another `Cost`; others
-    are found by `find_speeds`, `known_speeds` by default. Without `nodes` this machine executes the plan.
+    are found by `find_speeds`, `known_speeds` by default.
     """
     nodes = nodes or this_machine()
     counts: Counter[Kind] = Counter()
@@ -412,11 +411,10 @@ def estimate(
         examples.setdefault(key, spec)
     resources = settings.resources
     at_once = min(len(plan.runs), settings.width or nodes.at_once(resources))
-    throughputs = dict(known or {})
     kinds = {kind_of(spec): spec for spec in examples.values()}
-    missing = {kind: spec for kind, spec in kinds.items() if kind not in throughputs}
+    missing = {kind: spec for kind, spec in kinds.items() if kind not in (known or {})}
     here = 1 if settings.width else min(at_once, this_machine().at_once(resources))
-    throughputs |= (find_speeds or known_speeds)(missing, settings, here)
+    throughputs = {**(known or {}), **(find_speeds or known_speeds)(missing, settings, here)}
     hours = learner_hours = disk = largest_buffer = 0.0
     for key, spec in examples.items():
         speed, schedule = throughputs[kind_of(spec)], spec.schedule
@@ -485,10 +483,7 @@ def long_cost(
 ) -> Cost | None:
     """Return the cost of the runs of `plan` that `results` lacks, None if that takes up to an hour here.
 
-    See `estimate` for `known` and `nodes`, which execute the plan.
-
-    Raises:
-        ResultsRootError: the root belongs to something else or to another version.
+    See `estimate` for `known` and `nodes`, and `unfinished` for errors.
     """
     slowest = estimate(plan, settings, find_speeds=lambda kinds, *_: dict.fromkeys(kinds, SLOWEST))
     if slowest.wall_hours <= LONGEST_HOURS:

@@ -456,24 +456,28 @@ EXECUTION_DEFAULTS = {
 }
 """Defaults of `ExecutionOptions` for a help, by the names of options."""
 
+
+def flag(name: str) -> str:
+    """Return the name of the option of an attribute."""
+    return f"--{name.replace('_', '-')}"
+
+
 EXPERIMENT_DEFAULTS = EXECUTION_DEFAULTS | {
-    f"--{field.name.replace('_', '-')}": "the experiment's" for field in fields(ChoiceOptions)
+    flag(field.name): "the experiment's" for field in fields(ChoiceOptions)
 }
 """Defaults of `ExperimentOptions` for a help, by the names of options."""
 
 
 def schedule_defaults(schedule: Schedule) -> dict[str, str]:
     """Return the values of a schedule for a help, by the names of options."""
-    return {f"--{name.replace('_', '-')}": f"{getattr(schedule, name):,}" for name in SCHEDULE}
+    return {flag(name): f"{getattr(schedule, name):,}" for name in SCHEDULE}
 
 
 def campaign_defaults(campaign: CampaignSpec) -> dict[str, str]:
     """Return the values of a campaign for a help, by the names of options."""
     options = ("teachers", "students", "challenges", "embodiments", "expert_knowledge", "environment")
     listed = {
-        f"--{name.replace('_', '-')}": ",".join(
-            dict.fromkeys(str(getattr(cell, name.removesuffix("s"))) for cell in campaign.cells)
-        )
+        flag(name): ",".join(dict.fromkeys(str(getattr(c, name.removesuffix("s"))) for c in campaign.cells))
         or "none"
         for name in options
     }

@@ -143,17 +143,9 @@ def lease_holder(campaign: str) -> str:
 
 def cell_row(experiment: str, cell: Cell, spec: RunSpec) -> dict[str, Any]:
     """Return a row of the table of cells: canonical names of its spec, and the level that was requested."""
-    return {
-        "experiment": experiment,
-        "environment": spec.environment,
-        "challenge": spec.challenge,
-        "embodiment": spec.embodiment,
-        "student": spec.student,
-        "teacher": spec.teacher,
-        "expert_knowledge": cell.expert_knowledge.value,
-        "seed": spec.seed,
-        "run_id": spec.run_id,
-    }
+    names = ("environment", "challenge", "embodiment", "student", "teacher", "seed", "run_id")
+    asked = {"experiment": experiment, "expert_knowledge": cell.expert_knowledge.value}
+    return {name: getattr(spec, name) for name in names} | asked
 
 
 def matrix_cells(
@@ -164,12 +156,9 @@ def matrix_cells(
 ) -> tuple[Cell, ...]:
     """Return the cells of one point of `matrix`, without teachers that lack expert knowledge.
 
-    Args:
-        matrix: matrix to run.
-        teachers: teachers of a matrix that names none; else the selection of its own teachers, with the
-            hyper-parameters given here, all by default.
-        teacher_hyperparameters: values that differ from each teacher's defaults.
-        student_hyperparameters: values that differ from each student's defaults.
+    `teachers` are those of a matrix that names none; else the selection of its own teachers, with the
+    hyper-parameters given there, all by default. The others are values that differ from the defaults of each
+    teacher and student.
 
     Raises:
         UnknownNameError: no such teacher.
@@ -182,17 +171,9 @@ def matrix_cells(
             for given in teachers
             if base_name(given) == base_name(teacher)
         ]
+    values = teacher_hyperparameters or {}, student_hyperparameters or {}
     return tuple(
-        Cell(
-            matrix.environment,
-            matrix.challenge,
-            embodiment,
-            student,
-            teacher,
-            level,
-            teacher_hyperparameters or {},
-            student_hyperparameters or {},
-        )
+        Cell(matrix.environment, matrix.challenge, embodiment, student, teacher, level, *values)
         for embodiment in matrix.embodiments
         for student in matrix.students
         for level in matrix.levels
@@ -206,10 +187,8 @@ def matrix_campaigns(
 ) -> tuple[CampaignSpec, ...]:
     """Return a campaign for each of `matrices`, and each point of its grids, that any teacher can run.
 
-    Args:
-        matrices: matrices to run.
-        teachers: see `matrix_cells`.
-        schedule: budget and intervals, the paper's by default; a matrix with a budget has that instead.
+    See `matrix_cells` for `teachers`. A matrix with a budget has that instead of the schedule's, by default
+    the paper's.
 
     Raises:
         UnknownNameError: no such teacher.

@@ -74,18 +74,10 @@ class ActiveRun:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Progress of a campaign at one moment.
+    """Progress of a campaign at one moment: numbers of runs, those that train, and learners of cohorts.
 
-    Attributes:
-        total: runs of the campaign.
-        done: runs whose results are published.
-        failed: runs that raised, or died too often.
-        stopped: runs that left with a checkpoint.
-        waiting: runs not yet started, or still starting.
-        waiting_steps: environment steps of those.
-        total_steps: environment steps of all runs.
-        running: runs that train.
-        learners: learners of cohorts.
+    Runs that are done are published, failed ones raised or died too often, stopped ones left with a
+    checkpoint, and waiting ones are not yet started, or still starting.
     """
 
     total: int
@@ -118,11 +110,9 @@ class View(Protocol):
 
     def update(self, snapshot: Snapshot) -> None:
         """Show the latest snapshot."""
-        ...
 
     def close(self, snapshot: Snapshot) -> None:
         """Show the last snapshot."""
-        ...
 
 
 class PublishedProgress:
@@ -204,15 +194,10 @@ WAITING = "waiting"
 
 @dataclass(frozen=True)
 class RunState:
-    """One run of a campaign.
+    """One run of a campaign: its state, steps published or newer, budget, speed, and reason of a failure.
 
-    Attributes:
-        run_id: its id.
-        state: done, running, failed, interrupted or waiting.
-        step: environment steps that are published or in the campaign's last heartbeat.
-        steps: its budget; 0 if it was never started.
-        steps_per_second: speed of the last heartbeat, 1/s; 0 of a run that is not running.
-        error: traceback or reason of a failure.
+    The state is done, running, failed, interrupted or waiting; a run that was never started has a budget of
+    0.
     """
 
     run_id: str
@@ -267,11 +252,7 @@ class Observer:
         self._results = results = Results(self._store, self._results)
         heartbeat = Heartbeat.load(self._store)
         running = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else None
-        unfinished = {
-            manifest.run.run_id: manifest
-            for manifest in results.runs()
-            if manifest.status is not RunStatus.DONE
-        }
+        unfinished = {m.run.run_id: m for m in results.runs() if m.status is not RunStatus.DONE}
         outcomes: dict[str, tuple[int, str]] = {}
         columns = ["run_id", "attempt", "outcome"]
         for row in self._rows(Table.ATTEMPTS, unfinished, unfinished, columns):
@@ -440,19 +421,16 @@ def show_history(run: str, root: str | Path, console: Console | None = None) -> 
     manifest = results.find(run)
     run_id = manifest.run.run_id
     console.print(Text(f"{run_id}: {manifest.status}", style="bold"))
-    for row in sorted(
-        results.table(Table.ATTEMPTS, [run_id]).to_pylist(), key=lambda attempt: attempt["attempt"]
-    ):
+    for row in results.table(Table.ATTEMPTS, [run_id]).to_pylist():  # in their order
         console.print(
             f"attempt {row['attempt']}: {row['outcome']} after {duration(row['wall_seconds'])} "
             f"on {row['host'] or 'an unknown host'}, from {row['started_at']:%Y-%m-%d %H:%M:%S} UTC on",
             highlight=False,
         )
-    logged = False
-    for path in sorted(results.store.files(f"{LOGS}/{run_id}")):
+    logs = results.store.files(f"{LOGS}/{run_id}")
+    for path in logs:
         console.print(Text(f"\n{path}", style="bold"))
         text = results.store.read_bytes(path).decode(errors="replace").rstrip()
         console.print(text, markup=False, highlight=False, soft_wrap=True)
-        logged = True
-    if manifest.error and not logged:
+    if manifest.error and not logs:
         console.print(manifest.error.rstrip(), markup=False, highlight=False, soft_wrap=True)

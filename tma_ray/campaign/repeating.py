@@ -44,30 +44,17 @@ def like_plan(
 ) -> Plan:
     """Return the runs of `teachers` on the cells of a release, with its seeds and settings.
 
-    Every cell's first seed comes before any cell's second.
-
-    Args:
-        name: name of the campaign.
-        released: release to repeat.
-        teachers: names in the teacher registry, or ``module:Name``.
-        core: campaigns of the release to repeat; all by default.
-        challenges: challenges of the release to repeat; all by default.
-        seeds: seeds of the release to repeat; all by default.
+    Every cell's first seed comes before any cell's second. `core` are the campaigns of the release to repeat,
+    `challenges` and `seeds` those of its cells; all by default.
 
     Raises:
         ValueError: a challenge, seed or campaign that the release does not have, a teacher that cannot run,
             or a release that this version cannot repeat.
     """
     settings = _settings(released, core)
-    known = dict.fromkeys(setting.template.challenge for setting in settings)
-    for challenge in challenges:
-        if challenge not in known:
-            raise ValueError(f"the release has no challenge {challenge!r}; it has {', '.join(known)}")
+    _check_there("challenge", challenges, dict.fromkeys(each.template.challenge for each in settings))
     settings = [each for each in settings if not challenges or each.template.challenge in challenges]
-    there = sorted({seed for setting in settings for seed in setting.seeds})
-    for seed in seeds:
-        if seed not in there:
-            raise ValueError(f"the release has no seed {seed}; it has {', '.join(map(str, there))}")
+    _check_there("seed", seeds, sorted({seed for setting in settings for seed in setting.seeds}))
     if seeds:
         settings = [replace(each, seeds=tuple(s for s in each.seeds if s in seeds)) for each in settings]
         settings = [each for each in settings if each.seeds]
@@ -82,6 +69,12 @@ def like_plan(
     cells = counted(len(settings) * len(teachers), "cell")
     size = f"{cells} like those of {released.store}, {len(rows):,} with their seeds"
     return Plan(name, size, tuple(runs.values()), rows)
+
+
+def _check_there(kind: str, chosen: Collection[Any], there: Collection[Any]) -> None:
+    for each in chosen:
+        if each not in there:
+            raise ValueError(f"the release has no {kind} {each!r}; it has {', '.join(map(str, there))}")
 
 
 def trial_plan(
@@ -133,9 +126,9 @@ def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
         text = specs[min(row["run_id"] for row in rows)]
         try:
             template = RunSpec.from_json(text, f"a spec of {released.store}")
-        except DamagedFileError:
-            raise
         except ValueError as error:
+            if isinstance(error, DamagedFileError):
+                raise
             raise ValueError(f"{released.store} cannot be repeated: {error}") from error
         seeds = tuple(sorted({row["seed"] for row in rows}))
         settings.append(_Setting(key[0], KnowledgeLevel(key[-1]), template, seeds))
@@ -182,16 +175,8 @@ def _without_teacher(spec: RunSpec) -> dict[str, Any]:
 
 
 DECIDED = (
-    *(
-        "students",
-        "embodiments",
-        "expert_knowledge",
-        "environment",
-        "space",
-        "environment_option",
-        "test_set",
-    ),
-    *(*SCHEDULE, "independent_levels"),
+    *("students", "embodiments", "expert_knowledge", "environment", "space", "environment_option"),
+    *("test_set", *SCHEDULE, "independent_levels"),
 )
 """Options whose values the release has."""
 

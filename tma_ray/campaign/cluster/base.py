@@ -24,11 +24,9 @@ class Watched(Protocol):
 
     def lost(self, patience: float) -> str | None:
         """Return the reason why the head counts as lost after `patience` seconds of silence; else None."""
-        ...
 
     def abandon(self) -> None:
         """Kill the remaining processes of a Ray that this process has started, without any call of Ray."""
-        ...
 
 
 class Head(Watched, Protocol):
@@ -36,7 +34,6 @@ class Head(Watched, Protocol):
 
     def nodes(self) -> list[dict[str, Any]]:
         """Return Ray's record of each living node, with "NodeID" and "Resources"; never waits for Ray."""
-        ...
 
     def check(self) -> None:
         """Check that the head is alive; cheap enough for every turn of a loop.
@@ -44,11 +41,9 @@ class Head(Watched, Protocol):
         Raises:
             HeadLostError: it is lost. This process has left Ray then.
         """
-        ...
 
     def close(self) -> None:
         """End the watch; this process stays connected to Ray."""
-        ...
 
 
 def living_nodes() -> list[dict[str, Any]]:
@@ -90,13 +85,10 @@ MOST_BYTES = 20 * 2**20
 
 @contextmanager
 def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, Any] | None]:
-    """Context manager of a Ray runtime environment that brings plug-ins to every worker of a job.
+    """Context manager of the `runtime_env` of `ray.init` that brings plug-ins to all workers, None for none.
 
-    The files are copied first: what is edited while a campaign runs does not reach its workers.
-    Installed packages are not shipped; every node needs them by itself.
-
-    Returns:
-        The `runtime_env` of `ray.init`, None if there is nothing to ship.
+    The files are copied first: what is edited while a campaign runs does not reach its workers. Installed
+    packages are not shipped; every node needs them by itself.
 
     Raises:
         ValueError: the files are larger than `MOST_BYTES`.
@@ -140,11 +132,9 @@ _HOST = re.compile(r"[\w.-]+|[0-9a-fA-F:.]*:[0-9a-fA-F:.]+(%\w+)?")
 
 
 def check_address(address: str) -> None:
-    """Refuse an address at which a campaign cannot join a cluster.
+    """Refuse an address at which a campaign cannot join a cluster: one as of `host_and_port`.
 
-    Args:
-        address: "host:port" of a cluster's head, or "auto": RAY_ADDRESS if set, else the Ray that runs
-            on this machine, which is left to Ray to find.
+    With "auto", RAY_ADDRESS counts if set; else the Ray that runs on this machine is left to Ray to find.
 
     Raises:
         ValueError: not such an address.

@@ -41,15 +41,12 @@ class Executor(Protocol):
     @property
     def learners(self) -> Sequence[LearnerProgress]:
         """Progress of the learners of cohorts."""
-        ...
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
         """Remove from `waiting` a run that can start now and return it; None without room."""
-        ...
 
     def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:
         """Start attempt `number` at a run that `take` returned; nodes to `avoid` come last."""
-        ...
 
     def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:
         """Return new reports and endings, after at most `seconds` if there are none.
@@ -59,15 +56,12 @@ class Executor(Protocol):
         Raises:
             HeadLostError: the cluster is gone, with all attempts.
         """
-        ...
 
     def stop(self) -> None:
         """Request a checkpoint of every attempt, after which it ends.
 
         An attempt that has not begun to train is killed: it is lost without fault.
         """
-        ...
 
     def close(self) -> None:
         """Kill all attempts and learners."""
-        ...

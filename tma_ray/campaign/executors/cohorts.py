@@ -283,15 +283,14 @@ class Cohorts:
             return False
         try:
             ray.get(cohort.ended)
-        except ActorUnavailableError as error:
-            cohort.silent_since = cohort.silent_since or time.monotonic()
-            if time.monotonic() - cohort.silent_since < self._settings.unreachable_seconds:
-                cohort.ended, cohort.asked = cohort.actor.serve.remote(), None
-                return True
-            _warn(cohort, error)
         except MemoryError as error:
             self._narrow(cohort, error)
         except RayError as error:
+            if isinstance(error, ActorUnavailableError):
+                cohort.silent_since = cohort.silent_since or time.monotonic()
+                if time.monotonic() - cohort.silent_since < self._settings.unreachable_seconds:
+                    cohort.ended, cohort.asked = cohort.actor.serve.remote(), None
+                    return True
             _warn(cohort, error)
         return False
 

@@ -78,15 +78,8 @@ class RayExecutor:
         if self._cohorts is not None:
             learner, node = self._cohorts.learner_of(spec.run_id)
             placement = replace(placement, learner=learner)
-        actor = SeedActor.launch(
-            self._settings.each,
-            node_strategy(node, avoid),
-            spec.to_dict(),
-            self._store,
-            number,
-            placement,
-            self._settings.teachers,
-        )
+        arguments = spec.to_dict(), self._store, number, placement, self._settings.teachers
+        actor = SeedActor.launch(self._settings.each, node_strategy(node, avoid), *arguments)
         result = actor.run.remote()
         self._running[result] = _Running(spec.run_id, actor, result)
 
