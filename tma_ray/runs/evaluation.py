@@ -27,17 +27,11 @@ Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 def played_episodes(
     worlds: LockStep, seeds: Sequence[int], tasks: Task, act: Act, most_steps: float = math.inf
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Play one episode of each task, all at the same time.
-
-    Args:
-        worlds: worlds, of which the first n are used.
-        seeds: seeds of the n worlds.
-        tasks: tasks of the n worlds (n, d).
-        act: function that chooses the actions.
-        most_steps: largest number of steps of all worlds together.
+    """Play one episode of each task (n, d) at the same time, in the first n worlds and with n seeds.
 
     Returns:
-        Episodic returns and lengths (n,) so far; episodes that `most_steps` cut are not over.
+        Episodic returns and lengths (n,) so far; episodes are not over that are cut after `most_steps` steps
+        of all worlds together.
     """
     running = np.arange(len(tasks))
     observations, _ = worlds.reset(running, seeds, tasks)
@@ -50,6 +44,12 @@ def played_episodes(
     return worlds.episodic_returns[: len(tasks)].copy(), lengths
 
 
+def new_worlds(spec: RunSpec, count: int) -> list[Environment]:
+    """Return `count` environments of a run."""
+    options = arguments(spec, "environment")
+    return [make_environment(spec.environment, **options) for _ in range(count)]
+
+
 class Evaluation:
     """The worlds of a run's test set, built once and reset for every evaluation.
 
@@ -60,8 +60,7 @@ class Evaluation:
     def __init__(self, spec: RunSpec) -> None:
         self.test_set = spec.test_set
         self._seeds = evaluation_seeds(spec.test_set)
-        options = arguments(spec, "environment")
-        self._environments = [make_environment(spec.environment, **options) for _ in spec.test_set.tasks]
+        self._environments = new_worlds(spec, len(spec.test_set))
         self._worlds = lock_step(self._environments)
 
     def __call__(self, act: Act) -> list[dict[str, Any]]:
@@ -116,16 +115,10 @@ class Trials:
         return action
 
     def evaluate(self, student: Student, tasks: Task, greedy: bool, budget: int) -> Outcomes | None:
-        """Play an episode of each task.
-
-        Args:
-            student: student that acts.
-            tasks: tasks of the world (n, d).
-            greedy: True for the deterministic policy instead of the exploring one.
-            budget: steps left of the run.
+        """Play an episode of each of `tasks` (n, d) of the world, by the deterministic policy if `greedy`.
 
         Returns:
-            The outcomes; None if the budget ends before, or with, the last step.
+            The outcomes; None if the `budget` of steps left ends before, or with, the last step.
         """
         act = student.act_greedily if greedy else partial(student.sample_actions, rng=self._rng)
         seeds = self._rng.integers(2**31, size=len(tasks)).tolist()
@@ -134,10 +127,7 @@ class Trials:
             rows = slice(first, first + WORLDS)
             if self._worlds is None or len(tasks[rows]) > len(self._environments):
                 self.close()
-                options = arguments(self._spec, "environment")
-                self._environments = [
-                    make_environment(self._spec.environment, **options) for _ in tasks[rows]
-                ]
+                self._environments = new_worlds(self._spec, len(tasks[rows]))
                 self._worlds = lock_step(self._environments)
             parts.append(played_episodes(self._worlds, seeds[rows], tasks[rows], act, budget))
             budget -= int(parts[-1][1].sum())
@@ -153,12 +143,7 @@ class Trials:
 
 
 class Recorder:
-    """Recorder of one episode, in copies, since an environment may reuse its arrays.
-
-    Args:
-        initial_observation: observation of `reset` (o,).
-        gamma: the student's discount factor.
-    """
+    """Recorder of one episode, in copies, since an environment may reuse its arrays."""
 
     def __init__(self, initial_observation: NDArray[np.float32], gamma: float) -> None:
         self._gamma = gamma

@@ -110,10 +110,8 @@ class Run:
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
         """Write the complete state into an existing, empty folder; call it between two episodes.
 
-        Args:
-            folder: target folder.
-            incremental: True if the last saved or loaded state still exists: files that have not changed
-                since may be left out.
+        Files that have not changed since the last saved or loaded state may be left out, if that still exists
+        and this is `incremental`.
 
         Returns:
             The paths in `folder` of the files that were left out; `load` wants them in their places.
@@ -172,16 +170,10 @@ class Run:
             self.progress.step += 1
             episode = None
             if terminated or truncated:
-                episode = Episode(
-                    task,
-                    so_far.episodic_return,
-                    so_far.episodic_return > self.spec.mastery_threshold,
-                    so_far.steps,
-                    initial,
-                    discounted_return,
-                    self.progress.step,
-                    trains,
-                )
+                gained = so_far.episodic_return
+                mastered = gained > self.spec.mastery_threshold
+                end = initial, discounted_return, self.progress.step, trains
+                episode = Episode(task, gained, mastered, so_far.steps, *end)
                 self._end(episode, recorder)
             while self._next_event <= self.progress.step:
                 self._events(self._next_event)

@@ -79,12 +79,9 @@ class SavedPolicy:
 
 
 def find_policy(name: str, results: str | Path) -> SavedPolicy:
-    """Return the policy called `name`.
+    """Return the policy called `name`: its folder or a file in it, else a run of a results root.
 
-    Args:
-        name: folder of a saved policy or a file in it; else a run of `results`: its id, or the beginning
-            of that of no other run.
-        results: folder or URI of a results root.
+    A run is named by its id, or the beginning of that of no other run.
 
     Raises:
         ValueError: the policy does not exist, or several runs could be meant.

@@ -236,11 +236,7 @@ class RunSpec:
 
     @classmethod
     def from_json(cls, text: str | bytes, where: str) -> Self:
-        """Return the spec whose `to_dict` is the JSON in `text`.
-
-        Args:
-            text: JSON.
-            where: name of the file, for messages.
+        """Return the spec whose `to_dict` is the JSON in `text`, of a file that messages call `where`.
 
         Raises:
             DamagedFileError: it is not a spec; the message names the file and, where known, the field.

@@ -184,11 +184,7 @@ class EntropyUpdate:
             method="SLSQP",
             bounds=[(0.0, np.log(self.largest))] * len(start),
             constraints=[
-                {
-                    "type": "ineq",
-                    "fun": lambda logs, of=of: of(logs)[0],
-                    "jac": lambda logs, of=of: of(logs)[1],
-                }
+                {"type": "ineq", "fun": lambda x, of=of: of(x)[0], "jac": lambda x, of=of: of(x)[1]}
                 for of in all_constraints
             ],
             options={"maxiter": 200, "ftol": 1e-12},

@@ -55,13 +55,8 @@ class Mixture:
 def fit_mixture(rows: Array, most_components: int, seed: int) -> Mixture:
     """Return the full-covariance mixture of 2 to `most_components` components with the lowest AIC.
 
-    One EM initialisation each, without warm start. One thread, so that where a teacher runs does
-    not change what it fits.
-
-    Args:
-        rows: data (n, c); sizes beyond n - 1 components are not tried.
-        most_components: largest number of components, included.
-        seed: seed of scikit-learn's initialisation.
+    One EM initialisation each, by a `seed` and without warm start; more than n - 1 components of rows (n, c)
+    are not tried. One thread, so that where a teacher runs does not change what it fits.
     """
     # Imported here: drivers and workers that name a teacher and fit nothing start sooner without it.
     from sklearn.exceptions import ConvergenceWarning
@@ -138,18 +133,13 @@ class MixtureTeacher(Teacher):
             # components are logged with the share of tasks that is drawn from each
             mixture, size, progress = self.mixture_, self.space.size, self.progress_of(self.mixture_)
             parts = zip(shares_of(progress), mixture.means, mixture.covariances, strict=True)
-            self.log(
-                TeacherUpdate(
-                    gaussians=tuple(
-                        WeightedGaussian(float(w), m[:size], c[:size, :size]) for w, m, c in parts
-                    ),
-                    scalars={
-                        "components": float(len(mixture)),
-                        "mean_progress": float(mixture.weights @ progress),
-                        "largest_progress": float(progress.max()),
-                    },
-                )
-            )
+            gaussians = tuple(WeightedGaussian(float(w), m[:size], c[:size, :size]) for w, m, c in parts)
+            scalars = {
+                "components": float(len(mixture)),
+                "mean_progress": float(mixture.weights @ progress),
+                "largest_progress": float(progress.max()),
+            }
+            self.log(TeacherUpdate(gaussians=gaussians, scalars=scalars))
 
     def probe(self, count: int) -> Task:
         """Return `count` tasks (count, d) from the mixture, or from the bootstrap before it."""

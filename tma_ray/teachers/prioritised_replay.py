@@ -42,12 +42,9 @@ class Score(StrEnum):
 
 
 def positive_value_loss(trajectory: Trajectory, values: NDArray[np.float64], gae_lambda: float) -> float:
-    """Return the positive value loss of an episode of t steps.
+    """Return the positive value loss of an episode of t steps, with the `gae_lambda` of arXiv:1506.02438.
 
-    Args:
-        trajectory: the episode.
-        values: values of its observations (t + 1,); the last one does not count if the episode terminated.
-        gae_lambda: lambda of the estimates (arXiv:1506.02438).
+    Of the values of its observations (t + 1,) the last one does not count if the episode terminated.
     """
     from scipy.signal import lfilter  # imported here: who only names a teacher starts sooner without it
 
@@ -245,9 +242,7 @@ class PrioritisedReplay(Teacher):
         super().start(space, knowledge, rng)
         size = for_budget(self.buffer_size, self.budget)
         self.buffer_ = TaskBuffer(space.size, size, self.temperature, self.staleness_share)
-        self.replayed_: int | None = (
-            None  # place of the task that is played, None for one that is not kept yet
-        )
+        self.replayed_: int | None = None  # place of the task that is played, if it is kept
         self.episode_: Episode | None = None
         self.trajectory_: Trajectory | None = None
         self.episodes_ = 0
@@ -296,13 +291,9 @@ class PrioritisedReplay(Teacher):
     def estimate(
         self, trajectory: Trajectory, values: NDArray[np.float64], best: float, mastered: bool
     ) -> float:
-        """Return the score of a task.
+        """Return the score of a task from its episode and `values` of its states (t + 1,), or of the first.
 
-        Args:
-            trajectory: the task's episode.
-            values: values of its observations (t + 1,), or of the first one.
-            best: highest discounted return that was seen on the task.
-            mastered: True if the task was mastered at least once.
+        The highest discounted return that was seen on the task is `best`.
         """
         if self.score is Score.MAX_MC:
             return best - float(values[0])

@@ -251,11 +251,8 @@ class RIAC(Teacher):
         # At most one logged box per episode on average: the log grows no faster than the run.
         if self.episodes_since_log_ >= max(self.region_capacity, len(self.regions_)):
             self.episodes_since_log_ = 0
-            boxes = tuple(
-                ScoredBox(low=region.bounds[0], high=region.bounds[1], score=progress)
-                for region, progress in zip(self.regions_, self.progress_, strict=True)
-            )
-            parts = zip(self.regions_, self.progress_, strict=True)
+            parts = list(zip(self.regions_, self.progress_, strict=True))
+            boxes = tuple(ScoredBox(r.bounds[0], r.bounds[1], progress) for r, progress in parts)
             whole = [progress for region, progress in parts if region.split is None]
             scalars = {"undivided_regions": float(len(whole)), "mean_progress": float(np.mean(whole))}
             self.log(TeacherUpdate(boxes=boxes, scalars=scalars))

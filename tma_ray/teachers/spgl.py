@@ -21,13 +21,9 @@ RIDGE = 1.0
 
 
 def quadratic_fit(points: Array, returns: Array) -> tuple[Array, Array]:
-    """Return gradient (f,) and curvature (f, f) at 0 of the quadratic function that fits `returns` best.
+    """Return gradient (f,) and curvature (f, f) at 0 of the quadratic function that fits returns (n,) best.
 
-    Ridge regression, of which the constant term is free.
-
-    Args:
-        points: n points (n, f), in coordinates in which they have unit scale.
-        returns: their returns (n,).
+    Ridge regression at points (n, f) of unit scale, of which the constant term is free.
     """
     size = points.shape[1]
     rows, columns = np.triu_indices(size)
@@ -96,16 +92,9 @@ def closed_form_update(
 ) -> FullGaussian:
     """Return the Gaussian that maximises E[J] - penalty * KL(new || target) within a step from `current`.
 
-    J is a quadratic model of the returns. The best Gaussian is in closed form for every weight of the
-    divergence from `current`; of these weights the least is taken that keeps the bound, by bisection.
-
-    Args:
-        current: distribution that the contexts were drawn from.
-        target: distribution that the penalty pulls towards.
-        contexts: points (n, f).
-        returns: their returns (n,).
-        penalty: weight of the divergence from the target, at least 0.
-        most_divergence: bound of KL(new || current) in nats.
+    J is a quadratic model of the returns (n,) at the contexts (n, f). The best Gaussian is in closed form for
+    every weight of KL(new || current); of these weights the least is taken that keeps its bound in nats, by
+    bisection.
     """
     from scipy.optimize import bisect  # imported here: who only names a teacher starts sooner without it
 

@@ -122,11 +122,7 @@ def run_count(cells: Sequence[SimulatedCell], seeds: Sequence[int]) -> int:
 
 def runs_of(cells: Sequence[SimulatedCell]) -> list[tuple[SimulatedChallenge, str, KnowledgeLevel]]:
     """Return challenge, teacher and effective level of the runs of `cells`, each once."""
-    runs = (
-        (cell.challenge, cell.teacher, cell.effective_level)
-        for cell in cells
-        if cell.effective_level is not None
-    )
+    runs = ((c.challenge, c.teacher, c.effective_level) for c in cells if c.effective_level is not None)
     return list(dict.fromkeys(runs))
 
 

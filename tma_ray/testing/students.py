@@ -293,16 +293,8 @@ def _simulated(
     """Return the challenge of Stump Tracks called `name`, for students of these `aptitudes`."""
     real = find_challenge("stump_tracks", name)
     assert real.easy_task is not None, "Stump Tracks has an easy task"
-    return SimulatedChallenge(
-        name,
-        title,
-        real.task_space,
-        aptitudes,
-        resets=real.resets,
-        cuts=real.cuts,
-        easy_task=real.easy_task,
-        test_set=real.test_set,
-    )
+    shared = {key: getattr(real, key) for key in ("resets", "cuts", "easy_task", "test_set")}
+    return SimulatedChallenge(name, title, real.task_space, aptitudes, **shared)
 
 
 SIMULATED_CHALLENGES: tuple[SimulatedChallenge, ...] = (
