@@ -1,7 +1,13 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
-from tma_ray.results.committer import Committer, RunWriter, StaleAttemptError, accepted_manifest
+from tma_ray.results.committer import (
+    Committer,
+    RunWriter,
+    StaleAttemptError,
+    accepted_manifest,
+    write_progress,
+)
 from tma_ray.results.inputs import (
     input_path,
     keep_input,
@@ -69,7 +75,6 @@ from tma_ray.results.records import (
     TrialFile,
     TrialLook,
     spec_digest,
-    write_progress,
 )
 from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table, teacher_log_row
 from tma_ray.results.storage import (

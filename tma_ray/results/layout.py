@@ -12,8 +12,7 @@ import pyarrow as pa
 
 from tma_ray.arguments import check_kind
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning, Natural
-from tma_ray.results.parquet import schema_version
-from tma_ray.results.schema import SCHEMA_VERSION, Table
+from tma_ray.results.schema import SCHEMA_VERSION, Table, schema_version
 from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.storage.base import TEMPORARY
 

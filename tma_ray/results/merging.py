@@ -18,18 +18,9 @@ import pyarrow.compute as pc
 from safetensors.numpy import load as parse_tensors
 from safetensors.numpy import save as serialise_tensors
 
+import tma_ray.results.layout as at
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results.inputs import kept_files
-from tma_ray.results.layout import (
-    INPUTS,
-    POLICIES,
-    TABLES,
-    check_path,
-    check_root,
-    create_root,
-    manifest_path,
-    table_path,
-)
 from tma_ray.results.lease import Lease
 from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile, write_index
 from tma_ray.results.parquet import decode, decode_rows, encode, encode_together, same_rows
@@ -117,7 +108,7 @@ def pack(
         for run_id, file in _pack_table(results, list(slices), target, (table, name), tick):
             slices[run_id].append(file)
     for table in (Table.RUNS, Table.ATTEMPTS):
-        rows, path = results.table(table, list(slices)), table_path(table, name)
+        rows, path = results.table(table, list(slices)), at.table_path(table, name)
         if table is Table.ATTEMPTS and not contents.hosts:
             place = rows.schema.get_field_index("host")
             field = rows.schema.field(place)
@@ -153,7 +144,7 @@ def _pack_table(
             counts[run_id] = len(rows)
             yield rows
 
-    data, path = encode_together(table, parts()), table_path(table, name)
+    data, path = encode_together(table, parts()), at.table_path(table, name)
     if target.exists(path):
         raise DamagedFileError(f"{target.where(path)} is there already; nothing was merged")
     written = PartFile.write(target, path, table, sum(counts.values()), data)
@@ -177,7 +168,7 @@ def _pack_table(
 JOURNAL: Final = "compacting.json"
 """Name of the list of files without use: replaced ones, or new ones of an interrupted compaction."""
 
-_MERGED: Final = re.compile(rf"{TABLES}/[^/]+/[^/]+\.parquet")
+_MERGED: Final = re.compile(rf"{at.TABLES}/[^/]+/[^/]+\.parquet")
 
 
 @dataclass(frozen=True)
@@ -189,9 +180,9 @@ class Journal:
 
     def __post_init__(self) -> None:
         for path in (*self.unless_used, *self.replaced):
-            if not _MERGED.fullmatch(check_path(path)):
+            if not _MERGED.fullmatch(at.check_path(path)):
                 raise ValueError(
-                    f"path {path!r}: expected a file of a table, as in {TABLES}/runs/NAME.parquet"
+                    f"path {path!r}: expected a file of a table, as in {at.TABLES}/runs/NAME.parquet"
                 )
 
     @classmethod
@@ -262,11 +253,11 @@ def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> 
     """
     sound, damaged = sound_runs(results, contents)
     ours = pa.array([manifest.run.run_id for manifest in sound], pa.string())
-    create_root(target)
+    at.create_root(target)
     packed: list[Manifest] = []
     for name, manifests in grouped(sound, experiments_of(results)).items():
         packed += pack(results, manifests, target, name, lambda: None, contents)
-    for path in results.store.files(f"{TABLES}/{Table.CELLS}"):
+    for path in results.store.files(f"{at.TABLES}/{Table.CELLS}"):
         try:
             cells = decode(Table.CELLS, results.store.read_bytes(path))
         except UNREADABLE as error:
@@ -290,7 +281,7 @@ def copy_beside(
         return ()
     ours = {manifest.run.run_id for manifest in manifests}
     left_out = []
-    for path in results.store.files(POLICIES):
+    for path in results.store.files(at.POLICIES):
         if path.endswith(POLICY_FILES) and PurePosixPath(path).parts[1] in ours:
             data = results.store.read_bytes(path)
             weights = contents.half_precision and path.endswith(".safetensors")
@@ -377,7 +368,7 @@ def compact(root: str | Path) -> Compaction:
         DamagedFileError: a merged file was not written as it should be; nothing refers to it.
     """
     store = Store.open(root)
-    check_root(store)
+    at.check_root(store)
     with Lease(store, f"tma-ray compact (process {os.getpid()} on {socket.gethostname()})") as lease:
         clean(store)
         before = _files(store)
@@ -405,14 +396,14 @@ def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lea
     count, name = 1, experiment
     names = {manifest.run.run_id for manifest in results.runs()}
     tables = [table for table in Table if table is not Table.CELLS]
-    while name in names or any(store.exists(table_path(table, name)) for table in tables):
+    while name in names or any(store.exists(at.table_path(table, name)) for table in tables):
         count += 1
         name = f"{experiment}-{count}"
-    new = [table_path(table, name) for table in (*DATA_TABLES, Table.RUNS, Table.ATTEMPTS)]
+    new = [at.table_path(table, name) for table in (*DATA_TABLES, Table.RUNS, Table.ATTEMPTS)]
     old = [file.path for manifest in manifests for file in manifest.files]
     ours, about = {manifest.run.run_id for manifest in manifests}, []
     for table in (Table.RUNS, Table.ATTEMPTS):
-        for path in store.files(f"{TABLES}/{table}"):
+        for path in store.files(f"{at.TABLES}/{table}"):
             with suppress(*UNREADABLE):  # readers name it
                 said = decode(table, store.read_bytes(path), ["run_id"])["run_id"].unique().to_pylist()
                 if ours.issuperset(said):
@@ -424,12 +415,12 @@ def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lea
     lease.renew()
     for manifest in packed:
         lease.keep()
-        store.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
+        store.write_bytes(at.manifest_path(manifest.run.run_id), manifest.to_bytes())
     clean(store)
 
 
 def _files(store: Store) -> dict[str, int]:
-    return {path: size or 0 for path, (_, size) in store.stamps(TABLES).items()}
+    return {path: size or 0 for path, (_, size) in store.stamps(at.TABLES).items()}
 
 
 @dataclass(frozen=True)
@@ -459,12 +450,12 @@ def add_shard(results: Results, target: Store, name: str) -> Shard:
         ResultsRootError: `target` is not a results root, or has files of that name.
         DamagedFileError: a file was written by a newer version, with columns that would be lost.
     """
-    create_root(target)
+    at.create_root(target)
     before = Results(target)
     known = {manifest.run.run_id for manifest in before.runs()}
     for table in Table:
-        if target.exists(table_path(table, name)):
-            raise ResultsRootError(f"{target.where(table_path(table, name))} exists: choose another name")
+        if target.exists(at.table_path(table, name)):
+            raise ResultsRootError(f"{target.where(at.table_path(table, name))} exists: choose another name")
     sound, damaged = sound_runs(results, LEAN)
     new = [manifest for manifest in sound if manifest.run.run_id not in known]
     ids = known | {manifest.run.run_id for manifest in new}
@@ -475,7 +466,7 @@ def add_shard(results: Results, target: Store, name: str) -> Shard:
         schema = SCHEMAS[Table.CELLS]
         added = [dict(zip(schema.names, row, strict=True)) for row in sorted(cells)]
         rows = to_arrow(Table.CELLS, schema, added)
-        target.write_bytes(table_path(Table.CELLS, name), encode(Table.CELLS, rows))
+        target.write_bytes(at.table_path(Table.CELLS, name), encode(Table.CELLS, rows))
     unsafe = copy_beside(results, target, new, LEAN)
     write_index(target, (*before.runs(), *packed))
     return Shard(unsafe, tuple(dict.fromkeys([*results.problems, *damaged])), len(new), len(cells))
@@ -490,16 +481,16 @@ def start_from(store: Store, source: Store) -> int:
         ResultsRootError: `source` is not a results root, or a file of that path and another content is there.
         RootInUseError: a campaign is running on `store`.
     """
-    check_root(source)
-    create_root(store)
+    at.check_root(source)
+    at.create_root(store)
     with Lease(store, f"start from {source} (process {os.getpid()} on {socket.gethostname()})") as lease:
         there = {manifest.run.run_id for manifest in Results(store).runs()}
         done = [run for run in Results(source).runs() if run.status is RunStatus.DONE]
         new = [manifest for manifest in done if manifest.run.run_id not in there]
         paths = {file.path for manifest in new for file in manifest.files}
         for table in (table for table in Table if new and table not in DATA_TABLES):
-            paths.update(source.files(f"{TABLES}/{table}"))
-        for path in sorted(paths.union(source.files(INPUTS)) if new else ()):
+            paths.update(source.files(f"{at.TABLES}/{table}"))
+        for path in sorted(paths.union(source.files(at.INPUTS)) if new else ()):
             lease.keep()
             data = source.read_bytes(path)
             if not store.exists(path):
@@ -509,5 +500,5 @@ def start_from(store: Store, source: Store) -> int:
                     f"{store.where(path)} differs from {source.where(path)}: begin in a new folder"
                 )
         for manifest in new:  # last: a run is there when its manifest is
-            store.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
+            store.write_bytes(at.manifest_path(manifest.run.run_id), manifest.to_bytes())
     return len(new)

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tma_ray.decoding import MOST_BYTES, DamagedFileError
-from tma_ray.results.schema import SCHEMA_VERSION, SCHEMAS, VERSION_KEY, Table, completed, selected
+from tma_ray.results.schema import SCHEMA_VERSION, SCHEMAS, Table, completed, selected
 from tma_ray.results.storage import Store
 
 _Fields: TypeAlias = dict[int, Any]
@@ -228,17 +228,6 @@ def decode(
 def opened(data: bytes) -> pq.ParquetFile:
     """Return a Parquet file of which only the end was read: how many rows and which columns it has."""
     return pq.ParquetFile(pa.BufferReader(data))
-
-
-def schema_version(file: Any) -> int:
-    """Return the schema version that an open Parquet file names.
-
-    Raises:
-        OSError, pa.ArrowException: the bytes are not a Parquet file.
-        KeyError: it names none.
-        ValueError: it names something else than a number.
-    """
-    return int((pq.read_schema(file).metadata or {})[VERSION_KEY.encode()])
 
 
 def unreadable_rows(table: Table, data: bytes) -> Iterator[tuple[int, int]]:

@@ -11,8 +11,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any, Final
 
-from tma_ray.decoding import DamagedFileError, Natural, SmallNatural, decode_json
-from tma_ray.results.layout import progress_path
+from tma_ray.decoding import Natural, SmallNatural, decode_json
 from tma_ray.results.storage import Store
 
 HASHED_ID: Final = re.compile(r".*-s\d+-([0-9a-f]{12})")
@@ -186,26 +185,6 @@ NO_PHYSICS_VERSION: Final = 0
 
 BOX2D_TEST_SET: Final = "box2d_"
 """Before the name of a test set whose worlds were Box2D's."""
-
-
-WITHDRAWN: Final = b"null"
-"""Content of the file that holds the record of an attempt, if it never began."""
-
-
-def write_progress(store: Store, record: AttemptRecord) -> None:
-    """Keep the record of an attempt under way, as if it were lost now, next to its parts."""
-    content = {**asdict(record), "started_at": record.started_at.isoformat()}
-    store.write_bytes(progress_path(record.run_id, record.attempt), json.dumps(content).encode())
-
-
-def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | None:
-    """Return the last record that an attempt has kept, None if there is none that can be read."""
-    path = progress_path(run_id, attempt)
-    try:
-        record = store.read_json(path, AttemptRecord)
-    except (FileNotFoundError, DamagedFileError):
-        return None
-    return record if (record.run_id, record.attempt) == (run_id, attempt) else None
 
 
 TRIAL_FILE: Final = "trial.json"

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from tma_ray.tasks import TeacherUpdate
 
@@ -181,6 +182,17 @@ def teacher_log_row(step: int, episode: int, update: TeacherUpdate) -> dict[str,
         ],
         "scalars": update.scalars,
     }
+
+
+def schema_version(file: Any) -> int:
+    """Return the schema version that an open Parquet file names.
+
+    Raises:
+        OSError, pa.ArrowException: the bytes are not a Parquet file.
+        KeyError: it names none.
+        ValueError: it names something else than a number.
+    """
+    return int((pq.read_schema(file).metadata or {})[VERSION_KEY.encode()])
 
 
 def to_arrow(table: Table, schema: pa.Schema, rows: Sequence[Mapping[str, Any]]) -> pa.Table:

@@ -13,20 +13,9 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.compute as pc
 
+import tma_ray.results.layout as at
 from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.results.inputs import damaged_inputs
-from tma_ray.results.layout import (
-    CHECKPOINTS,
-    LOGS,
-    MANIFESTS,
-    POLICIES,
-    STAGING,
-    TABLES,
-    check_root,
-    is_id,
-    manifest_path,
-    policy_folder,
-)
 from tma_ray.results.manifest import (
     UNREADABLE,
     Manifest,
@@ -41,7 +30,13 @@ from tma_ray.results.records import RunStatus
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
 from tma_ray.results.storage import StorageError, Store
 
-TRACES: Final = (*(f"{TABLES}/{table}" for table in DATA_TABLES), POLICIES, LOGS, CHECKPOINTS, STAGING)
+TRACES: Final = (
+    *(f"{at.TABLES}/{table}" for table in DATA_TABLES),
+    at.POLICIES,
+    at.LOGS,
+    at.CHECKPOINTS,
+    at.STAGING,
+)
 """Folders in which something is called like a run only after the run got its manifest."""
 
 _THREADS: Final = 16  # more than cores: they wait for the object store
@@ -156,15 +151,15 @@ def lost_manifests(
         found |= {run_id: traces[run_id] for run_id in unclear & ids}
     problem = "it is missing, although the run has been started: {} is there"
     return {
-        manifest_path(run_id): DamagedFileError(problem.format(found[run_id]))
-        for run_id in sorted(filter(is_id, found))
-        if not store.holds(manifest_path(run_id))  # it may have started meanwhile
+        at.manifest_path(run_id): DamagedFileError(problem.format(found[run_id]))
+        for run_id in sorted(filter(at.is_id, found))
+        if not store.holds(at.manifest_path(run_id))  # it may have started meanwhile
     }
 
 
 def _unknown_files(store: Store, table: Table, run_ids: Collection[str]) -> Iterator[str]:
     """Yield the files of a table about runs that are not called like one of these runs."""
-    folder = f"{TABLES}/{table}"
+    folder = f"{at.TABLES}/{table}"
     names = sorted(_names(store, folder))
     yield from (f"{folder}/{name}" for name in names if name.removesuffix(".parquet") not in run_ids)
 
@@ -216,13 +211,13 @@ def verify_root(store: Store) -> RootVerification:
     Raises:
         ResultsRootError: the root does not exist, or is one of another version.
     """
-    check_root(store)
+    at.check_root(store)
     damage: list[Damage] = []
 
     def report(path: str, error: Exception) -> None:
         damage.append(Damage(path, damage_reason(error, store.where(path))))
 
-    manifests, paths = [], store.files(MANIFESTS)
+    manifests, paths = [], store.files(at.MANIFESTS)
     for path in paths:
         try:
             manifests.append(load_manifest(store, path))
@@ -245,9 +240,9 @@ def verify_root(store: Store) -> RootVerification:
     damage += (Damage(*found) for found in damaged_inputs(store, [manifest.run for manifest in manifests]))
     listed = {(file.path, file.sha256) for manifest in manifests for file in manifest.files}
     known = {manifest.run.run_id for manifest in manifests}
-    rows = [path for table in DATA_TABLES for path in store.files(f"{TABLES}/{table}")]
+    rows = [path for table in DATA_TABLES for path in store.files(f"{at.TABLES}/{table}")]
     unlisted = [path for path in rows if path not in {path for path, _ in listed}]
-    unlisted += [path for path in store.files(POLICIES) if PurePosixPath(path).parts[1] not in known]
+    unlisted += [path for path in store.files(at.POLICIES) if PurePosixPath(path).parts[1] not in known]
     files = tuple(sorted(listed))
     return RootVerification(len(manifests), files, tuple(dict.fromkeys(damage)), tuple(unlisted))
 
@@ -287,7 +282,7 @@ def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damag
 
 def _tables_about_runs(store: Store) -> Iterator[Damage]:
     for table in (table for table in Table if table not in DATA_TABLES):
-        for path in store.files(f"{TABLES}/{table}"):
+        for path in store.files(f"{at.TABLES}/{table}"):
             try:
                 decode(table, store.read_bytes(path))
             except UNREADABLE as error:
@@ -296,9 +291,9 @@ def _tables_about_runs(store: Store) -> Iterator[Damage]:
 
 def _foreign_policies(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
     """Yield policies whose spec is not that of their run."""
-    saved = set(store.files(POLICIES))
+    saved = set(store.files(at.POLICIES))
     for manifest in manifests:
-        path = f"{policy_folder(manifest.run.run_id)}/{SPEC_FILE}"
+        path = f"{at.policy_folder(manifest.run.run_id)}/{SPEC_FILE}"
         if path not in saved:
             continue
         try:

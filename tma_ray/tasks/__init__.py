@@ -1,7 +1,6 @@
 """The language all parts share: task spaces, test sets, expert knowledge, episodes."""
 
 from tma_ray.tasks.episodes import (
-    MASTERY_RETURN,
     Answer,
     Episode,
     EpisodeSoFar,
@@ -14,7 +13,14 @@ from tma_ray.tasks.episodes import (
     Trajectory,
     WeightedGaussian,
 )
-from tma_ray.tasks.knowledge import ExpertKnowledge, Gaussian, KnowledgeLevel, TestSet, expert_knowledge
+from tma_ray.tasks.knowledge import (
+    MASTERY_RETURN,
+    ExpertKnowledge,
+    Gaussian,
+    KnowledgeLevel,
+    TestSet,
+    expert_knowledge,
+)
 from tma_ray.tasks.spaces import Dimension, ShuffledSpace, Task, TaskSpace, check_task
 
 __all__ = [

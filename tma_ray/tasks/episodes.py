@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 
 from tma_ray.tasks.spaces import Task
 
-MASTERY_RETURN = 230.0
-"""A task is mastered by an episodic return strictly over this (paper, section 4 and appendix C)."""
-
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
