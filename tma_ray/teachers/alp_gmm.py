@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
-from tma_ray.teachers.mixtures import Array, Mixture, MixtureTeacher
+from tma_ray.teachers.mixtures import Mixture, MixtureTeacher
+from tma_ray.teachers.numerics import Array
 
 
 class NearestReturn:
@@ -65,7 +65,7 @@ class NearestReturn:
         rows = slice(0, self._count)
         return {"every": self.rebuild_every, "tasks": self._tasks[rows], "returns": self._returns[rows]}
 
-    def __setstate__(self, state: dict[str, NDArray[np.float64]]) -> None:
+    def __setstate__(self, state: dict[str, Array]) -> None:
         self.rebuild_every = int(state["every"])
         self._tasks, self._returns = state["tasks"].copy(), state["returns"].copy()
         self._count = len(self._returns)

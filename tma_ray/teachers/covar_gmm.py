@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from tma_ray.tasks import Episode
-from tma_ray.teachers.mixtures import Array, Mixture, MixtureTeacher
+from tma_ray.teachers.mixtures import Mixture, MixtureTeacher
+from tma_ray.teachers.numerics import Array
 
 
 class CovarianceProgress(StrEnum):

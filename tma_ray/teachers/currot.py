@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from tma_ray.arguments import check_at_least, check_positive
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.numerics import UnitBox, cloud_gaussian
-
-Array = NDArray[np.float64]
+from tma_ray.teachers.numerics import Array, UnitBox, cloud_gaussian
 
 ROWS_AT_ONCE = 2_000
 """Predictions that are made together, which bounds the memory."""

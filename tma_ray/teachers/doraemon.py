@@ -20,9 +20,7 @@ from tma_ray.tasks import (
     WeightedGaussian,
 )
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget, next_due
-from tma_ray.teachers.numerics import CONSTANT_STD, UnitBox
-
-Array = NDArray[np.float64]
+from tma_ray.teachers.numerics import CONSTANT_STD, Array, UnitBox
 
 MARGIN = 1e-6
 """Points nearer to the boundary of the box count as this far from it: densities there are 0 or infinite."""

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.numerics import UnitBox
+from tma_ray.teachers.numerics import Array, UnitBox
 
 
 @dataclass
@@ -87,7 +86,7 @@ class GoalGAN(Teacher):
         self._box = UnitBox(space)
         self.network_ = LeastSquaresGAN(self._box.size, self.learning_rate, self.batch_size, rng)
         self.buffer_ = np.empty((0, self._box.size))
-        self.labelled_: list[tuple[NDArray[np.float64], bool]] = []
+        self.labelled_: list[tuple[Array, bool]] = []
         self.task_ = space.low
         self.new_ = False
         self.rollouts_left_ = self.successes_ = self.episodes_ = 0
@@ -125,7 +124,7 @@ class GoalGAN(Teacher):
         """Return `count` tasks (count, d) of the network, without noise."""
         return self._box.denormalise(self._generate(count, self.probe_rng()))
 
-    def _generate(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    def _generate(self, count: int, rng: np.random.Generator) -> Array:
         return self.network_.generate(count, rng) + 0.5
 
     def _train(self) -> None:

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tma_ray.arguments import check_at_least, check_positive
 from tma_ray.tasks import Episode, ExpertKnowledge, ScoredBox, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
 from tma_ray.teachers.numerics import UnitBox, draw_in_proportion, softmax
-
-Array = NDArray[np.float64]
 
 
 def split_evenly(dimensions: int, most_cells: int) -> tuple[int, ...]:

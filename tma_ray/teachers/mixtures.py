@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from tma_ray.arguments import check_at_least, check_shares
@@ -23,9 +22,7 @@ from tma_ray.tasks import (
     WeightedGaussian,
 )
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.numerics import draw_in_proportion, shares_of
-
-Array = NDArray[np.float64]
+from tma_ray.teachers.numerics import Array, draw_in_proportion, shares_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.tasks import Task, TaskSpace, WeightedGaussian
 
+Array = NDArray[np.float64]
+
 
 def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
     """Return an index drawn in proportion to `scores` (k,), none negative; uniform if all are 0."""
@@ -17,13 +19,13 @@ def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
     return int(np.searchsorted(cumulative, rng.random() * total, side="right"))
 
 
-def shares_of(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+def shares_of(scores: Array) -> Array:
     """Return the chances (k,) that `draw_in_proportion` gives `scores` (k,)."""
     total = scores.sum()
     return scores / total if total > 0 else np.full(len(scores), 1 / len(scores))
 
 
-def softmax(scores: NDArray[np.float64], temperature: float) -> NDArray[np.float64]:
+def softmax(scores: Array, temperature: float) -> Array:
     """Return the chances (k,) in proportion to exp(scores / temperature)."""
     weights = np.exp((scores - scores.max()) / temperature)
     return np.asarray(weights / weights.sum(), dtype=np.float64)
@@ -33,7 +35,7 @@ LOWEST_RETURN, HIGHEST_RETURN = -150.0, 350.0
 """Bounds between which the original release scales returns on Stump Tracks, where a teacher wants that."""
 
 
-def scaled_returns(returns: NDArray[np.float64], lowest: float, highest: float) -> NDArray[np.float64]:
+def scaled_returns(returns: Array, lowest: float, highest: float) -> Array:
     """Return `returns` (k,) with `lowest` as 0 and `highest` as 1, and what is beyond them as these.
 
     Raises:
@@ -44,7 +46,7 @@ def scaled_returns(returns: NDArray[np.float64], lowest: float, highest: float) 
     return np.clip((returns - lowest) / (highest - lowest), 0.0, 1.0)
 
 
-def draw_in_box(space: TaskSpace, box: NDArray[np.float64], rng: np.random.Generator) -> Task:
+def draw_in_box(space: TaskSpace, box: Array, rng: np.random.Generator) -> Task:
     """Return a uniform task (d,) of a `box` in `space`, given by its lower and upper corner (2, d)."""
     low, high = box
     return space.clip(low + rng.random(space.size) * (high - low))
@@ -74,11 +76,11 @@ class UnitBox:
                 f"there is nothing to choose; widen one, or use the teacher 'random'"
             )
 
-    def normalise(self, tasks: ArrayLike) -> NDArray[np.float64]:
+    def normalise(self, tasks: ArrayLike) -> Array:
         """Return the free coordinates (..., f) of `tasks` (..., d)."""
         return self._space.normalise(tasks)[..., self.free]
 
-    def denormalise(self, points: NDArray[np.float64]) -> Task:
+    def denormalise(self, points: Array) -> Task:
         """Return `points` (..., f) as tasks (..., d), clipped to the space."""
         tasks = np.zeros((*points.shape[:-1], self.free.size))
         tasks[..., self.free] = points
@@ -92,9 +94,7 @@ CONSTANT_STD = 1e-3
 """Standard deviation of dimensions without width, in task units."""
 
 
-def cloud_gaussian(
-    space: TaskSpace, tasks: Task, weights: NDArray[np.float64] | None = None
-) -> WeightedGaussian:
+def cloud_gaussian(space: TaskSpace, tasks: Task, weights: Array | None = None) -> WeightedGaussian:
     """Return the Gaussian with mean and covariance of `tasks` (n, d), which `weights` (n,) may weigh."""
     points = tasks.astype(np.float64)
     shares = np.full(len(points), 1 / len(points)) if weights is None else weights / weights.sum()

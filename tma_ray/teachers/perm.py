@@ -16,12 +16,11 @@ from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
 from tma_ray.teachers.numerics import (
     HIGHEST_RETURN,
     LOWEST_RETURN,
+    Array,
     UnitBox,
     cloud_gaussian,
     scaled_returns,
 )
-
-Array = NDArray[np.float64]
 
 MOST_STEPS, SMALLEST_STEP = 50, 1e-8
 """Newton's method ends after so many steps, or with one as short."""

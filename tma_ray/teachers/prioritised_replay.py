@@ -22,7 +22,7 @@ from tma_ray.tasks import (
     Trajectory,
 )
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
-from tma_ray.teachers.numerics import cloud_gaussian
+from tma_ray.teachers.numerics import Array, cloud_gaussian
 
 
 class Score(StrEnum):
@@ -41,7 +41,7 @@ class Score(StrEnum):
     """Maximised negative advantage of a task that was mastered at least once, else 0 (Mead et al. 2026)."""
 
 
-def positive_value_loss(trajectory: Trajectory, values: NDArray[np.float64], gae_lambda: float) -> float:
+def positive_value_loss(trajectory: Trajectory, values: Array, gae_lambda: float) -> float:
     """Return the positive value loss of an episode of t steps, with the `gae_lambda` of arXiv:1506.02438.
 
     Of the values of its observations (t + 1,) the last one does not count if the episode terminated.
@@ -57,7 +57,7 @@ NEGLIGIBLE_WEIGHT = 1e-9
 """Weight of a longer advantage below which a sum over lengths ends."""
 
 
-def negative_advantage(trajectory: Trajectory, values: NDArray[np.float64], gae_lambda: float) -> float:
+def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float) -> float:
     """Return the maximised negative advantage of an episode of t steps, at least 0.
 
     The advantage of n steps from state i is the sum of gamma^k errors[i + k] over k < n. Here that sum is cut
@@ -82,18 +82,15 @@ def negative_advantage(trajectory: Trajectory, values: NDArray[np.float64], gae_
     return -total / len(errors)
 
 
-def value_errors(trajectory: Trajectory, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def value_errors(trajectory: Trajectory, values: Array) -> Array:
     """Return the temporal-difference errors (t,) of `values` (t + 1,) in an episode of t steps."""
     following = values[1:].copy()
     if trajectory.terminated:
         following[-1] = 0.0
-    errors: NDArray[np.float64] = trajectory.rewards + trajectory.gamma * following - values[:-1]
+    errors: Array = trajectory.rewards + trajectory.gamma * following - values[:-1]
     if trajectory.entropy_bonuses is not None:
         errors += trajectory.entropy_bonuses
     return errors
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass
@@ -266,7 +263,7 @@ class PrioritisedReplay(Teacher):
         self.episode_, self.episodes_ = episode, self.episodes_ + 1
         return Query(QueryKind.TRAJECTORY)
 
-    def answer(self, answer: Trajectory | NDArray[np.float64]) -> Query | None:
+    def answer(self, answer: Trajectory | Array) -> Query | None:
         """Take the trajectory, then the values of its states; score the task with them."""
         if isinstance(answer, Trajectory):
             self.trajectory_ = answer
@@ -288,9 +285,7 @@ class PrioritisedReplay(Teacher):
     def after_replay(self, task: Task) -> None:
         """Respond to the replay of `task` (d,), which has been scored; do nothing by default."""
 
-    def estimate(
-        self, trajectory: Trajectory, values: NDArray[np.float64], best: float, mastered: bool
-    ) -> float:
+    def estimate(self, trajectory: Trajectory, values: Array, best: float, mastered: bool) -> float:
         """Return the score of a task from its episode and `values` of its states (t + 1,), or of the first.
 
         The highest discounted return that was seen on the task is `best`.
@@ -301,7 +296,7 @@ class PrioritisedReplay(Teacher):
             return negative_advantage(trajectory, values, self.gae_lambda) if mastered else 0.0
         return positive_value_loss(trajectory, values, self.gae_lambda)
 
-    def count_in(self, episode: Episode, values: NDArray[np.float64]) -> int | None:
+    def count_in(self, episode: Episode, values: Array) -> int | None:
         """Score the task of `episode` with `values` of its states; return its place in the buffer, if any."""
         best, place, trajectory = episode.discounted_return, self.replayed_, self.trajectory_
         mastered = episode.success

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tma_ray.arguments import check_at_least, check_positive
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
@@ -15,14 +14,13 @@ from tma_ray.teachers.currot import Performance
 from tma_ray.teachers.numerics import (
     HIGHEST_RETURN,
     LOWEST_RETURN,
+    Array,
     UnitBox,
     cloud_gaussian,
     draw_in_proportion,
     scaled_returns,
     softmax,
 )
-
-Array = NDArray[np.float64]
 
 MOST_EPISODES = 2_000
 """Latest episodes that the values are estimated from, which bounds the time of an update."""

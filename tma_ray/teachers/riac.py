@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, ScoredBox, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.numerics import draw_in_box, draw_in_proportion
-
-Array = NDArray[np.float64]
+from tma_ray.teachers.numerics import Array, draw_in_box, draw_in_proportion
 
 
 class Cut(NamedTuple):

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.numerics import UnitBox
+from tma_ray.teachers.numerics import Array, UnitBox
 
 SMALLEST_FEASIBILITY = 1e-8
 
@@ -27,9 +26,9 @@ class Proposals:
         points: points in the unit box (n, f).
     """
 
-    feasibility: NDArray[np.float64]
-    latents: NDArray[np.float64]
-    points: NDArray[np.float64]
+    feasibility: Array
+    latents: Array
+    points: Array
 
 
 @dataclass

@@ -27,9 +27,7 @@ from tma_ray.tasks import (
     WeightedGaussian,
 )
 from tma_ray.teachers.base import Teacher, next_due
-from tma_ray.teachers.numerics import UnitBox
-
-Array = NDArray[np.float64]
+from tma_ray.teachers.numerics import Array, UnitBox
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +232,7 @@ class SPDL(Teacher):
         self.next_update_ = next_due(self.first_update, self.update_every, episode.step)
         return Query(QueryKind.STATE_VALUES, np.stack([observation for _, observation in self.contexts_]))
 
-    def answer(self, answer: NDArray[np.float64]) -> None:
+    def answer(self, answer: Array) -> None:
         """Update the Gaussian with the values (n,) of the stored episodes, and forget them."""
         old, performance = self.distribution_, float(np.mean(self.discounted_returns_))
         penalty = self._penalty(performance)

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
 from tma_ray.teachers.base import PAPER_STEPS, for_budget, next_due
+from tma_ray.teachers.numerics import Array
 from tma_ray.teachers.spdl import SPDL, FullGaussian
-
-Array = NDArray[np.float64]
 
 RIDGE = 1.0
 """Weight of the prior that returns do not depend on the task, in episodes."""

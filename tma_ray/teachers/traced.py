@@ -6,15 +6,13 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, TaskSpace, Trajectory
 from tma_ray.teachers.accel import ACCEL
+from tma_ray.teachers.numerics import Array
 from tma_ray.teachers.prioritised_replay import Score
-
-Array = NDArray[np.float64]
 
 RIDGE = 1.0
 """Weight of the prior that observations do not change, in steps."""
