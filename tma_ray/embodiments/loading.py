@@ -34,17 +34,10 @@ NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")
 
 @dataclass(frozen=True)
 class Repeat:
-    """A section whose entries are written out once per copy.
+    """A section whose entries are written out once per copy: `count` times unless its parameter is given.
 
-    Attributes:
-        parameter: name of the number of copies.
-        count: that number, unless another is asked for.
-        at_most: largest number.
-        parts: entries of parts, whose texts may hold the copy's number.
-        joints: entries of joints, whose texts may hold it too.
-        links: entries of joints between copies k and k + 1.
-        grip_sensors: entries of grip sensors, whose texts may hold it too.
-        step: distance between the copies, in m; they are centred on the place written down.
+    Texts of parts, joints and grip sensors may hold the copy's number; `links` are joints between copies k
+    and k + 1. The copies are centred on the place written down, a `step` in m apart.
     """
 
     parameter: str

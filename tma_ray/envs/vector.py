@@ -49,7 +49,6 @@ class EngineEnvironment(Protocol):
 
     def release_engine(self) -> Engine:
         """Return the engine, for an episode that has begun and is played without the environment."""
-        ...
 
 
 def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> LockStep:
@@ -81,12 +80,9 @@ class LockStep:
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
-        """Begin an episode in those at `rows` (k,); the first call names all.
+        """Begin an episode in those at `rows` (k,), of which the first call names all.
 
-        Args:
-            rows: indices of the environments (k,).
-            seeds: seeds of their episodes (k,); None goes on with an environment's own stream.
-            tasks: tasks of the episodes, each (d,); None draws one.
+        A seed of None goes on with an environment's own stream, and a task (d,) of None draws one.
 
         Returns:
             Observations (k, o) and tasks (k, d).
@@ -134,21 +130,21 @@ class EngineLockStep(LockStep):
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
         """Begin an episode in some; see `LockStep`."""
-        observations, played = super().reset(rows, seeds, tasks)
+        begun = super().reset(rows, seeds, tasks)
         choice = engine_in_use()
         if choice.name != "compiled":  # each environment steps its own
             if self._threads > 1:
                 raise ValueError(
                     f"threads = {self._threads}: expected 1 with the {choice.name} engine ({choice.reason})"
                 )
-            return observations, played
+            return begun
         from tma_ray.physics.compiled.engine import EngineBatch  # here, since it loads numba
 
         engines = [self._environments[row].release_engine() for row in rows]
         if self._batch is None:
             self._batch = EngineBatch(engines, self._threads)
         self._steps[rows] = 0
-        return observations, played
+        return begun
 
     def _step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
         if self._batch is None:
@@ -251,10 +247,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observations, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Advance every world by one step; see `LockStep.step`.
-
-        Args:
-            actions: values (n, a).
+        """Advance every world by one step, with actions (n, a); see `LockStep.step`.
 
         Raises:
             ValueError: actions of another shape, or not finite; no world has moved.

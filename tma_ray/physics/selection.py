@@ -42,16 +42,9 @@ class EngineChoice:
 
 
 def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> Engine:
-    """Return a new engine of the kind that `engine_in_use` names.
+    """Return a new engine of the kind that `engine_in_use` names, or raise as that.
 
-    Args:
-        body: the body.
-        rules: the environment's rules for the body.
-        settings: settings of Chipmunk's solver; None for the usual ones with the body's substeps.
-
-    Raises:
-        ValueError: TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
-        RuntimeError: TMA_RAY_ENGINE demands the compiled engine, which does not work here.
+    Chipmunk's solver has the usual `settings`, with the body's substeps, unless others are given.
     """
     return _engine_class(engine_in_use().name)(body, rules, settings)
 

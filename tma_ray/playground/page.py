@@ -56,12 +56,10 @@ class Start:
 
 
 def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[str] | None = None) -> str:
-    """Return the page as HTML, which needs no other file and no network.
+    """Return the page as HTML, which needs no other file and no network; it plays `start` first.
 
-    Args:
-        policies: records of policies, as `policy_record` makes them.
-        start: world that is played first.
-        names: bodies, with parameters; None for every body in its own size and the first one in all sizes.
+    It has policies by the records of `policy_record`, and bodies by `names`, with parameters; without these
+    it has every body in its own size, and the first one in all sizes.
     """
     own = [*embodiment_names(), start.embodiment, *(policy["embodiment"] for policy in policies)]
     shown = dict.fromkeys([*own, *variants(start.embodiment.partition(":")[0])] if names is None else names)
@@ -110,11 +108,7 @@ ACTIVATIONS: dict[type[nn.Module], Activation] = {nn.ReLU: Activation.RELU, nn.T
 
 
 def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
-    """Return everything that the page shows of a policy.
-
-    Args:
-        saved: the policy.
-        results: folder or URI of a results root, which is asked for its run if it lies in none.
+    """Return everything that the page shows of a policy; `results` may have its run if it lies in no root.
 
     Raises:
         ValueError: the page has no such environment or network; the message says which.
