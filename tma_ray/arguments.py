@@ -1,7 +1,5 @@
 """Checks of the arguments of public functions: errors say the name, its value, and what was expected."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum

@@ -1,7 +1,5 @@
 """Arrays in files of numpy's that others made: their sizes are checked by headers before anything is read."""
 
-from __future__ import annotations
-
 import math
 import zipfile
 from pathlib import Path

@@ -4,8 +4,6 @@ Every method is a promise; a failure says which, and what to do. pytest is neede
 import it.
 """
 
-from __future__ import annotations
-
 import random
 import tempfile
 import warnings

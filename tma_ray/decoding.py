@@ -1,7 +1,5 @@
 """Files that others may have made: looked at before they are read, JSON decoded against declared types."""
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Hashable

@@ -1,7 +1,5 @@
 """Docstrings of classes and functions, read from the source without importing it."""
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 from functools import cache

@@ -5,8 +5,6 @@ may declare ``presets: ClassVar[Mapping[str, Mapping[str, Any]]]``: names for se
 by the key ``preset``.
 """
 
-from __future__ import annotations
-
 import collections.abc
 import dataclasses
 import inspect

@@ -1,7 +1,5 @@
 """Compilation of kernels, which stay plain Python under ``NUMBA_DISABLE_JIT=1``."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 from collections.abc import Callable

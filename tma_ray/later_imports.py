@@ -1,7 +1,5 @@
 """Packages whose parts are imported when they are first asked for: a name alone needs none of them."""
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 That import takes a process 2 s and 150 MB. What optimisers compute stays the same.
 """
 
-from __future__ import annotations
-
 from inspect import unwrap
 
 import torch

@@ -7,8 +7,6 @@ addresses (``%3A``). The canonical name of a part holds what differs from its
 defaults and nothing else, with sorted keys, so that equal parts have equal names wherever they are compared.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterable, Mapping

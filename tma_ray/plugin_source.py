@@ -1,7 +1,5 @@
 """The source of a plug-in: its module and what that imports of the user's own, as files with one hash."""
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import importlib.util
@@ -55,7 +53,7 @@ class PluginSource:
         return content.hexdigest()[:16]
 
     @classmethod
-    def of(cls, module: str, data_files: Iterable[str] = ()) -> PluginSource:
+    def of(cls, module: str, data_files: Iterable[str] = ()) -> "PluginSource":
         """Return the source of the module with a ``__name__``, and `data_files`: patterns in its folder.
 
         Raises:

@@ -4,8 +4,6 @@ A new teacher, student or environment needs no edit of this package: its author 
 declares an entry point, or passes ``my_module:MyTeacher`` wherever a name is expected.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import re

@@ -1,7 +1,5 @@
 """Console of all commands."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import IO, Any
 

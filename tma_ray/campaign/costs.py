@@ -4,8 +4,6 @@ Speeds are those of a table, scaled to this machine; others are measured. ``pyth
 measures in a process of its own and prints a line of JSON after each compilation and for each kind of run.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import math

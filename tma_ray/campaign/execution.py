@@ -1,7 +1,5 @@
 """Execution of campaigns: checks of every node, connection to Ray, scheduling."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing

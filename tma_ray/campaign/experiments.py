@@ -1,7 +1,5 @@
 """Experiments of the benchmark: the same flags for all, a size, a cost, and then the runs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

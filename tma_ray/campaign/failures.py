@@ -1,7 +1,5 @@
 """Answers to failures: retries of lost runs and refused writes, silent runs, requests to stop."""
 
-from __future__ import annotations
-
 import logging
 import math
 import signal

@@ -1,7 +1,5 @@
 """Options that campaigns, experiments and single runs share, as scripts or as commands."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Sequence

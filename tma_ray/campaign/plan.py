@@ -1,7 +1,5 @@
 """Campaigns as data, from cells or matrices of the benchmark, and the plan of runs that each amounts to."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import platform

@@ -1,7 +1,5 @@
 """Progress of campaigns, live from their drivers, and from any machine that sees a results root."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import Counter

@@ -1,7 +1,5 @@
 """Repetitions: a release for other teachers, and unfinished runs of a results root."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The scheduler: chooses runs for an executor, commits their results, and repeats attempts that are lost."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections import deque

@@ -1,7 +1,5 @@
 """Campaigns as scripts, all with the same flags, and single runs without Ray."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Settings of a campaign's execution, which do not change its results."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Mapping

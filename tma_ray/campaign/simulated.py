@@ -1,7 +1,5 @@
 """Simulated runs as a results root, for all that reads results: rankings, comparisons, releases."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Collection, Sequence

@@ -1,7 +1,5 @@
 """The runs of a trial: look after look, within a budget, each judged before the next begins."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress

@@ -1,7 +1,5 @@
 """A body as data: parts, joints, motors, and what it can do in Parkour."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Loading of bodies from their data files."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The base of the benchmark's environments: one body in a world that a task describes."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from functools import cached_property
 from pathlib import Path

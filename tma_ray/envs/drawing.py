@@ -1,7 +1,5 @@
 """Drawing of a body in its world with pygame, as frames or in a window."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parkour: uneven ground, ceiling, creepers and water, for every medium (paper, section 4.2, appendix B)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Names under which gymnasium and the command line find the environments."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from numbers import Real

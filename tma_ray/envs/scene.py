@@ -1,7 +1,5 @@
 """The scene of a frame, and the choices of how frames are drawn. Imports no pygame."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

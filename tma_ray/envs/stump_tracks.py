@@ -1,7 +1,5 @@
 """Stump Tracks: walk over stumps to the end of the track (paper, section 4.1 and appendix B)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Vector environments: n worlds stepped in one compiled call by one or more threads, each on its own task."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
@@ -51,7 +49,7 @@ class EngineEnvironment(Protocol):
         """Return the engine, for an episode that has begun and is played without the environment."""
 
 
-def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> LockStep:
+def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> "LockStep":
     """Return the fastest way to step `environments`, which are new and of one kind, together by `threads`.
 
     Raises:
@@ -281,7 +279,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._worlds, self._observations = lock_step(self._environments, self._threads), None
         self._running[:] = False
 
-    def __reduce__(self) -> tuple[type[VectorEnvironment], tuple[Any, ...], dict[str, Any]]:
+    def __reduce__(self) -> tuple[type["VectorEnvironment"], tuple[Any, ...], dict[str, Any]]:
         return VectorEnvironment, (self._environments, self._threads), {"spec": self.spec}
 
     def _mask(self, mask: Any) -> Flags:

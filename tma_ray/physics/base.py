@@ -1,7 +1,5 @@
 """The interface of every physics engine, and the settings that all of them share."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol
 
 import numpy as np

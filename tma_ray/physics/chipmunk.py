@@ -1,7 +1,5 @@
 """A body and a terrain in a Chipmunk space, built from arrays."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import NamedTuple

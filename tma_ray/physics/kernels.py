@@ -5,8 +5,6 @@ A state is (p, 6): each part's origin x, y, angle, velocity x, y of its centre o
 (m, rad, s). `contacts` (p, 2) counts the pieces of ground and of ceiling that each part touches.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

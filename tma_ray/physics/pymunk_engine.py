@@ -1,7 +1,5 @@
 """Chipmunk through pymunk's public API: portable, and the oracle for faster engines."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An environment's rules for the physics, and the kernels' view of a body under these rules."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meanings of observations and actions, in the order of `kernels.observe` and of the motors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

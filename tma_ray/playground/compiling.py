@@ -1,7 +1,5 @@
 """Build of the page's WebAssembly: the kernels, translated to C, with Chipmunk's own sources."""
 
-from __future__ import annotations
-
 import hashlib
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Contents of the page: bodies, worlds and constants, as the engine's memory has them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, Final
 

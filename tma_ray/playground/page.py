@@ -1,7 +1,5 @@
 """The page as one file: markup, style, scripts, the engine, bodies and trained policies."""
 
-from __future__ import annotations
-
 import base64
 import json
 import tempfile

@@ -5,8 +5,6 @@ follow from what is assigned to them. Arrays are contiguous, and only constant i
 and products keep their order, so that C without contraction gives the bits of the compiled kernel.
 """
 
-from __future__ import annotations
-
 import ast
 import inspect
 import math
@@ -70,7 +68,7 @@ class Record:
         names: name of each item, empty for a plain tuple.
     """
 
-    items: tuple[Type, ...]
+    items: tuple["Type", ...]
     names: tuple[str, ...] = ()
 
     @property

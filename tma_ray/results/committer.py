@@ -1,7 +1,5 @@
 """Publication of rows: a run writes its own aside, and the one committer of a root shows them to readers."""
 
-from __future__ import annotations
-
 import json
 import logging
 import re

@@ -1,7 +1,5 @@
 """The files that runs of a root read, and the sources of their plug-ins, kept by content below ``inputs``."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """The layout of a results root, and the file that marks one."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """One campaign at a time on a results root: its lease, and the heartbeat that shows it alive."""
 
-from __future__ import annotations
-
 import json
 import logging
 import math
@@ -32,7 +30,7 @@ class Process:
     pid: SmallNatural
 
     @classmethod
-    def this(cls) -> Process | None:
+    def this(cls) -> "Process | None":
         """Return this process, None where others could not find it."""
         try:
             boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()

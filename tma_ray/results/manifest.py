@@ -1,7 +1,5 @@
 """The manifest of a run: the one file that readers trust for what it has published."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import io
@@ -112,7 +110,7 @@ class Manifest:
         return json.dumps(self.to_json(), indent=1).encode()
 
     @staticmethod
-    def load(store: Store, run_id: str) -> Manifest:
+    def load(store: Store, run_id: str) -> "Manifest":
         """Return the manifest of a run, also from the index; raises as `load_manifest`."""
         try:
             return load_manifest(store, manifest_path(run_id))

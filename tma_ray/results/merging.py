@@ -1,7 +1,5 @@
 """Tables of many runs in one file each: packed, copied, compacted, added as shards."""
 
-from __future__ import annotations
-
 import os
 import re
 import socket
@@ -186,7 +184,7 @@ class Journal:
                 )
 
     @classmethod
-    def load(cls, store: Store) -> Journal:
+    def load(cls, store: Store) -> "Journal":
         """Return the journal of a root; an empty one if there is none, or one that cannot be read."""
         try:
             return store.read_json(JOURNAL, cls)

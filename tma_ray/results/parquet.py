@@ -1,7 +1,5 @@
 """Tables to Parquet bytes and back: the same rows give the same bytes, however they came together."""
 
-from __future__ import annotations
-
 import io
 import itertools
 import sys

@@ -1,7 +1,5 @@
 """Reading a results root: what its manifests list, and nothing else."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -76,7 +74,7 @@ class Results:
         problems: a message for each file that was left out.
     """
 
-    def __init__(self, store: Store, before: Results | None = None) -> None:
+    def __init__(self, store: Store, before: "Results | None" = None) -> None:
         check_root(store)
         self.store = store
         self.problems: list[str] = []

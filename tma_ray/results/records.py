@@ -1,7 +1,5 @@
 """Records of runs and of attempts at them, as readers see them."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -220,7 +218,7 @@ class TrialFile:
     format: str = "tma_ray trial"
 
     @classmethod
-    def load(cls, store: Store) -> TrialFile | None:
+    def load(cls, store: Store) -> "TrialFile | None":
         """Return the trial of a root, None if it has none.
 
         Raises:

@@ -4,8 +4,6 @@ A column that may be absent says so by being nullable; every other one is requir
 that is added later is nullable or names a default, which is what rows of older files have there.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """Comparison of a results root with its manifests: checksums, row counts, what is missing."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """One attempt at a run: resume, train, commit at checkpoints, finish; its log; runs in this process."""
 
-from __future__ import annotations
-
 import json
 import logging
 import platform

@@ -1,7 +1,5 @@
 """Cells of an experiment, and the effective spec of a cell and a seed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Checkpoints of a run: complete or absent, checksummed, incremental, never written twice under one name."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import logging
@@ -78,7 +76,7 @@ class Checkpoint:
         return json.dumps(content).encode()
 
     @classmethod
-    def from_bytes(cls, name: str, data: bytes) -> Checkpoint:
+    def from_bytes(cls, name: str, data: bytes) -> "Checkpoint":
         """Return the checkpoint of an index file; a DamagedFileError for anything else."""
         return replace(decode_json(data, cls, f"the index of checkpoint {name}"), name=name)
 

@@ -1,7 +1,5 @@
 """Episodes without learning: tests, trials that a teacher asks for, and the recording of steps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import partial

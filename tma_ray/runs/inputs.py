@@ -4,8 +4,6 @@ An option that names a file, such as an embodiment in a ``.toml`` or ``cppn_weig
 the file's content and its name without the folder: an edited file makes another run, a moved one the same.
 """
 
-from __future__ import annotations
-
 import hashlib
 import tempfile
 from collections.abc import Iterable, Mapping

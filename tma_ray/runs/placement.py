@@ -1,7 +1,5 @@
 """Placement and status of a run, and the fingerprint of what computes it: no part of its specification."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

@@ -1,7 +1,5 @@
 """One training run, without Ray: student x teacher x environment, an episode at a time."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial

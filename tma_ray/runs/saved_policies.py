@@ -1,7 +1,5 @@
 """Policies that runs saved: found by run or folder, copied, loaded."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The specification of a run, all that determines its result and only that, and its random streams."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -276,7 +274,7 @@ class Streams:
     trials: np.random.SeedSequence
 
     @classmethod
-    def of(cls, spec: RunSpec) -> Streams:
+    def of(cls, spec: RunSpec) -> "Streams":
         """Return the streams of a run, from the hash of its effective spec and its seed."""
         return cls(*np.random.SeedSequence([spec.entropy, spec.seed]).spawn(4))
 

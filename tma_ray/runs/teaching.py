@@ -1,7 +1,5 @@
 """The teacher's side of a run, wherever it lives: one message an episode each way."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import dataclass
 from typing import Any, Protocol

@@ -3,8 +3,6 @@
 What is listed here is imported when it is first asked for. None of it imports torch.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from tma_ray.later_imports import import_later

@@ -1,7 +1,5 @@
 """Hyper-parameters of the students, checked before anything is computed. Imports no torch."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

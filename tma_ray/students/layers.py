@@ -1,7 +1,5 @@
 """A greedy policy as layers in a row, from which files in other formats are made."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

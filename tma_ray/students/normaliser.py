@@ -1,7 +1,5 @@
 """Running statistics that normalise observations and rewards, as stable-baselines3's VecNormalize does."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable
@@ -132,7 +130,7 @@ class Normaliser:
         return {name: (shape, "float64") for name, shape in shapes.items()}
 
     @classmethod
-    def load(cls, path: Path) -> Normaliser:
+    def load(cls, path: Path) -> "Normaliser":
         """Return the normaliser that `save` wrote, equal to the last bit."""
         content = json.loads(path.read_text())
         mean: NDArray[np.float64] = np.array(content["observation_mean"])

@@ -1,7 +1,5 @@
 """Saved policies: ``policy.json`` and ``policy.safetensors``. Reading them runs nothing that they contain."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """PPO over stable-baselines3, with the paper's hyper-parameters and normalisation."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

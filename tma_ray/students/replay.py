@@ -1,7 +1,5 @@
 """Replay storage that keeps every observation once, and the last ones of truncated episodes too."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """SAC over stable-baselines3, with the paper's hyper-parameters."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Messages between a run and its teacher: proposals, episodes, queries and answers, logged updates."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TypeAlias

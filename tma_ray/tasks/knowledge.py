@@ -1,7 +1,5 @@
 """Expert knowledge of a task space, and the test sets on which students are evaluated."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io
@@ -58,14 +56,14 @@ class TestSet:
         return hashlib.sha256(content).hexdigest()[:16]
 
     @classmethod
-    def grid(cls, name: str, space: TaskSpace, points: int) -> TestSet:
+    def grid(cls, name: str, space: TaskSpace, points: int) -> "TestSet":
         """Return the grid of `points` values per dimension, bounds included, first dimension slowest."""
         check_whole("points", points, 1)
         axes = [np.linspace(d.low, d.high, points) for d in space.dimensions]
         return cls(name, space.names, np.array(list(itertools.product(*axes)), dtype=np.float32))
 
     @classmethod
-    def from_csv(cls, path: str | Path, name: str | None = None) -> TestSet:
+    def from_csv(cls, path: str | Path, name: str | None = None) -> "TestSet":
         """Read a test set: a header of dimension names, then one task a line.
 
         Raises:
@@ -133,7 +131,7 @@ class KnowledgeLevel(StrEnum):
     HIGH = "high"
 
     @classmethod
-    def _missing_(cls, value: object) -> KnowledgeLevel:
+    def _missing_(cls, value: object) -> "KnowledgeLevel":
         raise ValueError(f"expert knowledge {value!r}: expected {', '.join(cls)}")
 
     @property

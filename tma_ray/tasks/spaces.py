@@ -1,7 +1,5 @@
 """The box of tasks that a teacher chooses from, and the same box with its regions shuffled."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
@@ -70,7 +68,7 @@ class TaskSpace:
     @classmethod
     def from_bounds(
         cls, bounds: dict[str, tuple[float, float]], units: dict[str, str] | None = None
-    ) -> TaskSpace:
+    ) -> "TaskSpace":
         """Return the box with `bounds` (name to low and high) and optional `units` by name."""
         units = units or {}
         for name, each in bounds.items():
@@ -133,7 +131,7 @@ class TaskSpace:
         """Return `points` (..., d) of the unit box mapped to tasks, clipped to the box."""
         return self.clip(self.low + self._checked(points) * self.width)
 
-    def with_bounds(self, name: str, low: float, high: float) -> TaskSpace:
+    def with_bounds(self, name: str, low: float, high: float) -> "TaskSpace":
         """Return the same space with other bounds for the dimension called `name`."""
         if name not in self.names:
             raise ValueError(f"no dimension {name!r}; the space has {', '.join(self.names)}")
@@ -216,7 +214,7 @@ class ShuffledSpace:
             )
 
     @classmethod
-    def shuffle(cls, space: TaskSpace, rng: np.random.Generator, cuts: int = CUTS) -> ShuffledSpace:
+    def shuffle(cls, space: TaskSpace, rng: np.random.Generator, cuts: int = CUTS) -> "ShuffledSpace":
         """Return `space` with `cuts` intervals per dimension in an order drawn from `rng`.
 
         Raises:

@@ -1,7 +1,5 @@
 """ACCEL: robust PLR that edits what it replays (Parker-Holder et al. 2022)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

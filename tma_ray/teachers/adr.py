@@ -1,7 +1,5 @@
 """Automatic domain randomization (OpenAI 2019)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from statistics import fmean
 from typing import ClassVar, NamedTuple

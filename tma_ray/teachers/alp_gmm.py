@@ -1,7 +1,5 @@
 """ALP-GMM (Portelas et al. 2019)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """The protocol of a teacher: it proposes tasks, observes episodes, and may ask questions."""
 
-from __future__ import annotations
-
 import copy
 import math
 from abc import ABC, abstractmethod

@@ -1,7 +1,5 @@
 """Covar-GMM (Moulin-Frier et al. 2014, in the form of Portelas et al. 2019)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar

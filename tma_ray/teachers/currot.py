@@ -1,7 +1,5 @@
 """CURROT, a curriculum by constrained optimal transport (Klink et al. 2022)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 

@@ -1,7 +1,5 @@
 """DORAEMON, domain randomisation via entropy maximisation (Tiboni et al. 2024)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
@@ -38,13 +36,13 @@ class BetaProduct(NamedTuple):
     beta: Array
 
     @classmethod
-    def around(cls, mode: Array, concentration: float) -> BetaProduct:
+    def around(cls, mode: Array, concentration: float) -> "BetaProduct":
         """Return the distribution with a `mode` (f,), in the middle with both parameters `concentration`."""
         weight = 2 * (concentration - 1)
         return cls(1 + weight * mode, 1 + weight * (1 - mode))
 
     @classmethod
-    def of_logs(cls, logs: Array) -> BetaProduct:
+    def of_logs(cls, logs: Array) -> "BetaProduct":
         """Return the distribution whose parameters have the logarithms (2f,)."""
         return cls(*np.exp(logs).reshape(2, -1))
 
@@ -82,7 +80,7 @@ class BetaProduct(NamedTuple):
         gradient = np.concatenate([alpha * by_alpha, beta * by_beta])
         return float((betaln(alpha, beta) + parts).sum()), gradient
 
-    def divergence(self, other: BetaProduct) -> tuple[float, Array]:
+    def divergence(self, other: "BetaProduct") -> tuple[float, Array]:
         """Return KL(self || other) in nats, and its gradient by the logs of `other` (2f,)."""
         from scipy.special import betaln, psi
 

@@ -1,7 +1,5 @@
 """Goal-GAN (Florensa et al. 2018)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

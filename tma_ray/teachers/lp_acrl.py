@@ -1,7 +1,5 @@
 """LP-ACRL, a curriculum over cells by their learning progress (Li, Li and Hutter 2026)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

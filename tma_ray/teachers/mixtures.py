@@ -1,7 +1,5 @@
 """Gaussian mixtures chosen by AIC: the task distribution of the GMM teachers."""
 
-from __future__ import annotations
-
 import warnings
 from abc import abstractmethod
 from collections import deque

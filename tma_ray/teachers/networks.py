@@ -1,7 +1,5 @@
 """Networks of Goal-GAN and Setter-Solver: the one module of teachers that imports torch."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Numerics that several teachers share: random choices, common units, a set of tasks as a Gaussian."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -1,7 +1,5 @@
 """PERM, a parameterised environment response model (Tio and Varakantham 2023)."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple

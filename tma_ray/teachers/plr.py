@@ -1,7 +1,5 @@
 """Prioritised level replay, and its robust form (Jiang et al. 2021a, 2021b)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """The base of the teachers that replay tasks of high regret."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """ProCuRL-Target, a proximal curriculum with task correlations (Tzannetos et al. 2024)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """A hand-made schedule from easy tasks to all: an upper reference."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

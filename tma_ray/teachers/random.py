@@ -1,7 +1,5 @@
 """The baseline every teacher is compared with."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """RIAC (Baranes and Oudeyer 2009, in the form of Portelas et al. 2019)."""
 
-from __future__ import annotations
-
 import math
 from array import array
 from collections import deque
@@ -92,7 +90,7 @@ class Region:
         """Return the task with the lowest return, the oldest of several."""
         return self.tasks[int(np.argmin(self.returns))]
 
-    def parts(self, cut: Cut) -> tuple[Region, Region]:
+    def parts(self, cut: Cut) -> tuple["Region", "Region"]:
         """Return the regions left and right of `cut`, each with the episodes that lie in it."""
         capacity = self.returns.maxlen
         assert capacity is not None

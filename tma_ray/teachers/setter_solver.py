@@ -1,7 +1,5 @@
 """Setter-Solver (Racaniere et al. 2020)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """SFL, sampling for learnability (Rutherford et al. 2024)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Tasks of a low-discrepancy sequence: a better Random."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

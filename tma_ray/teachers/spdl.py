@@ -1,7 +1,5 @@
 """SPDL, self-paced deep reinforcement learning (Klink et al. 2020)."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -46,7 +44,7 @@ class FullGaussian:
         """Return `count` points (count, d)."""
         return self.mean + rng.standard_normal((count, self.mean.size)) @ self.factor.T
 
-    def divergence(self, other: FullGaussian) -> float:
+    def divergence(self, other: "FullGaussian") -> float:
         """Return the Kullback-Leibler divergence KL(self || other), in nats."""
         seen = self.seen_from(other)
         squares = (seen.factor**2).sum() + (seen.mean**2).sum() - seen.mean.size
@@ -63,12 +61,12 @@ class FullGaussian:
         whitened: Array = solve_triangular(self.factor, (points - self.mean).T, lower=True).T
         return whitened
 
-    def seen_from(self, frame: FullGaussian) -> FullGaussian:
+    def seen_from(self, frame: "FullGaussian") -> "FullGaussian":
         """Return this Gaussian in coordinates in which `frame` is the standard one."""
         factor: Array = solve_triangular(frame.factor, self.factor, lower=True)
         return FullGaussian(frame.whiten(self.mean[None])[0], factor)
 
-    def placed_in(self, frame: FullGaussian) -> FullGaussian:
+    def placed_in(self, frame: "FullGaussian") -> "FullGaussian":
         """Return the Gaussian that looks like this one from `frame`: the inverse of `seen_from`."""
         return FullGaussian(frame.mean + frame.factor @ self.mean, frame.factor @ self.factor)
 

@@ -1,7 +1,5 @@
 """SPGL, self-paced Gaussian curriculum learning in closed form (Ardakani and Song 2026)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar

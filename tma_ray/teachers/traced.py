@@ -1,7 +1,5 @@
 """TRACED: ACCEL with a transition error and co-learnability in its score (Cho et al. 2025)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import ClassVar
 

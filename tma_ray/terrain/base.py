@@ -1,7 +1,5 @@
 """The elements of a world, as plain arrays."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parkour: ground and ceiling drawn by a network, creepers, water (paper, appendix B)."""
 
-from __future__ import annotations
-
 import math
 import zipfile
 from collections.abc import Mapping
@@ -72,7 +70,7 @@ class CPPN:
                 )
 
     @classmethod
-    def load(cls, path: str | Path = DEFAULT_WEIGHTS) -> CPPN:
+    def load(cls, path: str | Path = DEFAULT_WEIGHTS) -> "CPPN":
         """Return the network whose weights are the arrays w1 to w5 of a ``.npz`` file; others are ignored.
 
         Raises:

@@ -1,7 +1,5 @@
 """Stump Tracks: flat ground with stumps of random height at regular gaps (paper, appendix B)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

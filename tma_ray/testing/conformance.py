@@ -1,7 +1,5 @@
 """The contract of every teacher, as a test class that its author inherits."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import inspect

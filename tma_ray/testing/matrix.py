@@ -1,7 +1,5 @@
 """Many simulated runs: teachers x challenges x levels of expert knowledge x seeds, over several processes."""
 
-from __future__ import annotations
-
 import itertools
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """One training run of a simulated student under a teacher."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -24,8 +24,6 @@ What it leaves out: returns do not depend on the world drawn for a task, learnin
 episode is equally long.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Trial plays of the conformance kit: many task spaces, trial students, plays continued elsewhere."""
 
-from __future__ import annotations
-
 import importlib
 import pickle
 import subprocess

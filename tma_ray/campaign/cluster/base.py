@@ -1,7 +1,5 @@
 """The head of a Ray as a campaign watches it, its address, its nodes, and files that are shipped to them."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import re

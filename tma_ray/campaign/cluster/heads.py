@@ -3,8 +3,6 @@
 A Ray of the campaign's own is closed to others, and ends with nothing left of it.
 """
 
-from __future__ import annotations
-
 import atexit
 import fcntl
 import logging

@@ -1,7 +1,5 @@
 """The contract of executors: they start attempts at runs, report on them, and stop them."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass

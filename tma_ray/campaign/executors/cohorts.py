@@ -1,7 +1,5 @@
 """Cohorts on Ray: their learners, and the runs that learn with each."""
 
-from __future__ import annotations
-
 import logging
 import math
 import time

@@ -1,7 +1,5 @@
 """Attempts in processes of this machine, without Ray: alone, or as players of one cohort."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import secrets

@@ -1,7 +1,5 @@
 """Attempts in Ray actors, on this machine or a cluster."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Collection, Sequence

@@ -1,7 +1,5 @@
 """Chipmunk's C functions inside one compiled call: fast, and bit for bit the same as the pymunk engine."""
 
-from __future__ import annotations
-
 import math
 import weakref
 from collections.abc import Sequence
@@ -114,7 +112,7 @@ class CompiledEngine:
         put_world(self._memory, *self._world)
         self._memory.floats[BEFORE] = 0.0
 
-    def __reduce__(self) -> tuple[type[CompiledEngine], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[type["CompiledEngine"], tuple[Any, ...]]:
         return CompiledEngine, self._recipe
 
 

@@ -1,7 +1,5 @@
 """A whole environment step in one compiled call."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

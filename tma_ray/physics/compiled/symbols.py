@@ -5,8 +5,6 @@ cpShapeFilter two integers, which is how the calling conventions of x86-64 (not 
 structs of these sizes. Only symbols that take no larger struct are used, and no private layout.
 """
 
-from __future__ import annotations
-
 import platform
 import sys
 from typing import Any

@@ -3,8 +3,6 @@
 Builds the same things in the same order as pymunk does there, since the order changes trajectories.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ What fsspec's file systems raise differs from one to the next, and several take 
 is not there. Here a file is missing only if the place itself said so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import PurePosixPath
@@ -49,7 +47,7 @@ class AddressStore(Store, schemes=("*",)):
         self.is_object_store = self._scheme == "abfs"
 
     @classmethod
-    def at(cls, uri: str) -> AddressStore:
+    def at(cls, uri: str) -> "AddressStore":
         try:
             from fsspec.core import url_to_fs
             from fsspec.implementations.arrow import ArrowFSWrapper

@@ -1,7 +1,5 @@
 """Buckets of S3 and Google Cloud Storage: addressing, credentials, retries, plain errors."""
 
-from __future__ import annotations
-
 import configparser
 import json
 import os
@@ -69,7 +67,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
         self._uri = uri
 
     @classmethod
-    def at(cls, uri: str) -> BucketStore:
+    def at(cls, uri: str) -> "BucketStore":
         """Return the store at ``s3://bucket/folder`` or ``gs://bucket/folder``.
 
         Credentials come from the environment. The region and the endpoint found here are part of what another

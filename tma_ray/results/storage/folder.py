@@ -1,7 +1,5 @@
 """A folder: files written durably and whole, made exclusively, replaced under locks of the system."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import hashlib
@@ -62,7 +60,7 @@ class FolderStore(Store, schemes=("", "file")):
     """
 
     @classmethod
-    def at(cls, uri: str) -> FolderStore:
+    def at(cls, uri: str) -> "FolderStore":
         path = unquote(urlsplit(uri).path) if uri.startswith("file://") else uri
         return cls(expanded(path).absolute().as_posix())
 

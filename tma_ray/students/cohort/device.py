@@ -1,7 +1,5 @@
 """The device of a learner: execution of updates, random numbers by counter, copies from and to it."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The slots of a stacked learner: who is in which, what is due, and the execution of updates."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy

@@ -1,7 +1,5 @@
 """Forward passes of stacked networks over padded flat parameters, differentiable by autograd."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -31,7 +29,7 @@ class PaddedLayout(NamedTuple):
     others: int = 0
 
     @classmethod
-    def of(cls, plain: Layout, others: int = 0) -> PaddedLayout:
+    def of(cls, plain: Layout, others: int = 0) -> "PaddedLayout":
         """Return the padding of `plain`, after whose parameters there are `others`."""
         inputs, *hidden, outputs = plain.sizes
         sizes = [_up(inputs, INPUTS_MULTIPLE), *(_up(size, HIDDEN_MULTIPLE) for size in hidden), outputs]
@@ -155,7 +153,7 @@ class StackedAdam:
         keep(self.square, square, mask)
         keep(self._parameters, self._parameters - change, mask)
 
-    def row(self, slot: int, parameters: torch.Tensor) -> RowAdam:
+    def row(self, slot: int, parameters: torch.Tensor) -> "RowAdam":
         """Return the optimiser of the run in `slot` alone, over the same moments.
 
         `parameters` (1, ..., p), a leaf of autograd, are the same memory as the row of that slot.

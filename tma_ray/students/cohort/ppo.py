@@ -1,7 +1,5 @@
 """Proximal policy optimisation of many runs at once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -128,7 +126,7 @@ class StackedPPO(StackedLearner):
     def _counters(self) -> list[torch.Tensor]:
         return [self._steps]
 
-    def _row(self, slot: int) -> StackedPPO:
+    def _row(self, slot: int) -> "StackedPPO":
         own = narrowed(self, slot, "_owed", "_memory", "_orders", "_positions", "_sums", "_steps")
         parameters, count = leaf(self._parameters, slot), self._layout.padded.parameters
         own._values, own._gradient = parameters.detach(), torch.zeros_like(parameters.detach())

@@ -1,7 +1,5 @@
 """Replay memory of many runs on the learner's device, every observation stored once."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 
@@ -115,7 +113,7 @@ class StackedReplay:
             own = packed[max(row, head) - head : row + length + 1 - head]
             yield own[:, : self._o], own[:-1, self._o : -2], own[:-1, -2], bool(own[-2, -1] > 0)
 
-    def row(self, slot: int) -> StackedReplay:
+    def row(self, slot: int) -> "StackedReplay":
         """Return the memory of the run in `slot` alone, to draw from, until it moves."""
         return narrowed(self, slot, "kept", "counts", "_table", "_memory")
 

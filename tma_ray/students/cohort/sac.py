@@ -1,7 +1,5 @@
 """Soft actor-critic of many runs at once: networks, optimisers and replay are rows of the same tensors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
@@ -156,7 +154,7 @@ class StackedSAC(StackedLearner):
     def _counters(self) -> list[torch.Tensor]:
         return [self._steps, self._numbers]
 
-    def _row(self, slot: int) -> StackedSAC:
+    def _row(self, slot: int) -> "StackedSAC":
         own = narrowed(self, slot, "_owed", "_numbers", "_keys", "_targets", "_steps", "_losses")
         own._actor, own._critics = leaf(self._actor, slot), leaf(self._critics, slot)
         own._actor_adam = self._actor_adam.row(slot, own._actor)

@@ -1,7 +1,5 @@
 """The places of runs in a stacked learner: conversion from and to students that learn alone."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path

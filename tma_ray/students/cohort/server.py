@@ -1,7 +1,5 @@
 """The learner of a cohort: receives experience from players, makes the updates due, returns weights."""
 
-from __future__ import annotations
-
 import threading
 import time
 import traceback
@@ -35,7 +33,7 @@ class Delivery(NamedTuple):
     arrival: torch.cuda.Event | None
 
     @classmethod
-    def of(cls, receivers: Sequence[Connection], rows: torch.Tensor) -> Delivery:
+    def of(cls, receivers: Sequence[Connection], rows: torch.Tensor) -> "Delivery":
         """Start to copy `rows` (n, ...) from their device."""
         if rows.device.type != "cuda":
             return cls(receivers, rows.to("cpu"), None)

@@ -1,7 +1,5 @@
 """Forward passes of multilayer perceptrons over numpy arrays. Imports no torch."""
 
-from __future__ import annotations
-
 import math
 from typing import TypeAlias
 

@@ -1,7 +1,5 @@
 """Layout of a multilayer perceptron in a flat vector of parameters. Imports neither torch nor numba."""
 
-from __future__ import annotations
-
 import itertools
 from enum import StrEnum
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Forward pass of a multilayer perceptron over flat parameters, of one network or of several stacked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias, cast
 

@@ -1,7 +1,5 @@
 """Students whose networks learn in another process: they act and collect. They import no torch."""
 
-from __future__ import annotations
-
 from tma_ray.students.players.catalogue import COHORT_STUDENTS, make_player, player_class
 from tma_ray.students.players.link import (
     CohortFullError,

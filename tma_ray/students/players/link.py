@@ -1,7 +1,5 @@
 """The connection of a player to the learner of its cohort. Imports no torch."""
 
-from __future__ import annotations
-
 import mmap
 import os
 from collections.abc import Callable, Iterable
@@ -40,14 +38,14 @@ class Mailbox:
         self._memory = np.frombuffer(mmap.mmap(descriptor, size), dtype=np.uint8)
 
     @classmethod
-    def create(cls, size: int) -> Mailbox:
+    def create(cls, size: int) -> "Mailbox":
         """Return a new mailbox with room for `size` bytes."""
         descriptor = os.memfd_create("mailbox")
         os.ftruncate(descriptor, size)
         return cls(descriptor, size)
 
     @classmethod
-    def receive(cls, connection: Connection, size: int) -> Mailbox:
+    def receive(cls, connection: Connection, size: int) -> "Mailbox":
         """Return the mailbox that the other side of a connection offers."""
         return cls(recv_handle(connection), size)
 

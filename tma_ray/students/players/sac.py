@@ -1,7 +1,5 @@
 """SAC's acting half. Imports no torch."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ Acting and updating are the library's own; the loop, the buffers, the randomness
 Nothing is normalised, as in the algorithm's own `learn`.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import importlib

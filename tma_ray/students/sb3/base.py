@@ -1,7 +1,5 @@
 """The base of PPO and SAC: models of stable-baselines3 with our environment loop, randomness and files."""
 
-from __future__ import annotations
-
 import json
 from abc import abstractmethod
 from collections.abc import Iterator
