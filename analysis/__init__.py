@@ -14,8 +14,6 @@ Where to begin::
 matplotlib, scipy or jinja2, as `analysis.figures` does, is imported when it is first asked for.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING
 

@@ -3,8 +3,6 @@
 `analysis.charts` computes what is drawn, and `analysis.style.save` writes figures to files.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """Colours, markers and dashes of everything that is drawn: one look for each teacher wherever it appears."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import itertools
@@ -90,7 +88,7 @@ class _Places(NamedTuple):
     dashes: int
 
     @classmethod
-    def of(cls, teacher: str) -> _Places:
+    def of(cls, teacher: str) -> "_Places":
         digest = hashlib.sha256(teacher.encode()).digest()
         return cls(
             digest[0] % len(_OTHER_COLOURS), digest[1] % len(_OTHER_MARKERS), digest[2] % len(_OTHER_DASHES)

@@ -1,7 +1,5 @@
 """Labels and order of everything that is shown: teachers, challenges, levels and bodies."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 from collections.abc import Iterable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """The card of a baseline, ``README.md``: what it is, how it was made, how to use and to cite it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """Baselines by name or place, their manifests, and sources of results that are read as one."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -177,7 +175,7 @@ class Baseline:
     manifest: BaselineManifest
 
     @classmethod
-    def open(cls, place: str | Path) -> Baseline:
+    def open(cls, place: str | Path) -> "Baseline":
         """Return the baseline at a folder or an ``s3://`` or ``gs://`` address.
 
         Raises:

@@ -4,8 +4,6 @@ The format is MLCommons' Croissant 1.0 with the fields of its vocabulary for res
 core asks for; ``mlcroissant`` validates it in the tests.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 

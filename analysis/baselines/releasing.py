@@ -1,7 +1,5 @@
 """Packing a finished campaign: a folder that others load, verify and cite."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

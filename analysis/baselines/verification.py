@@ -1,7 +1,5 @@
 """Verification of baselines, their completeness, and publication at an address."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path

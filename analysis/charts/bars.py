@@ -1,7 +1,5 @@
 """Bars of results, with the pairs of teachers that differ significantly."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import string

@@ -4,8 +4,6 @@ A module of this room computes the `Chart` of one kind of figure from tables. A 
 panels, and no kind of figure: a new figure of these marks is one file, on paper and on pages.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -347,9 +345,9 @@ class Panel:
     remark: str = ""
     frame: str = ""
     moments: Sequence[Any] = ()
-    moment: Callable[[Any], Panel] | None = None
+    moment: Callable[[Any], "Panel"] | None = None
 
-    def at(self, moment: object) -> Panel:
+    def at(self, moment: object) -> "Panel":
         """Return the panel as it is at a moment."""
         return self if self.moment is None else self.moment(moment)
 

@@ -1,7 +1,5 @@
 """Curricula over a run: film strips and films of the task distribution, training tasks, dimensions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Learning curves: of one comparison, panels with stars, every pair of teachers, the matrix of many."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -167,7 +165,7 @@ class CurvePanel:
     name: str = MASTERED
     ceiling: float | None = None
 
-    def parts(self) -> list[CurvePanel]:
+    def parts(self) -> list["CurvePanel"]:
         """Return the panel of many teachers as several, each with the baseline and `TOGETHER` others."""
         teachers = sorted(self.curves["teacher"].unique(), key=teacher_order) if len(self.curves) else []
         others = [teacher for teacher in teachers if not is_baseline(teacher)]

@@ -1,7 +1,5 @@
 """Means with intervals: run by run, all comparisons at once, ranks."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

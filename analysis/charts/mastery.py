@@ -1,7 +1,5 @@
 """Test tasks that are mastered, by share of runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any

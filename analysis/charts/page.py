@@ -1,7 +1,5 @@
 """Charts on pages: marks as plotly.js draws them in the reader's browser, with what changes by step."""
 
-from __future__ import annotations
-
 import base64
 import html
 import re

@@ -1,7 +1,5 @@
 """Series against a number: performance profiles, and the scalars that teachers log of themselves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

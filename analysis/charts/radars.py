@@ -1,7 +1,5 @@
 """Radar charts: each teacher's results on all challenges as ratios of Random's."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Tasks of a task space as marks: training tasks, probed tasks, and the boxes and Gaussians behind them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """The course of a trial: the difference to each reference at each look, and how far a verdict is."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np

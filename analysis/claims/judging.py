@@ -1,7 +1,5 @@
 """Claims of the paper and its ranking of teachers, held against results."""
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Files of the paper's figures, and a LaTeX document with all tables and figures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from analysis.baselines.catalogue import Sources, published, read

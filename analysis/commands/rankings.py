@@ -1,7 +1,5 @@
 """Results at the terminal: rankings, the paper's claims, searches, detectable differences."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import textwrap

@@ -1,7 +1,5 @@
 """Releases at the terminal and as Markdown: list, verification, leaderboards, findings."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path

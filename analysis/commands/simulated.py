@@ -1,7 +1,5 @@
 """Results of simulated students at the terminal: mastered tasks, recovery after resets."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

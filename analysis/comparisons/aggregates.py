@@ -3,8 +3,6 @@
 `runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import pandas as pd

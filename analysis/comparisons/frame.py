@@ -3,8 +3,6 @@
 Rankings, ranks, boards, pages and sentences are views of it.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -360,7 +358,7 @@ class _Sample:
     uncounted: int
 
     @classmethod
-    def of(cls, rows: pd.DataFrame, measure: str, parts: Sequence[str]) -> _Sample:
+    def of(cls, rows: pd.DataFrame, measure: str, parts: Sequence[str]) -> "_Sample":
         there = rows[rows[measure].notna()]
         values = pd.Series(there[measure].to_numpy(float), index=there["run_id"].to_numpy(object))
         columns = [there[column].to_numpy(object) for column in parts]

@@ -1,7 +1,5 @@
 """Measurements of a root, whole or for one comparison of teachers, and its median runs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -47,7 +45,7 @@ class Measured:
         return randoms_of(self.evaluations)
 
     @cached_property
-    def comparisons(self) -> tuple[Measured, ...]:
+    def comparisons(self) -> tuple["Measured", ...]:
         """The part of each comparison, in a fixed order."""
         tables = [getattr(self, field.name) for field in fields(self)]
         parts = [dict(list(table.groupby(COMPARISON))) if len(table) else {} for table in tables]

@@ -1,7 +1,5 @@
 """Plans of experiments: differences that a plan can detect, and runs that a comparison with Random needs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """Comparisons in plain words, with their uncertainty, and the ranking on each challenge."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

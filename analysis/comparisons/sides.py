@@ -1,7 +1,5 @@
 """Comparison of one's own teacher with released results: comparable teachers, tests, what stands apart."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The curriculum of one run: training tasks, probed tasks, and the teacher's own record of its updates."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -55,7 +53,7 @@ class Curriculum:
         column = self.episodes["world_task" if self.shuffled else "task"]
         return stack(column)
 
-    def during(self, part: int) -> Curriculum:
+    def during(self, part: int) -> "Curriculum":
         """Return the curriculum during one of the `PANELS` equal parts of the run."""
         low, high = self.steps * part / PANELS, self.steps * (part + 1) / PANELS
 

@@ -1,7 +1,5 @@
 """Result tables of one root or of several as pandas frames, ready to group by cell; checks of tables."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence

@@ -7,8 +7,6 @@ split here, once, when results are read: most runs keep the plain name, the othe
 differs.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """References of a comparison: Random, the baseline teacher, and results that others published."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any

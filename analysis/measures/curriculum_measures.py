@@ -1,7 +1,5 @@
 """Coverage of the task space by a curriculum, and its entropy."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from numbers import Integral
 

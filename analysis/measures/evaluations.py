@@ -1,7 +1,5 @@
 """Evaluations and training of runs: curves, final evaluations, mastered tasks, and summaries over seeds."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

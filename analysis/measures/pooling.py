@@ -1,7 +1,5 @@
 """Pools of runs that make up one result, and the conditions that keep results apart."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """Measures of each run: what its student masters, how soon, what it forgets."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Sequence
 

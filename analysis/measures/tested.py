@@ -1,7 +1,5 @@
 """Measures that teachers are compared by, and their tests: scale, and pairs of runs that share a student."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Final, TypeAlias
 

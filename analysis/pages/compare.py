@@ -1,7 +1,5 @@
 """The page that puts one's own results next to released ones."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Parts that pages share: templates, controls, the teachers shown first, the section over all challenges."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """The report of a results root: one interactive page that needs nothing but itself, with its tables."""
 
-from __future__ import annotations
-
 import gzip
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path

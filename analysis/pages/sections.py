@@ -1,7 +1,5 @@
 """Sections of a report: sentences, a table, charts and figures of each comparison."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The page of a trial: verdicts and their boundaries, curves, costs, and material for a paper."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Videos of a report: the policies that it shows at work, and their files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -8,8 +8,6 @@ Their authors' intervals are percentiles of bootstrap samples, which hold in 55 
 and in 74 % with three. These here hold with few seeds, too; `docs/statistics.md` has their coverage.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any, TypeAlias

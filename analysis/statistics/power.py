@@ -1,7 +1,5 @@
 """Power of tests: the smallest difference that some seeds can show, and the seeds that one needs."""
 
-from __future__ import annotations
-
 import bisect
 import math
 from collections.abc import Callable

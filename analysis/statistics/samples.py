@@ -1,7 +1,5 @@
 """Samples of runs and intervals of their means, corrections for many tests, and verdicts by a margin."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import StrEnum

@@ -4,8 +4,6 @@
 those of the strata, which need not add up to 1; `seeds` has the seeds of all runs by id.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Hashable, Mapping, Sequence

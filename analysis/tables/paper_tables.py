@@ -1,7 +1,5 @@
 """The paper's tables: results of runs or published ones, hyper-parameters, expert knowledge."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

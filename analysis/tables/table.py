@@ -1,7 +1,5 @@
 """Tables of results: cells with numbers or words, and their text as Markdown, LaTeX and CSV."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools

@@ -1,7 +1,5 @@
 """Event files of TensorBoard, through tensorboardX, which is imported when a file is opened."""
 
-from __future__ import annotations
-
 import re
 import struct
 import time

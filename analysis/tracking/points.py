@@ -1,7 +1,5 @@
 """Published scalars of runs, as trackers of experiments show them, once or again and again."""
 
-from __future__ import annotations
-
 import time
 from abc import ABC, abstractmethod
 from collections import defaultdict

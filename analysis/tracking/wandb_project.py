@@ -1,7 +1,5 @@
 """Scalars of runs in a project of Weights & Biases, once or following a campaign that is under way."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence

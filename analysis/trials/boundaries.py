@@ -5,8 +5,6 @@ first look whose statistic is over it. Statistics of looks have the canonical jo
 Turnbull, 2000, chapter 3): the correlation of two is the root of the ratio of their information.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -121,7 +119,7 @@ class _Path:
         distance = self.scores + drift * step - bound * math.sqrt(information)
         return float(self.density @ special.ndtr(distance / math.sqrt(step)))
 
-    def under(self, bound: float, information: float, drift: float = 0.0) -> _Path:
+    def under(self, bound: float, information: float, drift: float = 0.0) -> "_Path":
         """Return the scores that do not cross `bound` at the next look."""
         step, root = information - self.information, math.sqrt(information)
         low, high = LOWEST + min(drift * root, bound), min(bound, drift * root - LOWEST)

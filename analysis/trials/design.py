@@ -1,7 +1,5 @@
 """The design of a trial: what is fixed before its first run, from what was released."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Collection, Mapping, Sequence
@@ -124,7 +122,7 @@ class Design:
     runs: str = ""
 
     @classmethod
-    def of(cls, content: Mapping[str, Any], where: str) -> Design:
+    def of(cls, content: Mapping[str, Any], where: str) -> "Design":
         """Return the design of a trial file; `DamagedFileError` where it is not what was written."""
         return decode_json(json.dumps(content), cls, where)
 
@@ -153,7 +151,7 @@ class Design:
         fractions = planned_fractions(self.looks, self.slopes, runs)
         return Rule(self.looks, fractions, self.margin, candidates, self.error / COMPARISONS)
 
-    def differing(self, other: Design) -> list[str]:
+    def differing(self, other: "Design") -> list[str]:
         """Return the settings in which another design differs, in words."""
         mine, theirs = self.to_dict(), other.to_dict()
         words = [

@@ -3,8 +3,6 @@
 Every function takes arrays: one trial, or thousands of simulated ones, by the same rules.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -63,7 +61,7 @@ class Moments:
     runs: Floats
 
     @classmethod
-    def of(cls, values: Floats) -> Moments:
+    def of(cls, values: Floats) -> "Moments":
         """Return the moments of samples (..., cells, runs)."""
         runs = np.full(values.shape[-2], float(values.shape[-1]))
         return cls(values.mean(axis=-1), values.var(axis=-1, ddof=1), runs)

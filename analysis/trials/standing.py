@@ -1,7 +1,5 @@
 """The standing of a trial: its comparisons at each look that is complete, as numbers, charts and words."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

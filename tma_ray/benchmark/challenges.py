@@ -1,7 +1,5 @@
 """The named settings of the benchmark: which tasks a teacher may choose, and what is tested."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache

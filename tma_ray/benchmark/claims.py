@@ -1,7 +1,5 @@
 """The paper's claims about its results, as data that any results can be held against."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """The experiments that have a script, the tiers of their size, and the stages of the release ``lite-1``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """The paper's experiment matrices, and its grids of hyper-parameters to search."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -189,7 +187,7 @@ class Matrix:
     def __post_init__(self) -> None:
         find_challenge(self.environment, self.challenge)
 
-    def taught_by(self, teachers: Sequence[str]) -> Matrix:
+    def taught_by(self, teachers: Sequence[str]) -> "Matrix":
         """Return the matrix with `teachers`, unless it names its own."""
         return self if self.teachers else replace(self, teachers=tuple(teachers))
 

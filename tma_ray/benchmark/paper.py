@@ -1,7 +1,5 @@
 """The paper's tables as data: results, never pooled with ours, and the knowledge that teachers require."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The command `tma-ray`. Each command is imported when it is used."""
 
-from __future__ import annotations
-
 import gc
 import sys
 import warnings

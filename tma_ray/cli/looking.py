@@ -1,7 +1,5 @@
 """Commands that show what has been run and what there is, and check or merge the files of a root."""
 
-from __future__ import annotations
-
 import os
 import platform
 import shutil

@@ -1,7 +1,5 @@
 """Commands that export policies and show them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Commands that publish results and find what others published."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Commands that run something: one run, campaigns, experiments, simulated students."""
 
-from __future__ import annotations
-
 import sys
 import time
 from contextlib import closing

@@ -1,7 +1,5 @@
 """Exit codes of commands, and one sentence for every refusal."""
 
-from __future__ import annotations
-
 import os
 import sys
 import traceback

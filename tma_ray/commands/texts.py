@@ -1,7 +1,5 @@
 """Texts at a terminal, without the control characters of names and errors that come from outside."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """Values that users give: numbers, places, names and licences, each with its grammar."""
 
-from __future__ import annotations
-
 import os
 import re
 import stat

@@ -1,7 +1,5 @@
 """A trained policy as a folder for others: safetensors, ONNX and a model card."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The model card of an exported policy: ``README.md`` with the front matter that Hugging Face reads."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """The playground with chosen policies and a task, as a file that a browser opens."""
 
-from __future__ import annotations
-
 import tempfile
 import webbrowser
 from dataclasses import dataclass

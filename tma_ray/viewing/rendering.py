@@ -1,7 +1,5 @@
 """One episode as a video or a picture, without a window."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field

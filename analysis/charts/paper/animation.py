@@ -1,7 +1,5 @@
 """Charts in motion: a GIF whose frames are the moments of a chart's panels."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Charts on paper: panels and marks as matplotlib draws them."""
 
-from __future__ import annotations
-
 import functools
 import textwrap
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Legends that lie outside of what they explain, as wide as the figure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

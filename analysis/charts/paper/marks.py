@@ -1,7 +1,5 @@
 """Marks of panels as matplotlib draws them."""
 
-from __future__ import annotations
-
 from functools import singledispatch
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Radars on paper: axes, rings, lines with gaps, and stars at the ends of axes."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import textwrap

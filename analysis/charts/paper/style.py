@@ -1,7 +1,5 @@
 """Style of figures: type, lines and sizes, and the files that they are saved to."""
 
-from __future__ import annotations
-
 import functools
 import io
 from collections.abc import Callable
@@ -146,6 +144,6 @@ class Picture(NamedTuple):
     width: int
 
     @classmethod
-    def of(cls, name: str, figure: Figure, title: str, caption: str) -> Picture:
+    def of(cls, name: str, figure: Figure, title: str, caption: str) -> "Picture":
         """Return `figure` as a picture."""
         return cls(name, png(figure), title, caption, width=round(figure.get_figwidth() * 100))
