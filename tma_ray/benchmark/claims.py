@@ -133,10 +133,7 @@ SECTION_5, APPENDIX_D = "section 5", "appendix D"
 
 
 def _against_random(
-    teacher: str,
-    relation: Relation,
-    levels: Iterable[KnowledgeLevel],
-    challenges: Iterable[str] = CHALLENGES,
+    teacher: str, relation: Relation, levels: Iterable[KnowledgeLevel], challenges: Iterable[str] = CHALLENGES
 ) -> tuple[Compared, ...]:
     """Return the comparison of `teacher` with Random on each of `challenges` at each of `levels`."""
     challenges = tuple(challenges)

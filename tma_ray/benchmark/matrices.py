@@ -56,13 +56,7 @@ TEACHER_GRIDS: Mapping[str, Grid] = {
             "queue_size": (10, 20),
             "step": (0.05, 0.1),
         },
-        chosen={
-            "shrink_at": 0.0,
-            "expand_at": 180.0,
-            "boundary_share": 0.7,
-            "queue_size": 10,
-            "step": 0.1,
-        },
+        chosen={"shrink_at": 0.0, "expand_at": 180.0, "boundary_share": 0.7, "queue_size": 10, "step": 0.1},
     ),
     "riac": Grid(
         {

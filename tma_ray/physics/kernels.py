@@ -198,12 +198,7 @@ NOTHING, CEILING = -2, -1
 
 @kernel
 def feel(
-    state: Floats,
-    rotations: Floats,
-    body: StepArrays,
-    world: World,
-    points: Floats,
-    grips: NDArray[np.int64],
+    state: Floats, rotations: Floats, body: StepArrays, world: World, points: Floats, grips: NDArray[np.int64]
 ) -> None:
     """Find what each sensor touches, a creeper before the ceiling.
 

@@ -8,13 +8,7 @@ from tma_ray.results.committer import (
     accepted_manifest,
     write_progress,
 )
-from tma_ray.results.inputs import (
-    input_path,
-    keep_input,
-    keep_plugin,
-    read_input,
-    read_plugin,
-)
+from tma_ray.results.inputs import input_path, keep_input, keep_plugin, read_input, read_plugin
 from tma_ray.results.layout import (
     CHECKPOINTS,
     INPUTS,
@@ -54,12 +48,7 @@ from tma_ray.results.merging import (
     copy_merged,
     start_from,
 )
-from tma_ray.results.parquet import (
-    PUBLISHED_FILE,
-    leave_pandas_out,
-    read_published,
-    write_published,
-)
+from tma_ray.results.parquet import PUBLISHED_FILE, leave_pandas_out, read_published, write_published
 from tma_ray.results.reader import Results
 from tma_ray.results.records import (
     BOX2D,

@@ -38,13 +38,7 @@ class Table(StrEnum):
     TEACHER_LOG = "teacher_log"
 
 
-DATA_TABLES: Final = (
-    Table.EVALUATIONS,
-    Table.TRAINING,
-    Table.EPISODES,
-    Table.CURRICULUM,
-    Table.TEACHER_LOG,
-)
+DATA_TABLES: Final = (Table.EVALUATIONS, Table.TRAINING, Table.EPISODES, Table.CURRICULUM, Table.TEACHER_LOG)
 """What a run writes itself; the other tables are about runs and are written by the committer."""
 
 _ID = pa.dictionary(pa.int32(), pa.string())

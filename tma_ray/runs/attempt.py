@@ -90,9 +90,7 @@ class Attempt:
         self._run: Run | None = None
 
     def execute(
-        self,
-        should_stop: Callable[[], bool],
-        publish: Callable[[Sequence[PartFile]], None] = lambda _: None,
+        self, should_stop: Callable[[], bool], publish: Callable[[Sequence[PartFile]], None] = lambda _: None
     ) -> tuple[PartFile, ...] | None:
         """Resume and train until the budget is spent or a stop is requested.
 

@@ -120,11 +120,7 @@ class Scenario:
         return ShuffledSpace.shuffle(self.space, np.random.default_rng(3), cuts=4 if self.rugged else 1)
 
     def started(
-        self,
-        teacher: type[Teacher],
-        hyperparameters: Mapping[str, Any],
-        level: KnowledgeLevel,
-        seed: int = 0,
+        self, teacher: type[Teacher], hyperparameters: Mapping[str, Any], level: KnowledgeLevel, seed: int = 0
     ) -> Teacher:
         """Return a new teacher of this space; the knowledge depends on `level` alone."""
         easy_task = self.landscape.from_world(self.space.low)
