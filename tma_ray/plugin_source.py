@@ -56,8 +56,7 @@ class PluginSource:
     def of(cls, module: str, data_files: Iterable[str] = ()) -> "PluginSource":
         """Return the source of the module with a ``__name__``, and `data_files`: patterns in its folder.
 
-        Raises:
-            ValueError: the module has no file, or a pattern matches none.
+        A module without a file, or a pattern that matches none, is a ValueError.
         """
         name = importable_name(module)
         top = name.partition(".")[0]
@@ -77,11 +76,7 @@ class PluginSource:
 
 
 def importable_name(module: str) -> str:
-    """Return the name by which another process can import `module`.
-
-    Raises:
-        ValueError: it was typed into an interactive session, or its file's name cannot be a module's.
-    """
+    """Return the name by which another process can import `module`; ValueError if it has none."""
     if module != "__main__":
         return module
     main = sys.modules["__main__"]
@@ -110,11 +105,7 @@ class _Collector:
         self.files: dict[str, bytes] = {}
 
     def place(self, module: str) -> tuple[Path, Path]:
-        """Return the root of `module` and its file.
-
-        Raises:
-            FileNotFoundError: it is not followed, or not a module.
-        """
+        """Return the root of `module` and its file; FileNotFoundError if it is not followed, or none."""
         for root in self._roots_of(module.partition(".")[0]):
             path = root.joinpath(*module.split("."))
             for file in (path / "__init__.py", path.with_name(f"{path.name}.py")):

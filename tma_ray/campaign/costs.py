@@ -128,11 +128,7 @@ def label_of(spec: RunSpec) -> str:
 def known_speeds(
     examples: Mapping[Kind, RunSpec], settings: Settings, at_once: int
 ) -> Mapping[Kind, Throughput]:
-    """Return the speeds of kinds of runs here: those of the table, scaled to this machine, others measured.
-
-    Raises:
-        ValueError: a kind of run fails.
-    """
+    """Return the speeds of kinds of runs: those of the table, scaled to this machine, others measured."""
     elsewhere = not settings.width and settings.device != "cpu" and is_available(settings.device)
     listed: dict[Kind, Throughput] = {}
     for kind, spec in examples.items():
@@ -159,10 +155,7 @@ def measured_speeds(
     """Return the speeds of kinds of runs, measured here one after the other; of cohorts see `LEARNERS`.
 
     Each takes some seconds, and half a minute where kernels are compiled first. The measurement has a process
-    of its own, which leaves nothing of torch or a GPU in this one.
-
-    Raises:
-        ValueError: a kind of run fails; the message has the end of its error.
+    of its own, which leaves nothing of torch or a GPU in this one. ValueError has the end of its error.
     """
     if not examples:
         return {}

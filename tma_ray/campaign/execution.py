@@ -117,12 +117,9 @@ def execute_plan(
 
 
 def check_installation() -> None:
-    """Refuse a cluster some of whose nodes have another tma_ray, or none.
+    """Raise ConnectionError if a node of the cluster has another tma_ray, or none.
 
     Ray's processes run in the environment in which Ray was started there, also on the driver's own node.
-
-    Raises:
-        ConnectionError: a node has other versions; the message names it and them.
     """
 
     def installed() -> str:  # sent whole: one of this module could only be found where tma_ray is
@@ -159,11 +156,7 @@ def _cause(error: RayError) -> Exception:
 
 
 def check_feasible(resources: Resources) -> None:
-    """Refuse runs that no node can hold: Ray would let them wait forever.
-
-    Raises:
-        ValueError: a run needs more than any node has.
-    """
+    """Raise ValueError if no node can hold a run: Ray would let it wait forever."""
     nodes = living_nodes()
     if capacity(resources, nodes):
         return
@@ -176,12 +169,7 @@ def check_feasible(resources: Resources) -> None:
 
 
 def check_storage_access(store: Store) -> None:
-    """Refuse a root that some node cannot use: another machine's folder, a bucket without credentials.
-
-    Raises:
-        ResultsRootError: a node does not see the folder.
-        ObjectStoreError: a node cannot use the bucket; each has credentials of its own.
-    """
+    """Refuse a root that some node cannot use: another machine's folder, a bucket without credentials."""
     here = ray.get_runtime_context().get_node_id()
     if store.is_object_store:
         _ask_nodes(store, working_nodes(), None)

@@ -26,9 +26,6 @@ def trial_cost(plans: Sequence[Plan], options: TrialOptions) -> Cost | None:
     """Return the cost of all looks but for what is done; None if nothing is left.
 
     Each of `plans` has the runs until a look, those of the looks before included.
-
-    Raises:
-        ResultsRootError: the results root belongs to something else.
     """
     left = unfinished(plans[-1], str(options.results))
     return estimate(left, options.settings(), nodes=options.nodes()) if left.runs else None
@@ -96,11 +93,7 @@ def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
 
 
 def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[matrix.SimulatedCell]:
-    """Return the cells of a trial on simulated students, which are the `places` of its design.
-
-    Raises:
-        ValueError: a challenge beyond the limits that the teacher declares.
-    """
+    """Return the cells of a trial on simulated students, within the teacher's limits: those of its design."""
     return [
         cell
         for _, challenge, _, _, level in places
@@ -111,11 +104,7 @@ def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[mat
 def simulate_looks(
     cells: Sequence[matrix.SimulatedCell], looks: Sequence[Sequence[int]], options: TrialOptions, judge: Judge
 ) -> int:
-    """Run a trial on simulated students, as `run_looks`: `looks` are the seeds of every cell until each.
-
-    Raises:
-        ProcessLostError: a process was killed; the same call continues.
-    """
+    """Run a trial on simulated students, as `run_looks`: `looks` are the seeds of every cell until each."""
     for seeds in looks:
         root = SimulatedRoot(options.results, cells, seeds, EPISODES)
         runs = matrix.run_cells(cells, seeds, EPISODES, options.jobs, tuple(root.kept()))

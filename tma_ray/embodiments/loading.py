@@ -48,22 +48,14 @@ class Repeat:
     step: tuple[float, float] = (0.0, 0.0)
 
     def check(self, count: object) -> None:
-        """Check a number of copies; 3.0 is as whole as 3.
-
-        Raises:
-            ValueError: it is not a whole number from 1 to `at_most`.
-        """
+        """Raise ValueError if a number of copies is not whole, as 3.0 is, or not from 1 to `at_most`."""
         is_number = isinstance(count, int | float) and not isinstance(count, bool)
         if not is_number or count not in range(1, self.at_most + 1):
             raise ValueError(f"{self.parameter} {count!r} must be a whole number from 1 to {self.at_most}")
 
 
 def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
-    """Return the sections of a body's file, by parameter.
-
-    Raises:
-        ValueError: a section without a parameter, or with one that makes no sense.
-    """
+    """Return the sections of a body's file by parameter; ValueError if one makes no sense."""
     sections: dict[str, Repeat] = {}
     for entry in data.get("repeat", []):
         values = {"parts": [], "joints": [], "links": [], "grip_sensors": []} | entry
@@ -115,10 +107,7 @@ def _copied(entry: Entry, section: Repeat, number: int, count: int) -> Entry:
 
 
 def body_parameters(text: str) -> tuple[str, dict[str, float]]:
-    """Return a body's name or path without its parameters, and the parameters.
-
-    Raises:
-        ValueError: a parameter that is not a number, or is given twice.
+    """Return a body's name or path without its parameters, and the parameters, which are numbers given once.
 
     Examples:
         >>> body_parameters("spider:pairs_of_legs=3:size=1.2")
@@ -135,11 +124,7 @@ def body_parameters(text: str) -> tuple[str, dict[str, float]]:
 
 
 def resized(body: Embodiment, size: float) -> Embodiment:
-    """Return `body` with all lengths multiplied by `size`; densities and torques stay.
-
-    Raises:
-        ValueError: a size that is not over 0, or absurd.
-    """
+    """Return `body` with all lengths multiplied by a sensible `size`; densities and torques stay."""
     BODY_SIZE.check("size", size)
 
     def times(point: Point) -> Point:
@@ -171,11 +156,7 @@ def resized(body: Embodiment, size: float) -> Embodiment:
 
 
 def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
-    """Return `body` with the largest torque of every motor set to `torque` N m.
-
-    Raises:
-        ValueError: a torque that is not over 0, or absurd.
-    """
+    """Return `body` with the largest torque of every motor set to a sensible `torque`, N m."""
     TORQUE.check("motor_torque", torque)
     joints = [joint if joint.passive else replace(joint, motor_torque=float(torque)) for joint in body.joints]
     return replace(body, joints=tuple(joints))

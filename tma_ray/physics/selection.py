@@ -83,11 +83,7 @@ def _engine_class(name: str) -> type[CompiledEngine | PymunkEngine]:
 
 
 def _try_compiled() -> None:
-    """Play with both engines.
-
-    Raises:
-        RuntimeError: they differ, or this machine has no known way to call Chipmunk.
-    """
+    """Play with both engines; RuntimeError if they differ, or Chipmunk cannot be called on this machine."""
     from tma_ray.terrain.stump_tracks import stump_tracks  # here, since it loads numba
 
     body = load_embodiment("classic_bipedal")

@@ -93,11 +93,7 @@ def _packed(data: dict[str, Any]) -> bytes:
 
 
 def policy_page(saved: SavedPolicy, results: str | Path) -> str:
-    """Return the page with one policy, in its environment and body.
-
-    Raises:
-        ValueError: the page cannot show the policy; see `policy_record`.
-    """
+    """Return the page with one policy, in its environment and body; see `policy_record` for errors."""
     record = policy_record(saved, results)
     return page_html([record], Start(record["environment"], record["embodiment"], (0,)))
 
@@ -144,8 +140,7 @@ def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
 def network_record(layers: nn.Sequential) -> dict[str, Any]:
     """Return `layers` as a record: a normaliser, linear layers with one activation, bounds of actions.
 
-    Raises:
-        ValueError: they compute something else.
+    Layers that compute something else are a ValueError.
     """
     rest: list[Any] = [layer for layer in layers if not isinstance(layer, nn.Identity | nn.Dropout)]
     normaliser = rest.pop(0) if isinstance(rest[0], Standardise) else None

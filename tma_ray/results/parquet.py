@@ -37,10 +37,7 @@ def unpacked_sizes(
     """Yield bounds of the bytes that pages of `columns` take in memory, one by one.
 
     `source` is the opened file with `read_at`. Texts of `kept` columns are read as dictionaries, in which
-    every text stays one.
-
-    Raises:
-        DamagedFileError: something else lies where a page should be.
+    every text stays one. Anything but a page is a DamagedFileError.
     """
     for group in map(file.metadata.row_group, groups):
         for chunk in map(group.column, range(group.num_columns)):

@@ -151,12 +151,9 @@ def spec_digest(spec: str) -> str:
 
 
 def check_spec(run: RunRecord) -> None:
-    """Refuse a record whose spec is not that of its id, or says something else than its columns.
+    """Raise ValueError if a record's spec is not that of its id, or says something else than its columns.
 
     Ids of imported runs are hashes of their source files instead, and are not compared.
-
-    Raises:
-        ValueError: the message names the field.
     """
     facts = decode_json(run.spec, SpecFacts, f"the spec of run {run.run_id}")
     hashed = HASHED_ID.fullmatch(run.run_id)

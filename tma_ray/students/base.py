@@ -176,11 +176,7 @@ class Student(ABC):
 
 
 def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> tuple[spaces.Box, spaces.Box]:
-    """Return both spaces.
-
-    Raises:
-        ValueError: a space that is not a one-dimensional float32 box, or unbounded actions.
-    """
+    """Return both spaces, or refuse them: float32 boxes of one dimension, with bounded actions."""
     boxes = _checked_box(observation_space, "observation"), _checked_box(action_space, "action")
     if not boxes[1].is_bounded():
         raise ValueError(f"action space {boxes[1]}: expected finite bounds")

@@ -33,11 +33,7 @@ _SPAWN = multiprocessing.get_context("spawn")
 
 
 class LearnerProcess:
-    """Learner of a cohort in a process of its own, which listens once this is made.
-
-    Raises:
-        RuntimeError: its process ended before it listened.
-    """
+    """Learner of a cohort in a process of its own, which listens once this is made."""
 
     def __init__(self, settings: CohortSettings) -> None:
         self._folder = tempfile.TemporaryDirectory()

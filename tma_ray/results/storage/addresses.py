@@ -172,12 +172,7 @@ class AddressStore(Store, schemes=("*",)):
 
 @contextmanager
 def _reached(where: str) -> Iterator[None]:
-    """Turn what libraries raise within the block of a connection into one error.
-
-    Raises:
-        FileNotFoundError: the place says that it lacks the file.
-        ObjectStoreError: the place cannot be reached, or refuses.
-    """
+    """Turn what libraries raise within the block into FileNotFoundError or ObjectStoreError."""
     try:
         yield
     except (ObjectStoreError, *EXPECTED):

@@ -191,11 +191,7 @@ class Stacks:
         self._free: dict[int, list[int]] = {}
 
     def seat(self, membership: Membership) -> Seat:
-        """Return a seat for a new player.
-
-        Raises:
-            CohortFullError: all slots of its stack are taken.
-        """
+        """Return a seat for a new player, or raise CohortFullError."""
         settings, hyper = self.settings, membership.hyperparameters
         sizes = membership.observation_space.shape[0], membership.action_space.shape[0]
         kind = membership.student, sizes, hyper

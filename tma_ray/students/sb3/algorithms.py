@@ -161,11 +161,7 @@ def _bounded() -> Iterator[None]:
 
 @cache
 def student_of(name: str) -> type[Student]:
-    """Return the student that the algorithm called `name` is.
-
-    Raises:
-        UnknownNameError: the package that offers it is not installed.
-    """
+    """Return the student that the algorithm called `name` is; UnknownNameError names a package that lacks."""
     module = ALGORITHMS[name]
     try:
         algorithm: type[BaseAlgorithm] = getattr(importlib.import_module(module), name)
