@@ -214,6 +214,17 @@ def test_mutations_that_leave_their_region_end_on_its_faces() -> None:
         assert teacher._path(task) == [0, 2]
 
 
+def test_it_follows_progress() -> None:
+    teacher = riac()
+    for index in range(2_000):  # only low stumps and wide gaps can be learned
+        task = teacher.sample()
+        learnable = task[0] < 1.0 and task[1] > 3.0
+        teacher.observe(ended(task, -100 + (0.2 * index if learnable else 0.0)))
+    probes = teacher.probe(500)
+    share = np.mean((probes[:, 0] < 1.2) & (probes[:, 1] > 2.5))
+    assert share > 0.5  # a sixth of the space
+
+
 def test_it_logs_its_regions_and_no_more_than_one_box_an_episode() -> None:
     teacher, history = played(SPACES["twenty"], 2_000)
     updates = teacher.drain_updates()
