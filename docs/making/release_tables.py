@@ -196,7 +196,7 @@ def later_teachers() -> str:
             row["challenges"] = str(test["challenges"])
             shown = estimate(test["difference"], test["low"], test["high"])
             row[f"against {label(reference)}"] = f"{shown}, {told}"
-            row[f"alone against {label(reference)}"] = "; ".join(places) or NOTHING
+            row[f"on one challenge, against {label(reference)}"] = "; ".join(places) or NOTHING
         told = listed(f"{verdicts[word]} {word}" for word in ("better", "not distinguishable", "worse"))
         counts.append(f"Against {label(reference)}: {told}.")
     table = pd.DataFrame([{"teacher": name, **row} for name, row in rows.items()])
