@@ -503,9 +503,7 @@ def confirm(name: str, cost: Cost, *, yes: bool, address: str | None = None) -> 
     """Return if a campaign of such a cost is to be started: `yes`, or the user says so at the terminal.
 
     With the address of a cluster nobody is asked: ``ray submit --tmux`` gives a terminal that nobody watches.
-
-    Raises:
-        ValueError: it is not to be started, or nobody can be asked.
+    Where it is not to be started, that is a ValueError.
     """
     if yes:
         return

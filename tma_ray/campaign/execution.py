@@ -214,12 +214,10 @@ _tried: set[tuple[str, object]] = set()
 def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     """Make every environment of `specs` once on every node, and import every plug-in there.
 
-    What is compiled on the way stays in the nodes' caches, so that actors do not all compile at once. On
-    its own node the driver itself tries what needs no plug-in. Nodes that join later compile when they
-    start their first run. With `shipped` this connection to Ray brought the plug-ins to the workers.
-
-    Raises:
-        ValueError: a node cannot import a plug-in, or has another version of it.
+    What is compiled on the way stays in the nodes' caches, so that actors do not all compile at once. On its
+    own node the driver itself tries what needs no plug-in. Nodes that join later compile when they start
+    their first run. With `shipped` this connection to Ray brought the plug-ins to the workers. What does not
+    work on a node is a ValueError.
     """
     here = ray.get_runtime_context().get_node_id()
     recipes = {

@@ -400,11 +400,7 @@ PUBLISHED_SCHEMA: Final = pa.schema(
 
 
 def write_published(store: Store, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write published results as `PUBLISHED_FILE`.
-
-    Raises:
-        ValueError: a row without exactly the columns of `PUBLISHED_SCHEMA`.
-    """
+    """Write published results, rows with the columns of `PUBLISHED_SCHEMA`, as `PUBLISHED_FILE`."""
     names = set(PUBLISHED_SCHEMA.names)
     for row in rows:
         if set(row) != names:

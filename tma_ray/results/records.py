@@ -216,11 +216,7 @@ class TrialFile:
 
     @classmethod
     def load(cls, store: Store) -> "TrialFile | None":
-        """Return the trial of a root, None if it has none.
-
-        Raises:
-            DamagedFileError: it is not what was written.
-        """
+        """Return the trial of a root, None if it has none; DamagedFileError if it is not what was written."""
         if not store.holds(TRIAL_FILE):
             return None
         return store.read_json(TRIAL_FILE, cls)

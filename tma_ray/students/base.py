@@ -129,11 +129,7 @@ class Student(ABC):
 
     @abstractmethod
     def load(self, folder: Path) -> None:
-        """Load the state that `save` wrote, from a student with the same construction.
-
-        Raises:
-            ValueError: the state belongs to a student of another kind or with other hyper-parameters.
-        """
+        """Load the state that `save` wrote; ValueError if that student was constructed in another way."""
 
     @abstractmethod
     def save_policy(self, folder: Path) -> None:

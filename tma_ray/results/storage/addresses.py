@@ -94,11 +94,7 @@ class AddressStore(Store, schemes=("*",)):
         return data, data
 
     def write_bytes(self, path: str, data: bytes) -> None:
-        """Write or replace a file.
-
-        Raises:
-            ObjectStoreError: addresses of this kind can only be read.
-        """
+        """Refuse to write: addresses of this kind can only be read."""
         try:
             self._make_parent(path)
             with _reached(self.where(path)), self.filesystem.open(self.full_path(path), "wb") as stream:
