@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from tma_ray.results import Committer, PartFile, RunRecord, RunWriter, Store, Table, teacher_log_row
+from tma_ray.results import Committer, PartFile, RunRecord, RunWriter, Store, Table
 from tma_ray.results.storage import BucketStore
+from tma_ray.runs.run import teacher_log_row
 from tma_ray.tasks import ScoredBox, TeacherUpdate, WeightedGaussian
 
 TASKS_PER_EVALUATION = 5

@@ -1,14 +1,13 @@
 """Experiments of the benchmark: the same flags for all, a size, a cost, and then the runs."""
 
 from dataclasses import replace
-from typing import Any
 
 from rich.table import Table
 
 from tma_ray.benchmark import Experiment, Matrix, Size, select
 from tma_ray.campaign.costs import Cost, estimate
 from tma_ray.campaign.options import ExperimentOptions, parse_levels
-from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns
+from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns, planned_experiments
 from tma_ray.campaign.script import run_plan
 from tma_ray.part_names import nearest
 from tma_ray.runs import Schedule
@@ -79,34 +78,6 @@ def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptio
             )
         )
     return tuple(narrowed)
-
-
-def planned_experiments(plan: Plan) -> list[dict[str, Any]]:
-    """Return the size of each experiment of `plan`, in its order.
-
-    Cells are combinations of body, student, teacher and level; asked are those with their seeds, as the paper
-    counts runs; executed the runs that no earlier experiment has, with their steps.
-    """
-    combined = ("embodiment", "student", "teacher", "expert_knowledge")
-    rows: dict[str, list[dict[str, Any]]] = {}
-    for row in plan.cell_rows:
-        rows.setdefault(row["experiment"], []).append(row)
-    steps = {spec.run_id: spec.schedule.steps for spec in plan.runs}
-    parts, seen = [], set[str]()
-    for name, mine in rows.items():
-        own = {row["run_id"] for row in mine} - seen
-        seen |= own
-        parts.append(
-            {
-                "name": name,
-                "teachers": len({row["teacher"] for row in mine}),
-                "cells": len({tuple(row[column] for column in combined) for row in mine}),
-                "asked": len(mine),
-                "executed": len(own),
-                "steps": sum(steps[run_id] for run_id in own),
-            }
-        )
-    return parts
 
 
 def plan_and_cost(experiment: Experiment, options: ExperimentOptions) -> tuple[Plan, Cost]:

@@ -221,3 +221,31 @@ QUICKSTART = CampaignSpec(
     ),
 )
 """PPO learns to walk on Stump Tracks while ALP-GMM or Random chooses the stumps."""
+
+
+def planned_experiments(plan: Plan) -> list[dict[str, Any]]:
+    """Return the size of each experiment of `plan`, in its order.
+
+    Cells are combinations of body, student, teacher and level; asked are those with their seeds, as the paper
+    counts runs; executed the runs that no earlier experiment has, with their steps.
+    """
+    combined = ("embodiment", "student", "teacher", "expert_knowledge")
+    rows: dict[str, list[dict[str, Any]]] = {}
+    for row in plan.cell_rows:
+        rows.setdefault(row["experiment"], []).append(row)
+    steps = {spec.run_id: spec.schedule.steps for spec in plan.runs}
+    parts, seen = [], set[str]()
+    for name, mine in rows.items():
+        own = {row["run_id"] for row in mine} - seen
+        seen |= own
+        parts.append(
+            {
+                "name": name,
+                "teachers": len({row["teacher"] for row in mine}),
+                "cells": len({tuple(row[column] for column in combined) for row in mine}),
+                "asked": len(mine),
+                "executed": len(own),
+                "steps": sum(steps[run_id] for run_id in own),
+            }
+        )
+    return parts

@@ -169,7 +169,7 @@ def claims_record(sources: Sequence[str | Path]) -> dict[str, Any]:
 def plan_record(experiment: str, tier: str, plan: Plan, cost: Cost) -> dict[str, Any]:
     """Return the size and the cost of the chosen part of an experiment."""
     from analysis.comparisons.planning import detectable_differences
-    from tma_ray.campaign.experiments import planned_experiments
+    from tma_ray.campaign.plan import planned_experiments
 
     return {
         "experiment": experiment,

@@ -65,7 +65,7 @@ from tma_ray.results.records import (
     TrialLook,
     spec_digest,
 )
-from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table, teacher_log_row
+from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table
 from tma_ray.results.storage import (
     DISK_FULL,
     ObjectStoreError,
@@ -155,7 +155,6 @@ __all__ = [
     "spec_digest",
     "staged_policy",
     "start_from",
-    "teacher_log_row",
     "verify_root",
     "write_progress",
     "write_published",

@@ -13,8 +13,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from tma_ray.tasks import TeacherUpdate
-
 SCHEMA_VERSION: Final = 1
 """Version of tables, manifests and layout together; raise it when any of them changes its meaning.
 
@@ -158,22 +156,6 @@ SCHEMAS: Final[Mapping[Table, pa.Schema]] = {
     for table, columns in _COLUMNS.items()
 }
 """Columns in order; field metadata "unit" tells what the numbers count."""
-
-
-def teacher_log_row(step: int, episode: int, update: TeacherUpdate) -> dict[str, Any]:
-    """Return the row of the teacher log that tells of an update after `episode`, at `step`."""
-    return {
-        "step": step,
-        "episode": episode,
-        "gaussians": [
-            {"weight": part.weight, "mean": part.mean.tolist(), "covariance": part.covariance.tolist()}
-            for part in update.gaussians
-        ],
-        "boxes": [
-            {"low": box.low.tolist(), "high": box.high.tolist(), "score": box.score} for box in update.boxes
-        ],
-        "scalars": update.scalars,
-    }
 
 
 def schema_version(file: Any) -> int:

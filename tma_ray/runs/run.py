@@ -9,7 +9,7 @@ import numpy as np
 
 from tma_ray.envs import make_environment
 from tma_ray.part_names import base_name
-from tma_ray.results import RunWriter, Table, teacher_log_row
+from tma_ray.results import RunWriter, Table
 from tma_ray.runs.evaluation import Evaluation, Recorder, Trials
 from tma_ray.runs.inputs import arguments, import_plugins
 from tma_ray.runs.placement import Placement
@@ -277,3 +277,19 @@ class Run:
     def _log(self, updates: tuple[TeacherUpdate, ...]) -> None:
         position = self.progress.step, self.progress.episodes
         self.writer.add(Table.TEACHER_LOG, [teacher_log_row(*position, update) for update in updates])
+
+
+def teacher_log_row(step: int, episode: int, update: TeacherUpdate) -> dict[str, object]:
+    """Return the row of the teacher log that tells of an update after `episode`, at `step`."""
+    return {
+        "step": step,
+        "episode": episode,
+        "gaussians": [
+            {"weight": part.weight, "mean": part.mean.tolist(), "covariance": part.covariance.tolist()}
+            for part in update.gaussians
+        ],
+        "boxes": [
+            {"low": box.low.tolist(), "high": box.high.tolist(), "score": box.score} for box in update.boxes
+        ],
+        "scalars": update.scalars,
+    }
