@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from tma_ray.decoding import check_file
 
-MOST_BYTES: Final = 2**28
-"""Largest content of a ``.npz`` file that is read by default, bytes."""
+MOST_BYTES: Final = 2**28  # largest content of a ``.npz`` file that is read by default, bytes
 
 _HEADERS: Final = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 

@@ -69,8 +69,7 @@ METAVARS: Mapping[str, str] = {
 }
 """Kinds of values in helps."""
 
-HELP_COLUMN = 22
-"""Column at which the sentences of a help begin."""
+HELP_COLUMN = 22  # column at which the sentences of a help begin
 
 Parse = Callable[[str], Any]
 

@@ -19,12 +19,10 @@ Natural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT64_MAX)]
 SmallNatural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT32_MAX)]
 """A whole number from 0 on that fits a column of 32 bits."""
 
-Sha256: TypeAlias = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
-"""A checksum, hexadecimal."""
+Sha256: TypeAlias = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]  # a checksum, hexadecimal
 
 
-Seconds: TypeAlias = Annotated[float, msgspec.Meta(ge=0, le=4e9)]
-"""A time, s since 1970, up to the year 2096."""
+Seconds: TypeAlias = Annotated[float, msgspec.Meta(ge=0, le=4e9)]  # a time, s since 1970, up to the year 2096
 
 
 MOST_BYTES: Final = min(2**34, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2)

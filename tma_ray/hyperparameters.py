@@ -20,8 +20,7 @@ from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 from tma_ray.arguments import check_kind
 from tma_ray.part_names import LIST_SEPARATOR, nearest
 
-PRESET = "preset"
-"""Key that stands for several values at once, as a part's attribute `presets` has them."""
+PRESET = "preset"  # key that stands for several values at once, as a part's attribute `presets` has them
 
 _LISTS = (tuple, list, collections.abc.Sequence)
 _ANYTHING = (Any, inspect.Parameter.empty)

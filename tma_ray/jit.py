@@ -35,8 +35,7 @@ def _announce() -> None:
     )
 
 
-_kernels: list[Any] = []
-"""Kernels of the modules that have been imported."""
+_kernels: list[Any] = []  # kernels of the modules that have been imported
 
 
 def count_compiled(show: Callable[[int, int], None]) -> None:

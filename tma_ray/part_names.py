@@ -13,11 +13,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 from urllib.parse import unquote
 
-SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")
-"""The settings at the end of a name."""
-
-LIST_SEPARATOR = "x"
-"""Between the entries of a list; commas separate names."""
+SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")  # the settings at the end of a name
+LIST_SEPARATOR = "x"  # between the entries of a list; commas separate names
 
 ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":=,%"})
 """How characters are written within a value that mean something in a name."""

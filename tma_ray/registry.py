@@ -33,8 +33,7 @@ class PluginImportError(ValueError):
 
 _NAME: Final = re.compile(r"[\w.-]+")
 
-_searched: list[str] = []
-"""Folders in which ``module:Name`` is looked for, after all others."""
+_searched: list[str] = []  # folders in which ``module:Name`` is looked for, after all others
 
 
 def search_current_folder() -> None:

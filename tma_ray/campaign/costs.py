@@ -43,11 +43,8 @@ from tma_ray.terminal import terminal
 Kind = tuple[Any, ...]
 """Kind of run, on which speed depends: environment with its options and files, and student."""
 
-DEFAULT_BODY: Final = "classic_bipedal"
-"""Body whose row serves students that were measured on no other."""
-
-REFERENCE_ROUNDS: Final = 247.0
-"""Speed of the machine of the table, in rounds of `machine_speed` per second."""
+DEFAULT_BODY: Final = "classic_bipedal"  # body whose row serves students that were measured on no other
+REFERENCE_ROUNDS: Final = 247.0  # speed of the machine of the table, in rounds of `machine_speed` per second
 
 LEARNERS: Final = {
     ("ppo", "cpu", "highest"): 11_000.0,
@@ -67,8 +64,7 @@ PLAYER: Final = 30_000.0, 20_000.0
 MEASURED_SECONDS = 0.6
 """Shortest measurement, s; half of it is trained before, so that nothing is compiled or loaded in it."""
 
-MACHINE_SECONDS: Final = 0.4
-"""Time of the measurement of this machine, s."""
+MACHINE_SECONDS: Final = 0.4  # time of the measurement of this machine, s
 
 SMALLER: Final = {"exploration_steps": 1_000, "learning_starts": 1_000, "buffer_size": 50_000}
 """Hyper-parameters of students, with the largest values that a measurement leaves them."""
@@ -294,14 +290,12 @@ def _progress(kinds: int) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
-TEST_STEPS = 1_000
-"""Environment steps of a test task: half of the most there can be."""
+TEST_STEPS = 1_000  # environment steps of a test task: half of the most there can be
 
 START_SECONDS = 8.0
 """Time of one core for a run's processes before the first step and after the last, s (measured)."""
 
-RUN_BYTES = 600_000
-"""Size on disk of a run's policy and tables with hardly a row (measured)."""
+RUN_BYTES = 600_000  # size on disk of a run's policy and tables with hardly a row (measured)
 
 EVALUATION_BYTES, PROBE_BYTES, STEP_BYTES = 12, 8, 0.04
 """Size on disk of each test task played, each task probed and each training step (an episode has some 20)."""
@@ -309,14 +303,12 @@ EVALUATION_BYTES, PROBE_BYTES, STEP_BYTES = 12, 8, 0.04
 PROCESS_BYTES, PLAYER_BYTES = 0.9 * GIB, 0.5 * GIB
 """Memory of a run's processes without a replay buffer (measured): alone with its teacher, and in a cohort."""
 
-NETWORK_BYTES = 5e6
-"""Size of a run's two checkpoints without a replay buffer (measured)."""
+NETWORK_BYTES = 5e6  # size of a run's two checkpoints without a replay buffer (measured)
 
 BUFFER_SHARE = 1.3
 """Bytes of the checkpoints over those of the replay buffer: parts of the one before are kept (measured)."""
 
-LONGEST_HOURS = 1.0
-"""Longest time on this machine that needs no confirmation, h."""
+LONGEST_HOURS = 1.0  # longest time on this machine that needs no confirmation, h
 
 SLOWEST = Throughput("any", training=20, playing=2_000, transition_bytes=0, learner=20)
 """A run that is slower than any: an hour at that speed needs no better estimate."""

@@ -118,11 +118,8 @@ class Retries:
         return tuple(dict.fromkeys(node for node in self._lost_on.get(run_id, ()) if node))
 
 
-LOG_SECONDS = 60.0
-"""Time between two messages, s."""
-
-MOST_NAMES = 3
-"""Largest number of runs that a message names; the others are counted."""
+LOG_SECONDS = 60.0  # time between two messages, s
+MOST_NAMES = 3  # largest number of runs that a message names; the others are counted
 
 logger = logging.getLogger(__name__)
 

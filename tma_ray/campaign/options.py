@@ -34,14 +34,9 @@ from tma_ray.runs import Cell, Placement, Schedule
 from tma_ray.runs.placement import check_device
 from tma_ray.tasks import KnowledgeLevel
 
-MOST_SEEDS = 100_000
-"""Seeds that one option may name."""
-
-OFF = "off"
-"""Value of ``--cohort`` for runs that learn alone."""
-
-SCHEDULE = tuple(field.name for field in fields(Schedule))
-"""Options of the schedule, as attributes."""
+MOST_SEEDS = 100_000  # seeds that one option may name
+OFF = "off"  # value of ``--cohort`` for runs that learn alone
+SCHEDULE = tuple(field.name for field in fields(Schedule))  # options of the schedule, as attributes
 
 
 def names(text: str) -> tuple[str, ...]:

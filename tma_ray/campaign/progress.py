@@ -57,8 +57,7 @@ def learner_line(learner: LearnerProgress) -> str:
     )
 
 
-MOST_ROWS = 20
-"""Running runs shown on a terminal; the others are counted."""
+MOST_ROWS = 20  # running runs shown on a terminal; the others are counted
 
 
 @dataclass(frozen=True)
@@ -186,8 +185,7 @@ CELL = ("environment", "challenge", "embodiment", "student", "teacher", "expert_
 INTERRUPTED = "interrupted"
 """State of a run that has been started and is not done, and whose last attempt or campaign has ended."""
 
-WAITING = "waiting"
-"""State of a run of a campaign that has not been started."""
+WAITING = "waiting"  # state of a run of a campaign that has not been started
 
 
 @dataclass(frozen=True)
@@ -293,14 +291,9 @@ class Observer:
 
 
 COUNTED = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAITING)
-MOST_ERRORS, MOST_NAMES = 5, 3
-"""Kinds of errors, and runs of each, that are named; the others are counted."""
-
-MIN_NAME_WIDTH = 32
-"""Width of the first column, in characters."""
-
-WATCH_SECONDS = 5.0
-"""Time between two looks of a status that is watched, s."""
+MOST_ERRORS, MOST_NAMES = 5, 3  # kinds of errors, and runs of each, that are named; the others are counted
+MIN_NAME_WIDTH = 32  # width of the first column, in characters
+WATCH_SECONDS = 5.0  # time between two looks of a status that is watched, s
 
 
 def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:

@@ -18,8 +18,7 @@ from tma_ray.tasks import KnowledgeLevel
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
 """Fields of a spec in which another teacher may differ."""
 
-BY_PART = ("plugins", "algorithm_versions", "inputs")
-"""Fields of a spec with an entry for each of its parts."""
+BY_PART = ("plugins", "algorithm_versions", "inputs")  # fields of a spec with an entry for each of its parts
 
 
 @dataclass(frozen=True)

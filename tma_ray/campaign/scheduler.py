@@ -17,8 +17,7 @@ from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.inputs import keep
 from tma_ray.runs.spec import RunSpec
 
-STOPPING_POLL_SECONDS = 0.2
-"""Time between two polls while runs write their last checkpoints, s."""
+STOPPING_POLL_SECONDS = 0.2  # time between two polls while runs write their last checkpoints, s
 
 logger = logging.getLogger(__name__)
 

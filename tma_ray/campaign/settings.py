@@ -14,14 +14,12 @@ from tma_ray.students.players import CohortSettings
 
 GIB = 2**30
 
-PLENTY: Final = float(sys.maxsize)
-"""Memory that suffices for any run, in bytes."""
+PLENTY: Final = float(sys.maxsize)  # memory that suffices for any run, in bytes
 
 AUTOSCALING_QUEUE = 64
 """Runs that wait on an autoscaling cluster: with one only, nodes would come one after the other."""
 
-COHORT_WIDTH = CohortSettings.width
-"""Slots of a cohort on a GPU, unless another number is asked for."""
+COHORT_WIDTH = CohortSettings.width  # slots of a cohort on a GPU, unless another number is asked for
 
 
 class TeacherPlacement(StrEnum):

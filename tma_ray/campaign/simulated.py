@@ -28,8 +28,7 @@ from tma_ray.testing.students import EPISODE_STEPS, SIMULATION_VERSION
 
 ENVIRONMENT, STUDENT = "stump_tracks", "simulated"
 
-CAMPAIGN = "simulated"
-"""Name of the campaign of simulated cells."""
+CAMPAIGN = "simulated"  # name of the campaign of simulated cells
 
 FRACTION = 64
 """Denominator of returns as they are written: a run takes half of the space that all digits would take."""

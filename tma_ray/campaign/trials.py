@@ -15,11 +15,8 @@ from tma_ray.tasks import KnowledgeLevel
 from tma_ray.terminal import say
 from tma_ray.testing import EPISODES, find_simulated_challenge, matrix
 
-CAMPAIGN = "trial"
-"""Name of the campaign of a trial."""
-
-Judge = Callable[[], bool]
-"""Tells the verdicts of the looks so far; returns True if the trial ends there."""
+CAMPAIGN = "trial"  # name of the campaign of a trial
+Judge = Callable[[], bool]  # tells the verdicts of the looks so far; returns True if the trial ends there
 
 
 def trial_cost(plans: Sequence[Plan], options: TrialOptions) -> Cost | None:

@@ -20,11 +20,8 @@ from tma_ray.part_names import join_name, nearest, split_name
 
 Entry = dict[str, Any]
 
-PLACES = ("position", "anchor", "anchor_b")
-"""Fields that move with a copy."""
-
-LAST = "last"
-"""Value of `head`: true in the last copy only."""
+PLACES = ("position", "anchor", "anchor_b")  # fields that move with a copy
+LAST = "last"  # value of `head`: true in the last copy only
 
 NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")
 """Number of a copy in names, k = 1, 2, ...: as in {k}, {2k-1} or {k+1}."""
@@ -164,18 +161,14 @@ def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
 
 SIZE, MOTOR_TORQUE = "size", "motor_torque"
 SURVIVAL = ("steps_survivable_under_water", "steps_survivable_outside_water")
-ENTRIES = ("parts", "joints", "grip_sensors", "repeat")
-"""Fields of a body's file that are lists of sections."""
-
-LARGEST = 1e9
-"""Bound of every number in a body's file."""
+ENTRIES = ("parts", "joints", "grip_sensors", "repeat")  # fields of a body's file that are lists of sections
+LARGEST = 1e9  # bound of every number in a body's file
 
 _FOLDER = resources.files("tma_ray.embodiments") / "data"
 
 _TYPES = {kind: get_type_hints(kind) for kind in (Embodiment, Part, Joint, GripSensor)}
 
-EVERY_BODY = (SIZE, MOTOR_TORQUE, *SURVIVAL)
-"""Parameters that every body has."""
+EVERY_BODY = (SIZE, MOTOR_TORQUE, *SURVIVAL)  # parameters that every body has
 
 
 def embodiment_names() -> list[str]:

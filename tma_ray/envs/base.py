@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 MAX_EPISODE_STEPS = 2000
 """Steps after which an episode is truncated (the original release leaves this to its students)."""
 
-PUSH = 5.0
-"""Largest random push on the head in the first step, in N."""
+PUSH = 5.0  # largest random push on the head in the first step, in N
 
 Observation = NDArray[np.float32]
 

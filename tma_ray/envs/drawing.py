@@ -29,29 +29,20 @@ LIDAR, LIDAR_WATER, LIDAR_CREEPER = (214, 74, 62), (28, 92, 190), (34, 120, 44)
 GOAL, TRACK = (216, 66, 50), (120, 140, 158)
 
 
-WIDTH, HEIGHT = 600, 400
-"""Size of a frame, in pixels."""
-
-PIXELS_PER_METRE = 48
-"""Of the nearest view, and of every view under an open sky."""
-
-HEAD_SHARE = 0.3
-"""Where the camera keeps the head, as a share of the width: the lidars look ahead."""
+WIDTH, HEIGHT = 600, 400  # size of a frame, in pixels
+PIXELS_PER_METRE = 48  # of the nearest view, and of every view under an open sky
+HEAD_SHARE = 0.3  # where the camera keeps the head, as a share of the width: the lidars look ahead
 
 GROUND_SHARE = 0.22
 """Height of the ground in the frame, as a share of the frame's, while the head is low enough."""
 
-HIGHEST_VIEW = 12.0
-"""How much of a high passage is shown, in m."""
-
-PASSAGE_SHARE = 0.8
-"""Share of the frame's height that a lower passage takes."""
+HIGHEST_VIEW = 12.0  # how much of a high passage is shown, in m
+PASSAGE_SHARE = 0.8  # share of the frame's height that a lower passage takes
 
 SOLID_SHARE = 0.12
 """Share of the frame's height that is ground in the lowest view, and ceiling in the highest."""
 
-HEAD_MARGIN = 0.15
-"""How near to the upper and lower edge the head may come, as a share of the frame's height."""
+HEAD_MARGIN = 0.15  # how near to the upper and lower edge the head may come, as a share of the frame's height
 
 REACH = 5.0
 """Ground and ceiling are averaged so far behind and ahead of the head, in m: else the camera would shake."""
@@ -116,8 +107,7 @@ def _around(segments: NDArray[np.float64], x: float) -> float:
 
 
 SUPERSAMPLING = 2
-CROP = 10.0
-"""Shapes are cut off this far outside the frame, in m: pygame's coordinates are small."""
+CROP = 10.0  # shapes are cut off this far outside the frame, in m: pygame's coordinates are small
 
 Floats = NDArray[np.float64]
 
@@ -210,14 +200,9 @@ class Canvas:
         return np.clip(points, low, np.array([self.view.right + CROP, self.view.top + CROP]))
 
 
-SMALLEST_GRIP = 4.0
-"""Radius at which a grip sensor is drawn if its own were smaller, in pixels."""
-
-FLAGPOLE = 3.2
-"""Height of the goal's flag, in m."""
-
-MARK_SPACING = 5
-"""Distance between marks on the ground, in m."""
+SMALLEST_GRIP = 4.0  # radius at which a grip sensor is drawn if its own were smaller, in pixels
+FLAGPOLE = 3.2  # height of the goal's flag, in m
+MARK_SPACING = 5  # distance between marks on the ground, in m
 
 
 class Renderer:

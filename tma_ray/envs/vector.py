@@ -155,8 +155,7 @@ class EngineLockStep(LockStep):
 Observations = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
-OPTIONS = ("reset_mask", "task")
-"""Options of a reset."""
+OPTIONS = ("reset_mask", "task")  # options of a reset
 
 
 class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):

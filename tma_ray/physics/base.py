@@ -15,12 +15,10 @@ PHYSICS_VERSION = 3
 TIME_STEP = 1 / 50
 """Time between two actions, in s."""
 
-GRAVITY = -10.0
-"""In m/s²."""
+GRAVITY = -10.0  # in m/s²
 
 
-CEILING_TYPE = 1 << 20
-"""Collision type of the ceiling's shapes."""
+CEILING_TYPE = 1 << 20  # collision type of the ceiling's shapes
 
 HANGING_STEPS = 6
 """Steps with closed grips before the episode of a body that starts hanging; those of others have one."""

@@ -19,8 +19,7 @@ SETTLING_STEPS = 20
 CLOSING_SWEEPS = 60
 """How often every joint of a stretched body is corrected (Box2D's iterations for positions)."""
 
-CONTACT_CORRECTION = 0.2
-"""Share of a penetration that one sweep corrects (Box2D's)."""
+CONTACT_CORRECTION = 0.2  # share of a penetration that one sweep corrects (Box2D's)
 
 
 def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
@@ -142,11 +141,8 @@ def _posed(body: BodyArrays, parts: list[pymunk.Body]) -> BodyArrays:
     )
 
 
-DENSITY = 5.0
-"""In kg/m² (the original release's, like the next)."""
-
-LARGEST_ANGLE = 0.4 * np.pi
-"""How far a segment may turn from what it hangs from, in rad."""
+DENSITY = 5.0  # in kg/m² (the original release's, like the next)
+LARGEST_ANGLE = 0.4 * np.pi  # how far a segment may turn from what it hangs from, in rad
 
 
 class Chains(NamedTuple):

@@ -267,11 +267,8 @@ def holder_anchor(point: Floats, held: int, world: World) -> tuple[float, float]
 
 Integers = NDArray[np.int64]
 
-FORWARD_WEIGHT = 130 / 30
-"""Reward per metre that the head moves forward."""
-
-FALL_REWARD = -100.0
-"""Reward of the step in which the body falls or leaves the track backwards."""
+FORWARD_WEIGHT = 130 / 30  # reward per metre that the head moves forward
+FALL_REWARD = -100.0  # reward of the step in which the body falls or leaves the track backwards
 
 ANGULAR_VELOCITY_SCALE = 2 / 50
 VELOCITY_X_SCALE = 0.3 * (600 / 30) / 50
@@ -432,23 +429,12 @@ def judge(
     return after - before - cost, state[body.head, 0] > goal_x, after
 
 
-DENSITY = 1.0
-"""Of water, in kg/m²."""
-
-GRAVITY = 10.0
-"""Weight of submerged water, in m/s²."""
-
-DRAG, LARGEST_DRAG = 0.25, 2000.0
-"""Coefficient, and bound in N."""
-
-LIFT, LARGEST_LIFT = 0.25, 500.0
-"""Coefficient, and upper bound in N."""
-
-PUSH, LARGEST_PUSH = 0.05, 20.0
-"""Coefficient, and bound of each component in N."""
-
-TORQUE_SCALE = 60 / 50
-"""The release takes a motor's torque for steps of 1/60 s instead of 1/50 s."""
+DENSITY = 1.0  # of water, in kg/m²
+GRAVITY = 10.0  # weight of submerged water, in m/s²
+DRAG, LARGEST_DRAG = 0.25, 2000.0  # coefficient, and bound in N
+LIFT, LARGEST_LIFT = 0.25, 500.0  # coefficient, and upper bound in N
+PUSH, LARGEST_PUSH = 0.05, 20.0  # coefficient, and bound of each component in N
+TORQUE_SCALE = 60 / 50  # the release takes a motor's torque for steps of 1/60 s instead of 1/50 s
 
 
 @kernel

@@ -101,11 +101,8 @@ LIDARS = 10
 LIDAR_RANGE = 160 / 30
 """Length of a ray, in m."""
 
-UPRIGHT_WEIGHT = 5.0
-"""Reward per radian by which the head's tilt shrinks."""
-
-NO_LIMIT = -1
-"""Of steps survivable: for ever."""
+UPRIGHT_WEIGHT = 5.0  # reward per radian by which the head's tilt shrinks
+NO_LIMIT = -1  # of steps survivable: for ever
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

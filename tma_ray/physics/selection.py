@@ -24,8 +24,7 @@ logger = logging.getLogger(__name__)
 VARIABLE = "TMA_RAY_ENGINE"
 """Environment variable that demands an engine: "compiled" (an error where it does not work) or "pymunk"."""
 
-TRIAL_STEPS = 40
-"""Steps that both engines must agree on before the compiled one is trusted."""
+TRIAL_STEPS = 40  # steps that both engines must agree on before the compiled one is trusted
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,8 @@ from tma_ray.terrain.base import Terrain
 
 DATA: Final = Path(__file__).parent / "data"
 
-WASM: Final = DATA / "engine.wasm"
-"""The built engine, which the package ships."""
-
-ZIG: Final = "0.17.1"
-"""Version of the PyPI package `ziglang` that compiles it: another one gives other bytes."""
+WASM: Final = DATA / "engine.wasm"  # the built engine, which the package ships
+ZIG: Final = "0.17.1"  # version of the PyPI package `ziglang` that compiles it: another one gives other bytes
 
 UNUSED: Final = ("cpHastySpace.c", "cpPolyline.c", "cpMarch.c", "cpSpaceDebug.c")
 """Sources that a world on one thread does not need."""

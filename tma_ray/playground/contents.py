@@ -25,8 +25,7 @@ KINDS: Final = {"float64": "double", "float32": "float", "int64": "i64", "bool":
 WHOLE: Final = ("contacts", "medium", "wet", "grips", "handles", "holds")
 """Parts of a simulation that are whole numbers."""
 
-PLAYED: Final = ("stump_tracks", "parkour")
-"""Environments of the page."""
+PLAYED: Final = ("stump_tracks", "parkour")  # environments of the page
 
 SIZES: Final = (0.6, 0.8, 1.25, 1.6)
 """Factors of a body's lengths that the page offers beside its own size."""

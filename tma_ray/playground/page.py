@@ -30,8 +30,7 @@ SOURCES: Final = Path(__file__).parent / "page"
 
 SCRIPTS: Final = ("engine.js", "worlds.js", "drawing.js", "play.js")
 
-RANDOM, ZERO = -2, -1
-"""Places of the untrained policies in the page's list, whose end they are."""
+RANDOM, ZERO = -2, -1  # places of the untrained policies in the page's list, whose end they are
 
 
 @dataclass(frozen=True)

@@ -84,8 +84,7 @@ class Record:
 
 
 Type: TypeAlias = str | Array | Record
-Value: TypeAlias = tuple[str, Type]
-"""An expression in C and its type."""
+Value: TypeAlias = tuple[str, Type]  # an expression in C and its type
 
 
 def type_of(example: Any) -> Type:

@@ -23,8 +23,7 @@ from tma_ray.results.verification import Inspector
 TEMPORARY_SECONDS: Final = 3600.0
 """Age over which a half-made file is taken to be left by a killed process, s."""
 
-ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")
-"""In the names of files that an attempt writes, its number."""
+ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")  # in the names of files that an attempt writes, its number
 
 logger = logging.getLogger(__name__)
 
@@ -62,8 +61,7 @@ def _readable(store: Store, run_id: str) -> Manifest | None:
         return None
 
 
-WITHDRAWN: Final = b"null"
-"""Content of the file that holds the record of an attempt, if it never began."""
+WITHDRAWN: Final = b"null"  # content of the file that holds the record of an attempt, if it never began
 
 
 def write_progress(store: Store, record: AttemptRecord) -> None:

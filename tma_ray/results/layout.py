@@ -32,8 +32,7 @@ INPUTS: Final = "inputs"
 FOLDERS: Final = (TEMPORARY, MANIFESTS, STAGING, TABLES, CHECKPOINTS, POLICIES, LOGS, INPUTS)
 """Folders that campaigns write to."""
 
-LONGEST_ID: Final = 200
-"""Characters of an id: with its ending it is a file name on every disk."""
+LONGEST_ID: Final = 200  # characters of an id: with its ending it is a file name on every disk
 
 _ID: Final = re.compile(rf"[0-9a-zA-Z_-]{{1,{LONGEST_ID}}}")
 

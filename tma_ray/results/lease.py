@@ -47,11 +47,8 @@ class Process:
         return not Path(f"/proc/{self.pid}").exists()
 
 
-HEARTBEAT_SECONDS: Final = 15.0
-"""Time between two heartbeats, s."""
-
-SILENT_SECONDS: Final = 120.0
-"""Silence after which a campaign is taken to be dead, s."""
+HEARTBEAT_SECONDS: Final = 15.0  # time between two heartbeats, s
+SILENT_SECONDS: Final = 120.0  # silence after which a campaign is taken to be dead, s
 
 
 @dataclass(frozen=True)
@@ -195,8 +192,7 @@ class StopRequest:
 LEASE_SECONDS: Final = 120.0
 """Age over which a lease that nobody renewed is taken to be that of a killed process, s."""
 
-STOP_CHECK_SECONDS: Final = 3.0
-"""Time between two looks for a request to stop, s."""
+STOP_CHECK_SECONDS: Final = 3.0  # time between two looks for a request to stop, s
 
 logger = logging.getLogger(__name__)
 

@@ -29,8 +29,7 @@ from tma_ray.results.records import RunRecord, RunStatus, check_spec
 from tma_ray.results.schema import Table
 from tma_ray.results.storage import Store
 
-MOST_RUN_ROWS: Final = 50_000_000
-"""Rows of one run in a table beyond which its manifest is not believed."""
+MOST_RUN_ROWS: Final = 50_000_000  # rows of one run in a table beyond which its manifest is not believed
 
 
 def read_checked(store: Store, path: str, sha256: str) -> bytes:
@@ -195,11 +194,8 @@ def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | E
                 yield name, manifest
 
 
-UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)
-"""What reading a damaged file raises."""
-
-FEW: Final = 8
-"""Up to so many runs are read by their row groups alone; for more a file is read whole."""
+UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)  # what reading a damaged file raises
+FEW: Final = 8  # up to so many runs are read by their row groups alone; for more a file is read whole
 
 
 def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table:

@@ -28,8 +28,7 @@ from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
 from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.verification import Inspector
 
-SINGLE_RUNS = "single_runs"
-"""Name of the files of runs that belong to no experiment."""
+SINGLE_RUNS = "single_runs"  # name of the files of runs that belong to no experiment
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,9 @@ from tma_ray.decoding import MOST_BYTES, DamagedFileError
 from tma_ray.results.schema import SCHEMA_VERSION, SCHEMAS, Table, completed, selected
 from tma_ray.results.storage import Store
 
-_Fields: TypeAlias = dict[int, Any]
-"""Numbers and structures of Thrift by the number of their field."""
-
-PAGE_BYTES: Final = 1024
-"""Bytes that a page counts besides its content: many empty ones take time."""
-
-_VALUE_BYTES: Final = 8
-"""Size of a number, or of the place of a text."""
+_Fields: TypeAlias = dict[int, Any]  # numbers and structures of Thrift by the number of their field
+PAGE_BYTES: Final = 1024  # bytes that a page counts besides its content: many empty ones take time
+_VALUE_BYTES: Final = 8  # size of a number, or of the place of a text
 
 _NUMBERS: Final = ("BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE")
 _PLAIN, _LENGTHS_APART, _BY_DICTIONARY = 0, 6, (2, 8)  # encodings
@@ -373,8 +368,7 @@ def leave_pandas_out() -> None:
 
 PUBLISHED_FILE: Final = "published.parquet"
 
-MOST_PUBLISHED_BYTES: Final = 2**26
-"""Bytes in memory beyond which a table is none that anybody published."""
+MOST_PUBLISHED_BYTES: Final = 2**26  # bytes in memory beyond which a table is none that anybody published
 
 _NAMES = pa.list_(pa.field("element", pa.string(), nullable=False))
 _PERCENT = {"unit": "% of the test tasks"}

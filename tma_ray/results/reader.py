@@ -39,11 +39,8 @@ _Shared: TypeAlias = dict[PartFile, pa.Table | Exception]
 _Known: TypeAlias = dict[tuple[str, tuple[int | None, int | None]], Manifest | None]
 """Manifests by path, and by when the file was written and its bytes."""
 
-SHOWN_RUNS: Final = 5
-"""Number of runs that a message names."""
-
-RUN_ID: Final = "run_id"
-"""The column that all tables of runs have."""
+SHOWN_RUNS: Final = 5  # number of runs that a message names
+RUN_ID: Final = "run_id"  # the column that all tables of runs have
 
 KEYS: Final = {Table.ATTEMPTS: (RUN_ID, "attempt"), Table.CELLS: (RUN_ID,)}
 """Columns by which rows of tables about runs are chosen and told apart."""
@@ -53,8 +50,7 @@ _THREADS: Final = 16  # more than cores: they wait for disks and object stores
 _SETTLED_NS: Final = 5_000_000_000
 """Age of a file from which its successor would have another time, ns: some storages tell only seconds."""
 
-_SMALL_ROWS: Final = 20_000
-"""Rows up to which a file is decoded sooner than handed to a thread."""
+_SMALL_ROWS: Final = 20_000  # rows up to which a file is decoded sooner than handed to a thread
 
 
 class Results:

@@ -178,8 +178,7 @@ def damage_reason(error: Exception, where: str) -> str:
     return str(error).removeprefix(f"{where} is damaged: ")
 
 
-SPEC_FILE: Final = "spec.json"
-"""Beside every saved policy, the spec of its run."""
+SPEC_FILE: Final = "spec.json"  # beside every saved policy, the spec of its run
 
 
 @dataclass(frozen=True)

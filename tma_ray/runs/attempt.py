@@ -39,8 +39,7 @@ from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher, TeacherLink
 from tma_ray.students.players import LearnerLostError, ask_learner
 
-RECENT_EPISODES = 100
-"""Number of training episodes over which the episodic return of a status is averaged."""
+RECENT_EPISODES = 100  # number of training episodes over which the episodic return of a status is averaged
 
 logger = logging.getLogger(__name__)
 

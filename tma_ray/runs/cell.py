@@ -28,11 +28,8 @@ from tma_ray.teachers import (
     make_teacher,
 )
 
-BOUNDS_SEPARATOR = ".."
-"""Separator of the bounds of a dimension in the name of a challenge."""
-
-Bounds = Mapping[str, Sequence[float]]
-"""Low and high of dimensions of a task space, by name."""
+BOUNDS_SEPARATOR = ".."  # separator of the bounds of a dimension in the name of a challenge
+Bounds = Mapping[str, Sequence[float]]  # low and high of dimensions of a task space, by name
 
 _ELSEWHERE = {"embodiment": "--embodiment or Cell.embodiment", "render_mode": "no run; runs draw nothing"}
 """Parameters of an environment's constructor that a cell cannot set, and their source."""
@@ -111,11 +108,8 @@ def canonical_challenge(name: str, space: TaskSpace, chosen: TaskSpace) -> str:
     return join_name(base_name(name), others)
 
 
-OWN_CHALLENGE = "original"
-"""Name of the challenge of the task space that an environment itself declares."""
-
-OWN_TEST_SET_SIZE = 100
-"""Evaluation tasks drawn for an environment that ships none."""
+OWN_CHALLENGE = "original"  # name of the challenge of the task space that an environment itself declares
+OWN_TEST_SET_SIZE = 100  # evaluation tasks drawn for an environment that ships none
 
 
 @dataclass(frozen=True)

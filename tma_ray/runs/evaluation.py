@@ -18,8 +18,7 @@ from tma_ray.tasks import Outcomes, Task, Trajectory
 
 Environment = gymnasium.Env[Any, Any]
 
-Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
-"""Actions (n, a) for observations (n, o)."""
+Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # actions (n, a) for observations (n, o)
 
 
 def played_episodes(
@@ -81,8 +80,7 @@ class Evaluation:
             environment.close()
 
 
-WORLDS = 64
-"""Most tasks of an evaluation that are played at the same time."""
+WORLDS = 64  # most tasks of an evaluation that are played at the same time
 
 
 class Trials:

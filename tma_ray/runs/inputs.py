@@ -79,8 +79,7 @@ def importing_plugins() -> bool:
     return _importing.get()
 
 
-MOST_BYTES = 20 * 2**20
-"""Size over which an input is refused: every run's process holds it."""
+MOST_BYTES = 20 * 2**20  # size over which an input is refused: every run's process holds it
 
 VALUES = {
     "environment": "environment_options",
@@ -89,8 +88,7 @@ VALUES = {
 }
 """Fields of a spec that hold the options of each part."""
 
-_contents: dict[str, bytes] = {}
-"""Contents that this process has read or received, by SHA-256."""
+_contents: dict[str, bytes] = {}  # contents that this process has read or received, by SHA-256
 
 
 def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, InputFile]]:

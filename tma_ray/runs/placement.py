@@ -17,8 +17,7 @@ from tma_ray.students import Learner
 DEVICES = ("cpu", "cuda", "mps", "xpu")
 """Kinds of torch devices that a student can train on; Ray counts CUDA's and Intel's as GPUs."""
 
-PLAYER_NICENESS = 5
-"""Increase of the niceness of a player's thread: many players wait for the same learner."""
+PLAYER_NICENESS = 5  # increase of the niceness of a player's thread: many players wait for the same learner
 
 LIBRARIES = ("numpy", "torch", "stable-baselines3", "gymnasium", "pymunk", "numba", "scikit-learn", "scipy")
 

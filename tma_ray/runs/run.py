@@ -43,8 +43,7 @@ class Progress:
     next_trains: bool = True
 
 
-STUDENT = "student"
-"""Folder of a saved run that holds its student."""
+STUDENT = "student"  # folder of a saved run that holds its student
 
 
 class Run:

@@ -21,8 +21,7 @@ T = TypeVar("T")
 StepPolicy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 """Function from an observation (o,) to an action (a,)."""
 
-SPEC_FILE = "spec.json"
-"""Name of the file with the spec of a run, next to its saved policy."""
+SPEC_FILE = "spec.json"  # name of the file with the spec of a run, next to its saved policy
 
 
 @dataclass(frozen=True)

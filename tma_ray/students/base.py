@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 Observations: TypeAlias = NDArray[np.float32]
 """One observation (o,) or several (n, o), as the environment gave them: never normalised."""
 
-Actions: TypeAlias = NDArray[np.float32]
-"""One action (a,) or several (n, a), inside the action space."""
+Actions: TypeAlias = NDArray[np.float32]  # one action (a,) or several (n, a), inside the action space
 
 Policy: TypeAlias = Callable[[Observations], Actions]
 """What remains of a trained student: observations (n, o) to deterministic actions (n, a)."""

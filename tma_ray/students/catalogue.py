@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from gymnasium import Space
     from torch import nn
 
-STOCK = "stock:"
-"""Before a name: updated by stable-baselines3 itself, not by our equal but leaner code."""
+STOCK = "stock:"  # before a name: updated by stable-baselines3 itself, not by our equal but leaner code
 
 
 class StudentRegistry(Registry[type[Student]]):

@@ -130,8 +130,7 @@ def _plain(layer: Any) -> nn.Module:
     return Affine(weight, (bias if layer.affine else 0.0) - mean * weight)
 
 
-MEAN = "mean"
-"""Name of the last layer; hidden ones are numbered."""
+MEAN = "mean"  # name of the last layer; hidden ones are numbered
 
 
 class GreedyNetwork:

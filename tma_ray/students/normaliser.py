@@ -12,11 +12,8 @@ from tma_ray.jit import kernel
 from tma_ray.students.base import Observations, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
 
-EPSILON = 1e-8
-"""Added to every variance before its root is taken."""
-
-INITIAL_COUNT = 1e-4
-"""Weight of the initial mean 0 and variance 1 among the observations."""
+EPSILON = 1e-8  # added to every variance before its root is taken
+INITIAL_COUNT = 1e-4  # weight of the initial mean 0 and variance 1 among the observations
 
 MEAN_TENSOR, VARIANCE_TENSOR = "normaliser.mean", "normaliser.variance"
 COUNT_TENSOR = "normaliser.count"

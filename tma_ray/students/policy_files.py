@@ -19,8 +19,7 @@ from tma_ray.decoding import DamagedFileError, decode_json, read_file
 
 T = TypeVar("T")
 
-FORMAT_VERSION: Final = 1
-"""Raise it when names or meaning of what students write change."""
+FORMAT_VERSION: Final = 1  # raise it when names or meaning of what students write change
 
 POLICY_FILE: Final = "policy.json"
 TENSORS_FILE: Final = "policy.safetensors"

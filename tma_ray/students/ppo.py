@@ -214,11 +214,8 @@ class PPOUpdate:
 NORMALISER_FILE = "normaliser.json"
 AVERAGE_FILE = "average.npy"
 
-START = "parameters"
-"""Key of the weights in a file to start from, beside the running statistics."""
-
-POLICY = "ppo"
-"""What saved policies say that they are; those of `StockPPO` say the same."""
+START = "parameters"  # key of the weights in a file to start from, beside the running statistics
+POLICY = "ppo"  # what saved policies say that they are; those of `StockPPO` say the same
 
 
 class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):

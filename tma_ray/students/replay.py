@@ -12,8 +12,7 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
 from tma_ray.students.base import Observations, Transition
 
-SEGMENT_ROWS = 100_000
-"""Rows per file, about 12 MB for 24 observations and 4 actions."""
+SEGMENT_ROWS = 100_000  # rows per file, about 12 MB for 24 observations and 4 actions
 
 INDEX_FILE = "replay.npz"
 

@@ -33,8 +33,7 @@ from tma_ray.students.sb3.base import StableBaselinesStudent
 
 _HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 
-Pass: TypeAlias = Callable[[torch.Tensor], torch.Tensor]
-"""A network, as a function of its inputs."""
+Pass: TypeAlias = Callable[[torch.Tensor], torch.Tensor]  # a network, as a function of its inputs
 
 
 class Transitions(NamedTuple):
@@ -181,8 +180,7 @@ class SACUpdate:
         self._model.logger.record("train/actor_loss", policy_loss.item())
 
 
-POLICY = "sac"
-"""What saved policies say that they are; those of `StockSAC` say the same."""
+POLICY = "sac"  # what saved policies say that they are; those of `StockSAC` say the same
 
 
 class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):

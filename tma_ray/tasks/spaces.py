@@ -167,8 +167,7 @@ def check_task(task: ArrayLike, domain: TaskSpace) -> Task:
     return values
 
 
-CUTS = 4
-"""Intervals per dimension (paper, appendix C, rugged difficulty landscape)."""
+CUTS = 4  # intervals per dimension (paper, appendix C, rugged difficulty landscape)
 
 
 @dataclass(frozen=True, eq=False)

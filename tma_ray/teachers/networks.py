@@ -133,11 +133,8 @@ BLOCKS = 3
 GATED_LAYERS = 3
 SMALLEST_SCALE = 0.01
 
-UNIT_SCALE_INPUT = 0.9131652918237967
-"""Where `SMALLEST_SCALE` + `slow_softplus` is 1."""
-
-MARGIN = 1e-4
-"""Points keep this distance from the faces of the box, where the density of a sigmoid diverges."""
+UNIT_SCALE_INPUT = 0.9131652918237967  # where `SMALLEST_SCALE` + `slow_softplus` is 1
+MARGIN = 1e-4  # points keep this distance from the faces of the box, where the density of a sigmoid diverges
 
 
 class HighwayNetwork(nn.Module):

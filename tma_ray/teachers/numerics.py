@@ -78,8 +78,7 @@ class UnitBox:
 LEAST_STD_SHARE = 1e-3
 """Standard deviation added to every dimension, as a share of its range: single tasks have none."""
 
-CONSTANT_STD = 1e-3
-"""Standard deviation of dimensions without width, in task units."""
+CONSTANT_STD = 1e-3  # standard deviation of dimensions without width, in task units
 
 
 def cloud_gaussian(space: TaskSpace, tasks: Task, weights: Array | None = None) -> WeightedGaussian:

@@ -5,14 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-STEP = 14 / 30
-"""Terrain step in m: the grid of the original release, and the unit of stump heights."""
+STEP = 14 / 30  # terrain step in m: the grid of the original release, and the unit of stump heights
 
 GROUND_HEIGHT = 10 / 3
 """Height of the start's ground, in m."""
 
-STARTPAD_STEPS = 20
-"""Flat terrain steps before the first obstacle; bodies spawn over its middle."""
+STARTPAD_STEPS = 20  # flat terrain steps before the first obstacle; bodies spawn over its middle
 
 
 class Terrain(NamedTuple):

@@ -31,15 +31,13 @@ from tma_ray.testing.trials import (
 SAVED_AFTER = (0, 1, 149, 150, 211)
 """Episodes after which a state is taken, around the ends of batches; one number per scenario, in turn."""
 
-SET_BY_START = ("space", "knowledge", "rng")
-"""Attributes that `Teacher.start` sets."""
+SET_BY_START = ("space", "knowledge", "rng")  # attributes that `Teacher.start` sets
 
 QUICK_SCENARIOS = 3
 """Number of scenarios that the quick check plays: a line, a plane, and a space with a constant dimension. In
 the others a teacher is only started."""
 
-PROBED = 20
-"""Tasks asked of a probe."""
+PROBED = 20  # tasks asked of a probe
 
 
 @dataclass(frozen=True)
@@ -53,8 +51,7 @@ class Record:
 
 _RECORDS: dict[tuple[type, str], Record] = {}
 
-_UNSTARTED: set[type] = set()
-"""Teachers that were found not to start their base class."""
+_UNSTARTED: set[type] = set()  # teachers that were found not to start their base class
 
 
 class TeacherConformance:

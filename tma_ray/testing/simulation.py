@@ -30,8 +30,7 @@ from tma_ray.testing.students import (
 EPISODES = 10_000
 """Default length of a run: the paper's 20 million steps."""
 
-POINTS = 20
-"""Evaluations of a run, evenly spaced, the last at its end."""
+POINTS = 20  # evaluations of a run, evenly spaced, the last at its end
 
 
 @dataclass(frozen=True)

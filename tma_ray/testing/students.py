@@ -35,8 +35,7 @@ from tma_ray.benchmark import find_challenge, load_test_set
 from tma_ray.tasks import Answer, Episode, Outcomes, QueryKind, Task, TaskSpace, TestSet, Trajectory
 from tma_ray.teachers import Teacher
 
-DISCOUNT = 0.99
-"""Gamma of simulated students; rewards come evenly over an episode."""
+DISCOUNT = 0.99  # gamma of simulated students; rewards come evenly over an episode
 
 StateValues = Callable[[NDArray[np.float32]], NDArray[np.float64]]
 """Return values (n,) of observations (n, o)."""
@@ -75,18 +74,14 @@ Array = NDArray[np.float64]
 SIMULATION_VERSION = 1
 """Version of the equations and their parameters, part of every simulated run; raise it when these change."""
 
-WORST_RETURN = -100.0
-"""Expected return without any competence: a walker that falls at once."""
-
-RETURN_RANGE = 400.0
-"""What full competence adds; mastery, a return over 230, takes a competence over 0.825."""
+WORST_RETURN = -100.0  # expected return without any competence: a walker that falls at once
+RETURN_RANGE = 400.0  # what full competence adds; mastery, a return over 230, takes a competence over 0.825
 
 STEADY_SPREAD = 0.02
 """Standard deviation of an episode's competence around the student's at a hopeless or a mastered task: 8
 units of return, as random walkers vary (docs/fidelity.md)."""
 
-UNSTEADY_SPREAD = 0.4
-"""Times k (1 - k) added to it: who half masters a task now falls, now arrives."""
+UNSTEADY_SPREAD = 0.4  # times k (1 - k) added to it: who half masters a task now falls, now arrives
 
 EPISODE_STEPS = 2_000
 """Environment steps of every simulated episode, the time limit of Stump Tracks: 10,000 episodes are the
@@ -95,8 +90,7 @@ paper's 20 million steps, and teachers that count steps update as often as they 
 DISCOUNTED_SHARE = (1 - DISCOUNT**EPISODE_STEPS) / (1 - DISCOUNT) / EPISODE_STEPS
 """Discounted return of an episode that returns 1 in all: about 1/20."""
 
-MOST_REGIONS = 10_000
-"""Regions that a student may have in all, so that an episode costs tens of microseconds."""
+MOST_REGIONS = 10_000  # regions that a student may have in all, so that an episode costs tens of microseconds
 
 
 @dataclass(frozen=True)

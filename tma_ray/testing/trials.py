@@ -75,11 +75,8 @@ def first_difference(first: Iterable[Any], second: Iterable[Any]) -> int | None:
     return None
 
 
-STEPS = 1_000
-"""Length of every episode, so that a few hundred reach what teachers do every 100,000 steps."""
-
-VALUE_SHARE = 0.05
-"""Discounted return and value of a state as a share of the episodic return."""
+STEPS = 1_000  # length of every episode, so that a few hundred reach what teachers do every 100,000 steps
+VALUE_SHARE = 0.05  # discounted return and value of a state as a share of the episodic return
 
 
 UNSTEADINESS = 60.0

@@ -70,8 +70,7 @@ def working_nodes() -> list[dict[str, Any]]:
     return [node for node in nodes if node["Resources"].get("CPU")] or nodes
 
 
-FOLDER = "tma_ray_plugins"
-"""Folder of the shipped files, which a worker finds as a package of that name."""
+FOLDER = "tma_ray_plugins"  # folder of the shipped files, which a worker finds as a package of that name
 
 MOST_BYTES = 20 * 2**20
 """Largest size of shipped files, in bytes: larger data belongs on the nodes or in storage."""
@@ -115,8 +114,7 @@ def use_shipped() -> None:
         sys.path.insert(0, root)
 
 
-PROBE_SECONDS = 5.0
-"""Longest wait for a connection to an address, s."""
+PROBE_SECONDS = 5.0  # longest wait for a connection to an address, s
 
 _HOST = re.compile(r"[\w.-]+|[0-9a-fA-F:.]*:[0-9a-fA-F:.]+(%\w+)?")
 """A name, an address of IPv4, or one of IPv6."""
@@ -168,14 +166,9 @@ def connection_advice(address: str, reason: str) -> str:
     )
 
 
-PATIENCE_SECONDS: Final = 20.0
-"""Silence of a head after which a campaign that has not begun is given up, s."""
-
-LOOK_SECONDS: Final = 1.0
-"""Time between two looks, s."""
-
-GRACE_SECONDS: Final = 6.0
-"""Time in which a loop that looks after the head itself ends by itself, s."""
+PATIENCE_SECONDS: Final = 20.0  # silence of a head after which a campaign that has not begun is given up, s
+LOOK_SECONDS: Final = 1.0  # time between two looks, s
+GRACE_SECONDS: Final = 6.0  # time in which a loop that looks after the head itself ends by itself, s
 
 NOT_BEGUN: Final = "no run had been started; give the same command again"
 

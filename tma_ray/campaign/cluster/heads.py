@@ -47,14 +47,9 @@ OBJECT_STORE_BYTES: Final = 100_000_000
 CORE: Final = {"gcs_server": "head (GCS)", "raylet": "node manager (raylet)"}
 """Processes without which a Ray cannot go on, by what the system calls them, with their names in messages."""
 
-END_SECONDS: Final = 3.0
-"""Longest wait for processes that end, s."""
-
-MARK: Final = "made-by-tma_ray"
-"""Name of the file in a folder of ours; nothing is removed without it."""
-
-PREFIX: Final = "tma_ray-"
-"""Beginning of the names of these folders."""
+END_SECONDS: Final = 3.0  # longest wait for processes that end, s
+MARK: Final = "made-by-tma_ray"  # name of the file in a folder of ours; nothing is removed without it
+PREFIX: Final = "tma_ray-"  # beginning of the names of these folders
 
 LONGEST_PLACE: Final = (103 if sys.platform == "darwin" else 107) - len(
     f"/{PREFIX}12345678/ray/session_2026-01-01_00-00-00_123456_1234567/sockets/plasma_store"
@@ -241,8 +236,7 @@ def _remove(folder: Path) -> None:
 WATCH_SECONDS: Final = 2.0
 """Time between two looks at a cluster's head, and the longest that it has to accept a connection, s."""
 
-DEFAULT_PATIENCE: Final = 60.0
-"""Ray's own default of `PATIENCE_SETTING`, s."""
+DEFAULT_PATIENCE: Final = 60.0  # Ray's own default of `PATIENCE_SETTING`, s
 
 PATIENCE_SETTING: Final = "gcs_rpc_server_reconnect_timeout_s"
 """After so many s without the head Ray ends every process of the cluster, this one without a word."""
@@ -250,14 +244,9 @@ PATIENCE_SETTING: Final = "gcs_rpc_server_reconnect_timeout_s"
 HASTE_SECONDS: Final = 15.0
 """Time before that at which the campaign ends by itself, s: without a head, leaving Ray takes some 8 s."""
 
-NOTEWORTHY_SECONDS: Final = 10.0
-"""Silence of a head that is worth a message, s."""
-
-ANSWER_SECONDS: Final = 10
-"""Time in which a head has to list its nodes, s."""
-
-ALIVE: Final = 0
-"""State of a node in the head's list that is there."""
+NOTEWORTHY_SECONDS: Final = 10.0  # silence of a head that is worth a message, s
+ANSWER_SECONDS: Final = 10  # time in which a head has to list its nodes, s
+ALIVE: Final = 0  # state of a node in the head's list that is there
 
 logger = logging.getLogger(__name__)
 

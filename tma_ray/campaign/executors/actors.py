@@ -28,8 +28,7 @@ from tma_ray.runs.teaching import InlineTeacher
 from tma_ray.students import Learner
 from tma_ray.students.players import CohortSettings
 
-NODE_LABEL = "ray.io/node-id"
-"""Label that Ray gives every node."""
+NODE_LABEL = "ray.io/node-id"  # label that Ray gives every node
 
 
 def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
@@ -162,16 +161,14 @@ def reason_for_loss(error: Exception) -> str:
 LEARNER_CALLS = 6
 """Concurrent calls of a learner actor: two that wait, also again after a network failure, and a report."""
 
-WINDOW_SECONDS = 30.0
-"""Time over which speed and share of work are averaged, s."""
+WINDOW_SECONDS = 30.0  # time over which speed and share of work are averaged, s
 
 
 LONGEST_TURN = 3600.0
 """Time at the same few updates after which a learner counts as stuck, s: its GPU may hang. The compilation of
 a first update takes minutes."""
 
-TURN_POLL = 5.0
-"""Time between two looks at whether a learner is stuck, s."""
+TURN_POLL = 5.0  # time between two looks at whether a learner is stuck, s
 
 
 class LearnerActor:

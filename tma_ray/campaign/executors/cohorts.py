@@ -56,11 +56,8 @@ def kinds_of(specs: Sequence[RunSpec]) -> dict[str, Kind]:
     return kinds
 
 
-PROCESS_GIB = {"cpu": 1.0, "cuda": 4.0}
-"""Memory of a learner's process without replay, GiB."""
-
-ROW_BYTES = 4.2
-"""Size of a stored transition for each of its numbers, of which observations are stored once."""
+PROCESS_GIB = {"cpu": 1.0, "cuda": 4.0}  # memory of a learner's process without replay, GiB
+ROW_BYTES = 4.2  # size of a stored transition for each of its numbers, of which observations are stored once
 
 
 def learner_resources(settings: Settings, specs: Iterable[RunSpec], kinds: Mapping[str, Kind]) -> Resources:
@@ -109,8 +106,7 @@ def check_room(settings: Settings, specs: Sequence[RunSpec], kinds: Mapping[str,
     )
 
 
-AUTOSCALING_LEARNERS = 4
-"""Learners that wait for nodes of an autoscaling cluster."""
+AUTOSCALING_LEARNERS = 4  # learners that wait for nodes of an autoscaling cluster
 
 LONGEST_LOOK = 5.0
 """Longest time that counts between two looks at a learner, s: the driver may have slept itself."""

@@ -23,8 +23,7 @@ from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Learner
 from tma_ray.students.players import CohortSettings
 
-REPORT_SECONDS = 2.0
-"""Shortest time between two reports of an attempt without a new checkpoint, s."""
+REPORT_SECONDS = 2.0  # shortest time between two reports of an attempt without a new checkpoint, s
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that limit the threads of matrix products."""

@@ -30,8 +30,7 @@ from tma_ray.runs.spec import RunSpec
 UNREACHABLE_PAUSE = 0.5
 """Pause before another call of an actor that did not answer, and longest wait for first reports, s."""
 
-FINAL_REPORT_SECONDS = 10.0
-"""Longest wait for the last report of an actor whose run has ended, s."""
+FINAL_REPORT_SECONDS = 10.0  # longest wait for the last report of an actor whose run has ended, s
 
 
 @dataclass

@@ -116,8 +116,7 @@ class CompiledEngine:
         return CompiledEngine, self._recipe
 
 
-LINE = 8
-"""Integers in a cache line."""
+LINE = 8  # integers in a cache line
 
 DONE, FAILED, END, CALL, LEFT = 0, 8, 9, 16, 24
 """Places on a board: steps done, steps that failed, 1 when threads shall end, sizes and addresses of a call;

@@ -20,8 +20,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 from pymunk import _chipmunk
 
-MACHINES = ("x86_64", "amd64", "aarch64", "arm64")
-"""Whose calling conventions are as described above."""
+MACHINES = ("x86_64", "amd64", "aarch64", "arm64")  # whose calling conventions are as described above
 
 SIZES = {"cpVect": 16, "cpFloat": 8, "cpShapeFilter": 16, "cpBitmask": 4, "cpGroup": 8, "cpCollisionType": 8}
 """Types whose sizes, in bytes, the declarations below take for granted."""
@@ -43,8 +42,7 @@ def load() -> None:
             raise RuntimeError(f"pymunk {pymunk.version} does not export {name}")
 
 
-_NAMES: list[str] = ["cpArbiterGetShapes"]
-"""Symbols that are declared below."""
+_NAMES: list[str] = ["cpArbiterGetShapes"]  # symbols that are declared below
 
 
 def _function(name: str, result: types.Type, *arguments: types.Type) -> Any:

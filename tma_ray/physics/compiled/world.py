@@ -17,14 +17,9 @@ from tma_ray.physics.rules import BodyArrays
 from tma_ray.terrain import FIXED, Terrain
 
 Floats = NDArray[np.float64]
-Handles = NDArray[np.int64]
-"""Pointers into Chipmunk."""
-
-PARTS_GROUP = 1
-"""Shapes of one group do not collide."""
-
-EVERY_CATEGORY = -1
-"""All bits of a filter's categories and mask."""
+Handles = NDArray[np.int64]  # pointers into Chipmunk
+PARTS_GROUP = 1  # shapes of one group do not collide
+EVERY_CATEGORY = -1  # all bits of a filter's categories and mask
 
 
 @cfunc("void(intp, intp, CPointer(int64))", cache=True)

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-Version: TypeAlias = Any
-"""Opaque identity of a file's content, as `Store.read_version` returns it."""
+Version: TypeAlias = Any  # opaque identity of a file's content, as `Store.read_version` returns it
 
 Stamp: TypeAlias = tuple[int | None, int | None]
 """Time of writing (ns since 1970) and size (bytes) of a file; both None for anything but a file."""
@@ -38,11 +37,8 @@ TEMPORARY: Final = "tmp"
 Others may keep files in it: ours have names that `Store.temporary` returns.
 """
 
-FIRST_PAUSE: Final = 1.0
-"""Pause before the first retry, s; doubled with every other refusal."""
-
-LONGEST_PAUSE: Final = 60.0
-"""Longest pause between two tries, s."""
+FIRST_PAUSE: Final = 1.0  # pause before the first retry, s; doubled with every other refusal
+LONGEST_PAUSE: Final = 60.0  # longest pause between two tries, s
 
 CONTINUES: Final = "what was published before is safe, and the same command continues from there"
 """End of messages about a storage that fails."""

@@ -27,8 +27,7 @@ from tma_ray.results.storage.base import (
 
 T = TypeVar("T")
 
-ATTEMPTS: Final = 10
-"""Tries of one request, with random pauses that grow: about a minute in all."""
+ATTEMPTS: Final = 10  # tries of one request, with random pauses that grow: about a minute in all
 
 PARAMETERS: Final = {"s3": ("region", "scheme", "endpoint_override"), "gs": ("scheme", "endpoint_override")}
 """Parameters of a URI, after its question mark."""

@@ -42,8 +42,7 @@ _ADVICE: Final = {
     errno.ENAMETOOLONG: "a name in it is too long",
 }
 
-CHECKOUT: Final = (".git", "pyproject.toml")
-"""Names of which the top folder of a source checkout has one."""
+CHECKOUT: Final = (".git", "pyproject.toml")  # names of which the top folder of a source checkout has one
 
 LOCK_SECONDS: Final = 5.0
 """Time to wait for a lock that another process keeps, which may be frozen, s; then it is done without."""

@@ -43,8 +43,7 @@ def keep_pages() -> None:
         mallopt(_MAP_THRESHOLD, 2**25)  # the most that it takes
 
 
-WARM_UP = 3
-"""Executions before a graph is captured, for libraries that make what they need at first use."""
+WARM_UP = 3  # executions before a graph is captured, for libraries that make what they need at first use
 
 COMPILE_MODE = "max-autotune-no-cudagraphs"
 """Of torch's compiler: puts what is between products into them, and leaves the capture to us."""

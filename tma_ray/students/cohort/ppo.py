@@ -14,8 +14,7 @@ from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.mlp.network import Network
 from tma_ray.students.ppo import Losses, Steps, losses
 
-EPSILON = 1e-5
-"""Of Adam, as in stable-baselines3's policies."""
+EPSILON = 1e-5  # of Adam, as in stable-baselines3's policies
 
 
 def clip(gradient: torch.Tensor, norm: float) -> None:

@@ -42,20 +42,11 @@ class Delivery(NamedTuple):
         return cls(receivers, memory, recorded())
 
 
-AT_ONCE = 2
-"""Threads: checkpoints of so many runs are written or read at a time."""
-
-UNDER_WAY = 2
-"""Pieces of work that a GPU may have been asked for: more would keep what comes later waiting."""
-
-MOST_AT_ONCE = 8
-"""Updates between two looks at what players ask."""
-
-DELIVERY_SECONDS = 0.0005
-"""Time between two looks at weights that are under way from a GPU, s."""
-
-_LATER = object()
-"""Stands for a reply that follows when the updates are made."""
+AT_ONCE = 2  # threads: checkpoints of so many runs are written or read at a time
+UNDER_WAY = 2  # pieces of work that a GPU may have been asked for: more would keep what comes later waiting
+MOST_AT_ONCE = 8  # updates between two looks at what players ask
+DELIVERY_SECONDS = 0.0005  # time between two looks at weights that are under way from a GPU, s
+_LATER = object()  # stands for a reply that follows when the updates are made
 
 
 class LearnerServer:

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from tma_ray.arguments import check_fields, check_whole
 
-ALIGNMENT = 64
-"""Of arrays in the memory, bytes."""
+ALIGNMENT = 64  # of arrays in the memory, bytes
 
 
 class Posted(NamedTuple):
@@ -88,8 +87,7 @@ def can_share() -> bool:
     return hasattr(os, "memfd_create")
 
 
-Weights = NDArray[np.float32]
-"""Parameters that a player acts with (p,), in the layout of its network."""
+Weights = NDArray[np.float32]  # parameters that a player acts with (p,), in the layout of its network
 
 
 class LearnerError(RuntimeError):

@@ -13,11 +13,8 @@ from tma_ray.students.mlp.acting import FloatArray, RowArrays, apply_row
 from tma_ray.students.players.base import ActingStudent, Player
 from tma_ray.students.players.link import Weights
 
-LOG_STD_RANGE = -20.0, 2.0
-"""Bounds of the log deviation."""
-
-SQUASH_EPSILON = 1e-6
-"""Keeps the logarithm of the squashing's derivative finite, as in stable-baselines3."""
+LOG_STD_RANGE = -20.0, 2.0  # bounds of the log deviation
+SQUASH_EPSILON = 1e-6  # keeps the logarithm of the squashing's derivative finite, as in stable-baselines3
 
 NODES, NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
 """Nodes and weights of Gauss-Hermite quadrature; the weights sum to sqrt(2 pi)."""
