@@ -77,48 +77,36 @@ def _stump_tracks(
 
 
 def _parkour(
-    name: str, title: str, *theta: tuple[float, float], water: tuple[float, float] = (0.0, 1.0)
+    name: str,
+    title: str,
+    *theta: tuple[float, float],
+    water: tuple[float, float] = (0.0, 1.0),
+    height: tuple[float, float] = (0.0, 4.0),
+    spacing: tuple[float, float] = (0.0, 5.0),
+    delta: float = 10.0,
+    tests: str = "",
 ) -> Challenge:
-    """Return the Parkour whose teacher may choose `theta` from three intervals, and `water`."""
-    free = dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True))
-    others = {
+    """Return the Parkour of three intervals of `theta`, tested on `tests`, or on those of each locomotion."""
+    bounds = {
+        **dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True)),
         "water_level": water,
         "creepers_width": (0.25, 0.25),
-        "creepers_height": (0.0, 4.0),
-        "creepers_spacing": (0.0, 5.0),
-        "terrain_cppn_scale": (10.0, 10.0),
+        "creepers_height": height,
+        "creepers_spacing": spacing,
+        "terrain_cppn_scale": (delta, delta),
     }
-    return Challenge(
-        environment="parkour",
-        name=name,
-        title=title,
-        task_space=TaskSpace.from_bounds(free | others, PARKOUR_UNITS),
-        test_set="parkour_walking",
-        easy_task=None,
-        other_test_sets={"swimmer": "parkour_swimming", "climber": "parkour_climbing"},
-    )
+    others = {} if tests else {"swimmer": "parkour_swimming", "climber": "parkour_climbing"}
+    space = TaskSpace.from_bounds(bounds, PARKOUR_UNITS)
+    return Challenge("parkour", name, title, space, tests or "parkour_walking", None, others)
 
 
 def _easy_parkour(
     locomotion: str, theta: tuple[tuple[float, float], ...], water: float, delta: float
 ) -> Challenge:
     """Return an easy piece of Parkour for the bodies of one kind of locomotion, with tests drawn from it."""
-    bounds = {
-        **dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True)),
-        "water_level": (water, water),
-        "creepers_width": (0.25, 0.25),
-        "creepers_height": (0.0, 1.0),
-        "creepers_spacing": (2.0, 5.0),
-        "terrain_cppn_scale": (delta, delta),
-    }
-    return Challenge(
-        environment="parkour",
-        name=f"easy_{locomotion}",
-        title=f"Parkour, easy {locomotion}",
-        task_space=TaskSpace.from_bounds(bounds, PARKOUR_UNITS),
-        test_set=f"parkour_easy_{locomotion}",
-        easy_task=None,
-    )
+    easy = {"water": (water, water), "height": (0.0, 1.0), "spacing": (2.0, 5.0)}
+    name, tests = f"easy_{locomotion}", f"parkour_easy_{locomotion}"
+    return _parkour(name, f"Parkour, easy {locomotion}", *theta, **easy, delta=delta, tests=tests)
 
 
 FLAT_GROUND = (0.87, 0.93), (0.66, 0.72), (0.47, 0.53)

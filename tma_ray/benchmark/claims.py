@@ -148,9 +148,9 @@ def _parkour(teacher: str, embodiment: str = "") -> Reading:
     return Reading(teacher, "original", LOW, "parkour", embodiment)
 
 
-def _beats_random(teacher: str, relation: Relation, share: float = 1.0) -> Compared:
-    """Return the comparison of `teacher` with Random in Parkour, after a share of the training."""
-    first, second = (Reading(name, "original", LOW, "parkour", share=share) for name in (teacher, "random"))
+def _in_parkour(teacher: str, relation: Relation, other: str = "random", share: float = 1.0) -> Compared:
+    """Return the comparison of two teachers in Parkour, after a share of the training."""
+    first, second = (Reading(name, "original", LOW, "parkour", share=share) for name in (teacher, other))
     return Compared(first, relation, second)
 
 
@@ -283,9 +283,9 @@ CLAIMS: tuple[Claim, ...] = (
         "In Parkour ALP-GMM is the only teacher better than Random throughout the training.",
         APPENDIX_D,
         (
-            *(_beats_random("alp_gmm", Relation.BETTER, share) for share in (0.25, 0.5, 0.75, 1.0)),
+            *(_in_parkour("alp_gmm", Relation.BETTER, share=share) for share in (0.25, 0.5, 0.75, 1.0)),
             *(
-                _beats_random(teacher, Relation.NOT_BETTER)
+                _in_parkour(teacher, Relation.NOT_BETTER)
                 for teacher in TEACHERS
                 if teacher not in ("alp_gmm", "random")
             ),
@@ -295,31 +295,25 @@ CLAIMS: tuple[Claim, ...] = (
         "parkour_setter_solver_ends_with_alp_gmm",
         "In Parkour Setter-Solver is not different from ALP-GMM at the end of the training.",
         APPENDIX_D,
-        (Compared(_parkour("setter_solver"), Relation.ALIKE, _parkour("alp_gmm")),),
+        (_in_parkour("setter_solver", Relation.ALIKE, "alp_gmm"),),
     ),
     Claim(
         "parkour_stops_adr",
         "In Parkour ADR is worse than Random.",
         SECTION_5,
-        (Compared(_parkour("adr"), Relation.WORSE, _parkour("random")),),
+        (_in_parkour("adr", Relation.WORSE),),
     ),
     Claim(
         "parkour_spdl_and_setter_solver",
         "In Parkour SPDL and Setter-Solver are on the level of Random.",
         SECTION_5,
-        tuple(
-            Compared(_parkour(teacher), Relation.ALIKE, _parkour("random"))
-            for teacher in ("spdl", "setter_solver")
-        ),
+        tuple(_in_parkour(teacher, Relation.ALIKE) for teacher in ("spdl", "setter_solver")),
     ),
     Claim(
         "parkour_goal_gan",
         "In Parkour Goal-GAN cannot be told from Covar-GMM and RIAC.",
         SECTION_5,
-        tuple(
-            Compared(_parkour("goal_gan"), Relation.ALIKE, _parkour(teacher))
-            for teacher in ("covar_gmm", "riac")
-        ),
+        tuple(_in_parkour("goal_gan", Relation.ALIKE, teacher) for teacher in ("covar_gmm", "riac")),
     ),
     Claim(
         "nobody_climbs",

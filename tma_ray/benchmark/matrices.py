@@ -47,6 +47,12 @@ class Grid:
         return [dict(zip(self.values, point, strict=True)) for point in combinations]
 
 
+_OF_MIXTURES = {
+    "fit_every": (50, 150, 250, 350),
+    "most_components": (5, 10, 15, 20),
+    "explore": (0.05, 0.1, 0.2, 0.3),
+}
+
 TEACHER_GRIDS: Mapping[str, Grid] = {
     "adr": Grid(
         {
@@ -67,19 +73,11 @@ TEACHER_GRIDS: Mapping[str, Grid] = {
         chosen={"region_capacity": 150, "split_attempts": 75, "smallest_side": 0.1},
     ),
     "covar_gmm": Grid(
-        {
-            "fit_every": (50, 150, 250, 350),
-            "most_components": (5, 10, 15, 20),
-            "explore": (0.05, 0.1, 0.2, 0.3),
-        },
+        _OF_MIXTURES,
         chosen={"fit_every": 150, "most_components": 15, "explore": 0.1},
     ),
     "alp_gmm": Grid(
-        {
-            "fit_every": (50, 150, 250, 350),
-            "most_components": (5, 10, 15, 20),
-            "explore": (0.05, 0.1, 0.2, 0.3),
-        },
+        _OF_MIXTURES,
         chosen={"fit_every": 150, "most_components": 10, "explore": 0.05},
     ),
     "goal_gan": Grid(

@@ -1,9 +1,6 @@
 """Commands that export policies and show them."""
 
-from dataclasses import dataclass
 from typing import Annotated
-
-from cyclopts import Parameter
 
 from tma_ray.cli.options import Count, Licence, NewFile, Output, Policy, RunResults, Seed
 from tma_ray.command_line import command, value, values
@@ -11,29 +8,6 @@ from tma_ray.commands.values import named
 
 EnvironmentName = Annotated[str, value(named("the name of an environment"), "NAME")]
 BodyName = Annotated[str, value(named("the name of a body"), "NAME")]
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class SceneOptions:
-    """Options that choose a world, a policy and the frames of an episode.
-
-    Attributes:
-        environment: environment (default: the run's, else stump_tracks)
-        embodiment: body (default: the run's, else classic_bipedal)
-        policy: a run, the folder of a saved policy, random (uniform actions) or zero (none)
-        seed: seed of worlds, random tasks and random actions
-        steps: steps after which an episode is left
-        every: steps from one frame to the next
-    """
-
-    environment: EnvironmentName | None = None
-    embodiment: BodyName | None = None
-    policy: Policy = "random"
-    results: RunResults = "results"
-    seed: Seed = 0
-    steps: Count = 1000
-    every: Count = 2
 
 
 @command()
@@ -71,7 +45,13 @@ def render(
     *,
     output: NewFile,
     task: Annotated[str | None, value(named("a task"), "TASK")] = None,
-    scene: SceneOptions = SceneOptions(),
+    environment: EnvironmentName | None = None,
+    embodiment: BodyName | None = None,
+    policy: Policy = "random",
+    results: RunResults = "results",
+    seed: Seed = 0,
+    steps: Count = 1000,
+    every: Count = 2,
 ) -> int:
     """Render an episode as a video or a picture.
 
@@ -81,11 +61,18 @@ def render(
         output: video (.mp4, .gif) or picture (.png)
         task: values as 0.5,3, pairs as stump_height=0.5,obstacle_spacing=3, or random (default: the middle of
             the task space)
+        environment: environment (default: the run's, else stump_tracks)
+        embodiment: body (default: the run's, else classic_bipedal)
+        policy: a run, the folder of a saved policy, random (uniform actions) or zero (none)
+        seed: seed of worlds, random tasks and random actions
+        steps: steps after which an episode is left
+        every: steps from one frame to the next
     """
     from tma_ray.viewing.rendering import EpisodeSettings
     from tma_ray.viewing.rendering import render as draw
 
-    episode = draw(EpisodeSettings(**vars(scene), task=task), output)
+    settings = EpisodeSettings(str(policy), results, environment, embodiment, seed, steps, every, task)
+    episode = draw(settings, output)
     success = "mastered" if episode.success else "not mastered"
     end = f"ended after {episode.steps}" if episode.ended else f"left after {episode.steps}"
     print(f"{output}: {end} steps, return {episode.episodic_return:.1f}, {success}")

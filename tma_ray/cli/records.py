@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Any
 from tma_ray.commands.texts import OBEYED
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from tma_ray.campaign.costs import Cost
     from tma_ray.campaign.plan import Plan
     from tma_ray.campaign.progress import Overview
@@ -134,8 +132,8 @@ def ranking_record(sources: Sequence[str | Path], share: float, measure: str) ->
         "warnings": list(frames.notes),
         "share": share,
         "measure": measure,
-        "rows": _rows(table),
-        "overall": _rows(overall(runs, measure)),
+        "rows": table.to_dict("records"),
+        "overall": overall(runs, measure).to_dict("records"),
         "sentences": ranking_sentences(table),
     }
 
@@ -182,7 +180,7 @@ def plan_record(experiment: str, tier: str, plan: Plan, cost: Cost) -> dict[str,
                 *("disk_gib", "checkpoint_gib", "memory_gib"),
             )
         },
-        "detectable": _rows(detectable_differences(plan.cell_rows, plan.largest_budget)),
+        "detectable": detectable_differences(plan.cell_rows, plan.largest_budget).to_dict("records"),
     }
 
 
@@ -203,7 +201,3 @@ def baselines_record() -> dict[str, Any]:
         for baseline in baselines()
     ]
     return {"baselines": rows}
-
-
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]

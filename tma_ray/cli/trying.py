@@ -90,35 +90,28 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
 
 def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
     """Tell the cost and run the looks."""
+    from tma_ray.campaign import trials
     from tma_ray.campaign.costs import confirm
-    from tma_ray.campaign.trials import (
-        CAMPAIGN,
-        affordable_look,
-        run_looks,
-        simulate_looks,
-        simulated_cells,
-        trial_cost,
-    )
     from tma_ray.testing.conformance import check_quickly
 
-    cost = trial_cost(plans, options) if plans else None
+    cost = trials.trial_cost(plans, options) if plans else None
     if cost:
         say("at most, " + cost.describe())
     if options.dry_run:
         return 0
     if cost is not None and min(cost.wall_hours, options.budget or cost.wall_hours) > 1:
-        confirm(CAMPAIGN, cost, yes=options.yes, address=options.chosen_address())
-    trial.affordable = affordable_look(plans, cost, options)
+        confirm(trials.CAMPAIGN, cost, yes=options.yes, address=options.chosen_address())
+    trial.affordable = trials.affordable_look(plans, cost, options)
     check_quickly(trial.design.teacher)
     if TrialFile.load(trial.store) is None:
         create_root(trial.store)
         TrialFile(trial.design.to_dict()).save(trial.store)
     if plans:
-        code = run_looks(plans, cost, options, trial.judge)
+        code = trials.run_looks(plans, cost, options, trial.judge)
     else:
         seeds = [trial.design.seeds[:count] for count in trial.design.looks]
-        cells = simulated_cells(trial.design.teacher, trial.design.places)
-        code = simulate_looks(cells, seeds, options, trial.judge)
+        cells = trials.simulated_cells(trial.design.teacher, trial.design.places)
+        code = trials.simulate_looks(cells, seeds, options, trial.judge)
     trial.conclude()
     return code
 

@@ -78,9 +78,8 @@ def export(
         with _unfinished(output) as folder:
             saved.copy(folder)
             write_inputs(saved.spec, folder)
-            (folder / CARD_FILE).unlink(missing_ok=True)  # of a folder that was exported itself
-            (folder / ONNX_FILE).unlink(missing_ok=True)
-            (folder / PLAYGROUND_FILE).unlink(missing_ok=True)
+            for name in (CARD_FILE, ONNX_FILE, PLAYGROUND_FILE):  # of a folder that was exported itself
+                (folder / name).unlink(missing_ok=True)
             saved.load(*_spaces(environment))  # refuses one that does not fit
             difference = _write_onnx(saved, environment, folder) if onnx else None
             if playground:

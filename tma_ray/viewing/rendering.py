@@ -80,10 +80,8 @@ def _write_mp4(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
             if stream is None:
                 stream = container.add_stream("libx264", rate=frames_per_second)
                 stream.height, stream.width = even.shape[:2]
-                stream.pix_fmt, stream.options = (
-                    "yuv420p",
-                    {"crf": "20"},
-                )  # constant rate factor: 0 is lossless, 51 worst
+                stream.pix_fmt = "yuv420p"
+                stream.options = {"crf": "20"}  # constant rate factor: 0 is lossless, 51 worst
             container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(even), "rgb24")))
         assert stream is not None
         container.mux(stream.encode(None))
