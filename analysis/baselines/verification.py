@@ -17,19 +17,7 @@ from analysis.baselines.catalogue import (
     find_baseline,
 )
 from analysis.data.frames import COMPARISON, Frames
-from tma_ray.results import (
-    INPUTS,
-    Damage,
-    DamagedFileError,
-    ObjectStoreError,
-    ResultsRootError,
-    RunStatus,
-    Store,
-    damage_reason,
-    read_checked,
-    read_published,
-    verify_root,
-)
+from tma_ray import results
 
 ENDINGS: Final = (".json", ".parquet", ".safetensors", ".md", ".jsonl.gz")
 """Endings of the files of a baseline, except for inputs of its runs: nothing that runs when it is read."""
@@ -45,7 +33,7 @@ class Verification:
     """
 
     baseline: Baseline
-    damage: tuple[Damage, ...]
+    damage: tuple[results.Damage, ...]
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -65,51 +53,51 @@ def verify(name: str | Path) -> Verification:
         BaselineError: no baseline of that name or place, or its manifest cannot be read.
     """
     baseline = find_baseline(name)
-    store = Store.open(baseline.place)
+    store = results.Store.open(baseline.place)
     damage = list(_damaged_files(store, baseline))
     known = {each.path for each in damage}
     if baseline.manifest.kind is BaselineKind.RUNS:
         damage += [each for each in _damaged_runs(store, baseline) if each.path not in known]
     else:
         try:
-            read_published(store)
-        except ObjectStoreError:
+            results.read_published(store)
+        except results.ObjectStoreError:
             raise
         except (OSError, ValueError, pa.ArrowException) as error:
-            damage.append(Damage(BASELINE_FILE, f"its results cannot be read: {error}"))
+            damage.append(results.Damage(BASELINE_FILE, f"its results cannot be read: {error}"))
     return Verification(baseline, tuple(damage))
 
 
-def _damaged_files(store: Store, baseline: Baseline) -> Iterator[Damage]:
+def _damaged_files(store: results.Store, baseline: Baseline) -> Iterator[results.Damage]:
     files = {file.path: file for file in baseline.manifest.files}
     for path in sorted(set(store.files()) - set(files) - {BASELINE_FILE} - FOREIGN_FILES):
-        yield Damage(path, "it is not of this baseline")
+        yield results.Damage(path, "it is not of this baseline")
     for file in files.values():
-        if not file.path.endswith(ENDINGS) and not file.path.startswith(f"{INPUTS}/"):
-            yield Damage(file.path, "a baseline does not hold files of this kind")
+        if not file.path.endswith(ENDINGS) and not file.path.startswith(f"{results.INPUTS}/"):
+            yield results.Damage(file.path, "a baseline does not hold files of this kind")
         try:
-            read_checked(store, file.path, file.sha256)
-        except ObjectStoreError:  # which says nothing of the file
+            results.read_checked(store, file.path, file.sha256)
+        except results.ObjectStoreError:  # which says nothing of the file
             raise
-        except (OSError, DamagedFileError) as error:
-            yield Damage(file.path, damage_reason(error, store.where(file.path)))
+        except (OSError, results.DamagedFileError) as error:
+            yield results.Damage(file.path, results.damage_reason(error, store.where(file.path)))
 
 
-def _damaged_runs(store: Store, baseline: Baseline) -> Iterator[Damage]:
+def _damaged_runs(store: results.Store, baseline: Baseline) -> Iterator[results.Damage]:
     try:
-        found = verify_root(store)
-    except ResultsRootError as error:
-        yield Damage(BASELINE_FILE, str(error))
+        found = results.verify_root(store)
+    except results.ResultsRootError as error:
+        yield results.Damage(BASELINE_FILE, str(error))
         return
     yield from found.damage
-    yield from (Damage(path, "it belongs to no run") for path in found.unlisted)
+    yield from (results.Damage(path, "it belongs to no run") for path in found.unlisted)
     recorded = {file.path: file.sha256 for file in baseline.manifest.files}
     for path, sha256 in found.files:
         if recorded.get(path) != sha256:
-            yield Damage(path, "a run refers to another file than the recorded one")
+            yield results.Damage(path, "a run refers to another file than the recorded one")
     counted = baseline.manifest.holds.get("runs")
     if found.runs != counted:
-        yield Damage(BASELINE_FILE, f"{found.runs} of its {counted} runs can be read")
+        yield results.Damage(BASELINE_FILE, f"{found.runs} of its {counted} runs can be read")
 
 
 MOST_BYTES = 15_000_000
@@ -147,7 +135,7 @@ def lacking(baseline: Baseline) -> list[str]:
 
 def _lacking_runs(frames: Frames) -> Iterator[str]:
     """Yield runs that are not done, names of machines, and seeds that teachers lack."""
-    unfinished = [run.run.run_id for run in frames.results.runs() if run.status is not RunStatus.DONE]
+    unfinished = [run.run.run_id for run in frames.results.runs() if run.status is not results.RunStatus.DONE]
     if unfinished:
         yield f"{len(unfinished)} runs are not done, as {unfinished[0]}"
     if len(frames.attempts) and (frames.attempts["host"].astype(str) != "").any():
@@ -182,7 +170,7 @@ def publish(folder: str | Path, address: str) -> str:
         ObjectStoreError: errors of `check_address`, or the upload fails.
     """
     _refuse_damage(folder, "pack it again")
-    source, target = Store.open(folder), Store.open(address)
+    source, target = results.Store.open(folder), results.Store.open(address)
     paths = [file.path for file in BaselineManifest.load(source).files]
     check_address(address, paths)
     for path in (*paths, BASELINE_FILE):
@@ -204,7 +192,7 @@ def check_address(address: str, paths: Collection[str] | None = None) -> None:
     """
     if "://" not in address:
         raise BaselineError(f"{address} is not an address: expected one such as s3://bucket/mine-1.0")
-    target = Store.open(address)
+    target = results.Store.open(address)
     target.check_access()
     if target.holds(BASELINE_FILE):
         raise BaselineError(

@@ -14,15 +14,7 @@ from numpy.typing import NDArray
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import ends, number, p_value
-from analysis.measures.pooling import (
-    BIPEDAL,
-    CONDITIONS,
-    RELEASED_BIPEDAL,
-    condition_words,
-    pooled,
-    runs_after,
-    varying,
-)
+from analysis.measures import pooling
 from analysis.measures.tested import PAPERS, Seeds, compared, seeds_to_pair
 from analysis.names import label
 from analysis.statistics import (
@@ -82,12 +74,10 @@ class Finding:
     """A statement judged by results.
 
     Attributes:
-        statement: claim about single results.
         standing: standing by an interval against a margin.
         evidence: the numbers behind that, or what is missing.
     """
 
-    statement: Statement
     standing: Standing
     evidence: str
 
@@ -141,24 +131,24 @@ def _finding(statement: Statement, source: Source) -> Finding:
 def _(statement: Compared, source: Source) -> Finding:
     first, second = source.sample(statement.first), source.sample(statement.second)
     if first is None or second is None:
-        return _missing(statement, statement.first if first is None else statement.second)
+        return _missing(statement.first if first is None else statement.second)
     test = _test(first, second)
     names = f"{_name(statement.first)} {number(test.difference)} points from {_name(statement.second)}"
     interval = test.reason or f"95 % interval {ends(test.low, test.high)}, {p_value(test.p)}"
     evidence = f"{names} ({interval}, n = {test.n} and {test.reference_n})"
-    return Finding(statement, _relation(statement.relation, test), evidence)
+    return Finding(_relation(statement.relation, test), evidence)
 
 
 @_finding.register
 def _(statement: Bounded, source: Source) -> Finding:
     sample = source.sample(statement.reading)
     if sample is None or (statement.best_seed and sample.values is None):
-        return _missing(statement, statement.reading)
+        return _missing(statement.reading)
     if statement.best_seed and sample.values is not None:
         best = float(sample.values.max())
         evidence = f"{_name(statement.reading)}: best seed {number(best)} %, n = {sample.description.n}"
         holds = statement.least <= best <= statement.most
-        return Finding(statement, Standing.SUPPORTED if holds else Standing.REFUTED, evidence)
+        return Finding(Standing.SUPPORTED if holds else Standing.REFUTED, evidence)
     low, high = mean_percent_interval(sample.description)
     standing = Standing.UNDECIDED
     if statement.least <= low and high <= statement.most:
@@ -166,7 +156,7 @@ def _(statement: Bounded, source: Source) -> Finding:
     elif low > statement.most or high < statement.least:
         standing = Standing.REFUTED
     mean = f"mean {number(sample.description.mean)} % [{number(low)}, {number(high)}]"
-    return Finding(statement, standing, f"{_name(statement.reading)}: {mean}, n = {sample.description.n}")
+    return Finding(standing, f"{_name(statement.reading)}: {mean}, n = {sample.description.n}")
 
 
 @_finding.register
@@ -179,7 +169,7 @@ def _(statement: Ranked, source: Source) -> Finding:
     known = {teacher: sample for teacher, sample in samples.items() if sample is not None}
     mine = known.pop(statement.reading.teacher, None)
     if mine is None or len(known) < statement.top:
-        return _missing(statement, statement.reading)
+        return _missing(statement.reading)
     ahead = Counter(_relation(Relation.BETTER, _test(other, mine)) for other in known.values())
     standing = Standing.UNDECIDED
     if ahead[Standing.SUPPORTED] >= statement.top:
@@ -191,26 +181,21 @@ def _(statement: Ranked, source: Source) -> Finding:
         f"{_name(statement.reading)}: place {place} of {len(known) + 1} by mean; better are "
         f"{ahead[Standing.SUPPORTED]} for certain, {ahead[Standing.UNDECIDED]} perhaps"
     )
-    return Finding(statement, standing, evidence)
+    return Finding(standing, evidence)
 
 
 @_finding.register
 def _(statement: Scaled, source: Source) -> Finding:
     first, second = source.sample(statement.first), source.sample(statement.second)
     if first is None or second is None:
-        return _missing(statement, statement.first if first is None else statement.second)
-    scaled = Description(
-        second.description.n,
-        statement.factor * second.description.mean,
-        statement.factor * second.description.std,
-    )
-    test = welch_from_statistics(first.description, scaled)
-    mine, theirs = first.description.mean, second.description.mean
+        return _missing(statement.first if first is None else statement.second)
+    mine, theirs, factor = first.description, second.description, statement.factor
+    test = welch_from_statistics(mine, Description(theirs.n, factor * theirs.mean, factor * theirs.std))
     evidence = (
-        f"{_name(statement.first)}: {number(mine)} % and {number(theirs)} %; above {statement.factor:g} "
+        f"{_name(statement.first)}: {number(mine.mean)} % and {number(theirs.mean)} %; above {factor:g} "
         f"times that by {number(test.difference)} {ends(test.low, test.high)}"
     )
-    return Finding(statement, greater(test.low, test.high, 0.0), evidence)
+    return Finding(greater(test.low, test.high, 0.0), evidence)
 
 
 def _test(first: Sample, second: Sample) -> Comparison:
@@ -234,8 +219,8 @@ def _relation(relation: Relation, test: Comparison) -> Standing:
             return equivalent(low, high)
 
 
-def _missing(statement: Statement, reading: Reading) -> Finding:
-    return Finding(statement, Standing.NO_DATA, f"{_name(reading)}: no complete results")
+def _missing(reading: Reading) -> Finding:
+    return Finding(Standing.NO_DATA, f"{_name(reading)}: no complete results")
 
 
 def _name(reading: Reading) -> str:
@@ -283,7 +268,7 @@ class RootSource:
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
         self._places = cache(self._complete)
-        self._conditions, self.note = _chosen_conditions(runs_after(frames))
+        self._conditions, self.note = _chosen_conditions(pooling.runs_after(frames))
         columns = ["environment", "challenge"]
         self._present = set(frames.cells[columns].itertuples(index=False, name=None))
 
@@ -307,18 +292,18 @@ class RootSource:
         """Return the complete results after a share of the budget, by place, body and teacher."""
         assert self._conditions is not None
         by = ["embodiment"] if by_body else []
-        runs = runs_after(self._frames, share, training=share == 1)  # of which the page shows more
+        runs = pooling.runs_after(self._frames, share, training=share == 1)  # of which the page shows more
         for column, value in self._conditions.items():
             runs = runs[runs[str(column)].isna() if pd.isna(value) else runs[str(column)] == value]
-        table, keys = pooled(runs, [PAPERS], by=by), [*PLACE, "pool", "steps", "teacher", *by]
+        table, keys = pooling.pooled(runs, [PAPERS], by=by), [*PLACE, "pool", "steps", "teacher", *by]
         members: dict[Any, Any] = runs.groupby(keys, observed=True).indices
         places: dict[tuple[str, ...], dict[str, Sample]] = {}
         for _, row in table[table["missing"] == ""].sort_values("n", kind="stable").iterrows():
             mine = runs.take(members[tuple(row[keys])])
             values = pd.Series(mine[PAPERS].to_numpy(float), mine["run_id"].to_numpy(object)).dropna()
             place = tuple(map(str, row[[*PLACE, *by]]))
-            if row["engine"] == BOX2D and place[-1] == RELEASED_BIPEDAL:
-                place = (*place[:-1], BIPEDAL)
+            if row["engine"] == BOX2D and place[-1] == pooling.RELEASED_BIPEDAL:
+                place = (*place[:-1], pooling.BIPEDAL)
             sample = Sample(describe(values), values, seeds_to_pair(mine))
             places.setdefault(place, {})[str(row["teacher"])] = sample
         return places
@@ -329,13 +314,17 @@ def _chosen_conditions(runs: pd.DataFrame) -> tuple[pd.Series | None, str]:
     runs = runs[runs["steps"].notna()]
     if runs.empty:
         return None, ""
-    table = pooled(runs, [PAPERS])
-    counts = table.assign(complete=table["missing"] == "").groupby(CONDITIONS, dropna=False)["complete"].sum()
+    table = pooling.pooled(runs, [PAPERS])
+    counts = (
+        table.assign(complete=table["missing"] == "")
+        .groupby(pooling.CONDITIONS, dropna=False)["complete"]
+        .sum()
+    )
     ordered = counts.reset_index().sort_values(["complete", "steps"], ascending=False, kind="stable")
-    chosen, told = ordered.iloc[0][CONDITIONS], varying(ordered)
+    chosen, told = ordered.iloc[0][pooling.CONDITIONS], pooling.varying(ordered)
     if len(ordered) == 1:
         return chosen, ""
-    own, *others = (", ".join(condition_words(row, told)) or USUAL for _, row in ordered.iterrows())
+    own, *others = (", ".join(pooling.condition_words(row, told)) or USUAL for _, row in ordered.iterrows())
     apart = " and of ".join(others)
     return chosen, f"Claims are judged by results of {own} alone; apart stand those of {apart}."
 

@@ -1,22 +1,17 @@
 """Means, interquartile means, probabilities of improvement and performance profiles of pooled runs.
 
-`runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them.
+`runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them: runs without it do not
+count, and no run counts twice in a group. Groups have the columns `by` in common, teacher among them, and
+teachers that are compared the columns `within`; columns `strata` tell the strata of a sample apart. Over
+challenges these are ``[*ACROSS, "teacher"]``, `ACROSS` and `CHALLENGES`.
 """
 
 from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from analysis.comparisons.frame import (
-    ACROSS,
-    CHALLENGES,
-    TEST,
-    by_challenge,
-    nobody,
-    pairs_of,
-    strata_of,
-    stratified_runs,
-)
+from analysis.comparisons import frame
+from analysis.comparisons.frame import ACROSS, CHALLENGES, TEST
 from analysis.data.frames import check_measure
 from analysis.measures.pooling import COMPARED, PARTS, POOLED
 from analysis.measures.tested import MEASURES, Seeds, are_paired, in_common, mean_over_strata, seeds_to_pair
@@ -40,12 +35,6 @@ def interquartile_means(
 ) -> pd.DataFrame:
     """Return the interquartile mean of each group of runs, with its interval.
 
-    Args:
-        runs: rows of `pooling.pool_runs`; those without the measure do not count, and no run counts twice.
-        measure: column of `runs`.
-        by: columns that a group has in common, teacher among them; ``[*ACROSS, "teacher"]`` over challenges.
-        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
-
     Returns:
         `by`, measure, value, low, high, n, reason (of `statistics.estimates.Estimate`), and missing: strata
         of other teachers in which this one has no results, in words; empty where there are none.
@@ -55,9 +44,11 @@ def interquartile_means(
     check_measure("runs", runs, measure, [*by, *strata])
     common = [column for column in by if column != "teacher"]
     seeds = seeds_to_pair(runs)
-    for _, compared in stratified_runs(runs, measure, by, strata).groupby(common, dropna=False, sort=True):
+    for _, compared in frame.stratified_runs(runs, measure, by, strata).groupby(
+        common, dropna=False, sort=True
+    ):
         groups = compared.groupby(by, dropna=False, sort=True)
-        samples = {key: strata_of(group, measure) for key, group in groups}
+        samples = {key: frame.strata_of(group, measure) for key, group in groups}
         everywhere = {name for sample in samples.values() for name in sample}
         for key, sample in samples.items():
             estimate = interquartile_mean_of(sample, _clusters(sample, seeds))
@@ -76,28 +67,23 @@ def improvements(
     within: Sequence[str] = COMPARED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Return the probability that a run of one teacher beats one of another, one row a pair.
+    """Return the probability that a run of one teacher beats one of another in its stratum, one row a pair.
 
-    Args:
-        runs: rows of `pooling.pool_runs`.
-        measure: column of `runs`.
-        reference: the teacher that all others are set against; None for all pairs.
-        within: columns that teachers must have in common to be compared; `ACROSS` over challenges.
-        strata: columns within which runs are compared; `CHALLENGES` over challenges.
+    All teachers are set against `reference`, or if that is None against each other.
 
     Returns:
         `within`, measure, first, second, and value, low, high, n, reason of `statistics.estimates.Estimate`.
     """
     within, rows, seeds = list(within), [], seeds_to_pair(runs)
-    table = stratified_runs(runs, measure, [*within, "teacher"], strata)
+    table = frame.stratified_runs(runs, measure, [*within, "teacher"], strata)
     for key, group in table[table[measure].notna()].groupby(within, dropna=False, sort=True):
-        samples = {str(name): strata_of(part, measure) for name, part in group.groupby("teacher")}
-        for first, second in pairs_of(list(samples), reference):
+        samples = {str(name): frame.strata_of(part, measure) for name, part in group.groupby("teacher")}
+        for first, second in frame.pairs_of(list(samples), reference):
             ours, theirs = dict(samples[first]), dict(samples.get(second, {}))
             for stratum in ours.keys() & theirs.keys():  # of paired runs, the seeds of both
                 ours[stratum], theirs[stratum] = in_common(ours[stratum], theirs[stratum], seeds)
             estimate = vars(probability_of_improvement(ours, theirs))
-            estimate |= {} if second in samples else {"reason": nobody(second)}
+            estimate |= {} if second in samples else {"reason": frame.nobody(second)}
             rows.append([*key, measure, first, second, *(estimate[name] for name in ESTIMATE)])
     return pd.DataFrame(rows, columns=[*within, "measure", "first", "second", *ESTIMATE])
 
@@ -113,9 +99,9 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
         difference, low and high are the mean and its 95 % interval.
     """
     rows = []
-    seeds, table = seeds_to_pair(runs), stratified_runs(runs, measure, [*within, "teacher"], CHALLENGES)
+    seeds, table = seeds_to_pair(runs), frame.stratified_runs(runs, measure, [*within, "teacher"], CHALLENGES)
     for key, part in table[table[measure].notna()].groupby([*within, "teacher"], dropna=False, sort=True):
-        places = by_challenge(part, measure)
+        places = frame.by_challenge(part, measure)
         samples = [sample for strata in places.values() for sample in strata.values()]
         weights = [1 / len(strata) for strata in places.values() for _ in strata]
         mean = vars(mean_over_strata(samples, weights, seeds)) | {"n": sum(map(len, samples))}
@@ -138,22 +124,15 @@ def profiles(
     by: Sequence[str] = POOLED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Return the share of runs over each threshold, group by group, with intervals.
-
-    Args:
-        runs: rows of `pooling.pool_runs`.
-        measure: column of `runs`.
-        thresholds: values of the measure.
-        by: columns that a group has in common; ``[*ACROSS, "teacher"]`` over challenges.
-        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
+    """Return the share of runs over each threshold, which are values of the measure, with intervals.
 
     Returns:
         `by`, measure, threshold, share, low, high, n, reason.
     """
     by, rows, seeds = list(by), [], seeds_to_pair(runs)
     columns = ["threshold", "share", "low", "high", "n", "reason"]
-    for key, group in stratified_runs(runs, measure, by, strata).groupby(by, dropna=False, sort=True):
-        sample = strata_of(group, measure)
+    for key, group in frame.stratified_runs(runs, measure, by, strata).groupby(by, dropna=False, sort=True):
+        sample = frame.strata_of(group, measure)
         profile = performance_profile(sample, thresholds, _clusters(sample, seeds))
         rows += [[*key, measure, *each] for each in profile[columns].itertuples(index=False, name=None)]
     return pd.DataFrame(rows, columns=[*by, "measure", *columns])

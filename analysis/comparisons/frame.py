@@ -222,10 +222,8 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
 def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Return the test of every teacher against Random at every evaluation, with Holm's p by step.
 
-    Args:
-        curves: results of `evaluation_curves`, of one comparison.
-        reference: rows of Random among them, of `reference_of`.
-        measure: column of both.
+    `curves` are of `evaluation_curves`, of one comparison, and `reference` the rows of Random, of
+    `reference_of`.
 
     Returns:
         step, teacher, the columns of `statistics.Comparison`, and holm.

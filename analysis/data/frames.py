@@ -11,15 +11,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.data.identity import (
-    CONDITIONS,
-    SETTINGS,
-    experiments_apart,
-    named_apart,
-    thresholds_of,
-    with_settings,
-)
+from analysis.data import identity
 from tma_ray.arguments import check_kind, check_known, check_names
+from tma_ray.commands.texts import counted
 from tma_ray.results import CHIPMUNK, SCHEMAS, Results, Table
 
 COMPARISON = [
@@ -214,12 +208,12 @@ def load(root: str | Path) -> Frames:
 
 def frames_of(results: Results) -> Frames:
     """Return the frames of opened results; what is missing becomes an empty frame and a warning."""
-    runs = with_settings(with_plain_texts(results.table(Table.RUNS).to_pandas()))
-    (cells,), split = named_apart([_join(with_plain_texts(_frame(results, Table.CELLS)), runs)])
-    cells, apart = experiments_apart(with_plain_texts(cells))
+    runs = identity.with_settings(with_plain_texts(results.table(Table.RUNS).to_pandas()))
+    (cells,), split = identity.named_apart([_join(with_plain_texts(_frame(results, Table.CELLS)), runs)])
+    cells, apart = identity.experiments_apart(with_plain_texts(cells))
     columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
     evaluations = _frame(results, Table.EVALUATIONS, columns)
-    evaluations["mastered"] = evaluations["episodic_return"] > thresholds_of(evaluations, runs)
+    evaluations["mastered"] = evaluations["episodic_return"] > identity.thresholds_of(evaluations, runs)
     measured = evaluation_measures(evaluations)
     # The tasks of a test set are the same in all runs: one that met it is read.
     witnesses = evaluations.drop_duplicates("test_set")["run_id"].astype(str).tolist()
@@ -247,7 +241,7 @@ def positions(run_ids: pd.Series) -> dict[str, NDArray[np.int64]]:
 
 def unfailed(cells: pd.DataFrame) -> pd.DataFrame:
     """Return `GROUP`, `CONDITIONS`, seed, run_id and status of the cells whose runs did not fail."""
-    return cells.loc[cells["status"] != "failed", [*GROUP, *CONDITIONS, "seed", "run_id", "status"]]
+    return cells.loc[cells["status"] != "failed", [*GROUP, *identity.CONDITIONS, "seed", "run_id", "status"]]
 
 
 def _frame(
@@ -284,7 +278,7 @@ def cell_warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
     return found
 
 
-STATE = ["status", "error", "spec", "steps", "test_set", "physics_version", *SETTINGS]
+STATE = ["status", "error", "spec", "steps", "test_set", "physics_version", *identity.SETTINGS]
 """Columns of cells that come from the run, not from the campaign that lists it."""
 
 
@@ -303,8 +297,8 @@ def joined(frames: Sequence[Frames]) -> Frames:
             rank = STATUSES.index(status), place
             ranks[run_id] = min(rank, ranks.get(run_id, rank))
     places = {run_id: place for run_id, (_, place) in ranks.items()}
-    (cells,), split = named_apart([_joined_cells(frames, places)])
-    cells, apart = experiments_apart(with_plain_texts(cells))
+    (cells,), split = identity.named_apart([_joined_cells(frames, places)])
+    cells, apart = identity.experiments_apart(with_plain_texts(cells))
     tables = {
         name: pd.concat(
             [
@@ -420,7 +414,7 @@ def evaluation_warnings(measured: pd.DataFrame) -> list[str]:
     if excluded.empty:
         return []
     return [
-        f"{excluded['not_finite'].sum():,} returns of {_count(len(excluded), 'evaluation')} are NaN or "
+        f"{excluded['not_finite'].sum():,} returns of {counted(len(excluded), 'evaluation')} are NaN or "
         f"infinite; these evaluations are excluded ({_named(excluded['run_id'])})."
     ]
 
@@ -433,16 +427,12 @@ def training_warnings(training: pd.DataFrame) -> list[str]:
         return []
     runs = pd.concat([windows["run_id"], nans["run_id"]]).astype(str)
     return [
-        f"{_count(len(windows) + len(nans), 'window')} of training with a mean return that is NaN or "
+        f"{counted(len(windows) + len(nans), 'window')} of training with a mean return that is NaN or "
         f"infinite: excluded ({_named(runs)})."
     ]
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number:,} {what}{'s' if number > 1 else ''}"
 
 
 def _named(run_ids: pd.Series) -> str:
     runs = sorted(set(run_ids))
     more = f" and {len(runs) - SHOWN_RUNS} more" if len(runs) > SHOWN_RUNS else ""
-    return f"{_count(len(runs), 'run')}: {', '.join(runs[:SHOWN_RUNS])}{more}"
+    return f"{counted(len(runs), 'run')}: {', '.join(runs[:SHOWN_RUNS])}{more}"

@@ -17,9 +17,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from analysis.statistics.samples import CONFIDENCE, Estimate
-
-TAIL = (1 + CONFIDENCE) / 2
+from analysis.statistics.samples import TAIL, Estimate
 
 TRIMMED = 0.25
 """Share of the runs that an interquartile mean leaves out at each end, rounded down to whole runs."""

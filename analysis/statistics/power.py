@@ -1,4 +1,9 @@
-"""Power of tests: the smallest difference that some seeds can show, and the seeds that one needs."""
+"""Power of tests: the smallest difference that some seeds can show, and the seeds that one needs.
+
+`first` and `second` have the n and the true standard deviations of two samples, whose means do not matter;
+`significance` is the p under which a test finds a difference, and `wanted` the probability of finding it,
+over `significance` and under 1. Differences are in the unit of the samples.
+"""
 
 import bisect
 import math
@@ -8,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description
+from analysis.statistics.samples import SIGNIFICANCE, TAIL, Description
 from analysis.statistics.tests import Comparison, standard_error_of_difference
 
 POWER = 0.8
@@ -35,14 +40,7 @@ def power(
     0.70, and 35.1 are needed; from 10 seeds on both agree. Given both variances the test statistic is normal,
     so that the power is its mean over the distributions of both, by Gauss and Legendre's quadrature.
 
-    Args:
-        difference: difference of the true means.
-        first: n and true standard deviation of a sample; its mean does not matter.
-        second: the same of the other sample.
-        significance: p under which the test finds a difference.
-
-    Returns:
-        NaN where a sample has fewer than two values or no standard deviation, or neither has a spread.
+    NaN where a sample has fewer than two values or no standard deviation, or neither has a spread.
     """
     if not _testable(first, second):
         return math.nan
@@ -55,14 +53,7 @@ def detectable_difference(
 ) -> float:
     """Return the smallest difference of means that a two-sided Welch test finds with power `wanted`.
 
-    Args:
-        first: n and true standard deviation of a sample; its mean does not matter.
-        second: the same of the other sample.
-        wanted: probability of finding the difference, over `significance` and under 1.
-        significance: p under which the test finds a difference.
-
-    Returns:
-        In the unit of the samples; NaN where `power` is NaN.
+    NaN where `power` is NaN.
 
     Raises:
         ValueError: `wanted` is not between `significance` and 1.
@@ -80,23 +71,15 @@ def detectable_in_pairs(
 ) -> float:
     """Return the smallest mean difference that a two-sided paired t-test finds with power `wanted`.
 
-    Exact for normal differences: the test statistic has the noncentral t distribution.
-
-    Args:
-        pairs: their number.
-        margin: half the width of the 95 % interval of the mean difference.
-        wanted: probability of finding the difference, over `significance` and under 1.
-        significance: p under which the test finds a difference.
-
-    Returns:
-        In the unit of the margin; NaN with fewer than two pairs or without a margin over 0.
+    Exact for normal differences: the test statistic has the noncentral t distribution. `margin` is half the
+    width of the 95 % interval of the mean difference of so many pairs; NaN under two, or if it is not over 0.
     """
     if pairs < 2 or not margin > 0:
         return math.nan
     from scipy import special
 
     shift = _smallest_shift(lambda shift: _student_power(shift, pairs - 1, significance), wanted)
-    return shift * margin / float(special.stdtrit(pairs - 1, (1 + CONFIDENCE) / 2))
+    return shift * margin / float(special.stdtrit(pairs - 1, TAIL))
 
 
 def _smallest_shift(power_at: Callable[[float], float], wanted: float) -> float:
@@ -118,7 +101,7 @@ def seeds_needed(test: Comparison, seeds: float, wanted: float = POWER) -> int |
     Args:
         test: a t-test, of pairs or of two samples, in one stratum or over several.
         seeds: number on each side in it; of two different numbers the harmonic mean.
-        wanted: probability of finding the difference, over `SIGNIFICANCE` and under 1.
+        wanted: power of the test with the number that is returned.
 
     Returns:
         The least number, from 2 on; None without a t-test or where `MOST_SEEDS` do not suffice.

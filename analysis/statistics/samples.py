@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 CONFIDENCE = 0.95
 """Coverage of the confidence intervals."""
 
+TAIL = (1 + CONFIDENCE) / 2
+"""Probability under the upper end of one."""
+
 SIGNIFICANCE = 0.05
 """Two samples differ significantly when p is strictly under this (paper, appendix on results)."""
 
@@ -75,7 +78,7 @@ def mean_interval(sample: Description) -> tuple[float, float]:
         return math.nan, math.nan
     from scipy import special  # half of the time that `import analysis` takes otherwise
 
-    margin = float(special.stdtrit(sample.n - 1, (1 + CONFIDENCE) / 2)) * sample.standard_error
+    margin = float(special.stdtrit(sample.n - 1, TAIL)) * sample.standard_error
     return sample.mean - margin, sample.mean + margin
 
 

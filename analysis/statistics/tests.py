@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, Estimate, describe, finite
+from analysis.statistics.samples import SIGNIFICANCE, TAIL, Description, Estimate, describe, finite
 from tma_ray.arguments import check_kind
 
 MOST = 20_000
@@ -291,7 +291,7 @@ def t_test(
     from scipy import special  # `stats` has the same functions, and takes a second to import
 
     t = difference / error
-    margin = float(special.stdtrit(freedom, (1 + CONFIDENCE) / 2)) * error
+    margin = float(special.stdtrit(freedom, TAIL)) * error
     return Comparison(
         n=n,
         reference_n=reference_n,
@@ -304,8 +304,6 @@ def t_test(
         method=method,
     )
 
-
-TAIL = (1 + CONFIDENCE) / 2
 
 FEW_PAIRS = "fewer than 2 seeds in common"
 """Why two samples are not tested that are to be paired."""

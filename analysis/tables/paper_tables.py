@@ -10,31 +10,12 @@ import pandas as pd
 from analysis.data.frames import Frames
 from analysis.data.reference import paper_frame
 from analysis.formatting import amount
+from analysis.measures import pooling
 from analysis.measures.evaluations import POINTS
-from analysis.measures.pooling import (
-    PLUS,
-    by_students,
-    parts_of,
-    pool_runs,
-    pooled,
-    reuse_random,
-    shipped_together,
-    without_searches,
-)
 from analysis.measures.run_measures import run_measures
 from analysis.names import label, teacher_order
 from analysis.tables.table import Cell, Table, with_best
-from tma_ray.benchmark import (
-    KNOWLEDGE_REQUIREMENTS,
-    MATRICES,
-    ORIGINAL_SPACE,
-    PARKOUR,
-    STUMP_TRACKS_CHALLENGES,
-    TEACHER_GRIDS,
-    Matrix,
-    Requirement,
-    find_challenge,
-)
+from tma_ray import benchmark
 from tma_ray.results import CHIPMUNK
 from tma_ray.tasks import MASTERY_RETURN, KnowledgeLevel
 
@@ -61,17 +42,13 @@ class TableResults:
     """
 
     rows: pd.DataFrame
-    matrices: tuple[Matrix, ...] = MATRICES
+    matrices: tuple[benchmark.Matrix, ...] = benchmark.MATRICES
     name: str = ""
     remark: str = ""
 
 
 def published_table_results(frame: pd.DataFrame | None = None) -> TableResults:
-    """Return published results, those of the paper by default.
-
-    Args:
-        frame: table with the columns of `paper_frame`.
-    """
+    """Return published results in the columns of `paper_frame`, those of the paper by default."""
     frame = paper_frame() if frame is None else frame
     steps = " or ".join(amount(steps) for steps in sorted(frame["steps"].unique()))
     engines = " and ".join(sorted(frame["engine"].unique()))
@@ -89,11 +66,11 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
         frames: result of `load`.
         step: step at which runs are read; None for their ends.
     """
-    cells, values = without_searches(frames.cells), run_measures(frames, step)
+    cells, values = pooling.without_searches(frames.cells), run_measures(frames, step)
     found: list[TableResults] = []
-    for name, matrices, chosen in by_students(cells):
-        runs = reuse_random(pool_runs(chosen, values, matrices))
-        both = pd.concat([pooled(runs), pooled(runs, by=["embodiment"])], ignore_index=True)
+    for name, matrices, chosen in pooling.by_students(cells):
+        runs = pooling.reuse_random(pooling.pool_runs(chosen, values, matrices))
+        both = pd.concat([pooling.pooled(runs), pooling.pooled(runs, by=["embodiment"])], ignore_index=True)
         for remark, rows in _apart(both, step):
             tag = "-".join(filter(None, [name, str(len(found) + 1) if found else ""]))
             found.append(TableResults(results_of(rows), matrices, tag, remark))
@@ -101,14 +78,10 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
 
 
 def results_of(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns `RESULTS` of pooled results or of published ones.
-
-    Args:
-        frame: results of `pooling.pooled`, some by embodiment or not, or of `published.paper_frame`.
-    """
+    """Return the columns `RESULTS` of results of `pooled`, also by embodiment, or of `paper_frame`."""
     found = frame.rename(columns={"mastered_percent_mean": "mean", "mastered_percent_std": "std"})
     if "pool" in found:
-        parts = [parts_of(pool) for pool in found["pool"]]
+        parts = [pooling.parts_of(pool) for pool in found["pool"]]
         alone = found["embodiment"] if "embodiment" in found else [None] * len(found)
         bodies = [
             {body} if isinstance(body, str) else {each for each, _ in part}
@@ -132,10 +105,10 @@ def results_of(frame: pd.DataFrame) -> pd.DataFrame:
 
 def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield groups of results with the same settings, each with a remark."""
-    shipped = shipped_together(frame["environment"].unique())
+    shipped = pooling.shipped_together(frame["environment"].unique())
     places = frame[["engine", "environment", "challenge"]].itertuples(index=False, name=None)
     own = [
-        "" if pd.isna(each) or each == PLUS.join(shipped.get(place, ())) else each
+        "" if pd.isna(each) or each == pooling.PLUS.join(shipped.get(place, ())) else each
         for place, each in zip(places, frame["test_sets"], strict=True)
     ]
     frame = frame.assign(test_set=own)
@@ -170,17 +143,17 @@ def result_tables(results: TableResults) -> list[Table]:
     table for each level, and Parkour, which has one level, a column for each body and one over all of them.
     """
     mine = {matrix.name: matrix for matrix in results.matrices}  # perhaps with other students
-    original = mine[ORIGINAL_SPACE.name]
+    original = mine[benchmark.ORIGINAL_SPACE.name]
     wanted = {level: (original, original.embodiments, level) for level in _LEVELS}
     heading = f"Stump Tracks, original task space: {MASTERED}"
     tables = [_table(results, "original_space", heading, _LEVELS, wanted)]
-    matrices = {matrix.challenge: mine[matrix.name] for matrix in STUMP_TRACKS_CHALLENGES}
-    columns = {name: find_challenge("stump_tracks", name).title for name in matrices}
+    matrices = {matrix.challenge: mine[matrix.name] for matrix in benchmark.STUMP_TRACKS_CHALLENGES}
+    columns = {name: benchmark.find_challenge("stump_tracks", name).title for name in matrices}
     for level in KnowledgeLevel:
         wanted = {name: (matrix, matrix.embodiments, level.value) for name, matrix in matrices.items()}
         heading = f"Challenges of Stump Tracks, expert knowledge {level.value}: {MASTERED}"
         tables.append(_table(results, f"challenges_{level.value}", heading, columns, wanted))
-    bodies = {matrix.embodiments[0]: mine[matrix.name] for matrix in PARKOUR}
+    bodies = {matrix.embodiments[0]: mine[matrix.name] for matrix in benchmark.PARKOUR}
     any_body = next(iter(bodies.values()))
     (level,) = any_body.levels
     columns = {body: body.replace("_", " ").capitalize() for body in bodies} | {OVERALL: "Overall"}
@@ -192,17 +165,13 @@ def result_tables(results: TableResults) -> list[Table]:
 
 
 def hyperparameters(found: pd.DataFrame | None = None) -> Table:
-    """Return searched hyper-parameters: values tried, the paper's choice, the best point found.
-
-    Args:
-        found: result of `search_results`; None where nothing was searched.
-    """
+    """Return searched hyper-parameters: values tried, the paper's choice, the best of `search_results`."""
     found = pd.DataFrame(columns=POINTS) if found is None else found
     columns = {"values": "Values tried", "chosen": "The paper's choice", "found": "Best found"}
     rows: dict[str, str] = {}
     cells: dict[tuple[str, str], Cell] = {}
-    for teacher in sorted(TEACHER_GRIDS, key=teacher_order):
-        grid, points = TEACHER_GRIDS[teacher], found[found["searched"] == teacher]
+    for teacher in sorted(benchmark.TEACHER_GRIDS, key=teacher_order):
+        grid, points = benchmark.TEACHER_GRIDS[teacher], found[found["searched"] == teacher]
         best = points.iloc[0] if len(points) else None
         for name, values in grid.values.items():
             key = f"{teacher}.{name}"
@@ -231,9 +200,9 @@ def knowledge_needs() -> Table:
         "target_distribution": "Target distribution",
         "mastery_range": "Reward mastery range",
     }
-    teachers = sorted(KNOWLEDGE_REQUIREMENTS, key=teacher_order)
+    teachers = sorted(benchmark.KNOWLEDGE_REQUIREMENTS, key=teacher_order)
     cells = {
-        (teacher, column): Cell(words=getattr(KNOWLEDGE_REQUIREMENTS[teacher], column).value)
+        (teacher, column): Cell(words=getattr(benchmark.KNOWLEDGE_REQUIREMENTS[teacher], column).value)
         for teacher in teachers
         for column in columns
     }
@@ -246,7 +215,7 @@ def _table(
     name: str,
     title: str,
     columns: Mapping[str, str],
-    wanted: Mapping[str, tuple[Matrix, tuple[str, ...], str]],
+    wanted: Mapping[str, tuple[benchmark.Matrix, tuple[str, ...], str]],
 ) -> Table:
     """Return a table of teachers, whose columns show a matrix, its bodies and a level."""
     rows, found = results.rows, dict[tuple[str, str], Cell]()
@@ -261,8 +230,8 @@ def _table(
         found |= {(str(row["teacher"]), column): _number(row) for _, row in rows[here].iterrows()}
     teachers = sorted({teacher for teacher, _ in found}, key=teacher_order)
     for teacher, (column, (_, _, level)) in itertools.product(teachers, wanted.items()):
-        needs = KNOWLEDGE_REQUIREMENTS.get(teacher)
-        required = needs is not None and needs.mastery_range is Requirement.REQUIRED
+        needs = benchmark.KNOWLEDGE_REQUIREMENTS.get(teacher)
+        required = needs is not None and needs.mastery_range is benchmark.Requirement.REQUIRED
         refused = required and level == KnowledgeLevel.NONE
         reason = "cannot run without the reward mastery range" if refused else "not run"
         found.setdefault((teacher, column), Cell(missing=reason))

@@ -86,17 +86,19 @@ class WandbProject(Tracker):
         """Return the run of that ID there, new or resumed."""
         import wandb
 
-        record = manifest.run
+        record, config = manifest.run, config_of(manifest)
         try:
             run = wandb.init(
                 project=self._project,
                 entity=self._entity,
                 id=record.run_id,
                 name=record.run_id,
-                group=group_of(manifest),
+                group=f"{config['env_id']}-{config['exp_name']}"[
+                    :128
+                ],  # of those that differ in their seed alone
                 job_type=experiment,
                 tags=tags_of(manifest, experiment),
-                config=config_of(manifest),
+                config=config,
                 dir=self._folder,
                 resume="allow",
                 mode="offline" if self._offline else None,
@@ -131,12 +133,6 @@ def config_of(manifest: Manifest) -> dict[str, Any]:
         "physics_version": record.physics_version,
         "benchmark_version": record.benchmark_version,
     }
-
-
-def group_of(manifest: Manifest) -> str:
-    """Return the group of a run: those that differ in their seed alone share it."""
-    config = config_of(manifest)
-    return f"{config['env_id']}-{config['exp_name']}"[:128]
 
 
 def tags_of(manifest: Manifest, experiment: str) -> list[str]:

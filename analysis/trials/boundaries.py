@@ -3,6 +3,8 @@
 All of it is on the scale of standard normal test statistics, and of one side: a boundary is crossed at the
 first look whose statistic is over it. Statistics of looks have the canonical joint distribution (Jennison and
 Turnbull, 2000, chapter 3): the correlation of two is the root of the ratio of their information.
+
+`information` is that of each look, rising, in any unit, and `bounds` are boundaries of looks.
 """
 
 import math
@@ -41,12 +43,9 @@ def spent(fraction: float, error: float) -> float:
 def boundaries(
     fractions: tuple[float, ...], error: float, information: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Return the boundary of each look, at which the error that `spent` allows is spent.
+    """Return the boundary of each look, at which the error that `spent` allows at its fraction is spent.
 
-    Args:
-        fractions: information of each look, rising to 1.
-        error: one-sided error of all looks together.
-        information: information of each look in any unit, which gives the correlations.
+    `error` is the one-sided error of all looks together; `information` gives the correlations alone.
     """
     found: list[float] = []
     path, before = _Path(), 0.0
@@ -63,11 +62,7 @@ def crossing(bounds: Sequence[float], information: Sequence[float], drift: float
     """Return the probability of each look to be the first whose statistic is over its bound.
 
     By numerical integration over the statistics that crossed nowhere (Armitage, McPherson and Rowe, 1969).
-
-    Args:
-        bounds: boundary of each look.
-        information: information of each look, rising.
-        drift: true difference, in the unit whose standard error at information i is 1 / sqrt(i).
+    `drift` is the true difference, in the unit whose standard error at information i is 1 / sqrt(i).
     """
     path, found = _Path(), []
     for bound, held in zip(bounds, information, strict=True):
@@ -80,11 +75,8 @@ def median_unbiased(statistic: float, bounds: Sequence[float], information: Sequ
     """Return the estimate of a difference that is too high as often as too low, after a stop.
 
     By the stagewise order of results: crossing sooner is more (Jennison and Turnbull, 2000, section 8.4).
-
-    Args:
-        statistic: statistic of the look at which the trial stopped, the last of `information`.
-        bounds: boundary of the looks before it.
-        information: information of each look until then, rising.
+    `statistic` is that of the look at which the trial stopped, the last of `information`; `bounds` are those
+    of the looks before it.
     """
     naive = statistic / math.sqrt(information[-1])
     if not bounds:

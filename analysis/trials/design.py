@@ -17,21 +17,8 @@ from analysis.data.reference import BASELINE, is_baseline
 from analysis.measures.run_measures import NOT_FINITE, run_measures
 from analysis.statistics import Scale
 from analysis.statistics.power import POWER
+from analysis.trials import rules
 from analysis.trials.boundaries import crossing
-from analysis.trials.rules import (
-    COMPARISONS,
-    ERROR,
-    LOOKS,
-    Difference,
-    Floats,
-    Moments,
-    Rule,
-    Setting,
-    difference,
-    planned_fractions,
-    quantile,
-    simulate,
-)
 from tma_ray.decoding import decode_json
 from tma_ray.part_names import nearest
 from tma_ray.results import SIMULATED
@@ -115,9 +102,9 @@ class Design:
     cells: tuple[TrialCell, ...]
     seeds: tuple[int, ...]
     margin: float = MARGIN
-    error: float = ERROR
+    error: float = rules.ERROR
     simulated_error: float = 0.0
-    looks: tuple[int, ...] = LOOKS
+    looks: tuple[int, ...] = rules.LOOKS
     measure: str = MEASURE
     runs: str = ""
 
@@ -136,7 +123,7 @@ class Design:
         return BASELINE, self.best
 
     @property
-    def slopes(self) -> Floats:
+    def slopes(self) -> rules.Floats:
         """Points per radian in each cell (cells,)."""
         return np.array([cell.slope for cell in self.cells])
 
@@ -145,11 +132,11 @@ class Design:
         """Place of each cell."""
         return [cell.place for cell in self.cells]
 
-    def rule(self, reference: str, runs: Floats) -> Rule:
+    def rule(self, reference: str, runs: rules.Floats) -> rules.Rule:
         """Return the rule of the comparison with one of `references`, of `runs` in each cell (cells,)."""
         candidates = 1 if is_baseline(reference) else self.candidates
-        fractions = planned_fractions(self.looks, self.slopes, runs)
-        return Rule(self.looks, fractions, self.margin, candidates, self.error / COMPARISONS)
+        fractions = rules.planned_fractions(self.looks, self.slopes, runs)
+        return rules.Rule(self.looks, fractions, self.margin, candidates, self.error / rules.COMPARISONS)
 
     def differing(self, other: "Design") -> list[str]:
         """Return the settings in which another design differs, in words."""
@@ -186,14 +173,14 @@ def in_cell(runs: pd.DataFrame, place: tuple[str, ...]) -> pd.DataFrame:
     return runs[(runs[PLACE] == list(place)).all(axis=1)]
 
 
-def moments_of(runs: pd.DataFrame, teacher: str, places: Sequence[tuple[str, ...]]) -> Moments:
+def moments_of(runs: pd.DataFrame, teacher: str, places: Sequence[tuple[str, ...]]) -> rules.Moments:
     """Return the moments of a teacher's `runs` in each cell; NaN of a sample that is too small."""
     own = runs[runs["teacher"] == teacher]
     samples = [in_cell(own, place)["angle"].to_numpy(float) for place in places]
     with np.errstate(invalid="ignore", divide="ignore"):
         means = [sample.mean() if sample.size else np.nan for sample in samples]
         variances = [sample.var(ddof=1) if sample.size > 1 else np.nan for sample in samples]
-    return Moments(np.array(means), np.array(variances), np.array([float(s.size) for s in samples]))
+    return rules.Moments(np.array(means), np.array(variances), np.array([float(s.size) for s in samples]))
 
 
 def newest_release() -> Baseline:
@@ -218,20 +205,13 @@ def make_design(
     frames: Frames,
     margin: float = MARGIN,
     wanted: Collection[str] = (),
-    looks: tuple[int, ...] = LOOKS,
+    looks: tuple[int, ...] = rules.LOOKS,
 ) -> Design:
     """Return the design of a trial against a release.
 
     Its error is the largest of `ERRORS` by which simulated verdicts are wrong rarely enough: Student's
     quantiles of few and skewed values spend more than they should, as trials over one cell show.
-
-    Args:
-        teacher: canonical name of the new teacher.
-        baseline: the release.
-        frames: its frames.
-        margin: difference in points that does not matter.
-        wanted: names of cells: the challenge, with the body where it has several; all by default.
-        looks: seeds of every cell at each look.
+    `frames` are those of the release, `wanted` the names of its cells that are tried, by default all.
 
     Raises:
         ValueError: an unknown cell, too few runs of Random or of others to compare with, or verdicts that
@@ -256,8 +236,10 @@ def make_design(
     for error in ERRORS:
         design = replace(design, error=error)
         setting = setting_of(design, released)
-        wrong = max(float(simulate(setting, true, TRIALS).wrong.mean()) for true in (0.0, margin, -margin))
-        if wrong + 2 * np.sqrt(wrong / TRIALS) <= ERROR:
+        wrong = max(
+            float(rules.simulate(setting, true, TRIALS).wrong.mean()) for true in (0.0, margin, -margin)
+        )
+        if wrong + 2 * np.sqrt(wrong / TRIALS) <= rules.ERROR:
             return replace(design, simulated_error=wrong)
     raise ValueError(
         f"verdicts in these cells would be wrong in {100 * wrong:.1f} % of trials: choose more of them"
@@ -267,11 +249,9 @@ def make_design(
 def _chosen(cells: pd.DataFrame, wanted: Collection[str]) -> dict[str, tuple[str, ...]]:
     """Return the places of Random at the highest level of knowledge that each has, by name."""
     own = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
-    places: dict[tuple[str, ...], tuple[str, ...]] = {}
-    for place in sorted({tuple(map(str, row)) for row in own[PLACE].itertuples(index=False)}):
-        held = places.get(place[:-1])
-        if held is None or KnowledgeLevel(held[-1]).rank < KnowledgeLevel(place[-1]).rank:
-            places[place[:-1]] = place
+    found = {tuple(map(str, row)) for row in own[PLACE].itertuples(index=False)}
+    ordered = sorted(found, key=lambda place: (place[:-1], KnowledgeLevel(place[-1]).rank))
+    places = {place[:-1]: place for place in ordered}  # the last of each, which is the highest
     challenges = [place[:2] for place in places.values()]
     known = {
         place[1] if challenges.count(place[:2]) == 1 else f"{place[1]}/{place[2]}": place
@@ -325,7 +305,7 @@ def _best(released: pd.DataFrame, places: Sequence[tuple[str, ...]], name: str) 
     return max(means, key=lambda teacher: means[teacher]), len(means)
 
 
-def setting_of(design: Design, released: pd.DataFrame) -> Setting:
+def setting_of(design: Design, released: pd.DataFrame) -> rules.Setting:
     """Return a design for simulated trials, with residuals of the teachers that the best is chosen among."""
     runs, residuals = moments_of(released, BASELINE, design.places).runs, []
     for place, needed in zip(design.places, runs, strict=True):
@@ -334,18 +314,20 @@ def setting_of(design: Design, released: pd.DataFrame) -> Setting:
         sizes = groups.transform("size")
         each = (rows["angle"] - groups.transform("mean")) * np.sqrt(sizes / (sizes - 1))
         residuals.append(each[sizes >= needed].to_numpy(float))
-    rules = tuple(design.rule(reference, runs) for reference in design.references)
-    return Setting(rules, design.slopes, tuple(residuals), runs)
+    both = tuple(design.rule(reference, runs) for reference in design.references)
+    return rules.Setting(both, design.slopes, tuple(residuals), runs)
 
 
-def detectable(design: Design, reference: str, runs: Floats) -> float:
+def detectable(design: Design, reference: str, runs: rules.Floats) -> float:
     """Return the difference in points that a trial finds with probability `POWER`, at any of its looks.
 
     For normal runs with the release's standard deviations.
     """
     rule, expected = design.rule(reference, runs), planned(design, runs)
     freedoms = [float(each.freedom) for each in expected]
-    bounds = [float(quantile(np.array(f), bound)) for f, bound in zip(freedoms, rule.lower, strict=True)]
+    bounds = [
+        float(rules.quantile(np.array(f), bound)) for f, bound in zip(freedoms, rule.lower, strict=True)
+    ]
     information = [float(each.error) ** -2 for each in expected]
     scale = float(expected[-1].error)
 
@@ -355,9 +337,9 @@ def detectable(design: Design, reference: str, runs: Floats) -> float:
     return float(optimize.brentq(excess, 0.0, 50.0)) * scale
 
 
-def planned(design: Design, runs: Floats) -> list[Difference]:
+def planned(design: Design, runs: rules.Floats) -> list[rules.Difference]:
     """Return the information of each look if the new teacher is like the reference."""
     variance = np.array([cell.deviation**2 for cell in design.cells])
-    reference = Moments(np.zeros_like(variance), variance, runs)
+    reference = rules.Moments(np.zeros_like(variance), variance, runs)
     teachers = [replace(reference, runs=np.full_like(variance, seeds)) for seeds in design.looks]
-    return [difference(teacher, reference, design.slopes) for teacher in teachers]
+    return [rules.difference(teacher, reference, design.slopes) for teacher in teachers]
