@@ -1,10 +1,13 @@
-"""Numbers as a reader expects them."""
+"""Numbers as a reader expects them, and warnings where they rest on few."""
 
 import math
 from collections.abc import Iterable
 
 LISTED, FIRST = 12, 6
 """Up to so many names are all listed; of more so many."""
+
+FEW_SEEDS = 10
+"""Number of seeds under which a sentence warns the reader; the paper used 16 to 48."""
 
 
 def number(value: float, digits: int = 1) -> str:
@@ -61,3 +64,19 @@ def listed(names: Iterable[str]) -> str:
     if len(found) <= LISTED:
         return ", ".join(found)
     return f"{', '.join(found[:FIRST])} and {len(found) - FIRST} more"
+
+
+def in_brief(smallest: float) -> str:
+    """Return the end of a sentence on tests with `smallest` runs in a group: ``; few seeds``, or nothing."""
+    return "; few seeds" if smallest < FEW_SEEDS else ""
+
+
+def caveat(smallest: float) -> str:
+    """Return a warning on results with as few as `smallest` runs, or nothing."""
+    if not smallest < FEW_SEEDS:
+        return ""
+    seeds = f"{smallest:.0f} seed{'s' if smallest > 1 else ''}"
+    return (
+        f"With no more than {seeds} only large differences can show, and their size is uncertain; "
+        f"take this as an indication, not as a result."
+    )

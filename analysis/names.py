@@ -45,6 +45,18 @@ _LABELS = {
 }
 
 
+FILTERS = {
+    "engine": "Engine",
+    "experiment": "Experiment",
+    "environment": "Environment",
+    "challenge": "Challenge",
+    "expert_knowledge": "Expert knowledge",
+    "embodiment": "Body",
+    "student": "Student",
+}
+"""Columns by which comparisons may be chosen, and what readers call them."""
+
+
 def label(teacher: str) -> str:
     """Return the display name of a teacher, the paper's or the plug-in's own, with its settings.
 

@@ -11,27 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.charts.base import (
-    LEAST_PERCENT,
-    MASTERED,
-    ONE_COLUMN,
-    TWO_COLUMNS,
-    Bar,
-    Chart,
-    Curve,
-    Interval,
-    Kind,
-    Label,
-    Legend,
-    Mark,
-    Panel,
-    Rule,
-    Scale,
-    grid,
-    require,
-    require_unique,
-    significant,
-)
+from analysis.charts import base
 from analysis.data.reference import is_baseline
 from analysis.looks import INK, MUTED, Look, look
 from analysis.names import label, order, short_labels, title
@@ -79,10 +59,10 @@ def bars_with_pairs(
     table: pd.DataFrame,
     tests: pd.DataFrame,
     measure: str = "mastered_percent",
-    name: str = MASTERED,
+    name: str = base.MASTERED,
     whisker: Whisker = Whisker.DEVIATION,
     by: tuple[str, str] = ("challenge", "expert_knowledge"),
-) -> Chart:
+) -> base.Chart:
     """Return mean results as bars, a row of panels per challenge and a column per level of expert knowledge.
 
     Pairs of teachers that differ significantly are joined by brackets. Eight teachers make 28 pairs, most of
@@ -104,10 +84,10 @@ def bars_with_pairs(
     """
     whisker = Whisker(whisker)
     mean, std = f"{measure}_mean", f"{measure}_std"
-    require(table, [*by, "teacher", "n", mean, std], "results")
+    base.require(table, [*by, "teacher", "n", mean, std], "results")
     table = table[table[mean].notna()]
-    require(table, [], f"results with {mean}")
-    require_unique(table, [*by, "teacher"], "results")
+    base.require(table, [], f"results with {mean}")
+    base.require_unique(table, [*by, "teacher"], "results")
     error = table[std] / (np.sqrt(table["n"]) if whisker is Whisker.ERROR else 1.0)
     doubt = table["doubt"].fillna("") if "doubt" in table else ""
     values = {"mean": table[mean].astype(float), "whisker": error.fillna(0.0), "doubt": doubt}
@@ -119,19 +99,21 @@ def bars_with_pairs(
     found = list(itertools.chain(*results))
     percent = measure.endswith("percent")  # no whisker of a percentage goes below 0
     low = 0.0 if percent else min(0.0, (table["mean"] - table["whisker"]).min())
-    high = max((table["mean"] + table["whisker"]).max(), LEAST_PERCENT if percent else 0.0)
+    high = max((table["mean"] + table["whisker"]).max(), base.LEAST_PERCENT if percent else 0.0)
     start, end = 1.02 * low, 1.02 * high if high > low else low + 1.0
     lane = LANE * (end - start)
     brackets = max(len(each.different) for each in found) <= MOST_BRACKETS
     beside = [list((_brackets if brackets else _letters)(each, teachers, end, lane)) for each in found]
     used = max((number + 1 for marks in beside for number, _ in marks), default=0)
     axes = (
-        Scale("", Kind.NUMBER, start, end + lane * (used + 0.5 if used else 0), last_tick=end, grid=True),
-        Scale(kind=Kind.TEACHERS, rows=names),
+        base.Scale(
+            "", base.Kind.NUMBER, start, end + lane * (used + 0.5 if used else 0), last_tick=end, grid=True
+        ),
+        base.Scale(kind=base.Kind.TEACHERS, rows=names),
     )
     single = len(columns) == 1
     panels = [
-        Panel(
+        base.Panel(
             *axes,
             [*_bars(each, teachers, start), *(mark for _, mark in marks)],
             each.titles[0] if single else each.titles[1] if place < len(columns) else "",
@@ -140,15 +122,15 @@ def bars_with_pairs(
         )
         for place, (each, marks) in enumerate(zip(found, beside, strict=True))
     ]
-    lines = grid(panels, COLUMNS if single else len(columns))
-    return Chart(
+    lines = base.grid(panels, COLUMNS if single else len(columns))
+    return base.Chart(
         "bars",
         lines,
         heading=found[0].titles[1] if single else "",
         note="\n".join([f"{name}; whiskers: one {whisker.value}", *_notes(found, brackets)]),
-        legend=Legend.NONE,
+        legend=base.Legend.NONE,
         size=(
-            TWO_COLUMNS if len(lines[0]) > 1 else ONE_COLUMN,
+            base.TWO_COLUMNS if len(lines[0]) > 1 else base.ONE_COLUMN,
             max(1.7, 0.7 + (0.3 + 0.135 * len(teachers)) * len(lines)),
         ),
         letters=6.5,
@@ -170,30 +152,34 @@ def _results(
     tested = set(map(frozenset, pairs(here[here["p"].notna()])))
     every = itertools.combinations(sorted(rows.index), 2)
     untested = [pair for pair in every if frozenset(pair) not in tested]
-    return Results((title(by[0], place[0]), title(by[1], place[1])), rows, pairs(significant(here)), untested)
+    return Results(
+        (title(by[0], place[0]), title(by[1], place[1])), rows, pairs(base.significant(here)), untested
+    )
 
 
-def _bars(each: Results, teachers: Sequence[str], start: float) -> Iterator[Mark]:
+def _bars(each: Results, teachers: Sequence[str], start: float) -> Iterator[base.Mark]:
     line = Look(INK, "", "-")
     for place, teacher in enumerate(() if each.rows.empty else teachers):
         if teacher not in each.rows.index:
-            yield Label(x=start, y=place, text="\N{EN DASH}", look=line._replace(colour=MUTED), beside=True)
+            yield base.Label(
+                x=start, y=place, text="\N{EN DASH}", look=line._replace(colour=MUTED), beside=True
+            )
             continue
         mean, whisker = (float(each.rows[name][teacher]) for name in ("mean", "whisker"))
         if is_baseline(teacher):
-            yield Rule(x=mean, look=look(teacher)._replace(dashes=(0, (3, 2))))
-        yield Bar(x=mean, y=place, look=look(teacher), teacher=teacher)
+            yield base.Rule(x=mean, look=look(teacher)._replace(dashes=(0, (3, 2))))
+        yield base.Bar(x=mean, y=place, look=look(teacher), teacher=teacher)
         if whisker > 0:
             ends: dict[str, Any] = {"low": mean - whisker, "high": mean + whisker}
             style: dict[str, Any] = {"size": 0.0, "width": 0.95, "cap": 2.0}
-            yield Interval(x=mean, y=place, look=line, teacher=teacher, **ends, **style)
+            yield base.Interval(x=mean, y=place, look=line, teacher=teacher, **ends, **style)
         if each.rows["doubt"][teacher]:
-            yield Label(x=mean + whisker, y=place, text=DOUBT, beside=True, about=f"doubt-{teacher}")
+            yield base.Label(x=mean + whisker, y=place, text=DOUBT, beside=True, about=f"doubt-{teacher}")
 
 
 def _brackets(
     each: Results, teachers: Sequence[str], start: float, lane: float
-) -> Iterator[tuple[int, Mark]]:
+) -> Iterator[tuple[int, base.Mark]]:
     """Yield a bracket for each pair of teachers that differ, and its lane; the first is at `start`."""
     places = {teacher: place for place, teacher in enumerate(teachers)}
     spans = lanes({(min(s), max(s)) for s in ((places[a], places[b]) for a, b in each.different)})
@@ -201,10 +187,12 @@ def _brackets(
         about = f"{teachers[low]} differs from {teachers[high]}"
         xs = start + lane * number + lane * np.array([0.3, 0.75, 0.75, 0.3])
         ys = np.array([low + 0.16, low + 0.16, high - 0.16, high - 0.16])
-        yield number, Curve(x=xs, y=ys, look=Look(INK, "", "-"), width=0.95, about=about)
+        yield number, base.Curve(x=xs, y=ys, look=Look(INK, "", "-"), width=0.95, about=about)
 
 
-def _letters(each: Results, teachers: Sequence[str], start: float, lane: float) -> Iterator[tuple[int, Mark]]:
+def _letters(
+    each: Results, teachers: Sequence[str], start: float, lane: float
+) -> Iterator[tuple[int, base.Mark]]:
     """Yield the letters of each teacher and their columns; "?" of one that was never tested."""
     names = list(each.rows.index)
     never = [name for name in names if sum(name in pair for pair in each.untested) >= len(names) - 1]
@@ -212,7 +200,7 @@ def _letters(each: Results, teachers: Sequence[str], start: float, lane: float) 
     for place, teacher in enumerate(teachers):
         for column in [0] if teacher in never else letters.get(teacher, ()):
             text = "?" if teacher in never else string.ascii_letters[column]
-            yield column, Label(x=start + lane * column + 0.6 * lane, y=place, text=text)
+            yield column, base.Label(x=start + lane * column + 0.6 * lane, y=place, text=text)
 
 
 def _notes(panels: Sequence[Results], brackets: bool) -> Iterator[str]:

@@ -2,10 +2,13 @@
 
 A module of this room computes the `Chart` of one kind of figure from tables. A renderer knows marks and
 panels, and no kind of figure: a new figure of these marks is one file, on paper and on pages.
+
+Functions that return charts have arguments in common: `name` is the identifier on a page, `heading` the
+title, `caption` the content and number of runs, and `quantity` the title of the axis of values.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -395,6 +398,11 @@ class Chart:
     def all_panels(self) -> list[Any]:
         """Panels, row by row, without empty places."""
         return [panel for row in self.panels for panel in row if panel is not None]
+
+
+def moving(at: Callable[[Any], Panel], moments: Sequence[Any], shown: Any) -> Panel:
+    """Return the panel that `at` returns of the moment `shown`, to be shown at all `moments`."""
+    return replace(at(shown), moments=moments, moment=at)
 
 
 def spread(count: int, most: int) -> list[int]:

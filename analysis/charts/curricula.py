@@ -1,4 +1,7 @@
-"""Curricula over a run: film strips and films of the task distribution, training tasks, dimensions."""
+"""Curricula over a run: film strips and films of the task distribution, training tasks, dimensions.
+
+`curricula` has one run for each teacher, and `plane` the two task dimensions.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -6,23 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from analysis.charts.base import (
-    PAGE_WIDTH,
-    PLAIN,
-    STEPS,
-    TWO_COLUMNS,
-    Chart,
-    Colours,
-    Curve,
-    Dots,
-    Kind,
-    Legend,
-    Mark,
-    Panel,
-    Scale,
-    grid,
-    spread,
-)
+from analysis.charts import base
 from analysis.charts.tasks import POINTS, TaskView, episodes, return_colours, state, task_scale
 from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, moments
 from analysis.formatting import amount
@@ -54,44 +41,39 @@ def film_strip(
     shots: Sequence[Shot],
     plane: tuple[Axis, Axis],
     steps: Sequence[int] | None = None,
-    width: float = TWO_COLUMNS,
-) -> Chart:
+    width: float = base.TWO_COLUMNS,
+) -> base.Chart:
     """Return probed tasks, Gaussians and boxes: a row per run, a column per moment.
 
     Gaussians are drawn at two standard deviations, fuller for more weight; a single box as an outline;
     several boxes as regions coloured by score, with a scale for each row. A row whose tasks lie in a small
     part of the plane shows that part, in a frame of the teacher's colour.
 
-    Args:
-        shots: runs of several teachers, or of several seeds of one; of two task dimensions, else first
-            `analysis.charts.tasks.projected`.
-        plane: the two task dimensions.
-        steps: the moments; `MOMENTS` of them over the run if None.
-        width: width of the figure, inches.
+    `shots` are runs of several teachers, or of several seeds of one; of two task dimensions, else first
+    `analysis.charts.tasks.projected`. `steps` are the moments; `MOMENTS` of them over the run if None. The
+    `width` of the figure is in inches.
 
     Raises:
         ValueError: no runs, no probes, or tasks that are not two-dimensional.
     """
     steps = _checked(shots, steps)
-    rows: list[list[Panel]] = []
+    rows: list[list[base.Panel]] = []
     for shot in shots:
         panel, row = _moving(shot, plane, steps), []
         for step in steps:
             name = f"{amount(step)} steps" if step else "start"
             row.append(replace(panel.at(step), title="" if rows else name, side=shot.name))
         rows.append(row)
-    side = 1.6 * width / PAGE_WIDTH
-    size, letters = (width, 0.9 + side * len(rows)), 8.5 if width >= PAGE_WIDTH else 6.5
-    return Chart("film", rows, legend=Legend.NONE, size=size, letters=letters)
+    side = 1.6 * width / base.PAGE_WIDTH
+    size, letters = (width, 0.9 + side * len(rows)), 8.5 if width >= base.PAGE_WIDTH else 6.5
+    return base.Chart("film", rows, legend=base.Legend.NONE, size=size, letters=letters)
 
 
-def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> Chart:
+def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> base.Chart:
     """Return a film strip in motion: a panel per run, a frame per moment.
 
-    Args:
-        shots: runs as in `film_strip`; at most `MOST_SHOTS`.
-        plane: the two task dimensions.
-        frames: at most so many, and at most one for each step at which a teacher was probed.
+    Of at most `MOST_SHOTS` runs, with at most so many `frames`, and one for each step at which a teacher was
+    probed.
 
     Raises:
         ValueError: too many frames or runs, or what `film_strip` raises.
@@ -102,18 +84,18 @@ def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> C
         raise ValueError(f"{len(shots)} runs: expected at most {MOST_SHOTS} in one animation")
     _checked(shots, None)
     steps = moments({str(place): shot.curriculum for place, shot in enumerate(shots)}, frames)
-    rows = grid([_moving(shot, plane, steps) for shot in shots], 4)
+    rows = base.grid([_moving(shot, plane, steps) for shot in shots], 4)
     size = 0.5 + 1.9 * max(len(rows[0]), 1.2), 0.75 + 2.0 * len(rows)
-    return Chart("motion", rows, legend=Legend.NONE, size=size)
+    return base.Chart("motion", rows, legend=base.Legend.NONE, size=size)
 
 
-def _moving(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> Panel:
+def _moving(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> base.Panel:
     """Return the panel of a run at any of some moments, in the bounds of the plane or of its tasks."""
     view, updates = TaskView(plane), [shot.curriculum.update_at(step) for step in steps]
     boxes = [boxes_of(update) for update in updates if update is not None]
     scores = [float(box["score"]) for each in boxes if len(each) > 1 for box in each]
     # From pale for no score to dark for the highest; readable with any colour vision.
-    regions = Colours("YlGnBu", min(0.0, *scores), max(scores), "Score of a region") if scores else None
+    regions = base.Colours("YlGnBu", min(0.0, *scores), max(scores), "Score of a region") if scores else None
     tasks = np.concatenate([shot.curriculum.probed_at(step).reshape(-1, 2) for step in steps])
     low, high = np.array([[axis.low, axis.high] for axis in plane]).T
     least, most = (tasks.min(axis=0), tasks.max(axis=0)) if len(tasks) else (low, high)
@@ -127,12 +109,12 @@ def _moving(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> Panel
     )
     frame = look(shot.teacher).colour if own else ""
 
-    def at(step: Any) -> Panel:
+    def at(step: Any) -> base.Panel:
         marks = state(shot.curriculum, shot.teacher, step, view, regions, None)
         reached = len(shot.curriculum.probed_at(step))
-        return Panel(x, y, marks, shot.name, frame=frame, remark="" if reached else "not reached")
+        return base.Panel(x, y, marks, shot.name, frame=frame, remark="" if reached else "not reached")
 
-    return replace(at(steps[-1]), moments=steps, moment=at)
+    return base.moving(at, steps, steps[-1])
 
 
 def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
@@ -152,15 +134,10 @@ def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
     return list(found)
 
 
-def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> Chart:
-    """Return training episodes, coloured by return: a row per teacher, a column per part of the run.
-
-    Args:
-        curricula: one run for each teacher.
-        plane: the two task dimensions.
-    """
+def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> base.Chart:
+    """Return training episodes, coloured by return: a row per teacher, a column per part of the run."""
     view, colours = TaskView(plane), return_colours(curricula)
-    rows: list[list[Panel]] = []
+    rows: list[list[base.Panel]] = []
     for teacher, side in short_labels(curricula, 16).items():
         row = []
         for number in range(PANELS):
@@ -168,31 +145,30 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
             name = f"{100 * number // PANELS}\N{EN DASH}{100 * (number + 1) // PANELS} %"
             dots = [episodes(part, teacher, view, colours, POINTS)]
             remark = "no episodes" if part.episodes.empty else ""
-            row.append(Panel(*view.scales(), dots, "" if rows else name, side=side, remark=remark))
+            row.append(base.Panel(*view.scales(), dots, "" if rows else name, side=side, remark=remark))
         rows.append(row)
-    size = PAGE_WIDTH, 0.9 + 1.75 * len(rows)
-    return Chart("training-tasks", rows, legend=Legend.NONE, size=size)
+    size = base.PAGE_WIDTH, 0.9 + 1.75 * len(rows)
+    return base.Chart("training-tasks", rows, legend=base.Legend.NONE, size=size)
 
 
-def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -> Chart:
+def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -> base.Chart:
     """Return quantiles of probed tasks against steps: a row per dimension, a column per teacher.
 
     Dark lines are the bounds of a teacher's box if it has a single one, or two standard deviations
-    around its Gaussian; dots the means of several Gaussians, larger for more weight.
-
-    Args:
-        curricula: one run for each teacher.
-        axes: the task dimensions; constant ones are left out.
+    around its Gaussian; dots the means of several Gaussians, larger for more weight. Constant ones of the
+    task dimensions, `axes`, are left out.
     """
     varied = [index for index, axis in enumerate(axes) if axis.high > axis.low]
     names = short_labels(curricula, 14)
-    steps = Scale(STEPS, Kind.STEPS, 0.0, float(max(each.steps for each in curricula.values())))
+    steps = base.Scale(
+        base.STEPS, base.Kind.STEPS, 0.0, float(max(each.steps for each in curricula.values()))
+    )
     rows = []
     for index in varied:
         y = task_scale(axes[index])
         rows.append(
             [
-                Panel(
+                base.Panel(
                     steps,
                     y,
                     [*_bands(curricula[teacher], index, teacher), *_shapes(curricula[teacher], index)],
@@ -204,21 +180,21 @@ def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -
     height = float(np.clip(7.2 / max(len(varied), 1), 0.5, 2.2))
     width = float(np.clip(8.4 / len(names), 1.05, 4.0))
     size = 1.8 + width * len(names), 0.8 + height * len(varied)
-    return Chart("dimensions", rows, legend=Legend.NONE, size=size)
+    return base.Chart("dimensions", rows, legend=base.Legend.NONE, size=size)
 
 
-def _bands(curriculum: Curriculum, dimension: int, teacher: str) -> Iterator[Mark]:
+def _bands(curriculum: Curriculum, dimension: int, teacher: str) -> Iterator[base.Mark]:
     steps = np.unique(curriculum.probes["step"])
     levels = np.array([np.quantile(curriculum.probed_at(step)[:, dimension], QUANTILES) for step in steps]).T
     style, x = look(teacher)._replace(marker="", dashes="-"), steps.astype(np.float64)
-    yield Curve(x=x, low=levels[0], high=levels[4], look=style, opacity=0.18)
-    yield Curve(x=x, y=levels[2], low=levels[1], high=levels[3], look=style, opacity=0.38, width=1.6)
+    yield base.Curve(x=x, low=levels[0], high=levels[4], look=style, opacity=0.18)
+    yield base.Curve(x=x, y=levels[2], low=levels[1], high=levels[3], look=style, opacity=0.38, width=1.6)
 
 
-def _shapes(curriculum: Curriculum, dimension: int) -> Iterator[Mark]:
+def _shapes(curriculum: Curriculum, dimension: int) -> Iterator[base.Mark]:
     updates = curriculum.updates.sort_values("step", kind="stable")
     bounds, means = [], []
-    for _, update in updates.iloc[spread(len(updates), UPDATES)].iterrows():
+    for _, update in updates.iloc[base.spread(len(updates), UPDATES)].iterrows():
         boxes, gaussians = boxes_of(update), gaussians_of(update)
         if len(boxes) == 1:
             bounds.append((update["step"], boxes[0]["low"][dimension], boxes[0]["high"][dimension]))
@@ -232,7 +208,7 @@ def _shapes(curriculum: Curriculum, dimension: int) -> Iterator[Mark]:
     if bounds:
         steps, *ends = np.array(bounds, dtype=np.float64).T
         for end in ends:
-            yield Curve(x=steps, y=end, look=Look(PLAIN.colour, "", "-"), width=1.2)
+            yield base.Curve(x=steps, y=end, look=Look(base.PLAIN.colour, "", "-"), width=1.2)
     if means:
         steps, values, shares = np.array(means, dtype=np.float64).T
-        yield Dots(x=steps, y=values, size=1.8 * np.sqrt(1 + 8 * shares), opacity=0.55)
+        yield base.Dots(x=steps, y=values, size=1.8 * np.sqrt(1 + 8 * shares), opacity=0.55)

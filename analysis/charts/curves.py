@@ -1,4 +1,8 @@
-"""Learning curves: of one comparison, panels with stars, every pair of teachers, the matrix of many."""
+"""Learning curves: of one comparison, panels with stars, every pair of teachers, the matrix of many.
+
+`measure` is what is drawn, and `name` says so with its unit; `ceiling` is a value that no run exceeds, None
+if unknown. `runs` are rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`.
+"""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,31 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from analysis.charts.base import (
-    LEAST_PERCENT,
-    LONGEST_NAME,
-    MASTERED,
-    ONE_COLUMN,
-    STEPS,
-    TOGETHER,
-    TWO_COLUMNS,
-    Cells,
-    Chart,
-    Colours,
-    Curve,
-    Dots,
-    Key,
-    Kind,
-    Legend,
-    Panel,
-    Rule,
-    Scale,
-    StarRow,
-    grid,
-    require,
-    require_unique,
-    significant,
-)
+from analysis.charts import base
 from analysis.comparisons.frame import pairwise
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import amount
@@ -41,7 +21,7 @@ from analysis.measures.pooling import COMPARED, PLUS, pooled
 from analysis.names import label, order, short_labels, teacher_order, title
 from tma_ray.tasks import KnowledgeLevel
 
-MEASURES = {"mastered_percent": MASTERED, "training_return": "Mean training return"}
+MEASURES = {"mastered_percent": base.MASTERED, "training_return": "Mean training return"}
 """Measures that case studies show side by side, with the titles of their axes."""
 
 EVERY = 5_000_000
@@ -76,31 +56,25 @@ def learning_curves(
     heading: str = "",
     caption: str = "",
     ceiling: float | None = None,
-    against: str = STEPS,
-) -> Chart:
+    against: str = base.STEPS,
+) -> base.Chart:
     """Return the learning curve of each teacher: mean ± one standard error over runs, against steps.
 
-    Args:
-        table: teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`.
-        quantity: title of the vertical axis, in % where it is a percentage.
-        name: identifier of the chart.
-        heading: title of the chart.
-        caption: content and number of runs.
-        ceiling: value that no run exceeds; None if unknown.
-        against: title of the horizontal axis.
+    `table` has teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`; the axis of a
+    `quantity` with % is one of percentages.
     """
     width = 1.4 if len(table) and table.groupby("teacher")["step"].size().max() > MOST_MARKED else 2.0
     marks = [
         curve
-        for teacher, text in short_labels(table["teacher"].astype(str), LONGEST_NAME).items()
+        for teacher, text in short_labels(table["teacher"].astype(str), base.LONGEST_NAME).items()
         for curve in _curves(table, teacher, look(teacher), text, width)
     ]
-    y = Scale(quantity, Kind.PERCENT if "%" in quantity else Kind.NUMBER, grid=True)
-    panel = Panel(Scale(against, Kind.STEPS), y, [*marks, *_ceiling(ceiling, marks)])
-    return Chart(name, [[panel]], heading, caption)
+    y = base.Scale(quantity, base.Kind.PERCENT if "%" in quantity else base.Kind.NUMBER, grid=True)
+    panel = base.Panel(base.Scale(against, base.Kind.STEPS), y, [*marks, *_ceiling(ceiling, marks)])
+    return base.Chart(name, [[panel]], heading, caption)
 
 
-def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Chart:
+def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
     """Return `learning_curves` of runs: a line starts where all its runs have values.
 
     Args:
@@ -113,14 +87,14 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Chart:
 
 def _curves(
     table: pd.DataFrame, teacher: str, style: Look, name: str, width: float, fill: str = ""
-) -> Iterator[Curve]:
+) -> Iterator[base.Curve]:
     """Yield the line of a teacher's rows of mean and standard_error, by step; nothing without values."""
     rows = table[(table["teacher"] == teacher) & table["mean"].notna()].sort_values("step")
     if rows.empty:
         return
     mean, error = (rows[column].fillna(0).to_numpy(np.float64) for column in ("mean", "standard_error"))
     words = [f"{m:.1f} ± {e:.1f}, n = {n:.0f}" for m, e, n in zip(mean, error, rows["n"], strict=True)]
-    yield Curve(
+    yield base.Curve(
         x=rows["step"].to_numpy(np.float64),
         y=mean,
         low=mean - error,
@@ -136,11 +110,11 @@ def _curves(
     )
 
 
-def _ceiling(value: float | None, curves: Sequence[Curve]) -> Iterator[Rule]:
+def _ceiling(value: float | None, curves: Sequence[base.Curve]) -> Iterator[base.Rule]:
     """Yield the line that no run exceeds, unless it would flatten the curves far below it."""
     highest = max((float(curve.high.max()) for curve in curves if curve.high is not None), default=0.0)
     if value is not None and highest >= FLATTENED * value:
-        yield Rule(y=value, look=Look(MUTED, "", (0, (1, 2))), name="mastered by any run", width=1.0)
+        yield base.Rule(y=value, look=Look(MUTED, "", (0, (1, 2))), name="mastered by any run", width=1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,8 +127,8 @@ class CurvePanel:
             `measure` with the endings _mean and _std.
         tests: tests of `pairwise.pairwise` with step among `within`, against one reference: of teachers, or
             between levels with teacher among `within`; None for no stars.
-        measure: measure that is drawn.
-        name: its name, with its unit.
+        measure: what is drawn.
+        name: name of it with its unit.
         ceiling: value that no run exceeds; None if unknown.
     """
 
@@ -162,23 +136,23 @@ class CurvePanel:
     curves: pd.DataFrame
     tests: pd.DataFrame | None = None
     measure: str = "mastered_percent"
-    name: str = MASTERED
+    name: str = base.MASTERED
     ceiling: float | None = None
 
     def parts(self) -> list["CurvePanel"]:
         """Return the panel of many teachers as several, each with the baseline and `TOGETHER` others."""
         teachers = sorted(self.curves["teacher"].unique(), key=teacher_order) if len(self.curves) else []
         others = [teacher for teacher in teachers if not is_baseline(teacher)]
-        if len(others) <= TOGETHER:
+        if len(others) <= base.TOGETHER:
             return [self]
-        base = [teacher for teacher in teachers if is_baseline(teacher)]
-        groups = [others[start : start + TOGETHER] for start in range(0, len(others), TOGETHER)]
+        random = [teacher for teacher in teachers if is_baseline(teacher)]
+        groups = [others[start : start + base.TOGETHER] for start in range(0, len(others), base.TOGETHER)]
         column = "first" if self.tests is not None and "teacher" not in self.tests else "teacher"
         return [
             replace(
                 self,
                 title=f"{self.title} ({number} of {len(groups)})",
-                curves=self.curves[self.curves["teacher"].isin([*base, *group])],
+                curves=self.curves[self.curves["teacher"].isin([*random, *group])],
                 tests=None if self.tests is None else self.tests[self.tests[column].isin(group)],
             )
             for number, group in enumerate(groups, start=1)
@@ -194,20 +168,20 @@ class CurvePanel:
         if self.tests is None or self.tests.empty:
             return pd.DataFrame(columns=["line", "step", "difference"])
         what = f"tests of panel {self.title!r}"
-        require(self.tests, ["step", "first", "second", "holm", "difference"], what)
+        base.require(self.tests, ["step", "first", "second", "holm", "difference"], what)
         due = self.tests[(self.tests["step"] > 0) & (self.tests["step"] % every == 0)]
         if due.empty:
             raise ValueError(
                 f"{what}: none at a multiple of {every:,} steps; tested at "
                 f"{', '.join(f'{step:,.0f}' for step in sorted(self.tests['step'].unique())[:5])}…"
             )
-        rows = significant(due)
+        rows = base.significant(due)
         columns = ("teacher", "first") if "teacher" in self.tests else ("first", "expert_knowledge")
         lines = list(zip(*(rows[column] for column in columns), strict=True))
         return rows[["step", "difference"]].assign(line=pd.Series(lines, index=rows.index, dtype=object))
 
 
-def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns: int = 2) -> Chart:
+def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns: int = 2) -> base.Chart:
     """Return mean ± standard error against steps, and above each panel stars where lines differ.
 
     Colour and marker say the teacher, dashes and the filling of markers the level of expert knowledge where
@@ -233,7 +207,9 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns:
     looks = _line_looks(tables)
     split = len(parts) > len(panels)
     starred = [line for line in looks if any(line in set(found["line"]) for found in stars)]
-    steps = Scale(STEPS, Kind.STEPS, 0.0, max(table["step"].max() for table in tables if len(table)))
+    steps = base.Scale(
+        base.STEPS, base.Kind.STEPS, 0.0, max(table["step"].max() for table in tables if len(table))
+    )
     drawn = []
     for part, table, found in zip(parts, tables, stars, strict=True):
         marks = [
@@ -248,36 +224,36 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns:
                 ways = mine["difference"] > 0, mine["difference"] < 0
                 above, below = (list(mine.loc[way, "step"]) for way in ways)
                 style, _, fill = looks[line]
-                rows.append(StarRow(style, fill, above, below, "-".join(line)))
+                rows.append(base.StarRow(style, fill, above, below, "-".join(line)))
         drawn.append(
-            Panel(
+            base.Panel(
                 steps,
-                Scale(part.name, _kind(part.measure), grid=True),
+                base.Scale(part.name, _kind(part.measure), grid=True),
                 [*marks, *_ceiling(part.ceiling, marks)],
                 part.title,
                 stars=rows,
                 remark="no results" if table.empty else "",
             )
         )
-    lines = grid(drawn, 1 if split else columns)
-    return Chart(
+    lines = base.grid(drawn, 1 if split else columns)
+    return base.Chart(
         "curves",
         lines,
         keys=list(_star_keys(parts, stars)),
-        legend=Legend.BESIDE if split else Legend.TOP,
+        legend=base.Legend.BESIDE if split else base.Legend.TOP,
         size=(
-            TWO_COLUMNS if len(lines[0]) > 1 else ONE_COLUMN,
+            base.TWO_COLUMNS if len(lines[0]) > 1 else base.ONE_COLUMN,
             0.45 + len(lines) * (1.9 + 0.09 * (0 if split else len(starred))),
         ),
         letters=7.5,
     )
 
 
-def _kind(measure: str) -> Kind:
-    return Kind.PERCENT if measure.endswith("percent") else Kind.NUMBER
+def _kind(measure: str) -> base.Kind:
+    return base.Kind.PERCENT if measure.endswith("percent") else base.Kind.NUMBER
 
 
-def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> Iterator[Key]:
+def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> Iterator[base.Key]:
     """Yield legend entries for full and hollow stars, where they occur."""
     tests = [panel.tests for panel in panels if panel.tests is not None and len(panel.tests)]
     references = sorted({str(name) for table in tests for name in table["second"]})
@@ -286,7 +262,7 @@ def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> I
     differences = np.concatenate([found["difference"].to_numpy(float) for found in stars])
     for word, full, there in (("above", True, differences > 0), ("below", False, differences < 0)):
         if there.any():
-            yield Key("*", f"{word} {names} (p < 0.05 after Holm)", full, 6)
+            yield base.Key("*", f"{word} {names} (p < 0.05 after Holm)", full, 6)
 
 
 def _line_looks(tables: Sequence[pd.DataFrame]) -> dict[Line, tuple[Look, str, str]]:
@@ -318,24 +294,22 @@ def _table(
     mean, std = f"{measure}_mean", f"{measure}_std"
     columns = [*keys, "n", mean, std]
     if len(curves) or not empty:
-        require(curves, columns, what)
+        base.require(curves, columns, what)
     table = curves.reindex(columns=columns).rename(columns={mean: "mean", std: "std"})
-    require_unique(table, keys, what)
+    base.require_unique(table, keys, what)
     table = table[table["mean"].notna()].sort_values("step")
     return table.assign(standard_error=table["std"] / np.sqrt(table["n"].astype(float)))
 
 
 def body_panels(
-    runs: pd.DataFrame, measure: str = "mastered_percent", name: str = MASTERED, ceiling: float | None = None
+    runs: pd.DataFrame,
+    measure: str = "mastered_percent",
+    name: str = base.MASTERED,
+    ceiling: float | None = None,
 ) -> list[CurvePanel]:
     """Return a panel over all bodies of a pool, if it has several, and one for each, tested against Random.
 
-    Args:
-        runs: rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison,
-            such as Parkour.
-        measure: measure that is drawn.
-        name: its name, with its unit.
-        ceiling: value that no run exceeds; None if unknown.
+    The `runs` are those of one comparison, such as Parkour.
 
     Raises:
         ValueError: the runs are not of one comparison.
@@ -361,10 +335,8 @@ def knowledge_panels(
 ) -> list[CurvePanel]:
     """Return a row of panels for each challenge, one for each measure, at all levels of expert knowledge.
 
-    Args:
-        runs: rows of `pooling.pool_runs` with the `measures` at each step, of the teachers to be shown.
-        measures: columns of `runs`, with the titles of their axes.
-        reference: the level that the others are tested against; None for no tests.
+    The `runs` are those of the teachers to be shown, and `measures` columns of them, with the titles of their
+    axes. Other levels are tested against `reference`; None for no tests.
 
     Raises:
         ValueError: the runs of a challenge differ in more than level and teacher.
@@ -392,20 +364,17 @@ def _one(runs: pd.DataFrame, columns: Sequence[str]) -> None:
 
 
 def pairwise_curves(
-    curves: pd.DataFrame, tests: pd.DataFrame, measure: str = "mastered_percent", name: str = MASTERED
-) -> Chart:
+    curves: pd.DataFrame, tests: pd.DataFrame, measure: str = "mastered_percent", name: str = base.MASTERED
+) -> base.Chart:
     """Return a panel for every pair of teachers, with mean ± standard error of both against steps.
 
     Stars along the top of a panel mark the steps at which the two differ significantly, in the colour of
     the one that is above. All panels have the same axes. Of more than `LARGEST` + 1 teachers
     a matrix shows the differences at the last step.
 
-    Args:
-        curves: results of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n, and
-            `measure` with the endings _mean and _std.
-        tests: all pairs at every step, of `pairwise.pairwise` with step among `within`.
-        measure: measure that is drawn.
-        name: its name, with its unit.
+    `curves` are the results of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n,
+    and `measure` with the endings _mean and _std. `tests` are of all pairs at every step, of `frame.pairwise`
+    with step among `within`.
 
     Raises:
         ValueError: under two teachers, or several values of a teacher at a step.
@@ -415,37 +384,37 @@ def pairwise_curves(
     teachers, names = list(legend), short_labels(legend, 15)
     if len(teachers) < 2:
         raise ValueError(f"curves of {len(teachers)} teachers: expected at least two, to compare them")
-    size, tests = len(teachers) - 1, significant(tests)
+    size, tests = len(teachers) - 1, base.significant(tests)
     if size > LARGEST:
         return _difference_matrix(table, tests, teachers, name)
     error = table["standard_error"].fillna(0.0)
     low = 0.0 if measure.endswith("percent") else min(0.0, (table["mean"] - error).min())
-    top = max((table["mean"] + error).max(), low + LEAST_PERCENT)
+    top = max((table["mean"] + error).max(), low + base.LEAST_PERCENT)
     axes = (
-        Scale(STEPS, Kind.STEPS, 0.0, table["step"].max()),
-        Scale(name, _kind(measure), low, top + 0.16 * (top - low)),
+        base.Scale(base.STEPS, base.Kind.STEPS, 0.0, table["step"].max()),
+        base.Scale(name, _kind(measure), low, top + 0.16 * (top - low)),
     )
-    rows: list[list[Panel | None]] = [[None] * size for _ in range(size)]
+    rows: list[list[base.Panel | None]] = [[None] * size for _ in range(size)]
     for column, row in itertools.combinations_with_replacement(range(size), 2):
         pair = teachers[column], teachers[row + 1]
         lines = [curve for name in pair for curve in _curves(table, name, look(name), legend[name], 1.2)]
         stars = _pair_stars(tests, pair, top + 0.1 * (top - low))
         heading = names[pair[0]] if row == column else ""
-        rows[row][column] = Panel(*axes, [*lines, *stars], heading, side=names[pair[1]])
-    return Chart(
+        rows[row][column] = base.Panel(*axes, [*lines, *stars], heading, side=names[pair[1]])
+    return base.Chart(
         "pairs",
         rows,
-        keys=[Key("*", "differ at this step (p < 0.05)", colour=MUTED)],
-        legend=Legend.TOP if size < 3 else Legend.CORNER,
+        keys=[base.Key("*", "differ at this step (p < 0.05)", colour=MUTED)],
+        legend=base.Legend.TOP if size < 3 else base.Legend.CORNER,
         size=(
-            ONE_COLUMN if size == 1 else TWO_COLUMNS,
-            0.9 + (1.9 if size == 1 else min(1.5, (TWO_COLUMNS - 0.6) / size * 0.9) * size),
+            base.ONE_COLUMN if size == 1 else base.TWO_COLUMNS,
+            0.9 + (1.9 if size == 1 else min(1.5, (base.TWO_COLUMNS - 0.6) / size * 0.9) * size),
         ),
         letters=6.5,
     )
 
 
-def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> Iterator[Dots]:
+def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> Iterator[base.Dots]:
     """Yield a star at each step at which two teachers differ, in the colour of the one above."""
     for above, below in (pair, pair[::-1]):
         there = (tests["first"] == above) & (tests["second"] == below) & (tests["difference"] > 0)
@@ -454,31 +423,33 @@ def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> It
         if len(steps):
             style = look(above)._replace(marker="*")
             heights = np.full(len(steps), height)
-            yield Dots(x=steps, y=heights, look=style, size=7.0, about=f"{above}-above-{below}")
+            yield base.Dots(x=steps, y=heights, look=style, size=7.0, about=f"{above}-above-{below}")
 
 
-def _difference_matrix(table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequence[str], name: str) -> Chart:
+def _difference_matrix(
+    table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequence[str], name: str
+) -> base.Chart:
     """Return the difference of each row's teacher to each column's, with a dot where it is significant."""
     last = table["step"].max()
     means = table[table["step"] == last].set_index("teacher")["mean"].reindex(teachers).to_numpy(float)
     differences = means[:, None] - means[None, :]
     reach = max(float(np.nanmax(np.abs(differences))), 1.0)
     # From red for below to blue for above; readable with any colour vision.
-    colours = Colours("RdBu", -reach, reach, f"Difference: {name[:1].lower()}{name[1:]}")
+    colours = base.Colours("RdBu", -reach, reach, f"Difference: {name[:1].lower()}{name[1:]}")
     found = tests[tests["step"] == last]
     ends = [np.array([teachers.index(each) for each in found[side]], float) for side in ("first", "second")]
     places = np.arange(len(teachers), dtype=np.float64)
     marks = [
-        Cells(xs=places, ys=places, values=differences, colours=colours),
-        Dots(x=np.concatenate(ends), y=np.concatenate(ends[::-1]), size=3.5, about="significant"),
+        base.Cells(xs=places, ys=places, values=differences, colours=colours),
+        base.Dots(x=np.concatenate(ends), y=np.concatenate(ends[::-1]), size=3.5, about="significant"),
     ]
-    rows = Scale(kind=Kind.TEACHERS, rows=short_labels(teachers, 18))
+    rows = base.Scale(kind=base.Kind.TEACHERS, rows=short_labels(teachers, 18))
     heading = f"Row minus column after {amount(last)} steps; dots: p < 0.05 after Holm"
-    side = min(TWO_COLUMNS + 0.6, 1.9 + 0.17 * len(teachers))
-    return Chart(
+    side = min(base.TWO_COLUMNS + 0.6, 1.9 + 0.17 * len(teachers))
+    return base.Chart(
         "differences",
-        [[Panel(rows, rows, marks, heading)]],
-        legend=Legend.NONE,
+        [[base.Panel(rows, rows, marks, heading)]],
+        legend=base.Legend.NONE,
         size=(side + 0.6, side),
         letters=6.0,
     )

@@ -2,24 +2,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from analysis.charts.base import (
-    END,
-    LONGEST_NAME,
-    Chart,
-    Dots,
-    Interval,
-    Kind,
-    Mark,
-    Panel,
-    Scale,
-    grid,
-)
+from analysis.charts import base
 from analysis.comparisons.boards import Rank
 from analysis.formatting import number
 from analysis.looks import look
@@ -27,26 +15,21 @@ from analysis.names import short_labels
 from analysis.statistics import describe, mean_percent_interval
 
 
-def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> Chart:
+def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
     """Return a row for each teacher: its runs as rings, their mean with its 95 % interval.
 
-    Args:
-        points: teacher, seed, step (of an evaluation, or `END`) and value, in per cent.
-        quantity: title of the horizontal axis.
-        name: identifier of the chart.
-        heading: title of the chart.
-        caption: content and number of runs.
+    `points` has teacher, seed, step (of an evaluation, or `END`) and value, in per cent.
     """
-    rows = short_labels(map(str, points["teacher"].unique()), LONGEST_NAME)
-    axes = Scale(quantity, Kind.PERCENT, grid=True), Scale(kind=Kind.TEACHERS, rows=rows)
+    rows = short_labels(map(str, points["teacher"].unique()), base.LONGEST_NAME)
+    axes = base.Scale(quantity, base.Kind.PERCENT, grid=True), base.Scale(kind=base.Kind.TEACHERS, rows=rows)
     steps = dict(list(points[points["value"].notna()].groupby("step", sort=False)))
 
-    def at(step: Any) -> Panel:
-        here, marks = steps.get(step, points[:0]), list[Mark]()
+    def at(step: Any) -> base.Panel:
+        here, marks = steps.get(step, points[:0]), list[base.Mark]()
         for place, (teacher, label) in enumerate(rows.items()):
             mine = here[here["teacher"] == teacher]
             marks.append(
-                Dots(
+                base.Dots(
                     x=[round(float(value), 2) for value in mine["value"]],
                     y=[place] * len(mine),
                     words=[f"{label}, seed {seed}" for seed in mine["seed"]],
@@ -60,19 +43,19 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
             )
             words, style = f"{label}: mean {{}} of {{}}", {"size": 11.0, "width": 2.0, "cap": 5.0}
             marks.append(_mean(mine["value"], teacher, place, words, **style))
-        return Panel(*axes, marks)
+        return base.Panel(*axes, marks)
 
     return _moving(name, at, list(dict.fromkeys(points["step"])), heading, caption, len(rows))
 
 
-def _mean(values: pd.Series, teacher: str, place: float, words: str, **own: Any) -> Interval:
+def _mean(values: pd.Series, teacher: str, place: float, words: str, **own: Any) -> base.Interval:
     """Return the mean of values with its 95 % interval, and both in words with the number of runs."""
     sample = describe(values)
     low, high = mean_percent_interval(sample) if sample.n else (math.nan, math.nan)
     text = words.format(number(sample.mean), sample.n) if sample.n else ""
     if math.isfinite(low):
         text += f", 95 % interval {number(low)} to {number(high)}"
-    return Interval(
+    return base.Interval(
         x=round(sample.mean, 2) if sample.n else math.nan,
         y=round(place, 3),
         low=low,
@@ -85,40 +68,40 @@ def _mean(values: pd.Series, teacher: str, place: float, words: str, **own: Any)
     )
 
 
-def _moving(name: str, at: Any, moments: Sequence[object], heading: str, caption: str, rows: int) -> Chart:
+def _moving(
+    name: str, at: Any, moments: Sequence[object], heading: str, caption: str, rows: int
+) -> base.Chart:
     """Return a chart of one panel that shows the ends of runs, or any of its moments."""
-    panel = replace(at(END), moments=moments, moment=at)
-    return Chart(name, [[panel]], heading, caption, size=(5.2, 0.9 + 0.42 * rows))
+    return base.Chart(
+        name, [[base.moving(at, moments, base.END)]], heading, caption, size=(5.2, 0.9 + 0.42 * rows)
+    )
 
 
 def overview_chart(
     points: pd.DataFrame, rows: Mapping[str, str], quantity: str, heading: str, caption: str
-) -> Chart:
+) -> base.Chart:
     """Return a row for each comparison, and in it the mean of each teacher with its 95 % interval.
 
-    Every pair of comparison and teacher is a mark, so that a page can leave out either.
-
-    Args:
-        points: comparison (its anchor), teacher, step (of an evaluation, or `END`) and value of a run, in per
-            cent.
-        rows: title of each comparison by its anchor, in order.
-        quantity: title of the horizontal axis.
-        heading: title of the chart.
-        caption: content and number of runs.
+    Every pair of comparison and teacher is a mark, so that a page can leave out either. `points` has
+    comparison (its anchor), teacher, step (of an evaluation, or `END`) and value of a run, in per cent;
+    `rows` has the title of each comparison by its anchor, in order.
     """
-    names = short_labels(map(str, points["teacher"].unique()), LONGEST_NAME)
+    names = short_labels(map(str, points["teacher"].unique()), base.LONGEST_NAME)
     offsets = dict(zip(names, np.linspace(-0.33, 0.33, len(names) + 2)[1:-1], strict=True))
     order = {anchor: place for place, anchor in enumerate(rows)}
     pairs = list(points[["comparison", "teacher"]].drop_duplicates().itertuples(index=False, name=None))
     pairs.sort(key=lambda pair: (order[pair[0]], offsets[pair[1]]))
-    axes = Scale(quantity, Kind.PERCENT, grid=True), Scale(kind=Kind.COMPARISONS, rows=rows)
+    axes = (
+        base.Scale(quantity, base.Kind.PERCENT, grid=True),
+        base.Scale(kind=base.Kind.COMPARISONS, rows=rows),
+    )
     groups = points.groupby("step", sort=False, dropna=False)
     samples = {step: dict(list(rows.groupby(["comparison", "teacher"])["value"])) for step, rows in groups}
     none = points["value"][:0]
 
-    def at(step: Any) -> Panel:
+    def at(step: Any) -> base.Panel:
         here = samples.get(step, {})
-        latest = samples.get(END, {}) if step != END else {}
+        latest = samples.get(base.END, {}) if step != base.END else {}
         there = {anchor for anchor, _ in here}
         # A comparison that was not evaluated at this step stays as it is at its end.
         values = [here.get(pair, none) if pair[0] in there else latest.get(pair, none) for pair in pairs]
@@ -133,24 +116,22 @@ def overview_chart(
             )
             for (anchor, teacher), sample in zip(pairs, values, strict=True)
         ]
-        return Panel(*axes, marks)
+        return base.Panel(*axes, marks)
 
     return _moving("overview", at, list(samples), heading, caption, len(rows))
 
 
-def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> Chart:
+def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> base.Chart:
     """Return a row for each teacher: its rank by the mean, and the ranks that tests leave open.
 
-    Args:
-        boards: ranks on the same challenges, the best first, by conditions and challenges, separated by a
-            colon; each is a panel.
-        name: identifier of the chart.
+    `boards` has ranks on the same challenges, the best first, by conditions and challenges, separated by a
+    colon; each is a panel.
     """
     panels = []
     for heading, ranks in boards.items():
-        labels = short_labels([rank.teacher for rank in ranks], LONGEST_NAME)
+        labels = short_labels([rank.teacher for rank in ranks], base.LONGEST_NAME)
         marks = [
-            Interval(
+            base.Interval(
                 x=float(rank.rank),
                 y=float(place),
                 low=float(rank.best),
@@ -164,14 +145,14 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> Cha
             )
             for place, rank in enumerate(ranks)
         ]
-        x = Scale("Rank", low=0.5, high=max(rank.of for rank in ranks) + 0.5, whole=True, grid=True)
-        y = Scale(kind=Kind.TEACHERS, rows={rank.teacher: labels[rank.teacher] for rank in ranks})
+        x = base.Scale("Rank", low=0.5, high=max(rank.of for rank in ranks) + 0.5, whole=True, grid=True)
+        y = base.Scale(kind=base.Kind.TEACHERS, rows={rank.teacher: labels[rank.teacher] for rank in ranks})
         title, _, subtitle = heading.partition(": ")
-        panels.append(Panel(x, y, marks, f"{title[:1].upper()}{title[1:]}", subtitle))
+        panels.append(base.Panel(x, y, marks, f"{title[:1].upper()}{title[1:]}", subtitle))
     caption = (
         "Marks are ranks by the mean. Lines are ranks that tests leave open: the best is one more than the "
         "number of teachers found better, the worst the number of teachers less those found worse."
     )
     size = 6.2, sum(0.7 + 0.24 * len(panel.y.rows) for panel in panels)
-    rows = grid(panels, 1)
-    return Chart(name, rows, "Ranks", caption, note=caption, size=size, letters=7.5)
+    rows = base.grid(panels, 1)
+    return base.Chart(name, rows, "Ranks", caption, note=caption, size=size, letters=7.5)

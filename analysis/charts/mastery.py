@@ -1,33 +1,16 @@
 """Test tasks that are mastered, by share of runs."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from analysis.charts.base import (
-    END,
-    LONGEST_NAME,
-    PAGE_WIDTH,
-    PLAIN,
-    Array,
-    Cells,
-    Chart,
-    Colours,
-    Dots,
-    Kind,
-    Legend,
-    Mark,
-    Panel,
-    Scale,
-    grid,
-)
+from analysis.charts import base
 from analysis.data.curricula import Axis, stack
 from analysis.names import short_labels
 
-SHARES = Colours("Blues", 0.0, 100.0, "Seeds that master the task (%)")
+SHARES = base.Colours("Blues", 0.0, 100.0, "Seeds that master the task (%)")
 """From nearly white for no run to dark for every run; readable with any colour vision."""
 
 ACROSS = 180
@@ -36,97 +19,93 @@ ACROSS = 180
 
 def mastery_chart(
     shares: pd.DataFrame, tasks: pd.DataFrame, axes: Sequence[Axis], name: str = "mastery", caption: str = ""
-) -> Chart:
+) -> base.Chart:
     """Return a panel of the test tasks for each teacher: a mark for each task, darker for more runs.
 
     On the task plane where tasks have two dimensions, else in a square, the tasks that most runs master
     first. Tasks on a full grid fill the panel.
 
-    Args:
-        shares: teacher, step (of an evaluation, or `END`), task_index and share (in [0, 1]).
-        tasks: task_index and task (float32 (d,)) of the test set.
-        axes: the dimensions of the task space.
-        name: identifier of the chart.
-        caption: content and number of runs.
+    `shares` has teacher, step (of an evaluation, or `END`), task_index and share (in [0, 1]), and `tasks` the
+    task_index and task (float32 (d,)) of the test set; `axes` are the dimensions of the task space.
     """
     tasks = tasks.sort_values("task_index", ignore_index=True)
     values = stack(tasks["task"])
     words = [", ".join(f"{value:.4g}" for value in task) for task in values]
     if len(axes) == 2 == values.shape[1]:
         points = values.astype(np.float64)
-        draw, scales = _cells(points, words) or _dots(points, words), list[Scale]()
+        draw, scales = _cells(points, words) or _dots(points, words), list[base.Scale]()
         for axis, places in zip(axes, points.T, strict=True):  # with half a cell around the tasks
             centres = np.unique(places)
             half = float(np.diff(centres).min()) / 2 if len(centres) > 1 else 0.5
-            scales.append(Scale(axis.name, Kind.TASK, float(centres[0]) - half, float(centres[-1]) + half))
+            scales.append(
+                base.Scale(axis.name, base.Kind.TASK, float(centres[0]) - half, float(centres[-1]) + half)
+            )
     else:  # in a square
-        mean = shares[shares["step"] == END].groupby("task_index")["share"].mean()
+        mean = shares[shares["step"] == base.END].groupby("task_index")["share"].mean()
         mean = mean.reindex(tasks["task_index"]).fillna(-1)
         rank = np.argsort(np.argsort(-mean.to_numpy(), kind="stable"), kind="stable")
         side = int(np.ceil(np.sqrt(2 * len(tasks))))  # charts are wider than high
         points = np.column_stack([rank % side, -(rank // side)]).astype(np.float64)
-        draw, scales = _dots(points, words), [Scale(shown=False), Scale(shown=False)]
+        draw, scales = _dots(points, words), [base.Scale(shown=False), base.Scale(shown=False)]
     panels = [
         _panel(shares[shares["teacher"] == teacher], tasks["task_index"], label, scales, draw)
-        for teacher, label in short_labels(shares["teacher"].astype(str), LONGEST_NAME).items()
+        for teacher, label in short_labels(shares["teacher"].astype(str), base.LONGEST_NAME).items()
     ]
-    rows = grid(panels, 4)
+    rows = base.grid(panels, 4)
     width = 2.75 if len(panels) < 4 else 2.25
     size = width * len(rows[0]) + 1.2, (width + 0.1) * len(rows) + 0.55
-    return Chart(name, rows, "Which test tasks are mastered", caption, size=size, pixels=270)
+    return base.Chart(name, rows, "Which test tasks are mastered", caption, size=size, pixels=270)
 
 
 def _panel(
     shares: pd.DataFrame,
     tasks: pd.Series,
     name: str,
-    axes: Sequence[Scale],
-    draw: Callable[[Array], Mark],
-) -> Panel:
+    axes: Sequence[base.Scale],
+    draw: Callable[[base.Array], base.Mark],
+) -> base.Panel:
     """Return the panel of a teacher, with the share of runs in per cent beside its name."""
     teacher = str(shares["teacher"].iloc[0])
     steps = dict(list(shares.groupby("step", sort=False)))
 
-    def at(step: Any) -> Panel:
+    def at(step: Any) -> base.Panel:
         values = steps.get(step, shares[:0]).set_index("task_index")["share"].reindex(tasks)
         percent = (100 * values.to_numpy(np.float64)).round(1)
         known = percent[np.isfinite(percent)]
         title = f"{name}   {known.mean():.1f}\N{NO-BREAK SPACE}%" if len(known) else name
-        return Panel(axes[0], axes[1], [draw(percent)], title, teacher=teacher)
+        return base.Panel(axes[0], axes[1], [draw(percent)], title, teacher=teacher)
 
-    return replace(at(END), moments=list(steps), moment=at)
+    return base.moving(at, list(steps), base.END)
 
 
-def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> Chart:
+def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> base.Chart:
     """Return the share of runs that master each test task at their ends.
 
     A panel per teacher on the task plane if the tasks form a grid on it, else one row per teacher and one
     column per task, from the most to the least mastered over all teachers.
 
-    Args:
-        shares: teacher, task_index and share, of one comparison and one test set.
-        tasks: task_index and task (float32 (d,)) of the test set.
-        plane: the two dimensions of the tasks; None when they have more, or nobody knows.
+    `shares` has teacher, task_index and share, of one comparison and one test set, and `tasks` the task_index
+    and task (float32 (d,)) of it; `plane` is None when tasks have more dimensions, or nobody knows.
     """
     points = stack(tasks["task"]).astype(np.float64)
     if plane is not None and points.shape[1:] == (2,) and _cells(points, ()) is not None:
-        return mastery_chart(shares.assign(step=END), tasks, plane)
+        return mastery_chart(shares.assign(step=base.END), tasks, plane)
     names = short_labels(shares["teacher"].unique())
     table = shares.pivot_table(index="teacher", columns="task_index", values="share").loc[list(names)]
     order = table.mean().sort_values(ascending=False, kind="stable").index
-    marks = Cells(
+    marks = base.Cells(
         xs=np.arange(table.shape[1], dtype=np.float64),
         ys=np.arange(len(names), dtype=np.float64),
         values=100 * table[order].to_numpy(np.float64),
         colours=SHARES,
     )
-    rows = Scale(kind=Kind.TEACHERS, rows=names)
-    panel = Panel(Scale("Test tasks, from the most to the least often mastered"), rows, [marks])
-    size = PAGE_WIDTH, 1.0 + 0.3 * len(names)
-    return Chart("mastery", [[panel]], legend=Legend.NONE, size=size)
+    rows = base.Scale(kind=base.Kind.TEACHERS, rows=names)
+    panel = base.Panel(base.Scale("Test tasks, from the most to the least often mastered"), rows, [marks])
+    size = base.PAGE_WIDTH, 1.0 + 0.3 * len(names)
+    return base.Chart("mastery", [[panel]], legend=base.Legend.NONE, size=size)
 
 
-def _cells(points: Array, words: Sequence[str]) -> Callable[[Array], Mark] | None:
+def _cells(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], base.Mark] | None:
     """Return a function that fills the cells of a full grid of tasks (n, 2); None if it is not one."""
     xs, columns = np.unique(points[:, 0], return_inverse=True)
     ys, rows = np.unique(points[:, 1], return_inverse=True)
@@ -134,28 +113,30 @@ def _cells(points: Array, words: Sequence[str]) -> Callable[[Array], Mark] | Non
     if not full or min(len(xs), len(ys)) < 2:
         return None
 
-    def draw(values: Array) -> Mark:
+    def draw(values: base.Array) -> base.Mark:
         table, order = np.full((len(ys), len(xs)), np.nan), np.empty((len(ys), len(xs)), dtype=int)
         table[rows, columns], order[rows, columns] = values, np.arange(len(points))
         texts = [words[place] for place in order.ravel()] if words else []
         hover = "task {text}<br>{value} % of seeds"
-        return Cells(xs=xs.round(4), ys=ys.round(4), values=table, colours=SHARES, words=texts, hover=hover)
+        return base.Cells(
+            xs=xs.round(4), ys=ys.round(4), values=table, colours=SHARES, words=texts, hover=hover
+        )
 
     return draw
 
 
-def _dots(points: Array, words: Sequence[str]) -> Callable[[Array], Mark]:
+def _dots(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], base.Mark]:
     """Return a function that marks each task at its place (n, 2), coloured by values (n,)."""
     size = float(np.clip(ACROSS / np.sqrt(max(len(points), 1)), 4, 24))
 
-    def draw(values: Array) -> Mark:
-        return Dots(
+    def draw(values: base.Array) -> base.Mark:
+        return base.Dots(
             x=points[:, 0].round(4),
             y=points[:, 1].round(4),
             values=values,
             colours=SHARES,
             size=size,
-            look=PLAIN._replace(marker="s"),
+            look=base.PLAIN._replace(marker="s"),
             edge="#c3c9d1",
             words=words,
             hover="task {text}<br>{value} % of seeds",

@@ -15,22 +15,7 @@ from plotly.colors import get_colorscale
 from plotly.io.json import to_json_plotly
 from plotly.offline import get_plotlyjs
 
-from analysis.charts.base import (
-    Bar,
-    Cells,
-    Chart,
-    Curve,
-    Dots,
-    Interval,
-    Kind,
-    Label,
-    Legend,
-    Mark,
-    Panel,
-    Rule,
-    Scale,
-    Shapes,
-)
+from analysis.charts import base
 from analysis.looks import INK, MUTED, RULE, Look
 from analysis.names import mark_of, teacher_order
 
@@ -99,7 +84,7 @@ class PageChart:
     across: int
 
 
-def on_page(chart: Chart) -> PageChart:
+def on_page(chart: base.Chart) -> PageChart:
     """Return a chart as a page shows it, a plot for each of its panels."""
     counts, seen, plots = Counter(panel.teacher for panel in chart.all_panels), Counter[str](), []
     for panel in chart.all_panels:
@@ -146,7 +131,7 @@ def _same(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-def _traces(panel: Panel) -> list[Trace]:
+def _traces(panel: base.Panel) -> list[Trace]:
     """Return the traces of a panel; each name is in the legend once."""
     traces, named = [], set[str]()
     for mark in panel.marks:
@@ -164,7 +149,7 @@ def _traces(panel: Panel) -> list[Trace]:
 
 
 @singledispatch
-def _traces_of(mark: Mark, _: Panel) -> Iterator[Trace]:
+def _traces_of(mark: base.Mark, _: base.Panel) -> Iterator[Trace]:
     """Yield the traces of a mark of a panel.
 
     Raises:
@@ -174,7 +159,7 @@ def _traces_of(mark: Mark, _: Panel) -> Iterator[Trace]:
 
 
 @_traces_of.register
-def _(mark: Curve, _: Panel) -> Iterator[Trace]:
+def _(mark: base.Curve, _: base.Panel) -> Iterator[Trace]:
     colour = mark.look.colour
     if mark.low is not None and mark.high is not None:
         yield _scatter(
@@ -199,7 +184,7 @@ def _(mark: Curve, _: Panel) -> Iterator[Trace]:
 
 
 @_traces_of.register
-def _(mark: Dots, panel: Panel) -> Iterator[Trace]:
+def _(mark: base.Dots, panel: base.Panel) -> Iterator[Trace]:
     symbol = _SYMBOLS[mark.look.marker] + ("-open" if mark.hollow else "")
     marker: dict[str, Any] = {"symbol": symbol, "size": mark.size, "opacity": mark.opacity}
     if mark.edge:
@@ -215,7 +200,7 @@ def _(mark: Dots, panel: Panel) -> Iterator[Trace]:
 
 
 @_traces_of.register
-def _(mark: Interval, panel: Panel) -> Iterator[Trace]:
+def _(mark: base.Interval, panel: base.Panel) -> Iterator[Trace]:
     there = bool(np.isfinite(mark.x))
     sides = {"array": mark.high - mark.x, "arrayminus": mark.x - mark.low}
     error = {side: [round(length, 2) if length > 0 else 0.0] * there for side, length in sides.items()}
@@ -231,13 +216,13 @@ def _(mark: Interval, panel: Panel) -> Iterator[Trace]:
 
 
 @_traces_of.register
-def _(mark: Bar, _: Panel) -> Iterator[Trace]:
+def _(mark: base.Bar, _: base.Panel) -> Iterator[Trace]:
     shape = {"orientation": "h", "width": mark.height, "opacity": mark.opacity}
     yield {"type": "bar", "x": [mark.x], "y": [mark.y], **shape, "marker": {"color": mark.look.colour}}
 
 
 @_traces_of.register
-def _(mark: Cells, _: Panel) -> Iterator[Trace]:
+def _(mark: base.Cells, _: base.Panel) -> Iterator[Trace]:
     texts = [_shown(text) for text in mark.words]
     columns, colours = len(mark.xs), mark.colours
     yield {
@@ -257,7 +242,7 @@ def _(mark: Cells, _: Panel) -> Iterator[Trace]:
 
 
 @_traces_of.register
-def _(mark: Shapes, _: Panel) -> Iterator[Trace]:
+def _(mark: base.Shapes, _: base.Panel) -> Iterator[Trace]:
     xs = [each for outline in mark.outlines for each in (*_short(outline.xs), None)]  # with a gap after each
     ys = [each for outline in mark.outlines for each in (*_short(outline.ys), None)]
     line = {"color": mark.look.colour, "width": mark.width}
@@ -266,8 +251,8 @@ def _(mark: Shapes, _: Panel) -> Iterator[Trace]:
 
 
 @_traces_of.register
-def _(mark: Rule, panel: Panel) -> Iterator[Trace]:
-    curves = [mark.x for mark in panel.marks if isinstance(mark, Curve) and len(mark.x)]
+def _(mark: base.Rule, panel: base.Panel) -> Iterator[Trace]:
+    curves = [mark.x for mark in panel.marks if isinstance(mark, base.Curve) and len(mark.x)]
     ends = [min(x.min() for x in curves), max(x.max() for x in curves)] if curves else [0.0, 1.0]
     x, y = ([mark.x] * 2, ends) if mark.y is None else (_positions(np.array(ends)), [mark.y] * 2)
     line = {"color": mark.look.colour, "dash": _dash(mark.look), "width": mark.width}
@@ -276,7 +261,7 @@ def _(mark: Rule, panel: Panel) -> Iterator[Trace]:
 
 
 @_traces_of.register
-def _(mark: Label, _: Panel) -> Iterator[Trace]:
+def _(mark: base.Label, _: base.Panel) -> Iterator[Trace]:
     place = "middle right" if mark.beside else "middle center"
     font = {"color": mark.look.colour, "size": 12}
     text = [_shown(mark.text)]
@@ -287,8 +272,8 @@ def _scatter(**own: Any) -> Trace:
     return {"type": "scatter", **own}
 
 
-def _layout(chart: Chart, panel: Panel) -> dict[str, Any]:
-    legend = chart.legend != Legend.NONE and any(mark.name for mark in panel.marks)
+def _layout(chart: base.Chart, panel: base.Panel) -> dict[str, Any]:
+    legend = chart.legend != base.Legend.NONE and any(mark.name for mark in panel.marks)
     layout: dict[str, Any] = {
         "height": chart.pixels,
         "font": {"family": FONT, "size": 12, "color": INK},
@@ -309,18 +294,18 @@ def _layout(chart: Chart, panel: Panel) -> dict[str, Any]:
         layout["margin"] = {"l": 40, "r": 12, "t": 52, "b": 42}
     if legend:
         layout["legend"] = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"}
-        curves = all(isinstance(mark, Curve | Rule) for mark in panel.marks)
+        curves = all(isinstance(mark, base.Curve | base.Rule) for mark in panel.marks)
         layout |= {"hovermode": "x unified"} if curves else {}
-    if panel.x.kind is Kind.STEPS:
+    if panel.x.kind is base.Kind.STEPS:
         layout["meta"] = {"marks_step": True}
     rows = list(panel.y.rows)  # which close up where some are left out
-    if panel.y.kind is Kind.TEACHERS:
+    if panel.y.kind is base.Kind.TEACHERS:
         above = 14 + 20 * (bool(panel.title) + bool(panel.subtitle))
         frame = ROWS_FRAME + above
         layout["height"] = frame + ROW * len(rows)
         layout["margin"] = {"l": 20, "r": 14, "t": above, "b": 46}
         layout["meta"] = {"teachers": rows, "line_height": ROW, "frame_height": frame}
-    if panel.y.kind is Kind.COMPARISONS:
+    if panel.y.kind is base.Kind.COMPARISONS:
         teachers = sorted({mark.teacher for mark in panel.marks if mark.teacher}, key=teacher_order)
         layout["height"] = COMPARISONS_FRAME + max(LEAST, SPACING * (len(teachers) + 1)) * len(rows)
         layout["margin"] = {"l": 20, "r": 16, "t": 56, "b": 60}
@@ -332,7 +317,7 @@ def _layout(chart: Chart, panel: Panel) -> dict[str, Any]:
     return layout
 
 
-def _axis(scale: Scale, panel: Panel) -> dict[str, Any]:
+def _axis(scale: base.Scale, panel: base.Panel) -> dict[str, Any]:
     """Return an axis in the look of the house."""
     if not scale.shown:
         return {"visible": False}
@@ -345,35 +330,35 @@ def _axis(scale: Scale, panel: Panel) -> dict[str, Any]:
     return axis | _axis_of_kind(scale, panel)
 
 
-def _axis_of_kind(scale: Scale, panel: Panel) -> dict[str, Any]:
+def _axis_of_kind(scale: base.Scale, panel: base.Panel) -> dict[str, Any]:
     names = [_shown(name) for name in scale.rows.values()]
     own: dict[str, Any] = {}
     match scale.kind:
-        case Kind.STEPS:
+        case base.Kind.STEPS:
             own = {"rangemode": "tozero", "hoverformat": ",d"} | ({"nticks": 4} if panel.subtitle else {})
-        case Kind.PERCENT if scale is panel.y:
+        case base.Kind.PERCENT if scale is panel.y:
             own = {"rangemode": "nonnegative"}
-        case Kind.PERCENT:
+        case base.Kind.PERCENT:
             own = {"autorangeoptions": {"clipmin": -1, "clipmax": 101}}
-            own |= {"side": "top"} if panel.y.kind is Kind.COMPARISONS else {}
-        case Kind.SHARE:
+            own |= {"side": "top"} if panel.y.kind is base.Kind.COMPARISONS else {}
+        case base.Kind.SHARE:
             own = {"tickformat": ".0%"}
-        case Kind.TASK:
+        case base.Kind.TASK:
             name, bracket, unit = _shown(scale.title).partition(" (")
             title = f"{name}<br><span style='font-size:10px'>({unit}</span>" if bracket else name
             own = {"linecolor": RULE, "mirror": True, "title": {"text": title, "standoff": 6}}
-        case Kind.TEACHERS:
+        case base.Kind.TEACHERS:
             own = {"tickvals": names, "ticktext": names, "autorange": "reversed"}
-        case Kind.NAMES | Kind.COMPARISONS:
+        case base.Kind.NAMES | base.Kind.COMPARISONS:
             ends = [-0.5, len(names) - 0.5]
             own = {"tickvals": list(range(len(names))), "ticktext": names}
             own |= {"range": ends[::-1], "ticklabelstandoff": 6} if scale is panel.y else {"range": ends}
     return own
 
 
-def _rows(scale: Scale, places: Any) -> Any:
+def _rows(scale: base.Scale, places: Any) -> Any:
     """Return positions along an axis: names for rows of teachers, else numbers rounded to visible digits."""
-    if scale.kind is Kind.TEACHERS:
+    if scale.kind is base.Kind.TEACHERS:
         names = [_shown(name) for name in scale.rows.values()]
         return [names[int(place)] for place in places]
     return _short(places)
@@ -390,12 +375,12 @@ def _short(values: Any) -> list[float]:
     return [float(f"{value:.4g}") for value in values]
 
 
-def _heading(panel: Panel) -> str:
+def _heading(panel: base.Panel) -> str:
     below = f"<br><span style='font-size:11px'>{_shown(panel.subtitle)}</span>" if panel.subtitle else ""
     return _shown(panel.title) + below
 
 
-def _hover(mark: Mark, extra: str = "<extra></extra>") -> dict[str, Any]:
+def _hover(mark: base.Mark, extra: str = "<extra></extra>") -> dict[str, Any]:
     if not mark.hover:
         return {"hoverinfo": "skip"}
     words = {"text": [_shown(text) for text in mark.words]} if mark.words else {}

@@ -9,16 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from analysis.charts.base import (
-    ONE_COLUMN,
-    TOGETHER,
-    TWO_COLUMNS,
-    Chart,
-    Key,
-    require,
-    require_unique,
-    significant,
-)
+from analysis.charts import base
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import number
 from analysis.names import label, short_labels, teacher_order, title
@@ -88,7 +79,7 @@ def radar(
     measure: str = "mastered_percent",
     challenges: Sequence[Matrix] = STUMP_TRACKS_CHALLENGES,
     original: Matrix = ORIGINAL_SPACE,
-) -> Chart:
+) -> base.Chart:
     """Return results on challenges as ratios of Random's mean, one panel per level of expert knowledge.
 
     Stars at the end of an axis, in the teachers' colours and order, say who is significantly better than
@@ -111,14 +102,16 @@ def radar(
     mean = f"{measure}_mean"
     if len(challenges) < 3:
         raise ValueError(f"radar of {len(challenges)} challenges: expected at least 3")
-    require(table, ["environment", "challenge", "expert_knowledge", "teacher", mean], "results")
+    base.require(table, ["environment", "challenge", "expert_knowledge", "teacher", mean], "results")
     environment, names = challenges[0].environment, [matrix.challenge for matrix in challenges]
     table = table[(table["environment"] == environment) & table[mean].notna()]
     results = table[table["challenge"].isin(names)]
-    require(results, [], f"results on {', '.join(names)} of {environment}")
+    base.require(results, [], f"results on {', '.join(names)} of {environment}")
     table = table[table["challenge"].isin([*names, original.challenge])]
-    require_unique(table, ["challenge", "expert_knowledge", "teacher"], "results")
-    tests = significant(tests[(tests["environment"] == environment) & (tests["second"].map(is_baseline))])
+    base.require_unique(table, ["challenge", "expert_knowledge", "teacher"], "results")
+    tests = base.significant(
+        tests[(tests["environment"] == environment) & (tests["second"].map(is_baseline))]
+    )
     teachers = sorted(results["teacher"].unique(), key=teacher_order)
     levels = {
         level.value: _ratios(
@@ -139,25 +132,25 @@ def radar(
     titles = [find_challenge(environment, name).title for name in names]
     others = [teacher for teacher in teachers if not is_baseline(teacher)]
     rows: list[list[Radar]] = []
-    for start in range(0, max(len(others), 1), TOGETHER):
-        labels = short_labels([BASELINE, *others[start : start + TOGETHER]])
+    for start in range(0, max(len(others), 1), base.TOGETHER):
+        labels = short_labels([BASELINE, *others[start : start + base.TOGETHER]])
         rows.append([])
         for level, each in levels.items():
             shown = {who: labels[who] for who in each.ratios if who in labels}
             notes = [*each.missing, *(["\N{DAGGER} doubtful result"] if each.doubts else [])]
-            note = textwrap.wrap("; ".join(notes), 42) if start + TOGETHER >= len(others) else []
+            note = textwrap.wrap("; ".join(notes), 42) if start + base.TOGETHER >= len(others) else []
             heading, beyond = title("expert_knowledge", level), bool(np.isinf(values).any())
             rows[-1].append(Radar(heading, titles, rim, beyond, shown, each, note))
     keys = [
-        Key("*", "better than Random (p < 0.05)", size=6),
-        Key("o", "differs from Random (= 1)", size=4),
-        Key("o", "does not", full=False, size=4),
+        base.Key("*", "better than Random (p < 0.05)", size=6),
+        base.Key("o", "differs from Random (= 1)", size=4),
+        base.Key("o", "does not", full=False, size=4),
     ]
     if not all(np.isnan(each.upper).all() for each in levels.values()):
-        keys.append(Key("+", "best on the original space", size=6))
-    width = TWO_COLUMNS if len(levels) > 1 else ONE_COLUMN
+        keys.append(base.Key("+", "best on the original space", size=6))
+    width = base.TWO_COLUMNS if len(levels) > 1 else base.ONE_COLUMN
     height = HEIGHT * len(rows) + 0.11 * max(len(each.note) for each in rows[-1])
-    return Chart("radar", rows, keys=keys, size=(width, height), letters=6.8)
+    return base.Chart("radar", rows, keys=keys, size=(width, height), letters=6.8)
 
 
 def _ratios(

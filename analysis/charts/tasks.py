@@ -1,30 +1,13 @@
 """Tasks of a task space as marks: training tasks, probed tasks, and the boxes and Gaussians behind them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from analysis.charts.base import (
-    LONGEST_NAME,
-    PAGE_WIDTH,
-    PLAIN,
-    Array,
-    Chart,
-    Colours,
-    Dots,
-    Kind,
-    Mark,
-    Outline,
-    Panel,
-    Scale,
-    Shapes,
-    grid,
-    spread,
-)
+from analysis.charts import base
 from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, return_range
 from analysis.looks import INK, RETURN_COLOURS, look
 from analysis.names import short_labels
@@ -45,9 +28,9 @@ GOLDEN = 0.618034
 """Multiples of it, less their whole part, spread evenly however many there are."""
 
 
-def task_scale(axis: Axis) -> Scale:
+def task_scale(axis: Axis) -> base.Scale:
     """Return the axis of a dimension of the task space."""
-    return Scale(axis.name, Kind.TASK, axis.low, axis.high)
+    return base.Scale(axis.name, base.Kind.TASK, axis.low, axis.high)
 
 
 @dataclass(frozen=True)
@@ -74,15 +57,15 @@ class TaskView:
         """Text under the pointer at a task."""
         return "task {x}, {y}" if self.plane else "{y} of the range"
 
-    def scales(self) -> tuple[Scale, Scale]:
+    def scales(self) -> tuple[base.Scale, base.Scale]:
         """Return the axes of a panel."""
         if self.plane:
             return task_scale(self.axes[0]), task_scale(self.axes[1])
         names = {str(place): self.axes[place].name.partition(" (")[0] for place in self.varied}
-        share = Scale("Share of the range", Kind.SHARE, -0.02, 1.02, grid=True)
-        return Scale(kind=Kind.NAMES, rows=names), share
+        share = base.Scale("Share of the range", base.Kind.SHARE, -0.02, 1.02, grid=True)
+        return base.Scale(kind=base.Kind.NAMES, rows=names), share
 
-    def dots(self, tasks: Array) -> tuple[Array, Array]:
+    def dots(self, tasks: base.Array) -> tuple[base.Array, base.Array]:
         """Return xs and ys of `tasks` (n, d): one dot each on a plane, else one in every column."""
         tasks = np.asarray(tasks, np.float64)
         if not len(tasks):
@@ -92,38 +75,38 @@ class TaskView:
         jitter = 0.16 * (2 * ((np.arange(len(tasks)) * GOLDEN) % 1) - 1)
         return (np.arange(len(self.varied)) + jitter[:, None]).ravel(), self._shares(tasks).ravel()
 
-    def boxes(self, boxes: Sequence[Mapping[str, Any]]) -> list[Outline]:
+    def boxes(self, boxes: Sequence[Mapping[str, Any]]) -> list[base.Outline]:
         """Return the outlines of boxes (low, high, score), in their order."""
         found = []
         for box in boxes:
             low, high = (np.asarray(box[end], np.float64) for end in ("low", "high"))
             score = float(box["score"]) if len(boxes) > 1 else None
             shapes = [_rectangle(low, high)] if self.plane else self._spans(low, high, BOX)
-            found += [Outline(*shape, weight=0.6, score=score) for shape in shapes]
+            found += [base.Outline(*shape, weight=0.6, score=score) for shape in shapes]
         return found
 
-    def gaussians(self, gaussians: Sequence[Mapping[str, Any]]) -> list[Outline]:
+    def gaussians(self, gaussians: Sequence[Mapping[str, Any]]) -> list[base.Outline]:
         """Return the outlines of Gaussians (weight, mean, covariance) at two standard deviations."""
-        found: list[Outline] = []
+        found: list[base.Outline] = []
         heaviest = max((float(each["weight"]) for each in gaussians), default=1.0)
         for each in gaussians:
             mean = np.asarray(each["mean"], dtype=np.float64)
             covariance = np.array([list(row) for row in each["covariance"]], dtype=np.float64)
             weight = float(each["weight"]) / heaviest if heaviest > 0 else 1.0
             if self.plane:
-                found.append(Outline(*ellipse(mean, covariance), weight=weight))
+                found.append(base.Outline(*ellipse(mean, covariance), weight=weight))
             else:
                 reach = 2 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
                 spans = self._spans(mean - reach, mean + reach, GAUSSIAN)
-                found += [Outline(*span, weight=weight) for span in spans]
+                found += [base.Outline(*span, weight=weight) for span in spans]
         return found
 
-    def _shares(self, tasks: Array) -> Array:
+    def _shares(self, tasks: base.Array) -> base.Array:
         """Return varied dimensions of tasks (…, d) as shares of their ranges (…, v)."""
         low, high = np.array([[self.axes[place].low, self.axes[place].high] for place in self.varied]).T
         return np.asarray((tasks[..., self.varied] - low) / (high - low), dtype=np.float64)
 
-    def _spans(self, low: Array, high: Array, half: float) -> list[tuple[Array, Array]]:
+    def _spans(self, low: base.Array, high: base.Array, half: float) -> list[tuple[base.Array, base.Array]]:
         ends = np.clip(self._shares(np.stack([low, high])), 0.0, 1.0)
         return [
             _rectangle(np.array([column - half, bottom]), np.array([column + half, top]))
@@ -131,7 +114,7 @@ class TaskView:
         ]
 
 
-def ellipse(mean: Array, covariance: Array) -> tuple[Array, Array]:
+def ellipse(mean: base.Array, covariance: base.Array) -> tuple[base.Array, base.Array]:
     """Return xs and ys of a two-dimensional Gaussian (mean (2,), covariance (2, 2)) at two deviations."""
     angles = np.linspace(0, 2 * np.pi, CORNERS)
     values, vectors = np.linalg.eigh(covariance)
@@ -140,14 +123,19 @@ def ellipse(mean: Array, covariance: Array) -> tuple[Array, Array]:
     return mean[0] + edge[0], mean[1] + edge[1]
 
 
-def _rectangle(low: Array, high: Array) -> tuple[Array, Array]:
+def _rectangle(low: base.Array, high: base.Array) -> tuple[base.Array, base.Array]:
     (left, bottom), (right, top) = low, high
     return np.array([left, right, right, left, left]), np.array([bottom, bottom, top, top, bottom])
 
 
 def state(
-    curriculum: Curriculum, teacher: str, step: int, view: TaskView, scores: Colours | None, most: int | None
-) -> list[Mark]:
+    curriculum: Curriculum,
+    teacher: str,
+    step: int,
+    view: TaskView,
+    scores: base.Colours | None,
+    most: int | None,
+) -> list[base.Mark]:
     """Return boxes, Gaussians and at most `most` probed tasks of a teacher; empty marks without probes.
 
     `scores` are the colours of regions; None where there is one.
@@ -158,82 +146,74 @@ def state(
     own: dict[str, Any] = {"look": look(teacher), "teacher": teacher}
     xs, ys = view.dots(np.asarray(tasks, np.float64))
     return [
-        Shapes(outlines=view.boxes(boxes), colours=scores, width=1.2, opacity=0.08, **own),
-        Shapes(outlines=view.gaussians(gaussians), **own),
-        Dots(x=xs, y=ys, look=PLAIN, teacher=teacher, opacity=0.75, edge="white", hover=view.hover),
+        base.Shapes(outlines=view.boxes(boxes), colours=scores, width=1.2, opacity=0.08, **own),
+        base.Shapes(outlines=view.gaussians(gaussians), **own),
+        base.Dots(x=xs, y=ys, look=base.PLAIN, teacher=teacher, opacity=0.75, edge="white", hover=view.hover),
     ]
 
 
 def probed_tasks(
     curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
-) -> Chart | None:
+) -> base.Chart | None:
     """Return tasks that each teacher would propose at any moment; teachers without probes have no panel."""
     view, panels = TaskView(axes), []
-    for teacher, label in short_labels(curricula, LONGEST_NAME).items():
+    for teacher, label in short_labels(curricula, base.LONGEST_NAME).items():
         steps = sorted({int(step) for step in curricula[teacher].probes["step"]})
-        chosen = [steps[place] for place in spread(len(steps), MOMENTS)]
+        chosen = [steps[place] for place in base.spread(len(steps), MOMENTS)]
         if chosen and view.varied:
-            draw = partial(state, curricula[teacher], teacher, view=view, scores=None, most=DOTS)
-            panels.append(_moving(draw, chosen, view, label, teacher))
+            marks = {step: state(curricula[teacher], teacher, step, view, None, DOTS) for step in chosen}
+            panels.append(_moving(marks, view, label, teacher))
     return _grid(panels, name, "Probed tasks", caption)
 
 
-def _moving(
-    draw: Callable[[Any], list[Mark]], moments: Sequence[Any], view: TaskView, name: str, teacher: str
-) -> Panel:
-    """Return the panel of a teacher at the last of some moments, with the others."""
+def _moving(marks: Mapping[int, list[base.Mark]], view: TaskView, name: str, teacher: str) -> base.Panel:
+    """Return the panel of a teacher at the last of the steps of its marks, with the others."""
 
-    def at(moment: Any) -> Panel:
-        return Panel(*view.scales(), draw(moment), name, teacher=teacher)
+    def at(step: int) -> base.Panel:
+        return base.Panel(*view.scales(), marks[step], name, teacher=teacher)
 
-    return replace(at(moments[-1]), moments=moments, moment=at)
+    return base.moving(at, list(marks), list(marks)[-1])
 
 
-def _grid(panels: Sequence[Panel], name: str, heading: str, caption: str) -> Chart | None:
-    rows = grid(panels, 4)
-    size = PAGE_WIDTH, 0.5 + 2.2 * len(rows)
-    return Chart(name, rows, heading, caption, size=size, pixels=290) if panels else None
+def _grid(panels: Sequence[base.Panel], name: str, heading: str, caption: str) -> base.Chart | None:
+    rows = base.grid(panels, 4)
+    size = base.PAGE_WIDTH, 0.5 + 2.2 * len(rows)
+    return base.Chart(name, rows, heading, caption, size=size, pixels=290) if panels else None
 
 
 def training_tasks(
     curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
-) -> Chart | None:
+) -> base.Chart | None:
     """Return training tasks in each part of a run, coloured by return; None without episodes."""
     view, panels = TaskView(axes), []
     shown = {teacher: each for teacher, each in curricula.items() if len(each.episodes)}
     if not shown or not view.varied:
         return None
     colours = return_colours(shown)
-    for teacher, label in short_labels(shown, LONGEST_NAME).items():
-        curriculum = shown[teacher]
-        ends = [round(curriculum.steps * (part + 1) / PANELS) for part in range(PANELS)]
-        parts = {end: curriculum.during(part) for part, end in enumerate(ends)}
-        parts = {end: part for end, part in parts.items() if len(part.episodes)}
-        if parts:
-            draw = partial(_episodes_at, parts, teacher, view, colours)
-            panels.append(_moving(draw, list(parts), view, label, teacher))
+    for teacher, label in short_labels(shown, base.LONGEST_NAME).items():
+        marks: dict[int, list[base.Mark]] = {}
+        for number in range(PANELS):
+            part, end = shown[teacher].during(number), round(shown[teacher].steps * (number + 1) / PANELS)
+            if len(part.episodes):
+                marks[end] = [episodes(part, teacher, view, colours, EPISODES)]
+        if marks:
+            panels.append(_moving(marks, view, label, teacher))
     return _grid(panels, name, "Training tasks", caption)
 
 
-def _episodes_at(
-    parts: Mapping[int, Curriculum], teacher: str, view: TaskView, colours: Colours, step: int
-) -> list[Mark]:
-    return [episodes(parts[step], teacher, view, colours, EPISODES)]
-
-
-def return_colours(curricula: Mapping[str, Curriculum]) -> Colours:
+def return_colours(curricula: Mapping[str, Curriculum]) -> base.Colours:
     """Return the colours of returns, the same for all runs, with the mastery threshold marked."""
     mastery = next(iter(curricula.values())).mastery
     low, high = return_range(curricula, mastery)
-    return Colours(RETURN_COLOURS, low, high, "Return of the episode", open=True, mark=mastery)
+    return base.Colours(RETURN_COLOURS, low, high, "Return of the episode", open=True, mark=mastery)
 
 
-def episodes(part: Curriculum, teacher: str, view: TaskView, colours: Colours, most: int) -> Dots:
+def episodes(part: Curriculum, teacher: str, view: TaskView, colours: base.Colours, most: int) -> base.Dots:
     """Return at most `most` training tasks of a part of a run, coloured by return."""
-    chosen = spread(len(part.episodes), most)
+    chosen = base.spread(len(part.episodes), most)
     xs, ys = view.dots(part.tasks[chosen].astype(np.float64) if chosen else np.empty((0, 0)))
     returns = part.episodes["episodic_return"].to_numpy(np.float64)[chosen].round(1)
-    return Dots(
+    return base.Dots(
         x=xs,
         y=ys,
         values=np.repeat(returns, 1 if view.plane else len(view.varied)),

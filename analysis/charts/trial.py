@@ -21,11 +21,8 @@ def course_chart(
 ) -> Chart:
     """Return a panel for each comparison: boundaries, margin, differences with their intervals.
 
-    Args:
-        courses: rows of `trials.standing.course` by reference.
-        teacher: new teacher.
-        margin: difference in points that does not matter.
-        name: identifier of the chart.
+    `courses` are rows of `trials.standing.course` by reference, `teacher` is the new one, and `margin` a
+    difference in points that does not matter.
     """
     panels = []
     for reference, table in courses.items():

@@ -15,14 +15,9 @@ from tma_ray.part_names import nearest
 def write_figures(
     sources: Sources, output: Path, vector: Vector | str = Vector.PDF, only: str = ""
 ) -> Written:
-    """Write the figures of the paper for which a root or a baseline has the data.
+    """Write the figures of the paper for which results, or published ones alone, have the data.
 
-    Args:
-        sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021`` only alone.
-        output: folder to write to; made if missing.
-        vector: pdf or svg; each figure is written as PNG, too.
-        only: beginning of the names of the figures to write, or of the part after a hyphen in them;
-            empty for all.
+    Each is a vector file and a PNG. Their names begin with `only`, or have it after a hyphen.
 
     Raises:
         ResultsRootError: no results root at that place.
@@ -85,11 +80,9 @@ FIGURE = r"""\begin{figure}[p]
 
 
 def write_latex(sources: Sources, folder: Path) -> Written:
-    """Write the paper's tables and figures of a root, and a document with all of them; return the document.
+    """Write the paper's tables and figures of results, and a document with all of them; return the document.
 
-    Args:
-        sources: results roots and baselines with runs.
-        folder: folder of ``report.tex``, ``tables/*.tex`` and ``figures/*.pdf``, each with a PNG.
+    They are ``report.tex``, ``tables/*.tex`` and ``figures/*.pdf``, each with a PNG, in the folder.
 
     Raises:
         ResultsRootError: one of `sources` is not a results root.

@@ -1,4 +1,8 @@
-"""Results at the terminal: rankings, the paper's claims, searches, detectable differences."""
+"""Results at the terminal: rankings, the paper's claims, searches, detectable differences.
+
+`sources` are results roots and baselines; a place without results raises `ResultsRootError`. All is shown at
+`console`, by default the terminal.
+"""
 
 import itertools
 import re
@@ -38,14 +42,7 @@ def show_ranking(
 ) -> None:
     """Print the ranking of teachers on each challenge of a root, and its conclusions in sentences.
 
-    Args:
-        sources: results roots and baselines.
-        share: share of the budget after which runs are read.
-        console: console to print on; the terminal by default.
-        measure: name in `MEASURES`.
-
-    Raises:
-        ResultsRootError: no results root at that place.
+    Runs are read after a `share` of the budget; `measure` is a name in `MEASURES`.
     """
     console, frames = terminal(console), read(sources)
     runs = runs_after(frames, share, training=False)
@@ -55,17 +52,21 @@ def show_ranking(
         return
     with own_first(own_teachers(sources, frames)):
         for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
-            console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False, markup=False)
+            _tell(console, f"{place}, expert knowledge {level}", "bold")
             _show_challenge(console, rows, measure)
         gaps = table[table["missing"] != ""].groupby(["environment", "challenge"], sort=False)["missing"]
         notes = [f"* {challenge}: {'; '.join(dict.fromkeys(texts))}" for (_, challenge), texts in gaps]
         for note in (*notes, *frames.told, *frames.left_out):
-            console.print(note, style="dim", highlight=False, markup=False)
+            _tell(console, note, "dim")
         _show_overall(console, runs, measure)
     if table["p"].notna().any():
-        console.print(how_tested(measure, FAMILIES), style="dim", highlight=False, markup=False)
+        _tell(console, how_tested(measure, FAMILIES), "dim")
     for sentence in [*headlines(runs, measure), *ranking_sentences(table)]:
-        console.print(sentence, highlight=False, markup=False)
+        _tell(console, sentence)
+
+
+def _tell(console: Console, text: str, style: str | None = None) -> None:
+    console.print(text, style=style, highlight=False, markup=False)
 
 
 def _show_overall(console: Console, runs: pd.DataFrame, measure: str) -> None:
@@ -73,14 +74,12 @@ def _show_overall(console: Console, runs: pd.DataFrame, measure: str) -> None:
     over = "/".join(map(str, THRESHOLDS))
     heads = [("teacher", NAMES), (MEASURES[measure], 17), (MEASURES[FINAL], 10), ("runs", 4)]
     heads += [("beats Random", 17), (f">{over}", 11)]
-    for (_, place), rows in itertools.groupby(
-        overall_rows(runs, measure), lambda row: (row["block"], row["place"])
-    ):
-        console.print(f"Over challenges: {place}", style="bold", highlight=False, markup=False)
+    blocks = itertools.groupby(overall_rows(runs, measure), lambda row: (row["block"], row["place"]))
+    for (_, place), rows in blocks:
+        _tell(console, f"Over challenges: {place}", "bold")
         shown = _table(heads)
         for row in rows:
-            cells = [str(row[name]) for name in ("mean", "final", "n", "better", "over")]
-            _add(shown, row["name"], cells)
+            _add(shown, row["name"], [str(row[name]) for name in ("mean", "final", "n", "better", "over")])
         console.print(shown)
 
 
@@ -103,8 +102,7 @@ def _show_challenge(console: Console, rows: pd.DataFrame, measure: str) -> None:
         _add(shown, row["teacher"], cells, "bold" if row["rank"] == 1 else None)
     console.print(shown)
     for reason, teachers in untested.items():
-        text = f"  not tested: {', '.join(teachers)}: {reason}"
-        console.print(text, style="dim", highlight=False, markup=False)
+        _tell(console, f"  not tested: {', '.join(teachers)}: {reason}", "dim")
 
 
 def _table(heads: Sequence[tuple[str, int]]) -> Table:
@@ -136,52 +134,30 @@ STYLES = {
 
 
 def show_claims(sources: Sources, details: bool = False, console: Console | None = None) -> None:
-    """Print the paper's claims and their standing in the results of a root.
-
-    Args:
-        sources: results roots and baselines.
-        details: True for every single statement, with its numbers.
-        console: console to print on; the terminal by default.
-
-    Raises:
-        ResultsRootError: no results root at that place.
-    """
-    console = terminal(console)
-    frames = read(sources)
+    """Print the paper's claims and their standing; with `details` every statement, with its numbers."""
+    console, frames = terminal(console), read(sources)
     verdicts, notes = root_verdicts(frames)
     for verdict in verdicts:
         if verdict.standing is Standing.NO_DATA and not details:
             continue
         style = STYLES[verdict.standing]
         console.print(Text.assemble((str(verdict.standing), style), f": {verdict.claim.text}"))
-        console.print(f"  {verdict.claim.source}; {verdict.describe()}", highlight=False)
+        _tell(console, f"  {verdict.claim.source}; {verdict.describe()}")
         for finding in verdict.findings if details else ():
-            console.print(f"    {finding.standing}: {finding.evidence}", highlight=False, markup=False)
+            _tell(console, f"    {finding.standing}: {finding.evidence}")
     missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
     if missing and not details:
         papers = dict.fromkeys(verdict.claim.source for verdict in missing)
-        console.print(
-            f"{Standing.NO_DATA}: {len(missing)} of {len(verdicts)} claims ({', '.join(papers)}); "
-            f"the same command with --details lists what they need",
-            highlight=False,
-            markup=False,
-            style="dim",
-        )
+        claims = f"{len(missing)} of {len(verdicts)} claims ({', '.join(papers)})"
+        needed = "the same command with --details lists what they need"
+        _tell(console, f"{Standing.NO_DATA}: {claims}; {needed}", "dim")
     measure = "Claims are about the paper's measure: test tasks mastered at the last evaluation."
     for warning in (measure, *frames.notes, *notes):
-        console.print(warning, highlight=False, markup=False, style="dim")
+        _tell(console, warning, "dim")
 
 
 def show_search(sources: Sources, console: Console | None = None) -> None:
-    """Print the best finished point of each grid, and the paper's choice.
-
-    Args:
-        sources: results roots.
-        console: console to print on; the terminal by default.
-
-    Raises:
-        ResultsRootError: no results root at that place.
-    """
+    """Print the best finished point of each grid, and the paper's choice."""
     frames, console = read(sources), terminal(console)
     found = search_results(frames)
     if found.empty:
@@ -223,11 +199,11 @@ def show_detectable_differences(
         marks = (number(row[name]) for name in ("steadiest", "typical", "most_varied"))
         table.add_row(f"{row['environment']} {row['challenge']}", str(row["seeds"]), *marks, row["spread_of"])
     console = terminal(console)
-    console.print(
+    _tell(
+        console,
         f"\nSmallest difference between two teachers, in points of mastered tasks, that Welch's test finds "
         f"with {POWER:.0%} power at p < {SIGNIFICANCE}, for teachers whose seeds scatter as in the results "
         f"of the last column: {PAPER} (SAC, 20 million steps, at the last evaluation), {LITE} (PPO, 2 "
         f"million steps, over training):",
-        highlight=False,
     )
     console.print(table)

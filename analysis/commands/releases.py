@@ -1,4 +1,8 @@
-"""Releases at the terminal and as Markdown: list, verification, leaderboards, findings."""
+"""Releases at the terminal and as Markdown: list, verification, leaderboards, findings.
+
+What is shown goes to `console`, by default the terminal. A release that does not exist, or is damaged, raises
+`BaselineError`, and an address without results `ResultsRootError`.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -13,8 +17,7 @@ from analysis.baselines.verification import verify
 from analysis.charts.intervals import rank_chart
 from analysis.claims.judging import Agreement, agreements, root_verdicts
 from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
-from analysis.comparisons.sentences import caveat
-from analysis.formatting import amount, estimate, number
+from analysis.formatting import amount, caveat, estimate, number
 from analysis.measures.evaluations import ceilings_in_words
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES, QUANTITIES, how_tested
 from analysis.names import challenge_title, label
@@ -25,11 +28,7 @@ from tma_ray.terminal import terminal
 
 
 def show_baselines(console: Console | None = None) -> None:
-    """Print the known baselines with their contents, licence and place.
-
-    Raises:
-        BaselineError: a damaged baseline.
-    """
+    """Print the known baselines with their contents, licence and place."""
     table = Table("baseline", "engine", "runs", "teachers", "licence", box=None, pad_edge=False)
     table.add_column("where", overflow="fold")
     for baseline in baselines():
@@ -43,11 +42,7 @@ def show_baselines(console: Console | None = None) -> None:
 
 
 def show_verification(name: str | Path, console: Console | None = None) -> bool:
-    """Print the verification of a baseline; return True if it is undamaged.
-
-    Raises:
-        BaselineError: no baseline of that name or place.
-    """
+    """Print the verification of a baseline; return True if it is undamaged."""
     console = terminal(console)
     found = verify(name)
     files = found.baseline.manifest.files
@@ -84,16 +79,7 @@ CHALLENGE_WIDTH, LEAST_TEACHER_WIDTH = 10, 14
 
 
 def show_leaderboards(names: Sequence[str], console: Console | None = None) -> None:
-    """Print the leaderboards of releases.
-
-    Args:
-        names: names of releases, folders or addresses of results; all known releases by default.
-        console: console to print on; the terminal by default.
-
-    Raises:
-        BaselineError: the release does not exist, or one is damaged.
-        ResultsRootError: nothing lies at a place.
-    """
+    """Print the leaderboards of releases, or folders or addresses of results, by default of all known."""
     console = terminal(console)
     console.print(f"{EXPLANATION}\n", style="dim", highlight=False, markup=False)
     for name, place, partial in _places(names):
@@ -222,11 +208,7 @@ TAU = (
 
 
 def findings(name: str) -> str:
-    """Return the findings of a release as Markdown.
-
-    Raises:
-        BaselineError: the release does not exist, or it has no runs.
-    """
+    """Return the findings of a release with runs as Markdown."""
     baseline = find_baseline(name)
     manifest, holds, frames = baseline.manifest, baseline.manifest.holds, baseline.frames()
     steps, students = (

@@ -11,23 +11,14 @@ from typing import Any
 import pandas as pd
 
 from analysis.comparisons.aggregates import improvements, profiles, stratified_means
-from analysis.comparisons.frame import (
-    ACROSS,
-    CHALLENGES,
-    PLACES,
-    from_both_sides,
-    over_challenges,
-    verdict,
-)
-from analysis.comparisons.sentences import in_brief
+from analysis.comparisons.frame import ACROSS, CHALLENGES, PLACES, from_both_sides, over_challenges, verdict
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
-from analysis.formatting import amount, ends, estimate, listed, number, p_value
-from analysis.looks import look
+from analysis.formatting import amount, ends, estimate, in_brief, listed, number, p_value
 from analysis.measures.evaluations import NEARLY_ALL, trained_steps
 from analysis.measures.pooling import CONDITIONS, PARTS, condition_words, runs_after, varying
 from analysis.measures.tested import FINAL, HEADLINE
-from analysis.names import challenge_title, label, mark_of, marked_label
+from analysis.names import challenge_title, label
 from analysis.statistics import SIGNIFICANCE, holm
 
 EQUAL = 1e-9
@@ -140,11 +131,13 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
         for name in looked:
             mine, others = means[name], tests[tests["first"] == name]
             alike = others[others["ranked"]]
-            verdicts = pd.Series(
-                [verdict({**row, "reason": ""}) for row in alike.to_dict("records")], dtype=object
+            said: dict[str, list[str]] = {word: [] for word in VERDICTS}
+            for row in alike.to_dict("records"):
+                said[verdict({**row, "reason": ""})].append(row["second"])
+            named = (*said.values(), others.loc[~others["ranked"], "second"])
+            better, worse, undecided, left_out = (
+                tuple(sorted(each, key=lambda who: (not is_baseline(who), who))) for each in named
             )
-            apart = [alike[(verdicts == each).to_numpy(bool)] for each in VERDICTS]
-            better, worse, undecided, left_out = map(_names, (*apart, others[~others["ranked"]]))
             rank = Rank(
                 teacher=str(name),
                 across=dict(zip(ACROSS, key, strict=True)),
@@ -164,11 +157,6 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
             here.append(rank)
         found += sorted(here, key=lambda rank: (-rank.mean, rank.teacher))
     return found
-
-
-def _names(tests: pd.DataFrame) -> tuple[str, ...]:
-    """Return the references of some tests, Random first, then by name."""
-    return tuple(sorted(tests["second"], key=lambda name: (not is_baseline(name), name)))
 
 
 def _listed(names: tuple[str, ...]) -> str:
@@ -358,8 +346,8 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
     """Return the rows of `overall` as text.
 
     Returns:
-        block, place, name (of the teacher), teacher (its label), own (True if it is the reader's), colour, n,
-        mean and better (with intervals), final, worst, over (shares of runs over `THRESHOLDS`).
+        block, place, name (of the teacher), n, mean and better (with intervals), final, worst, over (shares
+        of runs over `THRESHOLDS`).
     """
     rows, told = [], _told(runs)
     for row in overall(runs, measure).to_dict("records"):
@@ -370,9 +358,6 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
                 "block": row["block"],
                 "place": _place_of(pd.Series(row), told),
                 "name": name,
-                "teacher": marked_label(name),
-                "own": mark_of(name) != "",
-                "colour": look(name).colour,
                 "n": row["n"],
                 "mean": estimate(row["mean"], row["low_mean"], row["high_mean"], 1),
                 "final": number(row["final"]),

@@ -1,6 +1,6 @@
 """Measurements of a root, whole or for one comparison of teachers, and its median runs."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from analysis.data.frames import COMPARISON, Frames
 from analysis.formatting import listed
 from analysis.measures.evaluations import evaluation_curves, final_evaluations, summarise, training_curves
 from analysis.measures.tested import HEADLINE, MEASURES
-from analysis.names import label, teacher_order
+from analysis.names import challenge_title, label, teacher_order
 
 TESTED = tuple(MEASURES)
 """Measures that are tested against Random, the headline first."""
@@ -109,3 +109,22 @@ def examples_of(mine: Measured) -> dict[str, pd.Series]:
         best = finals.get(teacher, run_ids[:1])
         chosen[teacher] = runs.iloc[int(np.argmax(run_ids == best[(len(best) - 1) // 2]))]
     return chosen
+
+
+def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
+    """Yield the anchor, title and part of each comparison of the root, in a fixed order."""
+    several = {name: measured.cells[name].nunique() > 1 for name in ("experiment", "engine")}
+    for count, mine in enumerate(measured.comparisons, start=1):
+        cell = mine.cells.iloc[0]
+        challenge = challenge_title(cell["environment"], cell["challenge"], cell["challenge"])
+        experiment = cell["experiment"] if cell["experiment"] != cell["challenge"] else ""
+        parts = [
+            experiment if several["experiment"] else "",
+            cell["environment"].replace("_", " ").capitalize(),
+            challenge[:1].lower() + challenge[1:],
+            cell["embodiment"].replace("_", " "),
+            cell["student"].upper(),
+            f"expert knowledge {cell['expert_knowledge']}",
+            cell["engine"] if several["engine"] else "",
+        ]
+        yield f"comparison-{count}", ", ".join(filter(None, parts)), mine

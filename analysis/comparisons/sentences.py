@@ -1,29 +1,17 @@
 """Comparisons in plain words, with their uncertainty, and the ranking on each challenge."""
 
 import math
-from typing import Final
 
 import pandas as pd
 
 from analysis.comparisons.frame import TEST, pairwise, verdict
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, NO_BASELINE, is_baseline
-from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
-from analysis.measures.pooling import (
-    COMPARED,
-    CONDITIONS,
-    POOLED,
-    condition_words,
-    pooled,
-    runs_after,
-    varying,
-)
+from analysis.formatting import amount, caveat, ends, in_brief, listed, number, p_value, plus_minus
+from analysis.measures import pooling
 from analysis.measures.tested import FINAL, HEADLINE, PAPERS
 from analysis.names import challenge_title, label
 from analysis.statistics import SIGNIFICANCE, Method
-
-FEW_SEEDS: Final = 10
-"""Number of seeds under which a sentence warns the reader; the paper used 16 to 48."""
 
 METHODS = {
     Method.WELCH: "Welch's t-test",
@@ -36,22 +24,6 @@ UNIT = "\N{NO-BREAK SPACE}%"
 
 OTHERS = "\N{OBJECT REPLACEMENT CHARACTER}"
 """Place in a sentence of the teachers that it is said of."""
-
-
-def in_brief(smallest: float) -> str:
-    """Return the end of a sentence on tests with `smallest` runs in a group: ``; few seeds``, or nothing."""
-    return "; few seeds" if smallest < FEW_SEEDS else ""
-
-
-def caveat(smallest: float) -> str:
-    """Return a warning on results with as few as `smallest` runs, or nothing."""
-    if not smallest < FEW_SEEDS:
-        return ""
-    seeds = f"{smallest:.0f} seed{'s' if smallest > 1 else ''}"
-    return (
-        f"With no more than {seeds} only large differences can show, and their size is uncertain; "
-        f"take this as an indication, not as a result."
-    )
 
 
 def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
@@ -152,21 +124,21 @@ def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.D
         the highest mean of a comparison), and of the test against Random the columns of
         `statistics.Comparison` but n, and holm: p adjusted for all teachers of the comparison. Best first.
     """
-    return ranked(runs_after(frames, share, training=False), measure)
+    return ranked(pooling.runs_after(frames, share, training=False), measure)
 
 
 def ranked(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
     """Return the rows of `ranking`, from runs of `pooling.runs_after`."""
-    table = pooled(runs, list(dict.fromkeys([measure, FINAL])))
+    table = pooling.pooled(runs, list(dict.fromkeys([measure, FINAL])))
     tests = pairwise(runs, measure, BASELINE, detectable=False).rename(columns={"first": "teacher"})
     columns = [*(name for name in TEST if name != "n"), "holm"]
-    table = table.merge(tests[[*POOLED, *columns]], on=POOLED, how="left")
+    table = table.merge(tests[[*pooling.POOLED, *columns]], on=pooling.POOLED, how="left")
     table["reason"] = table["reason"].fillna("")
-    worst = runs.groupby(POOLED, dropna=False, sort=True)[measure].min()  # in the order of `table`
+    worst = runs.groupby(pooling.POOLED, dropna=False, sort=True)[measure].min()  # in the order of `table`
     table["worst"] = worst.to_numpy()
-    means = table.groupby(COMPARED, dropna=False)[f"{measure}_mean"]
+    means = table.groupby(pooling.COMPARED, dropna=False)[f"{measure}_mean"]
     table["rank"] = means.rank(ascending=False, method="min")
-    return table.sort_values([*COMPARED, "rank", "teacher"], ignore_index=True)
+    return table.sort_values([*pooling.COMPARED, "rank", "teacher"], ignore_index=True)
 
 
 def ranking_sentences(table: pd.DataFrame) -> list[str]:
@@ -181,13 +153,17 @@ def sentences(tests: pd.DataFrame) -> list[str]:
     Differences count as found where p is under 0.05 after Holm's correction.
     """
     order = tests.assign(last=[not is_baseline(name) for name in tests["second"]])
-    told = varying(order)
-    same = ["environment", "expert_knowledge", *CONDITIONS, "first"]
+    told = pooling.varying(order)
+    same = ["environment", "expert_knowledge", *pooling.CONDITIONS, "first"]
     found: dict[str, list[str]] = {}
     for _, rows in order.groupby([*same, "last", "second"], sort=True, dropna=False):
         row = rows.iloc[0]
         environment = str(row["environment"]).replace("_", " ").capitalize()
-        words = [environment, f"expert knowledge {row['expert_knowledge']}", *condition_words(row, told)]
+        words = [
+            environment,
+            f"expert knowledge {row['expert_knowledge']}",
+            *pooling.condition_words(row, told),
+        ]
         said = f"{', '.join(words)}: {label(str(row['first']))} is {_found(rows)}."
         found.setdefault(said, []).append(label(str(row["second"])))
     return [said.replace(OTHERS, listed(names)) for said, names in found.items()]
@@ -216,7 +192,7 @@ def places(table: pd.DataFrame) -> list[str]:
     The table has the columns `pooling.COMPARED`.
     """
     here = ["environment", "challenge", "expert_knowledge"]
-    several = ["pool", "test_sets", *(name for name in CONDITIONS if name != "variant")]
+    several = ["pool", "test_sets", *(name for name in pooling.CONDITIONS if name != "variant")]
     told = {name: table.groupby(here)[name].transform("nunique", dropna=False) > 1 for name in several}
     found = []
     for position, (_, row) in enumerate(table.iterrows()):
@@ -224,7 +200,7 @@ def places(table: pd.DataFrame) -> list[str]:
             row["environment"], row["challenge"], f"{row['environment']} {row['challenge']}"
         )
         apart = [name for name in several if told[name].iloc[position]]
-        named = [str(row[name]) for name in apart if name not in CONDITIONS and pd.notna(row[name])]
-        words = condition_words(row, [name for name in apart if name in CONDITIONS])
+        named = [str(row[name]) for name in apart if name not in pooling.CONDITIONS and pd.notna(row[name])]
+        words = pooling.condition_words(row, [name for name in apart if name in pooling.CONDITIONS])
         found.append(", ".join([title, *named, *words]))
     return found

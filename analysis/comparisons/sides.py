@@ -14,13 +14,7 @@ from analysis.data.frames import Frames, joined
 from analysis.data.identity import NAMED, named_apart
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, listed
-from analysis.measures.pooling import (
-    COMPARED,
-    POOLED,
-    parts_of,
-    pooled,
-    result_runs,
-)
+from analysis.measures.pooling import COMPARED, POOLED, parts_of, pooled, result_runs
 from analysis.measures.run_measures import evaluations_at, run_measures
 from analysis.measures.tested import HEADLINE, PAPERS
 from analysis.names import label

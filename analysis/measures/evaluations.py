@@ -38,8 +38,7 @@ def training_curves(frames: Frames) -> pd.DataFrame:
     From the training windows where a comparison has enough of them; else from the episodes, as the
     mean of the latest `RECENT` at `CURVE_POINTS` steps.
     """
-    windows, short = _windows(frames)
-    episodes = frames.episode_returns(short["run_id"].unique().tolist()).astype({"run_id": object})
+    windows, short, episodes = _windows(frames)
     runs = short.drop_duplicates("run_id")[["run_id", "steps", "status"]]
     recent = [_recent_returns(rows) for _, rows in episodes.merge(runs, on="run_id").groupby("run_id")]
     windows = windows.assign(smoothed=False)
@@ -51,8 +50,7 @@ def training_curves(frames: Frames) -> pd.DataFrame:
 
 def training_quarters(frames: Frames) -> pd.DataFrame:
     """Return run_id and the mean training return in the first and the last quarter of each run's steps."""
-    windows, short = _windows(frames)
-    episodes = frames.episode_returns(short["run_id"].unique().tolist()).astype({"run_id": object})
+    windows, _, episodes = _windows(frames)
     episodes = episodes.rename(columns={"episodic_return": "training_return"})
     rows = pd.concat([windows.drop_duplicates(["run_id", "step"]), episodes], ignore_index=True)
     end = rows.groupby("run_id")["step"].transform("max")
@@ -79,8 +77,8 @@ def trained_steps(frames: Frames) -> pd.DataFrame:
     )
 
 
-def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the training windows of comparisons that have enough, and the cells of those that have not."""
+def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """Return the training windows of comparisons that have enough; cells and episodes of the others."""
     alive = unfailed(frames.cells)
     windows = frames.training_returns[["run_id", "step", "mean_return"]].astype({"run_id": object})
     windows = windows[np.isfinite(windows["mean_return"].astype(float))]
@@ -88,7 +86,9 @@ def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame]:
     counts = windows.groupby([*GROUP, "run_id"])["step"].size().groupby(COMPARISON).max()
     enough = counts[counts >= FEW_WINDOWS].index
     long_windows = windows[pd.MultiIndex.from_frame(windows[COMPARISON]).isin(enough)]
-    return long_windows, alive[~pd.MultiIndex.from_frame(alive[COMPARISON]).isin(enough)]
+    short = alive[~pd.MultiIndex.from_frame(alive[COMPARISON]).isin(enough)]
+    episodes = frames.episode_returns(short["run_id"].unique().tolist()).astype({"run_id": object})
+    return long_windows, short, episodes
 
 
 def _recent_returns(episodes: pd.DataFrame) -> pd.DataFrame:
@@ -230,15 +230,15 @@ def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd
     return table.assign(standard_error=table["std"] / np.sqrt(table["n"]))
 
 
-def mastered_tasks(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
-    """Return `GROUP`, test_set, task_index, n and share: seeds that master each test task."""
-    check_columns("finals", finals, [*GROUP, "run_id", "step"])
+def mastered_tasks(frames: Frames, finals: pd.DataFrame, by: Sequence[str] = GROUP) -> pd.DataFrame:
+    """Return `by`, test_set, task_index, n and share: seeds that master each test task."""
+    columns = list(dict.fromkeys([*by, "run_id", "step"]))
+    check_columns("finals", finals, columns)
     evaluations = frames.evaluations_of(finals["run_id"].unique())
     evaluations = evaluations[evaluations["step"].isin(finals["step"].unique())]
     evaluations = evaluations.astype({"run_id": object, "test_set": object})
-    rows = finals[[*GROUP, "run_id", "step"]].merge(evaluations, on=["run_id", "step"])
-    rows["share"] = rows["mastered"].astype(float)
-    grouped = rows.groupby([*GROUP, "test_set", "task_index"], sort=True)["share"]
+    rows = finals[columns].drop_duplicates().merge(evaluations, on=["run_id", "step"])
+    grouped = rows.groupby([*by, "test_set", "task_index"], sort=True)["mastered"]
     return grouped.agg(n="count", share="mean").reset_index()
 
 

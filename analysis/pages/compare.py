@@ -16,34 +16,22 @@ from analysis.charts.page import on_page
 from analysis.charts.paper import Picture, draw
 from analysis.charts.radars import radar
 from analysis.claims.judging import decided, root_verdicts
+from analysis.comparisons import sides
 from analysis.comparisons.boards import Rank, headlines, ranks
 from analysis.comparisons.frame import pairwise, pairwise_from_statistics
 from analysis.comparisons.planning import plans_against_random
 from analysis.comparisons.sentences import places as titles_of
 from analysis.comparisons.sentences import sentences
-from analysis.comparisons.sides import (
-    PLACE,
-    Side,
-    baseline_side,
-    beside,
-    duels,
-    incomparable,
-    missing,
-    named_jointly,
-    new_teachers,
-    side_of,
-    together,
-)
 from analysis.data.frames import Frames
 from analysis.data.reference import PAPER
 from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
-from analysis.looks import look, shown_together
+from analysis.looks import shown_together
 from analysis.measures.evaluations import aggregate
 from analysis.measures.pooling import COMPARED, SETTINGS, by_students, parts_of, pooled
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES, PAPERS, QUANTITIES, how_tested
-from analysis.names import label, mark_of, marked_label, own_first, teacher_order
+from analysis.names import label, own_first, teacher_order
 from analysis.pages.page import SHOWN, controls, leading, overall_section, page, page_folder, write_page
-from analysis.pages.sections import Section, overview, points_of
+from analysis.pages.sections import Section, by_step, overview, points_of
 from analysis.tables.paper_tables import TableResults, result_tables, results_of
 from analysis.tables.table import Table
 
@@ -53,14 +41,16 @@ def places(
 ) -> Iterator[Section]:
     """Yield each challenge and level with results of the reader's teachers and of comparable ones.
 
-    Args:
-        runs: runs of `sides.together`, at their ends.
-        curves: runs of `sides.together`, at every evaluation.
-        tests: tests of `sides.duels`.
-        measure: one of `tested.MEASURES`; learning curves are of each evaluation.
+    `runs`, at their ends, and `curves`, at all evaluations, are of `together`, `tests` of `duels`.
     """
     if runs.empty:
         return
+
+    def texts(_step: int, _teacher: str, rows: pd.DataFrame) -> dict[str, str]:
+        values, final = rows[measure], number(rows[FINAL].mean())
+        mastered = plus_minus(values.mean(), values.std())
+        return {"n": str(len(values)), "mastered": mastered, "final": final, "tests": ""}
+
     sources = runs.groupby([*COMPARED, "teacher"], dropna=False)["source"].agg("first").reset_index()
     table = pooled(runs, list(dict.fromkeys([measure, FINAL]))).merge(sources, on=[*COMPARED, "teacher"])
     table = table.assign(title=titles_of(table))
@@ -78,7 +68,7 @@ def places(
             title=f"{rows['title'].iloc[0]}, {students}, expert knowledge {place['expert_knowledge']}",
             chosen_by=chosen_by | {"student": students},
             rows=[_ranked(row, here, measure) for _, row in ranked.iterrows()],
-            step_rows=_step_rows(along, measure),
+            step_rows=by_step(along[along[measure].notna()], texts),
             points=points,
             charts=list(map(on_page, _charts(anchor, points, along, measure))),
         )
@@ -104,17 +94,6 @@ def _charts(anchor: str, points: pd.DataFrame, along: pd.DataFrame, measure: str
     yield seeds_chart(points, QUANTITIES[measure], f"{anchor}-runs", "Run by run", caption)
 
 
-def _step_rows(along: pd.DataFrame, measure: str) -> dict[str, dict[str, dict[str, str]]]:
-    """Return runs and mastered tasks of every teacher at every evaluation, as text."""
-    found: dict[str, dict[str, dict[str, str]]] = {}
-    key: Any
-    for key, rows in along[along[measure].notna()].groupby(["step", "teacher"], sort=True):
-        values, final = rows[measure], number(rows[FINAL].mean())
-        texts = {"n": str(len(values)), "mastered": plus_minus(values.mean(), values.std())}
-        found.setdefault(str(key[0]), {})[str(key[1])] = texts | {"final": final, "tests": ""}
-    return found
-
-
 def _ranked(row: pd.Series, tests: pd.DataFrame, measure: str) -> dict[str, Any]:
     """Return the row of a teacher, with its tests against each teacher of the reader."""
     told = []
@@ -125,10 +104,7 @@ def _ranked(row: pd.Series, tests: pd.DataFrame, measure: str) -> dict[str, Any]
         told.append(f"{label(test['first'])}{f': not tested ({reason})' if reason else f' {text}'}")
     return {
         "name": row["teacher"],
-        "teacher": marked_label(row["teacher"]),
-        "colour": look(row["teacher"]).colour,
         "source": row["source"],
-        "own": mark_of(row["teacher"]) != "",
         "n": row["n"],
         "mastered": plus_minus(row[f"{measure}_mean"], row[f"{measure}_std"]),
         "final": number(row[f"{FINAL}_mean"]),
@@ -172,17 +148,19 @@ def _render(
     frames: Frames, baselines: Sequence[str], tell: Callable[[str], object], measure: str
 ) -> tuple[str, list[Picture]]:
     """Return the page, and the figures on it."""
-    mine, others, split = named_jointly(side_of(frames, "yours"), [baseline_side(name) for name in baselines])
-    runs, curves = together(mine, others), together(mine, others, along=True)
-    teachers = new_teachers(mine)
+    mine, others, split = sides.named_jointly(
+        sides.side_of(frames, "yours"), [sides.baseline_side(name) for name in baselines]
+    )
+    runs, curves = sides.together(mine, others), sides.together(mine, others, along=True)
+    teachers = sides.new_teachers(mine)
     ranked = ranks(runs, teachers, measure)
-    standings = [*incomparable(mine, others, runs), *(rank.describe() for rank in ranked)]
+    standings = [*sides.incomparable(mine, others, runs), *(rank.describe() for rank in ranked)]
     known = [frames, *(side.frames for side in others if side.frames is not None)]
     hours = pd.concat([each.run_hours for each in known])
     plans = plans_against_random(runs, teachers, hours[~hours.index.duplicated()], measure)
     for sentence in [*standings, *plans]:
         tell(sentence)
-    tests = duels(runs, teachers, measure)
+    tests = sides.duels(runs, teachers, measure)
     shown = leading(pooled(runs, [measure]), f"{measure}_mean", runs["teacher"], COMPARED)
     shown |= frozenset(teachers if len(teachers) <= SHOWN else ())
     verdicts, notes = root_verdicts(frames)
@@ -200,11 +178,11 @@ def _render(
             teachers=listed(map(label, teachers)),
             others=others,
             sentences=sentences(tests),
-            missing=missing(mine, teachers),
+            missing=sides.missing(mine, teachers),
             places=found,
             overview=overview(found, titles, quantity, "All challenges", caption),
             controls=controls(chosen, runs["teacher"], curves["step"].dropna(), shown),
-            beside=[(side, _beside_rows(beside(mine, side))) for side in others],
+            beside=[(side, _beside_rows(sides.beside(mine, side))) for side in others],
             pictures=pictures,
             tables=list(_tables(runs)),
             standings=standings,
@@ -234,7 +212,7 @@ def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
     return found
 
 
-def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
+def _radars(runs: pd.DataFrame, others: Sequence[sides.Side]) -> Iterator[Picture]:
     """Yield the radar of comparable results, and one of each published table."""
     kinds = [*SETTINGS, "students"]
     students = runs["pool"].map(lambda pool: ", ".join(sorted({student for _, student in parts_of(pool)})))
@@ -268,7 +246,7 @@ def _radar(
 
 
 def _beside_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    rows = table.assign(order=table["teacher"].map(teacher_order)).sort_values([*PLACE, "order"])
+    rows = table.assign(order=table["teacher"].map(teacher_order)).sort_values([*sides.PLACE, "order"])
     return [
         {
             "place": f"{row['environment']} {row['challenge']}, {row['expert_knowledge']}".replace("_", " "),

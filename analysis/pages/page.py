@@ -14,13 +14,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from analysis.charts.page import on_page, plotly_library
 from analysis.charts.profiles import FEWEST, profile_chart
 from analysis.comparisons.boards import THRESHOLDS, overall_rows, performance_profiles
-from analysis.comparisons.sentences import caveat
 from analysis.data.reference import is_baseline
-from analysis.formatting import amount, plus_minus
+from analysis.formatting import amount, caveat, plus_minus
 from analysis.looks import look
 from analysis.measures.pooling import COMPARED
 from analysis.measures.tested import HEADLINE, QUANTITIES
-from analysis.names import challenge_title, marked_label, teacher_order
+from analysis.names import FILTERS, challenge_title, mark_of, marked_label, teacher_order
 from analysis.statistics import SIGNIFICANCE
 from tma_ray.commands.exits import installed_version
 from tma_ray.commands.texts import visible
@@ -52,17 +51,14 @@ def _environment() -> Environment:
         f"data:{kind};base64,{base64.b64encode(content).decode()}"
     )
     environment.globals |= {"plotly_library": plotly_library, "plus_minus": plus_minus}
+    environment.globals |= {"label": marked_label, "look": look, "mark_of": mark_of}
     return environment
 
 
 def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> Path:
-    """Return the folder that a page about `root` is written to: `output`, or `name` in `root`.
+    """Return the folder that a page is written to: `output`, or without one `name` in the root.
 
-    Args:
-        root: a folder, or an ``s3://`` or ``gs://`` address.
-        output: folder that the user asked for, if any.
-        name: name of the folder.
-        what: kind of page, for messages.
+    Messages say `what` page it is.
 
     Raises:
         ValueError: no `output`, and an object store or a root in which links would be written through.
@@ -91,40 +87,19 @@ def write_page(folder: Path, text: str, beside: Mapping[str, bytes]) -> Path:
     return index
 
 
-FILTERS = {
-    "engine": "Engine",
-    "experiment": "Experiment",
-    "environment": "Environment",
-    "challenge": "Challenge",
-    "expert_knowledge": "Expert knowledge",
-    "embodiment": "Body",
-    "student": "Student",
-}
-"""Columns by which comparisons may be chosen, and what readers call them."""
-
-
 def controls(
     comparisons: pd.DataFrame, teachers: Iterable[str], steps: Iterable[int], shown: Collection[str]
 ) -> dict[str, Any] | None:
     """Return the controls of a page, None if there is nothing to choose.
 
-    Args:
-        comparisons: one row each, with some of the columns of `FILTERS`.
-        teachers: teachers of the page.
-        steps: steps at which students were evaluated.
-        shown: teachers that are shown at first.
+    `comparisons` have some of the columns of `FILTERS`; at first, those of the teachers that are `shown`.
 
     Returns:
         Teachers that may be left out; columns that tell comparisons apart, with their names and their values,
         and the names of these; steps of evaluations, ascending, and their names.
     """
     named = [
-        {
-            "value": teacher,
-            "name": marked_label(teacher),
-            "colour": look(teacher).colour,
-            "shown": teacher in shown,
-        }
+        {"name": teacher, "shown": teacher in shown}
         for teacher in sorted(set(map(str, teachers)), key=teacher_order)
     ]
     filters = []
@@ -166,13 +141,8 @@ def leading(
     """Return the teachers that a page shows initially: all, or Random and the best of many.
 
     The best are those with the highest mean of a measure over the challenges that each has results of, and
-    the best one of each comparison that would otherwise be empty.
-
-    Args:
-        results: a row for each teacher and challenge, with the columns teacher and `measure`.
-        measure: column of `results`; NaN where there is nothing.
-        teachers: all teachers of the page, also those without results yet.
-        within: columns that the teachers of a comparison have in common.
+    the best one of each comparison, by the columns `within`, that would otherwise be empty. `results` have a
+    row for each teacher and challenge; `teachers` are all of the page, also those without results yet.
     """
     everyone = frozenset(map(str, teachers))
     if len(everyone) <= MANY:
@@ -195,12 +165,7 @@ CAPTION = (
 
 
 def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> dict[str, Any]:
-    """Return the content of the section over all challenges.
-
-    Args:
-        runs: all runs that count as results, of `pooling.pool_runs`.
-        measure: measure that is aggregated.
-    """
+    """Return the content of the section over all challenges, of all runs that count as results."""
     counted, quantity = runs[runs[measure].notna()], QUANTITIES[measure]
     profiles = [
         profile_chart(table, quantity, f"profiles-{count}", f"Performance profiles, {where}", CAPTION)

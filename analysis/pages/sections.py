@@ -1,6 +1,6 @@
 """Sections of a report: sentences, a table, charts and figures of each comparison."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,24 +17,15 @@ from analysis.charts.paper import Picture, draw
 from analysis.charts.profiles import hidden_scalars, scalar_chart
 from analysis.charts.tasks import EPISODES, probed_tasks, training_tasks
 from analysis.comparisons.frame import along_baseline, reference_of, verdict
-from analysis.comparisons.measured import Measured, curricula_of, in_whose_space, which_runs
-from analysis.comparisons.sentences import caveat, findings
+from analysis.comparisons.measured import Measured, curricula_of, in_whose_space, titled, which_runs
+from analysis.comparisons.sentences import findings
 from analysis.data.curricula import Curriculum, moments, task_axes
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
-from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
-from analysis.looks import look
-from analysis.measures.evaluations import (
-    NEARLY_ALL,
-    RECENT,
-    aggregate,
-    ceiling_percent,
-    mastered_tasks,
-    trained_steps,
-)
+from analysis.formatting import amount, caveat, ends, listed, number, p_value, plus_minus
+from analysis.measures import evaluations
 from analysis.measures.tested import FINAL, HEADLINE, PAPERS, QUANTITIES
-from analysis.names import challenge_title, label, teacher_order
-from analysis.pages.page import FILTERS
+from analysis.names import FILTERS, label, teacher_order
 from analysis.statistics import describe
 
 
@@ -88,7 +79,7 @@ def curve_caption(value: str, table: pd.DataFrame) -> str:
         text += " Where some runs have yet to arrive, n is smaller."
     if value == "training_return":
         if table["smoothed"].any():
-            text += f" A run counts with the mean of its latest {RECENT} episodes."
+            text += f" A run counts with the mean of its latest {evaluations.RECENT} episodes."
         text += " Each teacher chooses its own training tasks: a low return may mean hard tasks."
     return text
 
@@ -131,7 +122,7 @@ def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Ch
     for value, quantity, title in CURVES:
         table = mine.training if value == "training_return" else mine.evaluations
         if len(table):
-            curves, name = aggregate(table, value), f"{anchor}-{value.replace('_', '-')}"
+            curves, name = evaluations.aggregate(table, value), f"{anchor}-{value.replace('_', '-')}"
             highest = ceiling if value == PAPERS else None
             yield learning_curves(curves, quantity, name, title, curve_caption(value, table), highest)
     if len(mine.finals):
@@ -142,12 +133,12 @@ def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Ch
 
 def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart]:
     """Yield learning curves against trained steps, if some steps of a teacher do not train."""
-    trained = trained_steps(frames)
+    trained = evaluations.trained_steps(frames)
     trained = trained[trained["run_id"].isin(mine.evaluations["run_id"])]
     teachers = mine.evaluations.drop_duplicates("run_id").set_index("run_id")["teacher"]
     shares = trained.groupby("run_id")["trained_percent"].last()
     shares = shares.groupby(teachers.to_dict()).mean()
-    fewer = shares[shares < NEARLY_ALL]
+    fewer = shares[shares < evaluations.NEARLY_ALL]
     if fewer.empty:
         return
     windows = dict(list(trained.groupby("run_id")))
@@ -157,7 +148,7 @@ def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart
         if (known := windows.get(run_id)) is not None
     )
     at = rows.groupby(["teacher", "step"], observed=True)["trained"].mean()
-    curves = aggregate(rows, PAPERS)
+    curves = evaluations.aggregate(rows, PAPERS)
     curves = curves.assign(step=at.reindex(pd.MultiIndex.from_frame(curves[["teacher", "step"]])).to_numpy())
     told = listed(f"{share:.0f} % of the steps of {label(str(teacher))}" for teacher, share in fewer.items())
     caption = (
@@ -232,12 +223,8 @@ def pictures_of(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str
 
 def _shares(frames: Frames, mine: Measured) -> pd.DataFrame:
     """Return teacher, step (or `END`), test_set, task_index, n and share of seeds that master the task."""
-    runs = mine.evaluations[["run_id", "step", "teacher"]].drop_duplicates()
-    rows = frames.evaluations_of(runs["run_id"].unique())
-    rows = rows.astype({"run_id": object, "test_set": object}).merge(runs, on=["run_id", "step"])
-    grouped = rows.groupby(["teacher", "step", "test_set", "task_index"], sort=True)["mastered"]
-    along = grouped.agg(n="count", share="mean").reset_index().astype({"step": object})
-    ends = mastered_tasks(frames, mine.finals).assign(step=END)
+    along = evaluations.mastered_tasks(frames, mine.evaluations, ["teacher", "step"]).astype({"step": object})
+    ends = evaluations.mastered_tasks(frames, mine.finals).assign(step=END)
     return pd.concat([along, ends[along.columns]], ignore_index=True)
 
 
@@ -253,8 +240,6 @@ def end_rows(mine: Measured) -> Iterator[dict[str, Any]]:
         step = amount(group["step"]) if group["n"] else "\N{EN DASH}"
         yield {
             "name": teacher,
-            "teacher": label(teacher),
-            "colour": look(teacher).colour,
             "seeds": f"{group['n']}" if group["n"] == group["seeds"] else f"{group['n']} of {group['seeds']}",
             "step": step + "*" * bool(group["provisional"]),
             "mastered": plus_minus(group[f"{HEADLINE}_mean"], group[f"{HEADLINE}_std"]),
@@ -271,9 +256,7 @@ def end_rows(mine: Measured) -> Iterator[dict[str, Any]]:
 def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[str, str]]]:
     """Return the rows at every evaluation, as text by step, teacher and column.
 
-    Args:
-        mine: measures of the comparison.
-        everything: measures of the root, where Random may have run at another level or in another experiment.
+    Random may have run at another level or in another experiment of the root, `everything`.
     """
     curves = mine.evaluations
     if curves.empty:
@@ -281,14 +264,12 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
     reference = reference_of(curves, everything.randoms)
     tests = along_baseline(curves, reference, HEADLINE).set_index(["step", "teacher"])
     tested: dict[Any, Any] = tests.to_dict("index")
-    found: dict[str, dict[str, dict[str, str]]] = {}
-    key: Any
-    for key, rows in curves.groupby(["step", "teacher"], sort=True):
-        step, teacher = int(key[0]), str(key[1])
+
+    def row(step: int, teacher: str, rows: pd.DataFrame) -> dict[str, str]:
         columns = {"mastered": HEADLINE, "final": FINAL, "evaluation": "evaluation_return"}
         samples = {name: describe(rows[column]) for name, column in columns.items()}
         test = tested.get((step, teacher))
-        found.setdefault(str(step), {})[teacher] = {
+        return {
             "seeds": str(rows["run_id"].nunique()),
             "step": amount(step),
             "worst": number(rows[HEADLINE].min()),
@@ -297,6 +278,18 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
             **{name: plus_minus(sample.mean, sample.std) for name, sample in samples.items()},
             **(_against_random(test) if test else NONE),
         }
+
+    return by_step(curves, row)
+
+
+def by_step(
+    curves: pd.DataFrame, row: Callable[[int, str, pd.DataFrame], dict[str, str]]
+) -> dict[str, dict[str, dict[str, str]]]:
+    """Return what `row` returns of the runs at each step of each teacher, by step and teacher."""
+    found: dict[str, dict[str, dict[str, str]]] = {}
+    key: Any
+    for key, rows in curves.groupby(["step", "teacher"], sort=True):
+        found.setdefault(str(int(key[0])), {})[str(key[1])] = row(int(key[0]), str(key[1]), rows)
     return found
 
 
@@ -314,15 +307,12 @@ def _against_random(test: Mapping[Any, Any]) -> dict[str, str]:
 def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iterator[Section]:
     """Yield a section for each comparison of the root, in a fixed order.
 
-    Args:
-        frames: results of the root.
-        measured: measures of the root.
-        shown: teachers that figures have, which cannot be chosen on the page as charts can.
+    Figures have the teachers that are `shown`: they cannot be chosen on the page as in charts.
     """
     for anchor, title, mine in titled(measured):
         curricula = curricula_of(frames, mine)  # read once, for charts and figures
         leading = {teacher: each for teacher, each in curricula.items() if teacher in shown}
-        ceiling = ceiling_percent(frames, str(mine.cells["environment"].iloc[0]))
+        ceiling = evaluations.ceiling_percent(frames, str(mine.cells["environment"].iloc[0]))
         first = mine.cells.iloc[0]
         charts = *charts_of(mine, anchor, ceiling), *trained_chart(frames, mine, anchor)
         yield Section(
@@ -337,25 +327,6 @@ def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iter
             panels=list(map(on_page, panels_of(frames, mine, curricula, anchor))),
             pictures=list(pictures_of(mine, leading, anchor)),
         )
-
-
-def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
-    """Yield the anchor, title and part of each comparison of the root, in a fixed order."""
-    several = {name: measured.cells[name].nunique() > 1 for name in ("experiment", "engine")}
-    for count, mine in enumerate(measured.comparisons, start=1):
-        cell = mine.cells.iloc[0]
-        challenge = challenge_title(cell["environment"], cell["challenge"], cell["challenge"])
-        experiment = cell["experiment"] if cell["experiment"] != cell["challenge"] else ""
-        parts = [
-            experiment if several["experiment"] else "",
-            cell["environment"].replace("_", " ").capitalize(),
-            challenge[:1].lower() + challenge[1:],
-            cell["embodiment"].replace("_", " "),
-            cell["student"].upper(),
-            f"expert knowledge {cell['expert_knowledge']}",
-            cell["engine"] if several["engine"] else "",
-        ]
-        yield f"comparison-{count}", ", ".join(filter(None, parts)), mine
 
 
 def distinct(titles: Sequence[str]) -> list[str]:

@@ -14,42 +14,36 @@ from analysis.formatting import ends, number
 from analysis.looks import shown_together
 from analysis.names import label, own_first
 from analysis.pages.page import page, write_page
+from analysis.trials import standing
 from analysis.trials.design import Design
-from analysis.trials.standing import (
-    ENDINGS,
-    Look,
-    course,
-    curves,
-    latex_row,
-    look_line,
-    methods,
-    plan_lines,
-    sentence,
-    verdict_table,
-)
 from tma_ray.commands.exits import installed_version
 from tma_ray.commands.texts import counted
 
 
 def write_trial(
-    folder: Path, design: Design, released: pd.DataFrame, looks: list[Look], frames: Frames, own: Frames
+    folder: Path,
+    design: Design,
+    released: pd.DataFrame,
+    looks: list[standing.Look],
+    frames: Frames,
+    own: Frames,
 ) -> Path:
     """Write the page of a trial, with a table, a figure, a LaTeX row and methods next to it.
 
     Returns:
         The page, ``index.html``.
     """
-    courses = {name: course(design, released, looks, name) for name in design.references}
+    courses = {name: standing.course(design, released, looks, name) for name in design.references}
     beside: dict[str, bytes] = {}
     with shown_together([design.teacher, *design.references]), own_first([design.teacher]):
         if looks:
             beside["verdicts.csv"] = (
-                verdict_table(design, looks).to_csv(index=False, float_format="%.3f").encode()
+                standing.verdict_table(design, looks).to_csv(index=False, float_format="%.3f").encode()
             )
-            beside["row.tex"] = latex_row(design, looks[-1]).encode()
-            beside["methods.txt"] = (methods(design, looks[-1], _versions()) + "\n").encode()
+            beside["row.tex"] = standing.latex_row(design, looks[-1]).encode()
+            beside["methods.txt"] = (standing.methods(design, looks[-1], _versions()) + "\n").encode()
             save(draw(course_chart(courses, design.teacher, design.margin)), folder / "trial")
-        text = _render(design, released, looks, courses, curves(design, frames, own), own)
+        text = _render(design, released, looks, courses, standing.curves(design, frames, own), own)
     return write_page(folder, text, beside)
 
 
@@ -61,7 +55,7 @@ def _versions() -> str:
 def _render(
     design: Design,
     released: pd.DataFrame,
-    looks: list[Look],
+    looks: list[standing.Look],
     courses: dict[str, pd.DataFrame],
     lines: pd.DataFrame,
     own: Frames,
@@ -81,19 +75,19 @@ def _render(
         "trial.html.j2",
         teacher=label(design.teacher),
         release=design.release,
-        verdict=sentence(design, looks[-1]) if looks else "No look is complete yet.",
-        ended=ENDINGS.get(looks[-1].ending, "") if looks else "",
-        lines=[look_line(look) for look in looks],
-        plan=[text.strip() for text in plan_lines(design, released)],
+        verdict=standing.sentence(design, looks[-1]) if looks else "No look is complete yet.",
+        ended=standing.ENDINGS.get(looks[-1].ending, "") if looks else "",
+        lines=[standing.look_line(look) for look in looks],
+        plan=[text.strip() for text in standing.plan_lines(design, released)],
         rows=[
             row
             | {"interval": ends(row["low"], row["high"])}
             | {name: number(row[name]) for name in ("difference", "estimate")}
-            for row in verdict_table(design, looks).to_dict("records")
+            for row in standing.verdict_table(design, looks).to_dict("records")
         ],
         charts=[on_page(each) for each in shown],
         cost=f"{runs} of at most {most} runs" + (f", {hours:.1f} hours of runs" if hours else ""),
-        methods=methods(design, looks[-1], _versions()) if looks else "",
+        methods=standing.methods(design, looks[-1], _versions()) if looks else "",
         warnings=list(own.notes) if looks else [],
         controls=None,
     )

@@ -11,9 +11,8 @@ from synthetic_results import SyntheticCampaign
 from analysis import load
 from analysis.commands.figures import write_latex
 from analysis.comparisons.measured import measure
-from analysis.pages.report import write_report
+from analysis.pages.report import Video, wanted_videos, write_report
 from analysis.pages.sections import distinct
-from analysis.pages.videos import Video, wanted_videos
 
 
 @pytest.fixture

@@ -9,24 +9,13 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tma_ray.cli.options import (
-    HEADLINE,
-    Baseline,
-    Baselines,
-    Count,
-    Folder,
-    Json,
-    Measure,
-    Output,
-    Root,
-    Roots,
-)
+from tma_ray.cli import options
 from tma_ray.cli.records import claims_record, print_json, ranking_record
 from tma_ray.command_line import choice, command, value, values
 from tma_ray.commands.values import SHARE, expanded, named
 
 if TYPE_CHECKING:
-    from analysis.pages.videos import Video
+    from analysis.pages.report import Video
     from analysis.tracking.points import Tracker
 
 RELOAD_SECONDS, LOOK_SECONDS = 30, 10.0
@@ -41,9 +30,9 @@ EVERY = {".mp4": 3, ".gif": 8}
 
 @command()
 def report(
-    *root: Roots,
-    baseline: Baselines = (),
-    output: Output | None = None,
+    *root: options.Roots,
+    baseline: options.Baselines = (),
+    output: options.Output | None = None,
     videos: bool = False,
     latex: bool = False,
     watch: bool = False,
@@ -107,7 +96,7 @@ def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
 
     from analysis.baselines.catalogue import read
     from analysis.comparisons.measured import measure
-    from analysis.pages.videos import Video, wanted_videos
+    from analysis.pages.report import Video, wanted_videos
     from tma_ray.runs.saved_policies import find_policy
     from tma_ray.runs.spec import evaluation_seeds
     from tma_ray.viewing.rendering import EpisodeSettings, render
@@ -128,7 +117,7 @@ def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
 
 
 @command()
-def leaderboard(*baseline: Baseline) -> int:
+def leaderboard(*baseline: options.Baseline) -> int:
     """Print ranks, results and cost of the teachers of releases.
 
     These are the ranks of teachers over all challenges with what of them is certain, their results on each
@@ -149,11 +138,11 @@ def leaderboard(*baseline: Baseline) -> int:
 
 @command()
 def ranking(
-    *root: Roots,
-    baseline: Baselines = (),
+    *root: options.Roots,
+    baseline: options.Baselines = (),
     share: Annotated[float, value(SHARE, "X")] = 1.0,
-    measure: Measure = HEADLINE,
-    json: Json = False,
+    measure: options.Measure = options.HEADLINE,
+    json: options.Json = False,
 ) -> int:
     """Rank the teachers on each challenge by mastered tasks.
 
@@ -179,7 +168,9 @@ def ranking(
 
 
 @command()
-def claims(*root: Roots, baseline: Baselines = (), details: bool = False, json: Json = False) -> int:
+def claims(
+    *root: options.Roots, baseline: options.Baselines = (), details: bool = False, json: options.Json = False
+) -> int:
     """Check the paper's claims against a results root.
 
     Args:
@@ -196,7 +187,7 @@ def claims(*root: Roots, baseline: Baselines = (), details: bool = False, json: 
 
 
 @command()
-def search(root: Root, /) -> int:
+def search(root: options.Root, /) -> int:
     """Print the best hyper-parameters of a search, and the paper's choice.
 
     Args:
@@ -210,11 +201,11 @@ def search(root: Root, /) -> int:
 
 @command()
 def tables(
-    *root: Roots,
-    baseline: Baselines = (),
-    step: Count | None = None,
+    *root: options.Roots,
+    baseline: options.Baselines = (),
+    step: options.Count | None = None,
     format: Annotated[str, choice(("markdown", "latex", "csv"))] = "markdown",  # noqa: A002
-    output: Output | None = None,
+    output: options.Output | None = None,
 ) -> int:
     """Write the paper's tables for any results.
 
@@ -234,9 +225,9 @@ def tables(
 
 @command()
 def figures(
-    *root: Roots,
-    baseline: Baselines = (),
-    output: Output,
+    *root: options.Roots,
+    baseline: options.Baselines = (),
+    output: options.Output,
     format: Annotated[str, choice(("pdf", "svg"))] = "pdf",  # noqa: A002
     only: Annotated[str | None, value(named("the beginning of a figure's name"), "NAME")] = None,
 ) -> int:
@@ -258,10 +249,10 @@ def figures(
 
 @command()
 def compare(
-    *root: Roots,
+    *root: options.Roots,
     baseline: Annotated[tuple[str, ...], values(named("a baseline"), "BASELINE")],
-    output: Output | None = None,
-    measure: Measure = HEADLINE,
+    output: options.Output | None = None,
+    measure: options.Measure = options.HEADLINE,
 ) -> int:
     """Write a page that compares results with released baselines.
 
@@ -282,7 +273,7 @@ def compare(
 
 
 @command()
-def tensorboard(root: Root, folder: Folder, /, *, watch: bool = False) -> int:
+def tensorboard(root: options.Root, folder: options.Folder, /, *, watch: bool = False) -> int:
     """Export the scalars of a results root as event files.
 
     Args:
@@ -298,12 +289,12 @@ def tensorboard(root: Root, folder: Folder, /, *, watch: bool = False) -> int:
 
 @command()
 def wandb(
-    root: Root,
+    root: options.Root,
     /,
     *,
     project: Annotated[str, value(named("a project"), "NAME")] = "tma_ray",
     entity: Annotated[str | None, value(named("a user or team"), "NAME")] = None,
-    folder: Folder = Path("wandb"),
+    folder: options.Folder = Path("wandb"),
     offline: bool = False,
     watch: bool = False,
 ) -> int:

@@ -1,7 +1,6 @@
 """Charts for papers, drawn by matplotlib, and their files."""
 
-from analysis.charts.paper.animation import animate
-from analysis.charts.paper.drawing import draw, figure_of
+from analysis.charts.paper.drawing import animate, draw, figure_of
 from analysis.charts.paper.style import Picture, Vector, png, save
 
 __all__ = ["Picture", "Vector", "animate", "draw", "figure_of", "png", "save"]

@@ -1,36 +1,45 @@
-"""Charts on paper: panels and marks as matplotlib draws them."""
+"""Charts on paper: panels and marks as matplotlib draws them, once or as the frames of a GIF."""
 
 import functools
+import io
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
+from PIL import Image
 
-from analysis.charts.base import (
-    Cells,
-    Chart,
-    Curve,
-    Kind,
-    Legend,
-    Panel,
-    Scale,
+from analysis.charts.base import Cells, Chart, Curve, Kind, Legend, Panel, Scale, spread
+from analysis.charts.paper.marks import (
+    STAR_ROW,
+    draw_marks,
+    legend,
+    legend_height,
+    line_handle,
+    mappable,
+    mark_handle,
 )
-from analysis.charts.paper.legends import legend, legend_height, line_handle, mark_handle
-from analysis.charts.paper.marks import STAR_ROW, draw_marks, mappable
 from analysis.charts.paper.radar import draw_radars
 from analysis.charts.paper.style import styled
 from analysis.charts.radars import Radar
+from analysis.formatting import amount
 from analysis.looks import MUTED
 
 FRAME = "#b9bec6"
 """Colour of the frame around a panel of the task space."""
+
+ANIMATION_DPI = 90
+"""Resolution of an animation, in dots per inch."""
+
+ANIMATION_COLOURS = 128
+"""Colours of all frames of an animation together."""
 
 P = ParamSpec("P")
 
@@ -61,6 +70,62 @@ def draw(chart: Chart) -> Figure:
             draw_marks(axes, panel)
         finish(figure, drawn, chart)
     return figure
+
+
+@styled
+def animate(chart: Chart, seconds: float = 6.0) -> bytes:
+    """Return a chart as a GIF that repeats, a frame for each moment of its first panel.
+
+    Args:
+        chart: chart whose panels all have the same moments.
+        seconds: length of the whole; the last frame stays for another second.
+    """
+    images = list(_images(chart))
+    # All frames share their colours, so that still parts do not flicker.
+    few = [images[index] for index in spread(len(images), 5)]
+    width, height = few[0].size
+    sheet = Image.new("RGB", (width, height * len(few)))
+    for place, image in enumerate(few):
+        sheet.paste(image, (0, place * height))
+    colours = sheet.quantize(ANIMATION_COLOURS - 1, dither=Image.Dither.NONE).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([255, 255, 255, *colours[: 3 * (ANIMATION_COLOURS - 1)]])
+    pictures = []
+    for image in images:
+        found = image.quantize(palette=palette, dither=Image.Dither.NONE)
+        places = np.array(found)
+        places[(np.asarray(image) == 255).all(axis=2)] = 0  # white, to which Pillow only comes near
+        pictures.append(Image.fromarray(places, "P"))
+        pictures[-1].putpalette(found.getpalette() or [])
+    # GIF counts hundredths of a second, and viewers slow down what is faster than two of them.
+    pause = max(20, round(1000 * seconds / len(pictures) / 10) * 10)
+    buffer = io.BytesIO()
+    pictures[0].save(
+        buffer,
+        format="GIF",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=[*[pause] * (len(pictures) - 1), pause + 1000],
+        loop=0,
+        optimize=False,
+    )
+    return buffer.getvalue()
+
+
+def _images(chart: Chart) -> Iterator[Image.Image]:
+    figure, drawn = lay_out(chart)
+    figure.set_dpi(ANIMATION_DPI)
+    canvas = FigureCanvasAgg(figure)
+    for step in chart.all_panels[0].moments:
+        for panel, axes in drawn.items():
+            for artist in (*axes.collections, *axes.patches, *axes.texts):
+                artist.remove()
+            draw_marks(axes, panel.at(step))
+        figure.suptitle(f"{amount(step)} steps" if step else "start", fontsize=9)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        figure.set_layout_engine("none")  # panels stay where the first frame has them
+        pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        yield Image.fromarray(pixels[..., :3])
 
 
 def lay_out(chart: Chart) -> tuple[Figure, Drawn]:

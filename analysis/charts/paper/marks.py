@@ -1,5 +1,6 @@
-"""Marks of panels as matplotlib draws them."""
+"""Marks of panels as matplotlib draws them, and legends, which lie outside of what they explain."""
 
+from collections.abc import Sequence
 from functools import singledispatch
 from typing import Any
 
@@ -7,28 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.transforms import ScaledTranslation
 
-from analysis.charts.base import (
-    LEAST_PERCENT,
-    Array,
-    Bar,
-    Cells,
-    Colours,
-    Curve,
-    Dots,
-    Interval,
-    Kind,
-    Label,
-    Mark,
-    Panel,
-    Rule,
-    Scale,
-    Shapes,
-    StarRow,
-)
-from analysis.looks import MUTED, RULE
+from analysis.charts import base
+from analysis.looks import MUTED, RULE, Look
 
 STAR_ROW = 6.5
 """Height of a row of stars, points."""
@@ -37,7 +24,7 @@ DIAMETER, THICKNESS = 0.55, 0.75
 """Points on paper for a CSS pixel of a mark's diameter, and of a line's width."""
 
 
-def draw_marks(axes: Axes, panel: Panel) -> None:
+def draw_marks(axes: Axes, panel: base.Panel) -> None:
     """Draw the marks of a panel in its axes, or the reason why there are none."""
     if panel.remark:
         style: dict[str, Any] = {"ha": "center", "va": "center", "color": MUTED}
@@ -47,21 +34,21 @@ def draw_marks(axes: Axes, panel: Panel) -> None:
         _draw(mark, axes, panel)
     for place, row in enumerate(reversed(panel.stars)):
         _draw_stars(row, axes, place)
-    if not panel.x.bounded and panel.x.kind is Kind.STEPS:
+    if not panel.x.bounded and panel.x.kind is base.Kind.STEPS:
         axes.set_xlim(0, max(axes.dataLim.x1, 1.0))
-    if panel.x.kind is Kind.PERCENT and not panel.x.bounded:
-        axes.set_xlim(0, max(axes.get_xlim()[1], LEAST_PERCENT))
-    if panel.y.kind is Kind.PERCENT and not panel.y.bounded:
-        axes.set_ylim(0, max(axes.get_ylim()[1], LEAST_PERCENT))
+    if panel.x.kind is base.Kind.PERCENT and not panel.x.bounded:
+        axes.set_xlim(0, max(axes.get_xlim()[1], base.LEAST_PERCENT))
+    if panel.y.kind is base.Kind.PERCENT and not panel.y.bounded:
+        axes.set_ylim(0, max(axes.get_ylim()[1], base.LEAST_PERCENT))
 
 
 @singledispatch
-def _draw(mark: Mark, *_: object) -> None:
+def _draw(mark: base.Mark, *_: object) -> None:
     raise TypeError(f"{type(mark).__name__} is not drawn on paper: expected a mark of analysis.charts.base")
 
 
 @_draw.register
-def _(mark: Curve, axes: Axes, panel: Panel) -> None:
+def _(mark: base.Curve, axes: Axes, panel: base.Panel) -> None:
     """Draw a line from the first step with values of all runs, thin where some runs have not arrived yet."""
     whole = np.ones(len(mark.x), bool) if mark.n is None else mark.n == mark.n.max()
     start, end = (int(place) for place in np.flatnonzero(whole)[[0, -1]])
@@ -94,7 +81,7 @@ def _(mark: Curve, axes: Axes, panel: Panel) -> None:
 
 
 @_draw.register
-def _(mark: Dots, axes: Axes, panel: Panel) -> None:
+def _(mark: base.Dots, axes: Axes, panel: base.Panel) -> None:
     x, y = (np.asarray(values, np.float64) for values in (mark.x, mark.y))
     if mark.values is not None and mark.colours is not None:
         colour: Any = mappable(mark.colours).to_rgba(np.asarray(mark.values, np.float64))
@@ -120,7 +107,7 @@ def _(mark: Dots, axes: Axes, panel: Panel) -> None:
 
 
 @_draw.register
-def _(mark: Interval, axes: Axes, _: Panel) -> None:
+def _(mark: base.Interval, axes: Axes, _: base.Panel) -> None:
     if not np.isfinite(mark.x):
         return
     sides = [[max(mark.x - mark.low, 0.0)], [max(mark.high - mark.x, 0.0)]] if np.isfinite(mark.low) else None
@@ -139,12 +126,12 @@ def _(mark: Interval, axes: Axes, _: Panel) -> None:
 
 
 @_draw.register
-def _(mark: Bar, axes: Axes, _: Panel) -> None:
+def _(mark: base.Bar, axes: Axes, _: base.Panel) -> None:
     axes.barh(mark.y, mark.x, height=mark.height, color=mark.look.colour, alpha=mark.opacity)
 
 
 @_draw.register
-def _(mark: Cells, axes: Axes, _: Panel) -> None:
+def _(mark: base.Cells, axes: Axes, _: base.Panel) -> None:
     colours = mark.colours
     few: dict[str, Any] = {"edgecolor": RULE, "linewidth": 0.4} if mark.values.size <= 400 else {}
     edges = _edges(mark.xs), _edges(mark.ys)
@@ -152,7 +139,7 @@ def _(mark: Cells, axes: Axes, _: Panel) -> None:
 
 
 @_draw.register
-def _(mark: Shapes, axes: Axes, _: Panel) -> None:
+def _(mark: base.Shapes, axes: Axes, _: base.Panel) -> None:
     for outline in mark.outlines:
         colour, share = mark.look.colour, outline.weight
         fill: Any = (colour, 0.04 + 0.18 * share)
@@ -165,7 +152,7 @@ def _(mark: Shapes, axes: Axes, _: Panel) -> None:
 
 
 @_draw.register
-def _(mark: Rule, axes: Axes, _: Panel) -> None:
+def _(mark: base.Rule, axes: Axes, _: base.Panel) -> None:
     for line, place in ((axes.axvline, mark.x), (axes.axhline, mark.y)):
         if place is not None:
             line(
@@ -179,7 +166,7 @@ def _(mark: Rule, axes: Axes, _: Panel) -> None:
 
 
 @_draw.register
-def _(mark: Label, axes: Axes, _: Panel) -> None:
+def _(mark: base.Label, axes: Axes, _: base.Panel) -> None:
     style: dict[str, Any] = {"color": mark.look.colour, "va": "center", "gid": mark.about or None}
     if mark.beside:
         place: dict[str, Any] = {"xytext": (2, 0), "textcoords": "offset points"}
@@ -188,7 +175,7 @@ def _(mark: Label, axes: Axes, _: Panel) -> None:
         axes.text(mark.x, mark.y, mark.text, ha="center", **style)
 
 
-def _draw_stars(row: StarRow, axes: Axes, place: int) -> None:
+def _draw_stars(row: base.StarRow, axes: Axes, place: int) -> None:
     """Draw a row of stars above a panel, and the line's marker at its end."""
     colour = row.look.colour
     rise = ScaledTranslation(0, (5 + STAR_ROW * place) / 72, axes.figure.dpi_scale_trans)
@@ -215,13 +202,13 @@ def _draw_stars(row: StarRow, axes: Axes, place: int) -> None:
             )
 
 
-def _within(scale: Scale, values: Array) -> bool:
+def _within(scale: base.Scale, values: base.Array) -> bool:
     if scale.low is None or scale.high is None:
         return bool(scale.rows)
     return bool(((values >= scale.low) & (values <= scale.high)).all())
 
 
-def _edges(centres: Array) -> Array:
+def _edges(centres: base.Array) -> base.Array:
     """Return the n + 1 edges of n cells."""
     if len(centres) < 2:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
@@ -229,6 +216,79 @@ def _edges(centres: Array) -> Array:
     return np.array([2 * centres[0] - middle[0], *middle, 2 * centres[-1] - middle[-1]])
 
 
-def mappable(colours: Colours) -> ScalarMappable:
+def mappable(colours: base.Colours) -> ScalarMappable:
     """Return the colours of values."""
     return ScalarMappable(Normalize(colours.low, colours.high), colours.name)
+
+
+CHARACTER = 0.6
+"""Width of a letter over its size."""
+
+HANDLE, COLUMN_GAP = 2.6, 1.2
+"""Length of the pieces of line, and space between columns, in sizes of the letters."""
+
+POINTS = 72
+"""Points in an inch."""
+
+
+def line_handle(mark: base.Mark) -> Line2D:
+    """Return a piece of the line of a named mark."""
+    fill = mark.fill if isinstance(mark, base.Curve) else ""
+    marked = not isinstance(mark, base.Curve) or mark.width >= 1.5
+    look = mark.look if marked else mark.look._replace(marker="")
+    return look_handle(look, mark.name, fill, line=not isinstance(mark, base.Interval))
+
+
+def look_handle(look: Look, name: str, fill: str = "", line: bool = True) -> Line2D:
+    """Return a piece of a line in its look, named."""
+    edge = look.colour if fill and fill != look.colour else "white"
+    style: dict[str, Any] = {"color": look.colour, "marker": look.marker, "markersize": 4, "linewidth": 1.3}
+    style |= {
+        "linestyle": look.dashes if line else "none",
+        "markerfacecolor": fill or look.colour,
+        "markeredgecolor": edge,
+        "markeredgewidth": 0.5,
+    }
+    return Line2D([], [], label=name, **style)
+
+
+def mark_handle(key: base.Key) -> Line2D:
+    """Return a mark that means the same for all teachers, named."""
+    inside = key.colour if key.full else "white"
+    style: dict[str, Any] = {"color": key.colour, "markerfacecolor": inside, "markeredgewidth": 0.7}
+    return Line2D([], [], marker=key.marker, linestyle="none", markersize=key.size, label=key.name, **style)
+
+
+def legend(figure: Figure, handles: Sequence[Line2D], loc: Any, size: float = 7, **place: Any) -> Legend:
+    """Draw one legend for the whole figure, in as many columns as its width has room for."""
+    return figure.legend(
+        handles=list(handles),
+        loc=loc,
+        ncols=_columns(handles, figure.get_figwidth(), size),
+        fontsize=size,
+        handlelength=HANDLE,
+        columnspacing=COLUMN_GAP,
+        handletextpad=0.5,
+        labelspacing=0.35,
+        borderpad=0.2,
+        borderaxespad=0.2,
+        **place,
+    )
+
+
+def legend_height(handles: Sequence[Line2D], width: float, size: float = 7) -> float:
+    """Return the height of a `legend` in a figure of this width, inches."""
+    rows = -(-len(handles) // _columns(handles, width, size))
+    return (rows * 1.6 + 0.6) * size / POINTS if handles else 0.0
+
+
+def _columns(handles: Sequence[Line2D], width: float, size: float) -> int:
+    """Return the largest number of columns that fits."""
+    em = size / POINTS
+    widths = [(len(str(handle.get_label())) * CHARACTER + 0.5) * em for handle in handles]
+    gaps = (HANDLE + COLUMN_GAP) * em
+    for columns in range(len(widths), 1, -1):
+        # Matplotlib fills columns one after the other, the first ones with one more.
+        if sum(max(part) + gaps for part in np.array_split(widths, columns)) <= width - 0.1:
+            return columns
+    return 1

@@ -12,7 +12,7 @@ from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
 from analysis.charts.base import Chart
-from analysis.charts.paper.legends import legend, legend_height, look_handle, mark_handle
+from analysis.charts.paper.marks import legend, legend_height, look_handle, mark_handle
 from analysis.charts.radars import BEYOND, HEIGHT, Radar
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.looks import INK, MUTED, RULE, look, shown_together
