@@ -58,7 +58,6 @@ def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) ->
 
 
 def _plain(name: str, value: Any) -> str:
-    """Return the contents of one kind of a release, as text for the card."""
     if name == "steps":
         return ", ".join(map(amount, value))
     if name == "teachers":

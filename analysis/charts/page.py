@@ -318,7 +318,6 @@ def _layout(chart: base.Chart, panel: base.Panel) -> dict[str, Any]:
 
 
 def _axis(scale: base.Scale, panel: base.Panel) -> dict[str, Any]:
-    """Return an axis in the look of the house."""
     if not scale.shown:
         return {"visible": False}
     quiet = {"gridcolor": RULE, "linecolor": MUTED, "zeroline": False, "automargin": True}
@@ -397,7 +396,6 @@ def _dash(look: Look) -> str:
 
 
 def _transparent(colour: str, opacity: float) -> str:
-    """Return ``#rrggbb`` with an opacity in [0, 1]."""
     red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
     return f"rgba({red},{green},{blue},{opacity:g})"
 

@@ -281,7 +281,6 @@ class RootSource:
         return sorted(self._at(reading))
 
     def _at(self, reading: Reading) -> dict[str, Sample]:
-        """Return the complete results where `reading` is read, by teacher."""
         if self._conditions is None or (reading.environment, reading.challenge) not in self._present:
             return {}
         place = [reading.environment, reading.challenge, reading.level.value]

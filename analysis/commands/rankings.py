@@ -183,7 +183,6 @@ def show_search(sources: Sources, console: Console | None = None) -> None:
 
 
 def _result(row: pd.Series) -> tuple[str, str]:
-    """Return a point of a search and its result."""
     point = ", ".join(f"{name} {value:g}" for name, value in row["point"].items())
     return point, plus_minus(row["mean"], row["std"])
 

@@ -123,7 +123,6 @@ def markdown(names: Sequence[str] = ()) -> str:
 
 
 def _further(board: Leaderboard) -> list[str]:
-    """Return the headings of the columns after the runs, which not all boards have."""
     return [*(["trained"] if board.partly_trained else []), *(["hours"] if board.timed else [])]
 
 

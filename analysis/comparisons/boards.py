@@ -248,7 +248,6 @@ def on_the_same(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
 
 
 def _board(where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames) -> Leaderboard:
-    """Return the leaderboard of the runs of a block."""
     results: dict[str, dict[str, tuple[float, float, float]]] = {}
     titles: dict[str, None] = {}
     for row in stratified_means(runs, HEADLINE, [*ACROSS, *PLACES]).to_dict("records"):

@@ -196,7 +196,6 @@ def _among(frame: pd.DataFrame, others: pd.DataFrame, columns: list[str]) -> NDA
 
 
 def _plain_places(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table with names of places without their settings."""
     names = {name: table[name].map(base_name) for name in ("environment", "challenge")}
     return table.assign(**names)
 

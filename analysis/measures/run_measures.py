@@ -168,7 +168,6 @@ def _standing(frames: Frames, at: int | None, reached: pd.Series, share: float =
 
 
 def _steps_to(curves: pd.DataFrame, shares: Sequence[float]) -> pd.DataFrame:
-    """Return `steps_to` of each share, by run_id."""
     found: dict[str, list[float]] = {}
     run_ids, steps = curves["run_id"].to_numpy(object), curves["step"].to_numpy(float)
     mastered = curves["mastered_percent"].to_numpy(float)
@@ -198,7 +197,6 @@ def _forgotten(evaluations: pd.DataFrame, measured: pd.DataFrame) -> pd.Series:
 
 
 def _training_return(frames: Frames, rows: pd.DataFrame) -> pd.Series:
-    """Return the mean return of the training episodes of each run, by run_id."""
     windows = frames.training_returns.dropna()
     windows = _until(windows[np.isfinite(windows["mean_return"].astype(float))], rows)
     windows = windows.astype({"run_id": object})

@@ -147,7 +147,6 @@ def write_comparison(
 def _render(
     frames: Frames, baselines: Sequence[str], tell: Callable[[str], object], measure: str
 ) -> tuple[str, list[Picture]]:
-    """Return the page, and the figures on it."""
     mine, others, split = sides.named_jointly(
         sides.side_of(frames, "yours"), [sides.baseline_side(name) for name in baselines]
     )
@@ -228,7 +227,6 @@ def _radars(runs: pd.DataFrame, others: Sequence[sides.Side]) -> Iterator[Pictur
 
 
 def _tables(runs: pd.DataFrame) -> Iterator[Table]:
-    """Yield the paper's tables of comparable results."""
     for _, alike in runs.groupby(SETTINGS, dropna=False):
         for _, matrices, chosen in by_students(alike):
             both = pd.concat([pooled(chosen), pooled(chosen, by=["embodiment"])], ignore_index=True)

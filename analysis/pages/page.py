@@ -37,7 +37,6 @@ def page(template: str, **content: Any) -> str:
 
 @cache
 def _environment() -> Environment:
-    """Return the cached environment of templates."""
     environment = Environment(
         loader=PackageLoader("analysis.pages.page"),
         autoescape=True,

@@ -132,7 +132,6 @@ def _student_power(shift: float, freedom: float, significance: float) -> float:
 
 
 def _power(shift: float, first: Description, second: Description, significance: float) -> float:
-    """Return the power for a difference of `shift` true standard errors."""
     from scipy import special
 
     error, _ = standard_error_of_difference(first, second)

@@ -89,7 +89,6 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
 
 
 def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
-    """Tell the cost and run the looks."""
     from tma_ray.campaign import trials
     from tma_ray.campaign.costs import confirm
     from tma_ray.testing.conformance import check_quickly

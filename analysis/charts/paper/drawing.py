@@ -242,7 +242,6 @@ FLAT: dict[str, Any] = {"rotation": 0, "ha": "right", "va": "center", "labelpad"
 
 
 def _axis_title(panel: Panel, side: str) -> str:
-    """Return the title of an axis, with the unit of steps."""
     scale: Scale = getattr(panel, side)
     unit = _step_unit(panel)[1] if scale.kind is Kind.STEPS and scale.title else ""
     return f"{scale.title} ({unit})" if unit else scale.title
@@ -256,16 +255,12 @@ def _step_unit(panel: Panel) -> tuple[float, str]:
     return next(((size, name) for size, name in units if high >= 2 * size), (1.0, ""))
 
 
-def _in_unit(unit: float, step: float, _: int) -> str:
-    return f"{step / unit:g}"
-
-
 def finish(figure: Figure, drawn: Drawn, chart: Chart) -> None:
     """Add colour bars, legends, heading and note around the panels."""
     for panel, axes in drawn.items():
         if panel.x.kind is Kind.STEPS:
             unit, _ = _step_unit(panel)
-            axes.xaxis.set_major_formatter(FuncFormatter(functools.partial(_in_unit, unit)))
+            axes.xaxis.set_major_formatter(FuncFormatter(lambda step, _, unit=unit: f"{step / unit:g}"))
     _colour_bars(figure, drawn, chart)
     handles = _handles(chart)
     if chart.legend is Legend.CORNER:

@@ -283,7 +283,6 @@ def legend_height(handles: Sequence[Line2D], width: float, size: float = 7) -> f
 
 
 def _columns(handles: Sequence[Line2D], width: float, size: float) -> int:
-    """Return the largest number of columns that fits."""
     em = size / POINTS
     widths = [(len(str(handle.get_label())) * CHARACTER + 0.5) * em for handle in handles]
     gaps = (HANDLE + COLUMN_GAP) * em
