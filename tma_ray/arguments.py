@@ -93,17 +93,29 @@ def check_pair(name: str, value: object, expected: str) -> None:
 
 
 def check_at_least(record: object, least: float, *names: str) -> None:
-    """Raise ValueError, with name and value, if an attribute of `record` is under `least`."""
+    """Refuse attributes of `record` under `least`.
+
+    Raises:
+        ValueError: the message holds the attribute's name and its value.
+    """
     _check_attributes(record, names, lambda value: value >= least, f"at least {least}")
 
 
 def check_positive(record: object, *names: str) -> None:
-    """Raise ValueError, with name and value, if an attribute of `record` is not None and not over 0."""
+    """Refuse attributes of `record` that are not over 0; None is not checked.
+
+    Raises:
+        ValueError: the message holds the attribute's name and its value.
+    """
     _check_attributes(record, names, lambda value: value is None or value > 0, "more than 0")
 
 
 def check_shares(record: object, *names: str) -> None:
-    """Raise ValueError, with name and value, if an attribute of `record` is not in [0, 1]."""
+    """Refuse attributes of `record` that are not in [0, 1].
+
+    Raises:
+        ValueError: the message holds the attribute's name and its value.
+    """
     _check_attributes(record, names, lambda value: 0 <= value <= 1, "a share in [0, 1]")
 
 

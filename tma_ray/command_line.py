@@ -220,7 +220,11 @@ def run(
 
 
 def read(app: App, words: Sequence[str]) -> partial[int | None]:
-    """Return the call that a command line asks for, with its values read, or raise UsageError."""
+    """Return the call that a command line asks for, with its values read.
+
+    Raises:
+        UsageError: an unknown word or option, one that is missing, or a value that is refused.
+    """
     chain, apps, rest = app.parse_commands(words)
     program = " ".join((app.name[0], *(name for name in chain if not name.startswith("-"))))
     if not chain or not chain[-1].startswith("-"):

@@ -144,7 +144,11 @@ def plain(value: Any) -> Any:
 
 
 def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter") -> Any:
-    """Return `value` as its annotation has it; ValueError if its type is another or it is not finite."""
+    """Return `value` as its annotation has it.
+
+    Raises:
+        ValueError: a value of another type, or a number that is not finite.
+    """
     if get_origin(annotation) in (Union, types.UnionType):
         return _one_of(key, value, get_args(annotation), kind)
     if annotation in _ANYTHING:

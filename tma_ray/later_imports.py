@@ -9,9 +9,13 @@ from typing import Any
 
 
 def import_later(package: str, source: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return the functions `__getattr__` and `__dir__` of a package, by its ``__name__`` and ``__file__``.
+    """Return the functions `__getattr__` and `__dir__` of a package.
 
     They know what the package imports under ``if TYPE_CHECKING:``, objects or whole modules.
+
+    Args:
+        package: its ``__name__``.
+        source: its ``__file__``.
     """
     blocks = [node for node in ast.parse(Path(source).read_bytes()).body if isinstance(node, ast.If)]
     imports = [node for block in blocks for node in block.body if isinstance(node, ast.ImportFrom)]

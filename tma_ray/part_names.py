@@ -21,7 +21,10 @@ ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":
 
 
 def split_name(text: str) -> tuple[str, dict[str, str]]:
-    """Return the name of a part without its settings, and the settings as text, which are given once each.
+    """Return the name of a part without its settings, and the settings as text.
+
+    Raises:
+        ValueError: a setting is given twice.
 
     Examples:
         >>> split_name("stock:sac:learning_rate=3e-4")

@@ -56,7 +56,8 @@ class PluginSource:
     def of(cls, module: str, data_files: Iterable[str] = ()) -> "PluginSource":
         """Return the source of the module with a ``__name__``, and `data_files`: patterns in its folder.
 
-        A module without a file, or a pattern that matches none, is a ValueError.
+        Raises:
+            ValueError: the module has no file, or a pattern matches none.
         """
         name = importable_name(module)
         top = name.partition(".")[0]
@@ -76,7 +77,11 @@ class PluginSource:
 
 
 def importable_name(module: str) -> str:
-    """Return the name by which another process can import `module`; ValueError if it has none."""
+    """Return the name by which another process can import `module`.
+
+    Raises:
+        ValueError: it was typed into an interactive session, or its file's name cannot be a module's.
+    """
     if module != "__main__":
         return module
     main = sys.modules["__main__"]
@@ -105,7 +110,11 @@ class _Collector:
         self.files: dict[str, bytes] = {}
 
     def place(self, module: str) -> tuple[Path, Path]:
-        """Return the root of `module` and its file; FileNotFoundError if it is not followed, or none."""
+        """Return the root of `module` and its file.
+
+        Raises:
+            FileNotFoundError: it is not followed, or not a module.
+        """
         for root in self._roots_of(module.partition(".")[0]):
             path = root.joinpath(*module.split("."))
             for file in (path / "__init__.py", path.with_name(f"{path.name}.py")):

@@ -120,7 +120,11 @@ class Registry(Generic[T]):
         return self._load(self._target(name))
 
     def origin(self, name: str) -> str | None:
-        """Return the module whose import makes the known `name` known, None for what ships with tma_ray."""
+        """Return the module whose import makes `name` known, None for what ships with tma_ray.
+
+        Raises:
+            UnknownNameError: nothing answers to `name`.
+        """
         name = base_name(name)
         module = self._origins.get(name) or self._target(name).partition(":")[0]
         return None if module.partition(".")[0] == OURS else module
@@ -212,7 +216,9 @@ class Registry(Generic[T]):
     def _import(self, name: str, module: str) -> ModuleType:
         """Import the module of an implementation; the user's own may lie in the current folder.
 
-        Its errors are a PluginImportError; if it was not found, that is an UnknownNameError.
+        Raises:
+            UnknownNameError: no such module was found.
+            PluginImportError: the module raises an error.
         """
         sys.path.extend(folder for folder in _searched if folder not in sys.path)
         try:

@@ -128,10 +128,7 @@ def test_an_evaluation_is_one_episode_of_each_task(
     whole = new_run(spec, tmp_path / "root")
     playing, seeds = Trials(spec, np.random.SeedSequence(5)), np.random.default_rng(np.random.SeedSequence(5))
     for count in (2, 7, 1):
-        tasks, before = (
-            spec.task_space.sample(np.random.default_rng(count), count),
-            playing.rng.bit_generator.state,
-        )
+        tasks, before = spec.task_space.sample(np.random.default_rng(count), count), playing.state
         outcomes = playing.evaluate(whole.student, tasks, greedy=True, budget=100_000)
         assert outcomes is not None
         for index, seed in enumerate(seeds.integers(2**31, size=count)):
@@ -139,7 +136,7 @@ def test_an_evaluation_is_one_episode_of_each_task(
             assert played == (outcomes.lengths[index], pytest.approx(outcomes.episodic_returns[index]))
     steps = int(outcomes.lengths.sum())
     for budget, ended in ((1, True), (steps, True), (steps + 1, False)):
-        playing.rng.bit_generator.state = before
+        playing.state = before
         assert (playing.evaluate(whole.student, tasks, greedy=True, budget=budget) is None) == ended
     playing.close()
     whole.close()

@@ -124,7 +124,11 @@ def label_of(spec: RunSpec) -> str:
 def known_speeds(
     examples: Mapping[Kind, RunSpec], settings: Settings, at_once: int
 ) -> Mapping[Kind, Throughput]:
-    """Return the speeds of kinds of runs: those of the table, scaled to this machine, others measured."""
+    """Return the speeds of kinds of runs here: those of the table, scaled to this machine, others measured.
+
+    Raises:
+        ValueError: a kind of run fails.
+    """
     elsewhere = not settings.width and settings.device != "cpu" and is_available(settings.device)
     listed: dict[Kind, Throughput] = {}
     for kind, spec in examples.items():
@@ -151,7 +155,10 @@ def measured_speeds(
     """Return the speeds of kinds of runs, measured here one after the other; of cohorts see `LEARNERS`.
 
     Each takes some seconds, and half a minute where kernels are compiled first. The measurement has a process
-    of its own, which leaves nothing of torch or a GPU in this one. ValueError has the end of its error.
+    of its own, which leaves nothing of torch or a GPU in this one.
+
+    Raises:
+        ValueError: a kind of run fails; the message has the end of its error.
     """
     if not examples:
         return {}
@@ -495,7 +502,9 @@ def confirm(name: str, cost: Cost, *, yes: bool, address: str | None = None) -> 
     """Return if a campaign of such a cost is to be started: `yes`, or the user says so at the terminal.
 
     With the address of a cluster nobody is asked: ``ray submit --tmux`` gives a terminal that nobody watches.
-    Where it is not to be started, that is a ValueError.
+
+    Raises:
+        ValueError: it is not to be started, or nobody can be asked.
     """
     if yes:
         return

@@ -117,9 +117,12 @@ def execute_plan(
 
 
 def check_installation() -> None:
-    """Raise ConnectionError if a node of the cluster has another tma_ray, or none.
+    """Refuse a cluster some of whose nodes have another tma_ray, or none.
 
     Ray's processes run in the environment in which Ray was started there, also on the driver's own node.
+
+    Raises:
+        ConnectionError: a node has other versions; the message names it and them.
     """
 
     def installed() -> str:  # sent whole: one of this module could only be found where tma_ray is
@@ -156,7 +159,11 @@ def _cause(error: RayError) -> Exception:
 
 
 def check_feasible(resources: Resources) -> None:
-    """Raise ValueError if no node can hold a run: Ray would let it wait forever."""
+    """Refuse runs that no node can hold: Ray would let them wait forever.
+
+    Raises:
+        ValueError: a run needs more than any node has.
+    """
     nodes = living_nodes()
     if capacity(resources, nodes):
         return
@@ -169,7 +176,12 @@ def check_feasible(resources: Resources) -> None:
 
 
 def check_storage_access(store: Store) -> None:
-    """Refuse a root that some node cannot use: another machine's folder, a bucket without credentials."""
+    """Refuse a root that some node cannot use: another machine's folder, a bucket without credentials.
+
+    Raises:
+        ResultsRootError: a node does not see the folder.
+        ObjectStoreError: a node cannot use the bucket; each has credentials of its own.
+    """
     here = ray.get_runtime_context().get_node_id()
     if store.is_object_store:
         _ask_nodes(store, working_nodes(), None)
@@ -214,10 +226,12 @@ _tried: set[tuple[str, object]] = set()
 def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     """Make every environment of `specs` once on every node, and import every plug-in there.
 
-    What is compiled on the way stays in the nodes' caches, so that actors do not all compile at once. On its
-    own node the driver itself tries what needs no plug-in. Nodes that join later compile when they start
-    their first run. With `shipped` this connection to Ray brought the plug-ins to the workers. What does not
-    work on a node is a ValueError.
+    What is compiled on the way stays in the nodes' caches, so that actors do not all compile at once. On
+    its own node the driver itself tries what needs no plug-in. Nodes that join later compile when they
+    start their first run. With `shipped` this connection to Ray brought the plug-ins to the workers.
+
+    Raises:
+        ValueError: a node cannot import a plug-in, or has another version of it.
     """
     here = ray.get_runtime_context().get_node_id()
     recipes = {

@@ -23,10 +23,13 @@ def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> in
 
 
 def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
-    """Return the runs of the part of `experiment` that the options choose; ValueError if that is none.
+    """Return the runs of the part of `experiment` that the options choose.
 
     Stage, challenges, bodies and levels select; students take the place of the experiment's; teachers do
     where the experiment leaves them open. Seeds are places in the list of seeds that each matrix has.
+
+    Raises:
+        ValueError: a name that does not exist, or nothing left to run.
     """
     size = experiment.size_at(options.tier)
     matrices = chosen_matrices(experiment, size, options)
@@ -50,7 +53,11 @@ def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
 
 
 def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptions) -> tuple[Matrix, ...]:
-    """Return the experiment's matrices at a size, narrowed by the options to what some of them have."""
+    """Return the experiment's matrices at a size, narrowed by the options.
+
+    Raises:
+        ValueError: a stage, challenge, body, level or seed that none of them has.
+    """
     matrices = experiment.stage(options.stage)
     matrices = select(matrices, options.challenges) if options.challenges else matrices
     known = dict.fromkeys(body for matrix in matrices for body in matrix.embodiments)

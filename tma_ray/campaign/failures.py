@@ -50,7 +50,9 @@ class RetryingCommitter:
     ) -> Result:
         """Return the result of an operation of the committer, as in ``call(Committer.manifest, run_id)``.
 
-        OutageError says that the storage refused every attempt, RootInUseError that others hold the lease.
+        Raises:
+            RootInUseError: another campaign holds the lease on the root.
+            OutageError: the storage refused every attempt.
         """
 
         def attempt() -> Result:

@@ -93,7 +93,11 @@ class CampaignSpec:
             )
 
     def plan(self) -> Plan:
-        """Return the runs of all cells and seeds, each once; ValueError says why a cell cannot run."""
+        """Return the runs of all cells and seeds, each once.
+
+        Raises:
+            ValueError: a cell that cannot run; the message says why.
+        """
         runs: dict[str, RunSpec] = {}
         rows = []
         for cell in self.cells:
@@ -114,7 +118,11 @@ def cells_of(
     embodiments: Sequence[str] = ("classic_bipedal",),
     environment: str = "stump_tracks",
 ) -> tuple[Cell, ...]:
-    """Return the cells of a full matrix; TypeError is one name where several are expected."""
+    """Return the cells of a full matrix.
+
+    Raises:
+        TypeError: one name where several are expected.
+    """
     named = {"teachers": teachers, "students": students, "challenges": challenges}
     for name, values in {**named, "levels": levels, "embodiments": embodiments}.items():
         check_names(name, values)
@@ -149,6 +157,9 @@ def matrix_cells(
     `teachers` are those of a matrix that names none; else the selection of its own teachers, with the
     hyper-parameters given there, all by default. The others are values that differ from the defaults of each
     teacher and student.
+
+    Raises:
+        UnknownNameError: no such teacher.
     """
     kept: Sequence[str] = matrix.teachers or teachers
     if matrix.teachers and teachers:
@@ -176,6 +187,9 @@ def matrix_campaigns(
 
     See `matrix_cells` for `teachers`. A matrix with a budget has that instead of the schedule's, by default
     the paper's.
+
+    Raises:
+        UnknownNameError: no such teacher.
     """
     for teacher in teachers:
         TEACHERS.get(teacher)  # refuses an unknown one, also where nobody would miss it
@@ -191,9 +205,12 @@ def matrix_campaigns(
 
 
 def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
-    """Return one plan for all of `campaigns`, at least one, each an experiment of the campaign `name`.
+    """Return one plan for all of `campaigns`, each an experiment of the campaign `name`.
 
     Every cell's first seed comes before any cell's second, so that what is half done can be compared.
+
+    Raises:
+        ValueError: a cell that cannot run, or no campaign at all.
     """
     if not campaigns:
         raise ValueError(

@@ -240,7 +240,11 @@ class Observer:
         self._kept: dict[Table, tuple[object, list[dict[str, Any]]]] = {}
 
     def look(self, now: float) -> Overview:
-        """Return the state of the runs at `now`, s since 1970; errors are those of `check_root`."""
+        """Return the state of the runs at `now`, s since 1970.
+
+        Raises:
+            ResultsRootError: the root does not exist, or is one of another version.
+        """
         self._results = results = Results(self._store, self._results)
         heartbeat = Heartbeat.load(self._store)
         running = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else None
@@ -399,7 +403,11 @@ def _distinct(runs: Sequence[RunState] | Iterator[RunState]) -> list[RunState]:
 
 
 def show_history(run: str, root: str | Path, console: Console | None = None) -> None:
-    """Print the history of the one run whose id begins with the given one."""
+    """Print the history of a run, given by its id or the beginning of that of no other run.
+
+    Raises:
+        ValueError: no such run, or several.
+    """
     console, results = terminal(console), Results.open(root)
     manifest = results.find(run)
     run_id = manifest.run.run_id

@@ -79,8 +79,10 @@ def trial_plan(
 ) -> Plan:
     """Return the runs of `teacher` on cells of a release with other seeds, one cell after the other.
 
-    Places are environment, challenge, body, student and level of expert knowledge of each cell. ValueError is
-    a teacher that cannot run, or a release that this version cannot repeat.
+    Places are environment, challenge, body, student and level of expert knowledge of each cell.
+
+    Raises:
+        ValueError: a teacher that cannot run, or a release that this version cannot repeat.
     """
     known = {
         (spec.environment, spec.challenge, spec.embodiment, spec.student, setting.level.value): setting
@@ -133,7 +135,8 @@ def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
 def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[RunSpec, dict[str, Any]]]:
     """Yield the spec of each seed of a cell, and its row in the table of cells.
 
-    Specs that differ from those of the release in more than the teacher are a ValueError, which says how.
+    Raises:
+        ValueError: they differ from the runs of the release in more than the teacher; the message says how.
     """
     there = setting.template
     cell = Cell(

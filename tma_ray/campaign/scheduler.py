@@ -59,8 +59,10 @@ class Scheduler:
     def execute(self, specs: Sequence[RunSpec], stop_requested: Callable[[], bool]) -> Snapshot:
         """Execute all of `specs` whose results the root lacks, in this order; return the counts of outcomes.
 
-        Once `stop_requested` returns True, runs leave with a checkpoint and nothing new starts. HeadLostError
-        says that Ray is gone; its runs are recorded as lost.
+        Once `stop_requested` returns True, runs leave with a checkpoint and nothing new starts.
+
+        Raises:
+            HeadLostError: Ray is gone; its runs are recorded as lost.
         """
         done = self._committer.call(Committer.done, [spec.run_id for spec in specs])
         self._done = len(done)

@@ -133,7 +133,11 @@ SINGLE_RUNS = "single_runs"
 
 
 def run_single(options: RunOptions) -> int:
-    """Execute the run of ``tma-ray run``, confirmed where that takes long; return the exit code."""
+    """Execute the run of ``tma-ray run``; return the exit code.
+
+    Raises:
+        ValueError: the run is impossible, or takes over an hour and was not confirmed.
+    """
     (level,) = parse_levels([options.expert_knowledge])
     cell = Cell(
         environment=options.environment_name(options.environment),

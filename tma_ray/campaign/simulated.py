@@ -38,6 +38,9 @@ class SimulatedRoot:
     """Results root of simulated runs, written one after the other.
 
     Returns on test tasks are expected ones. Steps are those of episodes of average length.
+
+    Raises:
+        ResultsRootError: something else lies there.
     """
 
     def __init__(

@@ -23,6 +23,9 @@ def trial_cost(plans: Sequence[Plan], options: TrialOptions) -> Cost | None:
     """Return the cost of all looks but for what is done; None if nothing is left.
 
     Each of `plans` has the runs until a look, those of the looks before included.
+
+    Raises:
+        ResultsRootError: the results root belongs to something else.
     """
     left = unfinished(plans[-1], str(options.results))
     return estimate(left, options.settings(), nodes=options.nodes()) if left.runs else None
@@ -90,7 +93,11 @@ def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
 
 
 def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[matrix.SimulatedCell]:
-    """Return the cells of a trial on simulated students, within the teacher's limits: those of its design."""
+    """Return the cells of a trial on simulated students, which are the `places` of its design.
+
+    Raises:
+        ValueError: a challenge beyond the limits that the teacher declares.
+    """
     return [
         cell
         for _, challenge, _, _, level in places
@@ -101,7 +108,11 @@ def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[mat
 def simulate_looks(
     cells: Sequence[matrix.SimulatedCell], looks: Sequence[Sequence[int]], options: TrialOptions, judge: Judge
 ) -> int:
-    """Run a trial on simulated students, as `run_looks`: `looks` are the seeds of every cell until each."""
+    """Run a trial on simulated students, as `run_looks`: `looks` are the seeds of every cell until each.
+
+    Raises:
+        ProcessLostError: a process was killed; the same call continues.
+    """
     for seeds in looks:
         root = SimulatedRoot(options.results, cells, seeds, EPISODES)
         runs = matrix.run_cells(cells, seeds, EPISODES, options.jobs, tuple(root.kept()))

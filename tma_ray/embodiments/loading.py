@@ -29,10 +29,17 @@ NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")
 
 @dataclass(frozen=True)
 class Repeat:
-    """A section whose entries are written out once per copy: `count` times unless its parameter is given.
+    """A section whose entries are written out once per copy.
 
-    Texts of parts, joints and grip sensors may hold the copy's number; `links` are joints between copies k
-    and k + 1. The copies are centred on the place written down, a `step` in m apart.
+    Attributes:
+        parameter: name of the number of copies.
+        count: that number, unless another is asked for.
+        at_most: largest number.
+        parts: entries of parts, whose texts may hold the copy's number.
+        joints: entries of joints, whose texts may hold it too.
+        links: entries of joints between copies k and k + 1.
+        grip_sensors: entries of grip sensors, whose texts may hold it too.
+        step: distance between the copies, in m; they are centred on the place written down.
     """
 
     parameter: str
@@ -45,14 +52,22 @@ class Repeat:
     step: tuple[float, float] = (0.0, 0.0)
 
     def check(self, count: object) -> None:
-        """Raise ValueError if a number of copies is not whole, as 3.0 is, or not from 1 to `at_most`."""
+        """Check a number of copies; 3.0 is as whole as 3.
+
+        Raises:
+            ValueError: it is not a whole number from 1 to `at_most`.
+        """
         is_number = isinstance(count, int | float) and not isinstance(count, bool)
         if not is_number or count not in range(1, self.at_most + 1):
             raise ValueError(f"{self.parameter} {count!r} must be a whole number from 1 to {self.at_most}")
 
 
 def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
-    """Return the sections of a body's file by parameter; ValueError if one makes no sense."""
+    """Return the sections of a body's file, by parameter.
+
+    Raises:
+        ValueError: a section without a parameter, or with one that makes no sense.
+    """
     sections: dict[str, Repeat] = {}
     for entry in data.get("repeat", []):
         values = {"parts": [], "joints": [], "links": [], "grip_sensors": []} | entry
@@ -104,7 +119,10 @@ def _copied(entry: Entry, section: Repeat, number: int, count: int) -> Entry:
 
 
 def body_parameters(text: str) -> tuple[str, dict[str, float]]:
-    """Return a body's name or path without its parameters, and the parameters, which are numbers given once.
+    """Return a body's name or path without its parameters, and the parameters.
+
+    Raises:
+        ValueError: a parameter that is not a number, or is given twice.
 
     Examples:
         >>> body_parameters("spider:pairs_of_legs=3:size=1.2")
@@ -121,7 +139,11 @@ def body_parameters(text: str) -> tuple[str, dict[str, float]]:
 
 
 def resized(body: Embodiment, size: float) -> Embodiment:
-    """Return `body` with all lengths multiplied by a sensible `size`; densities and torques stay."""
+    """Return `body` with all lengths multiplied by `size`; densities and torques stay.
+
+    Raises:
+        ValueError: a size that is not over 0, or absurd.
+    """
     BODY_SIZE.check("size", size)
 
     def times(point: Point) -> Point:
@@ -153,7 +175,11 @@ def resized(body: Embodiment, size: float) -> Embodiment:
 
 
 def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
-    """Return `body` with the largest torque of every motor set to a sensible `torque`, N m."""
+    """Return `body` with the largest torque of every motor set to `torque` N m.
+
+    Raises:
+        ValueError: a torque that is not over 0, or absurd.
+    """
     TORQUE.check("motor_torque", torque)
     joints = [joint if joint.passive else replace(joint, motor_torque=float(torque)) for joint in body.joints]
     return replace(body, joints=tuple(joints))

@@ -106,8 +106,9 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Build the world of a task and return its first observation.
 
-        The `seed` makes this episode, and those after it, repeatable; the only option is "task", one value
-        per dimension of `valid_domain`.
+        Args:
+            seed: number that makes this episode, and those after it, repeatable.
+            options: {"task": one value per dimension of `valid_domain`}.
 
         Raises:
             ValueError: a task outside `valid_domain`, or an unknown option.

@@ -47,6 +47,7 @@ class EngineEnvironment(Protocol):
 
     def release_engine(self) -> Engine:
         """Return the engine, for an episode that has begun and is played without the environment."""
+        ...
 
 
 def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> "LockStep":
@@ -78,9 +79,12 @@ class LockStep:
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
-        """Begin an episode in those at `rows` (k,), of which the first call names all.
+        """Begin an episode in those at `rows` (k,); the first call names all.
 
-        A seed of None goes on with an environment's own stream, and a task (d,) of None draws one.
+        Args:
+            rows: indices of the environments (k,).
+            seeds: seeds of their episodes (k,); None goes on with an environment's own stream.
+            tasks: tasks of the episodes, each (d,); None draws one.
 
         Returns:
             Observations (k, o) and tasks (k, d).
@@ -128,21 +132,21 @@ class EngineLockStep(LockStep):
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
         """Begin an episode in some; see `LockStep`."""
-        begun = super().reset(rows, seeds, tasks)
+        observations, played = super().reset(rows, seeds, tasks)
         choice = engine_in_use()
         if choice.name != "compiled":  # each environment steps its own
             if self._threads > 1:
                 raise ValueError(
                     f"threads = {self._threads}: expected 1 with the {choice.name} engine ({choice.reason})"
                 )
-            return begun
+            return observations, played
         from tma_ray.physics.compiled.engine import EngineBatch  # here, since it loads numba
 
         engines = [self._environments[row].release_engine() for row in rows]
         if self._batch is None:
             self._batch = EngineBatch(engines, self._threads)
         self._steps[rows] = 0
-        return begun
+        return observations, played
 
     def _step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
         if self._batch is None:
@@ -244,7 +248,10 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observations, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Advance every world by one step, with actions (n, a); see `LockStep.step`.
+        """Advance every world by one step; see `LockStep.step`.
+
+        Args:
+            actions: values (n, a).
 
         Raises:
             ValueError: actions of another shape, or not finite; no world has moved.

@@ -80,19 +80,30 @@ class Engine(Protocol):
     @property
     def creeper_poses(self) -> NDArray[np.float64]:
         """Each creeper's centre in m, cosine and sine of its angle (c, 4), rewritten by every step."""
+        ...
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Build a new world, let a step without torque pass, and return the observation (o,).
+        """Build a new world and let a step without torque pass, as the original release does.
 
-        The original release does so, too. A body with grip sensors starts hanging where there is a ceiling,
-        and has HANGING_STEPS. During those steps the `push` is a horizontal force on the head, in N.
+        A body with grip sensors starts hanging where there is a ceiling, and has HANGING_STEPS.
+
+        Args:
+            terrain: the world.
+            push: horizontal force on the head during that step, in N.
+
+        Returns:
+            The observation (o,).
         """
         ...
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
-        """Advance the world by TIME_STEP; return observation (o,), reward, and whether the episode has ended.
+        """Advance the world by TIME_STEP.
 
-        An action is one value in [-1, 1] per motor, then one per grip sensor (j + g,).
+        Args:
+            action: one value in [-1, 1] per motor, then one per grip sensor (j + g,).
+
+        Returns:
+            Observation (o,), reward, and whether the episode has ended.
 
         Raises:
             ValueError: an action of another shape, or not finite.

@@ -42,7 +42,13 @@ STATE_FIELDS = (
 
 
 class PymunkEngine:
-    """Engine that runs a body on Chipmunk, with the settings of `make_engine`; see `Engine`."""
+    """Engine that runs a body on Chipmunk; see `Engine`.
+
+    Args:
+        body: the body.
+        rules: the environment's rules for the body.
+        settings: settings of Chipmunk's solver; None for the usual ones with the body's substeps.
+    """
 
     def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
         self.settings = settings or settings_for(body)

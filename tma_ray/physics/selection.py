@@ -41,9 +41,16 @@ class EngineChoice:
 
 
 def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> Engine:
-    """Return a new engine of the kind that `engine_in_use` names, or raise as that.
+    """Return a new engine of the kind that `engine_in_use` names.
 
-    Chipmunk's solver has the usual `settings`, with the body's substeps, unless others are given.
+    Args:
+        body: the body.
+        rules: the environment's rules for the body.
+        settings: settings of Chipmunk's solver; None for the usual ones with the body's substeps.
+
+    Raises:
+        ValueError: TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
+        RuntimeError: TMA_RAY_ENGINE demands the compiled engine, which does not work here.
     """
     return _engine_class(engine_in_use().name)(body, rules, settings)
 
@@ -82,7 +89,11 @@ def _engine_class(name: str) -> type[CompiledEngine | PymunkEngine]:
 
 
 def _try_compiled() -> None:
-    """Play with both engines; RuntimeError if they differ, or Chipmunk cannot be called on this machine."""
+    """Play with both engines.
+
+    Raises:
+        RuntimeError: they differ, or this machine has no known way to call Chipmunk.
+    """
     from tma_ray.terrain.stump_tracks import stump_tracks  # here, since it loads numba
 
     body = load_embodiment("classic_bipedal")

@@ -48,8 +48,9 @@ class CompilerMissingError(RuntimeError):
 def build(folder: Path | None = None) -> bytes:
     """Return the engine as WebAssembly; the same sources give the same bytes.
 
-    Chipmunk's sources are in `folder`, ``Munk2D`` of pymunk's source distribution; without one, those of the
-    installed version are downloaded with pip.
+    Args:
+        folder: folder of Chipmunk's sources, ``Munk2D`` of pymunk's source distribution; None for downloading
+            that of the installed version with pip.
 
     Raises:
         CompilerMissingError: the pinned compiler is not installed.

@@ -53,10 +53,12 @@ class Start:
 
 
 def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[str] | None = None) -> str:
-    """Return the page as HTML, which needs no other file and no network; it plays `start` first.
+    """Return the page as HTML, which needs no other file and no network.
 
-    It has policies by the records of `policy_record`, and bodies by `names`, with parameters; without these
-    it has every body in its own size, and the first one in all sizes.
+    Args:
+        policies: records of policies, as `policy_record` makes them.
+        start: world that is played first.
+        names: bodies, with parameters; None for every body in its own size and the first one in all sizes.
     """
     own = [*embodiment_names(), start.embodiment, *(policy["embodiment"] for policy in policies)]
     shown = dict.fromkeys([*own, *variants(start.embodiment.partition(":")[0])] if names is None else names)
@@ -92,7 +94,11 @@ def _packed(data: dict[str, Any]) -> bytes:
 
 
 def policy_page(saved: SavedPolicy, results: str | Path) -> str:
-    """Return the page with one policy, in its environment and body; see `policy_record` for errors."""
+    """Return the page with one policy, in its environment and body.
+
+    Raises:
+        ValueError: the page cannot show the policy; see `policy_record`.
+    """
     record = policy_record(saved, results)
     return page_html([record], Start(record["environment"], record["embodiment"], (0,)))
 
@@ -101,7 +107,11 @@ ACTIVATIONS: dict[type[nn.Module], Activation] = {nn.ReLU: Activation.RELU, nn.T
 
 
 def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
-    """Return everything that the page shows of a policy; `results` may have its run if it lies in no root.
+    """Return everything that the page shows of a policy.
+
+    Args:
+        saved: the policy.
+        results: folder or URI of a results root, which is asked for its run if it lies in none.
 
     Raises:
         ValueError: the page has no such environment or network; the message says which.
@@ -139,7 +149,8 @@ def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
 def network_record(layers: nn.Sequential) -> dict[str, Any]:
     """Return `layers` as a record: a normaliser, linear layers with one activation, bounds of actions.
 
-    Layers that compute something else are a ValueError.
+    Raises:
+        ValueError: they compute something else.
     """
     rest: list[Any] = [layer for layer in layers if not isinstance(layer, nn.Identity | nn.Dropout)]
     normaliser = rest.pop(0) if isinstance(rest[0], Standardise) else None

@@ -104,7 +104,11 @@ class Committer:
         return cls(Store.open(uri))
 
     def manifest(self, run_id: str) -> Manifest | None:
-        """Return the readable manifest of a run, None if it has published nothing."""
+        """Return the manifest of a run, None if it has published nothing.
+
+        Raises:
+            DamagedFileError: the manifest cannot be read.
+        """
         try:
             return Manifest.load(self.store, run_id)
         except FileNotFoundError:
@@ -113,8 +117,11 @@ class Committer:
     def start(self, run: RunRecord) -> int:
         """Return the number of a new attempt at a run; from here on older ones publish nothing.
 
-        What the run has published stays visible until the attempt publishes. One before it without a row gets
-        one: its driver died. A run that is done is a StaleAttemptError.
+        What the run has published stays visible until the attempt publishes. One before it without a row
+        gets one: its driver died.
+
+        Raises:
+            StaleAttemptError: the run is done.
         """
         published = _readable(self.store, run.run_id)
         if published is not None:
@@ -139,6 +146,9 @@ class Committer:
 
         All their files are read and compared with their checksums. A run that is damaged is taken back, which
         is logged, and may be started again.
+
+        Raises:
+            StorageError: the storage refuses to read.
         """
         readable = (_readable(self.store, run_id) for run_id in run_ids)
         published = [manifest for manifest in readable if manifest and manifest.status is RunStatus.DONE]
@@ -196,7 +206,8 @@ class Committer:
     def fail(self, run: RunRecord, attempt: int, error: str) -> None:
         """Mark a run as failed; what it has published stays, and a later attempt may continue it.
 
-        StaleAttemptError says that a later attempt is accepted, or the run done.
+        Raises:
+            StaleAttemptError: a later attempt is accepted, or the run is done.
         """
         published = accepted_manifest(self.store, run.run_id, attempt)
         files = published.files if published else ()

@@ -66,7 +66,12 @@ def keep_input(store: Store, data: bytes) -> None:
 
 
 def read_input(store: Store, sha256: str) -> bytes:
-    """Return the content of a kept file; FileNotFoundError if it was not, DamagedFileError if it changed."""
+    """Return the content of a file that was kept.
+
+    Raises:
+        FileNotFoundError: it was not.
+        DamagedFileError: it is not what was written.
+    """
     data = store.read_bytes(input_path(sha256))
     if hashlib.sha256(data).hexdigest() != sha256:
         raise DamagedFileError(f"{store.where(input_path(sha256))} is damaged: its sha256 is not its name")
@@ -84,7 +89,12 @@ def keep_plugin(store: Store, source: PluginSource) -> None:
 
 
 def read_plugin(store: Store, digest: str) -> PluginSource:
-    """Return the source of a kept plug-in; errors are those of `read_input`."""
+    """Return the source of a plug-in that was kept.
+
+    Raises:
+        FileNotFoundError: it was not.
+        DamagedFileError: it is not what was written.
+    """
     where = store.where(plugin_path(digest))
     content = decode_json(store.read_bytes(plugin_path(digest), MOST_BYTES), _Source, where)
     try:

@@ -74,7 +74,9 @@ def _check_content(store: Store) -> None:
 def create_root(store: Store) -> None:
     """Make an empty place a results root; leave one of this version unchanged but for a missing `ROOT_FILE`.
 
-    Anything else is a ResultsRootError, a link that leads out of a root a DamagedFileError.
+    Raises:
+        ResultsRootError: something else is there, or a root of another version.
+        DamagedFileError: a link in a root leads out of it.
     """
     _check_content(store)
     content = RootFile(FORMAT, SCHEMA_VERSION)
@@ -83,9 +85,13 @@ def create_root(store: Store) -> None:
 
 
 def check_root(store: Store) -> None:
-    """Refuse what is not a results root of this version: ResultsRootError, or TypeError if it is not a store.
+    """Refuse what is not a results root of this version.
 
     Where `ROOT_FILE` is missing or damaged, the version is that which the tables name.
+
+    Raises:
+        ResultsRootError: no results root, or one written by another version.
+        TypeError: `store` is none.
     """
     check_kind("store", store, Store, "a Store, as Store.open('results')")
     content = _root_file(store)
@@ -136,7 +142,11 @@ def is_id(name: str) -> bool:
 
 
 def check_id(name: str) -> str:
-    """Return `name` if it can be part of a path: some letters, digits, "_" and "-"; else ValueError."""
+    """Return `name` if it can be part of a path.
+
+    Raises:
+        ValueError: anything but letters, digits, "_" and "-", or too many of them.
+    """
     if not is_id(name):
         raise ValueError(
             f"id {name!r:.60} is part of file names: use up to {LONGEST_ID} letters, digits, '_' and '-'"
@@ -145,7 +155,11 @@ def check_id(name: str) -> str:
 
 
 def check_path(path: str) -> str:
-    """Return `path` if it stays below its base folder, as paths named in files must; else ValueError."""
+    """Return `path` if it stays below its base folder, as paths named in files must.
+
+    Raises:
+        ValueError: an absolute path, or one with "..", a backslash or an empty part.
+    """
     if any(part in ("", ".", "..") or "\\" in part for part in path.split("/")):
         raise ValueError(f"path {path!r} may lead out of its folder: expected names, separated by '/'")
     return path

@@ -264,7 +264,9 @@ class Lease:
     def acquire(self) -> None:
         """Acquire the lease if it is free, released, damaged, or no longer renewed.
 
-        RootInUseError says that another campaign renewed it less than `seconds` ago, or while it was watched.
+        Raises:
+            RootInUseError: another campaign renewed it less than `seconds` ago, or while it was watched.
+            ResultsRootError: the place cannot be a results root.
         """
         self.store.check_place()
         silent = _readable(self.store)
@@ -298,7 +300,8 @@ class Lease:
     def renew(self) -> None:
         """Renew the lease; to be called before anything is published after a pause.
 
-        After a RootInUseError publish nothing more: another campaign has taken the lease over.
+        Raises:
+            RootInUseError: another campaign has taken the lease over; publish nothing more.
         """
         found, version = _look(self.store)
         if isinstance(found, DamagedFileError):
@@ -371,8 +374,11 @@ class Lease:
 def ask_to_stop(store: Store) -> str:
     """Ask the campaign that holds a results root to stop with checkpoints; return its name.
 
-    From any machine that sees the root. The campaign looks every few seconds. NotRunningError says that
-    nobody holds the root.
+    From any machine that sees the root. The campaign looks every few seconds.
+
+    Raises:
+        NotRunningError: nobody holds the root.
+        TypeError: `store` is none.
     """
     check_kind("store", store, Store, "a Store, as Store.open('results')")
     now, current = time.time(), _look(store)[0]

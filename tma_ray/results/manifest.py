@@ -33,7 +33,12 @@ MOST_RUN_ROWS: Final = 50_000_000  # rows of one run in a table beyond which its
 
 
 def read_checked(store: Store, path: str, sha256: str) -> bytes:
-    """Return the content of a file; FileNotFoundError, or DamagedFileError if its checksum is another."""
+    """Return the content of a file with this checksum.
+
+    Raises:
+        FileNotFoundError: the file is not there.
+        DamagedFileError: its content is not what was written.
+    """
     data = store.read_bytes(path)
     if hashlib.sha256(data).hexdigest() != sha256:
         raise DamagedFileError(f"{store.where(path)} is damaged: its sha256 is not the recorded one")
@@ -117,7 +122,11 @@ class Manifest:
             raise
 
     def check(self, run_id: str) -> None:
-        """Raise ValueError if this cannot be the manifest of `run_id`: its spec or files are another's."""
+        """Refuse a manifest that cannot be that of `run_id`.
+
+        Raises:
+            ValueError: that of another run, one whose spec is not its own, or one that lists files of others.
+        """
         if self.run.run_id != run_id:
             raise ValueError(f"it is about another run, {self.run.run_id!r}")
         check_spec(self.run)

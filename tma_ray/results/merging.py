@@ -300,7 +300,8 @@ def _halved(data: bytes) -> bytes:
 def sound_runs(results: Results, contents: Contents) -> tuple[list[Manifest], list[str]]:
     """Return the runs of a root that are to be copied and whose files are whole, and the damage of others.
 
-    A file of a newer version, with columns that would be lost, is a DamagedFileError.
+    Raises:
+        DamagedFileError: a file was written by a newer version, with columns that would be lost.
     """
     sound: list[Manifest] = []
     damaged: list[str] = []

@@ -32,7 +32,10 @@ def unpacked_sizes(
     """Yield bounds of the bytes that pages of `columns` take in memory, one by one.
 
     `source` is the opened file with `read_at`. Texts of `kept` columns are read as dictionaries, in which
-    every text stays one. Anything but a page is a DamagedFileError.
+    every text stays one.
+
+    Raises:
+        DamagedFileError: something else lies where a page should be.
     """
     for group in map(file.metadata.row_group, groups):
         for chunk in map(group.column, range(group.num_columns)):
@@ -394,7 +397,11 @@ PUBLISHED_SCHEMA: Final = pa.schema(
 
 
 def write_published(store: Store, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write published results, rows with the columns of `PUBLISHED_SCHEMA`, as `PUBLISHED_FILE`."""
+    """Write published results as `PUBLISHED_FILE`.
+
+    Raises:
+        ValueError: a row without exactly the columns of `PUBLISHED_SCHEMA`.
+    """
     names = set(PUBLISHED_SCHEMA.names)
     for row in rows:
         if set(row) != names:

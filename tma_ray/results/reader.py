@@ -111,7 +111,11 @@ class Results:
         return self._manifests
 
     def find(self, name: str) -> Manifest:
-        """Return the manifest of the one run whose id is, or alone begins with, `name`; else ValueError."""
+        """Return the manifest of the run whose id is, or alone begins with, `name`.
+
+        Raises:
+            ValueError: no such run, or several.
+        """
         runs = {manifest.run.run_id: manifest for manifest in self.runs()}
         meant = [name] if name in runs else [run for run in runs if run.startswith(name)]
         if len(meant) == 1:

@@ -151,9 +151,12 @@ def spec_digest(spec: str) -> str:
 
 
 def check_spec(run: RunRecord) -> None:
-    """Raise ValueError if a record's spec is not that of its id, or says something else than its columns.
+    """Refuse a record whose spec is not that of its id, or says something else than its columns.
 
     Ids of imported runs are hashes of their source files instead, and are not compared.
+
+    Raises:
+        ValueError: the message names the field.
     """
     facts = decode_json(run.spec, SpecFacts, f"the spec of run {run.run_id}")
     hashed = HASHED_ID.fullmatch(run.run_id)
@@ -216,7 +219,11 @@ class TrialFile:
 
     @classmethod
     def load(cls, store: Store) -> "TrialFile | None":
-        """Return the trial of a root, None if it has none; DamagedFileError if it is not what was written."""
+        """Return the trial of a root, None if it has none.
+
+        Raises:
+            DamagedFileError: it is not what was written.
+        """
         if not store.holds(TRIAL_FILE):
             return None
         return store.read_json(TRIAL_FILE, cls)

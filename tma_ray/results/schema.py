@@ -172,7 +172,8 @@ def schema_version(file: Any) -> int:
 def to_arrow(table: Table, schema: pa.Schema, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     """Return `rows` with the columns of `schema`; one that is nullable or has a default may be left out.
 
-    A ValueError names table and column.
+    Raises:
+        ValueError: a column missing, unknown, or of a wrong type; the message names table and column.
     """
     defaults = {f.name: default_of(f) for f in schema if f.nullable or DEFAULT in (f.metadata or {})}
     known, needed = set(schema.names), [f.name for f in schema if not f.nullable and f.name not in defaults]

@@ -81,7 +81,11 @@ class Inspector:
         self._lock = threading.Lock()
 
     def inspect_all(self, manifests: Sequence[Manifest]) -> Iterator[tuple[Manifest, Inspection]]:
-        """Yield each manifest with what is wrong with its files."""
+        """Yield each manifest with what is wrong with its files.
+
+        Raises:
+            StorageError: the storage refuses to read.
+        """
         # Small files of a disk are read faster by one thread.
         with ThreadPoolExecutor(_THREADS if self._store.is_object_store else 1) as executor:
             yield from zip(manifests, executor.map(self._inspect, manifests), strict=True)
@@ -199,7 +203,11 @@ class RootVerification:
 
 
 def verify_root(store: Store) -> RootVerification:
-    """Compare all that a results root holds with its manifests; see `check_root` for errors."""
+    """Compare all that a results root holds with its manifests.
+
+    Raises:
+        ResultsRootError: the root does not exist, or is one of another version.
+    """
     at.check_root(store)
     damage: list[Damage] = []
 

@@ -39,7 +39,10 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
     """Return the canonical name of an environment, and the options that differ from its defaults.
 
     They may follow the name (``parkour:swinging_creepers=true``); further `options` are of its constructor.
-    Options that it does not have or that are chosen elsewhere are refused, as are values of another type.
+
+    Raises:
+        UnknownNameError: no such environment.
+        ValueError: an option that it does not have or that is chosen elsewhere, or a value of another type.
     """
     base, text = split_name(name)
     environment = ENVIRONMENTS.get(base)
@@ -54,7 +57,12 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
 
 
 def check_body(environment: str, embodiment: str) -> None:
-    """Refuse an environment with bodies that is given none: its results would not show its own choice."""
+    """Check that an environment with bodies is given one: its results would not show its own choice.
+
+    Raises:
+        UnknownNameError: no such environment.
+        ValueError: none is given.
+    """
     base = base_name(environment)
     if not embodiment and "embodiment" in parameters_of(ENVIRONMENTS.get(base)):
         raise ValueError(
@@ -65,8 +73,10 @@ def check_body(environment: str, embodiment: str) -> None:
 def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[float, float]]]:
     """Return the name of a challenge without bounds, and the bounds that it is given, in `space` too.
 
-    They may follow the name (``original:stump_height=0..0.3``). Others than two numbers, given once, are
-    refused.
+    They may follow the name (``original:stump_height=0..0.3``).
+
+    Raises:
+        ValueError: bounds that are not two numbers, or given twice.
     """
     base, text = split_name(name)
     twice = sorted(set(text) & set(space))
@@ -86,7 +96,11 @@ def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[flo
 
 
 def bounded(space: TaskSpace, bounds: Bounds) -> TaskSpace:
-    """Return `space` with other bounds for some of its dimensions; ValueError if they are none."""
+    """Return `space` with other bounds for some of its dimensions.
+
+    Raises:
+        ValueError: a dimension that the space does not have, or a low bound over the high one.
+    """
     for dimension, (low, high) in bounds.items():
         if dimension not in space.names:
             hint = nearest(dimension, space.names)

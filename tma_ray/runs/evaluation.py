@@ -88,20 +88,26 @@ class Trials:
 
     An evaluation's worlds and the noise of its actions are new each time. What it gives depends on the state
     of the student and on what was drawn before; nothing else is kept between two evaluations.
-
-    Attributes:
-        rng: generator, whose state is all that there is between two episodes.
     """
 
     def __init__(self, spec: RunSpec, seed: np.random.SeedSequence) -> None:
         self._spec = spec
-        self.rng = np.random.default_rng(seed)
+        self._rng = np.random.default_rng(seed)
         self._environments: list[Environment] = []
         self._worlds: LockStep | None = None
 
+    @property
+    def state(self) -> dict[str, Any]:
+        """State of the generator; between two episodes it is all that there is."""
+        return dict(self._rng.bit_generator.state)
+
+    @state.setter
+    def state(self, state: dict[str, Any]) -> None:
+        self._rng.bit_generator.state = state
+
     def act(self, student: Student, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return an action (a,) of the exploring policy for `observation` (o,)."""
-        action: NDArray[np.float32] = student.sample_actions(observation[None], self.rng)[0]
+        action: NDArray[np.float32] = student.sample_actions(observation[None], self._rng)[0]
         return action
 
     def evaluate(self, student: Student, tasks: Task, greedy: bool, budget: int) -> Outcomes | None:
@@ -110,8 +116,8 @@ class Trials:
         Returns:
             The outcomes; None if the `budget` of steps left ends before, or with, the last step.
         """
-        act = student.act_greedily if greedy else partial(student.sample_actions, rng=self.rng)
-        seeds = self.rng.integers(2**31, size=len(tasks)).tolist()
+        act = student.act_greedily if greedy else partial(student.sample_actions, rng=self._rng)
+        seeds = self._rng.integers(2**31, size=len(tasks)).tolist()
         parts = []
         for first in range(0, len(tasks), WORLDS):
             rows = slice(first, first + WORLDS)

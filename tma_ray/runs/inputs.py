@@ -35,13 +35,23 @@ _importing = ContextVar("importing plug-ins", default=False)
 
 
 def plugins_of(names: Mapping[str, str]) -> dict[str, Plugin]:
-    """Return the plug-ins among the `names` of a run's parts; see `Registry.plugin`."""
+    """Return the plug-ins among the `names` of a run's parts.
+
+    Raises:
+        UnknownNameError: nothing answers to a name.
+        ValueError: a plug-in that no other process could import.
+    """
     sources = {part: registry.plugin(names[part]) for part, registry in REGISTRIES.items()}
     return {part: Plugin(source.module, source.digest) for part, source in sources.items() if source}
 
 
 def algorithm_versions_of(names: Mapping[str, str]) -> dict[str, int]:
-    """Return the algorithm versions that a run's parts, by their `names`, declare; see `Registry`."""
+    """Return the algorithm versions that a run's parts, by their `names`, declare.
+
+    Raises:
+        UnknownNameError: nothing answers to a name.
+        ValueError: a part that declares something else than a whole number.
+    """
     versions = {part: registry.algorithm_version(names[part]) for part, registry in REGISTRIES.items()}
     return {part: version for part, version in versions.items() if version is not None}
 
@@ -54,7 +64,11 @@ def plugin_sources(specs: Iterable[RunSpec]) -> list[PluginSource]:
 
 
 def import_plugins(spec: RunSpec, *parts: str) -> None:
-    """Make the plug-ins among `parts` of a run known here; ValueError if one is not that of the plan."""
+    """Make the plug-ins among `parts` of a run known in this process.
+
+    Raises:
+        ValueError: an input of that name differs here from that of the plan.
+    """
     for part in parts:
         if part in spec.plugins:
             name, plugin = getattr(spec, part), spec.plugins[part]
@@ -95,10 +109,13 @@ def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dic
     """Read the files that `options` of "environment", "student" or "teacher" name.
 
     A text that is the path of a file, with parameters of a body after it if wanted, names that file if it has
-    a suffix or a folder: names of what ships have neither. Files that are too large are refused.
+    a suffix or a folder: names of what ships have neither.
 
     Returns:
         The options with the file's name in place of its path, and the files by part and option.
+
+    Raises:
+        ValueError: a file that is too large.
     """
     shown, files = dict(options), {}
     for option, value in options.items():
@@ -129,7 +146,11 @@ def named(part: str, name: str) -> str:
 
 
 def arguments(spec: RunSpec, part: str) -> dict[str, Any]:
-    """Return the options of a part of a run, with paths of its files here; ValueError if one is not known."""
+    """Return the options of a part of a run, with paths of its files in this process.
+
+    Raises:
+        ValueError: the content of a file is not known here.
+    """
     values = dict(getattr(spec, VALUES[part]))
     for option, value in values.items():
         file = spec.inputs.get(f"{part}.{option}")
@@ -159,7 +180,11 @@ def keep(store: Store, specs: Iterable[RunSpec]) -> None:
 
 
 def fetch(store: Store, spec: RunSpec) -> None:
-    """Make the inputs of a run known here, as far as the root keeps them; DamagedFileError if one differs."""
+    """Make the inputs of a run known in this process, as far as the root keeps them.
+
+    Raises:
+        DamagedFileError: one is not what was written.
+    """
     for file in spec.inputs.values():
         if file.sha256 not in _contents:
             try:
@@ -171,7 +196,8 @@ def fetch(store: Store, spec: RunSpec) -> None:
 def fetch_beside(folder: Path, spec: RunSpec) -> None:
     """Make the inputs of a run known that lie in a folder under their own names, as exports have them.
 
-    What has another content is a DamagedFileError.
+    Raises:
+        DamagedFileError: one of them has another content.
     """
     for file in spec.inputs.values():
         path = folder / file.name
@@ -183,7 +209,11 @@ def fetch_beside(folder: Path, spec: RunSpec) -> None:
 
 
 def write_inputs(spec: RunSpec, folder: Path) -> None:
-    """Write the inputs of a run, which are known here, into an existing folder, under their own names."""
+    """Write the inputs of a run into an existing folder, under their own names.
+
+    Raises:
+        ValueError: the content of one is not known here.
+    """
     for file in spec.inputs.values():
         (folder / file.name).write_bytes(_provided(file).read_bytes())
 

@@ -119,7 +119,7 @@ class Run:
             "progress": asdict(self.progress),
             "episode_seeds": self._episode_seeds.bit_generator.state,
             "teacher": self.teacher.save(),
-            "trials": self._trials.rng.bit_generator.state,
+            "trials": self._trials.state,
         }
         (folder / "run.pickle").write_bytes(pickle.dumps(state))
         return tuple(f"{STUDENT}/{name}" for name in unchanged)
@@ -131,7 +131,7 @@ class Run:
         self._episode_seeds.bit_generator.state = state["episode_seeds"]
         self.teacher.load(state["teacher"])
         if "trials" in state:  # else it was saved before there were any
-            self._trials.rng.bit_generator.state = state["trials"]
+            self._trials.state = state["trials"]
         self.student.load(folder / STUDENT)
         self._next_event = self._event_after(self.progress.step)
 

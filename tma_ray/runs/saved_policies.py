@@ -76,9 +76,12 @@ class SavedPolicy:
 
 
 def find_policy(name: str, results: str | Path) -> SavedPolicy:
-    """Return the one policy called `name`: its folder or a file in it, else a run of a results root.
+    """Return the policy called `name`: its folder or a file in it, else a run of a results root.
 
     A run is named by its id, or the beginning of that of no other run.
+
+    Raises:
+        ValueError: the policy does not exist, or several runs could be meant.
     """
     path = Path(name)
     if path.exists() or path.is_symlink():

@@ -207,7 +207,11 @@ class RunSpec:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        """Return the spec of a dictionary of `to_dict`; ValueError if another engine simulated that run."""
+        """Return the spec of a dictionary of `to_dict`.
+
+        Raises:
+            ValueError: it is that of an imported run, which another engine simulated.
+        """
         if "engine" in content:
             raise ValueError(
                 f"this run was imported: {content['engine']} simulated its worlds, and it cannot be run here"

@@ -76,7 +76,11 @@ class InlineTeacher:
         self._teacher.start(spec.task_space, knowledge, np.random.default_rng(Streams.of(spec).teacher))
 
     def exchange(self, episode: Episode | None) -> Reply:
-        """Report a finished episode (none before the first) and ask for the next task, one of the space."""
+        """Report a finished episode (none before the first) and ask for the next task.
+
+        Raises:
+            ValueError: the teacher proposes something else than a task of its space.
+        """
         query = None if episode is None else self._teacher.observe(episode)
         return self._reply(query)
 

@@ -128,7 +128,11 @@ class Student(ABC):
 
     @abstractmethod
     def load(self, folder: Path) -> None:
-        """Load the state that `save` wrote; ValueError if that student was constructed in another way."""
+        """Load the state that `save` wrote, from a student with the same construction.
+
+        Raises:
+            ValueError: the state belongs to a student of another kind or with other hyper-parameters.
+        """
 
     @abstractmethod
     def save_policy(self, folder: Path) -> None:
@@ -171,7 +175,11 @@ class Student(ABC):
 
 
 def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> tuple[spaces.Box, spaces.Box]:
-    """Return both spaces, or refuse them: float32 boxes of one dimension, with bounded actions."""
+    """Return both spaces.
+
+    Raises:
+        ValueError: a space that is not a one-dimensional float32 box, or unbounded actions.
+    """
     boxes = _checked_box(observation_space, "observation"), _checked_box(action_space, "action")
     if not boxes[1].is_bounded():
         raise ValueError(f"action space {boxes[1]}: expected finite bounds")

@@ -31,7 +31,11 @@ class StudentRegistry(Registry[type[Student]]):
         return sorted({*super().names(), *ALGORITHMS}, key=lambda name: (name in ALGORITHMS, name))
 
     def get(self, name: str) -> type[Student]:
-        """Return the student called `name`; ``stock:SAC`` and ``stock:sac`` are one."""
+        """Return the student called `name`; ``stock:SAC`` and ``stock:sac`` are one.
+
+        Raises:
+            UnknownNameError: nothing answers to `name`, or its package is not installed.
+        """
         name = base_name(name)
         if name in ALGORITHMS and name not in self._decorated:
             from tma_ray.students.sb3.algorithms import student_of  # it imports torch

@@ -91,7 +91,11 @@ def unscale(actions: spaces.Box) -> Affine:
 
 
 def acting_layers(model: BaseAlgorithm) -> nn.Sequential:
-    """Return the layers of ``predict(observations, deterministic=True)`` of `model`, if it has such ones."""
+    """Return the layers of ``predict(observations, deterministic=True)`` of `model`.
+
+    Raises:
+        ValueError: its policy is not built as those of stable-baselines3 and sb3-contrib are.
+    """
     policy: Any = model.policy
     actor: Any = getattr(policy, "actor", None)
     parts: list[Any]
@@ -186,7 +190,11 @@ class GreedyNetwork:
 
 
 def tensor_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Return the shapes that `StoredPolicy.check` expects of layers of such sizes, if they make sense."""
+    """Return the shapes that `StoredPolicy.check` expects of layers of the sizes ``hidden_units``.
+
+    Raises:
+        PolicyFileError: these are not sizes, or the activation is unknown.
+    """
     units = stored.hyperparameters.get("hidden_units")
     if not isinstance(units, list) or not units or not all(type(size) is int and size > 0 for size in units):
         stored.refuse(f"hidden_units = {units!r:.80}: expected a list of sizes")

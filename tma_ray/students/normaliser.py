@@ -145,7 +145,8 @@ class Normaliser:
 def first_normaliser(hyper: PPOHyperparameters, size: int) -> Normaliser:
     """Return the first statistics of a student: new ones, or those of the file that it starts from.
 
-    A file that is not there, or of a student with other observations, gamma or clips, is a ValueError.
+    Raises:
+        ValueError: the file is not there, or is of a student with other observations, gamma or clips.
     """
     if not hyper.start_from:
         return Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)

@@ -90,7 +90,11 @@ class StoredPolicy:
     tensors: Mapping[str, NDArray[Any]]
 
     def check(self, expected: Mapping[str, tuple[tuple[int, ...], str]]) -> None:
-        """Raise PolicyFileError unless they are those `expected`, by shape and numpy's name of type."""
+        """Refuse other tensors than `expected`: the shape and numpy's name of the type of each.
+
+        Raises:
+            PolicyFileError: one is missing, nobody's, or of another shape or type.
+        """
         for name, (shape, kind) in expected.items():
             if name not in self.tensors:
                 self.refuse_tensors(f"tensor {name!r} is missing")

@@ -29,6 +29,9 @@ def for_budget(size: int, budget: int) -> int:
 
     `size` is that of the paper's budget. It is scaled by the square root: a hundredth of the budget has a
     tenth of the refreshes, each from a tenth of the episodes.
+
+    Raises:
+        ValueError: `budget` is under 1.
     """
     if budget < 1:
         raise ValueError(f"budget = {budget}: expected at least 1 environment step")

@@ -87,13 +87,21 @@ def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:
 
 
 def check_limits(teacher: type[Teacher], name: str, space: TaskSpace) -> None:
-    """Raise ValueError if a task space is beyond the limits that `teacher` declares."""
+    """Refuse a task space beyond the limits that `teacher` declares.
+
+    Raises:
+        ValueError: it has too many dimensions, or a constant one.
+    """
     if refusal := teacher.refusal(space):
         raise ValueError(f"teacher {name!r}: {refusal}; choose another teacher, or another challenge")
 
 
 def effective_level(teacher: type[Teacher], name: str, level: KnowledgeLevel) -> KnowledgeLevel:
-    """Return the level at which `teacher` really runs when given `level`; ValueError if it cannot."""
+    """Return the level at which `teacher` really runs when it is given `level`.
+
+    Raises:
+        ValueError: `teacher` cannot run with so little knowledge.
+    """
     level = KnowledgeLevel(level)
     if not knows_enough(teacher, level):
         needed = teacher.knowledge_levels[0]

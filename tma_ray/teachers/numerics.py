@@ -34,7 +34,11 @@ LOWEST_RETURN, HIGHEST_RETURN = -150.0, 350.0
 
 
 def scaled_returns(returns: Array, lowest: float, highest: float) -> Array:
-    """Return `returns` (k,) with `lowest` as 0, the higher `highest` as 1, and what is beyond as these."""
+    """Return `returns` (k,) with `lowest` as 0 and `highest` as 1, and what is beyond them as these.
+
+    Raises:
+        ValueError: `lowest` is not below `highest`.
+    """
     if not lowest < highest:
         raise ValueError(f"lowest_return = {lowest}: expected a return below highest_return = {highest}")
     return np.clip((returns - lowest) / (highest - lowest), 0.0, 1.0)
@@ -47,11 +51,17 @@ def draw_in_box(space: TaskSpace, box: Array, rng: np.random.Generator) -> Task:
 
 
 class UnitBox:
-    """The dimensions of a space that have width, each scaled to [0, 1]; the others keep their value.
+    """The dimensions of a space that have width, each scaled to [0, 1].
+
+    Args:
+        space: the space; its constant dimensions keep their value.
 
     Attributes:
-        free: bool (d,), which dimensions have width: at least one has.
+        free: bool (d,), which dimensions have width.
         size: number f of them.
+
+    Raises:
+        ValueError: no dimension has width.
     """
 
     def __init__(self, space: TaskSpace) -> None:

@@ -71,7 +71,11 @@ class CPPN:
 
     @classmethod
     def load(cls, path: str | Path = DEFAULT_WEIGHTS) -> "CPPN":
-        """Return the network with the weights w1 to w5 in a ``.npz`` file; ValueError if it has none."""
+        """Return the network whose weights are the arrays w1 to w5 of a ``.npz`` file; others are ignored.
+
+        Raises:
+            ValueError: no such file, no such arrays in it, or of other shapes.
+        """
         try:
             arrays = load_arrays(Path(path))
             return cls({name: arrays[name].astype(np.float32) for name in SHAPES if name in arrays})

@@ -45,7 +45,11 @@ Evaluate = Callable[[Task, bool], Outcomes]
 
 
 def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues, evaluate: Evaluate) -> None:
-    """Tell `teacher` of `episode` and answer what it asks; ValueError if it had not declared to want that."""
+    """Tell `teacher` of `episode` and answer what it asks.
+
+    Raises:
+        ValueError: it asks for a trajectory or an evaluation without having declared that it wants any.
+    """
     query = teacher.observe(episode)
     while query is not None:
         answer: Answer

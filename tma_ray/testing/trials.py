@@ -214,7 +214,11 @@ def continued(
     level: KnowledgeLevel,
     saved: tuple[Saved, ...],
 ) -> list[Task]:
-    """Return the tasks (n, d) that a new process plays on from each of `saved`, or raise its errors."""
+    """Return the tasks (n, d) that a new process plays on from each of `saved`.
+
+    Raises:
+        RuntimeError: the new process failed; the message holds its errors.
+    """
     job = (teacher.__module__, teacher.__qualname__, hyperparameters, level, saved)
     command = [sys.executable, "-c", START, *sys.path]
     process = subprocess.run(command, input=pickle.dumps(job), capture_output=True, check=False)  # noqa: S603

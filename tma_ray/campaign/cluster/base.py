@@ -34,7 +34,11 @@ class Head(Watched, Protocol):
         """Return Ray's record of each living node, with "NodeID" and "Resources"; never waits for Ray."""
 
     def check(self) -> None:
-        """Raise HeadLostError, having left Ray, if the head is lost; cheap enough for every turn."""
+        """Check that the head is alive; cheap enough for every turn of a loop.
+
+        Raises:
+            HeadLostError: it is lost. This process has left Ray then.
+        """
 
     def close(self) -> None:
         """End the watch; this process stays connected to Ray."""
@@ -81,7 +85,10 @@ def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, A
     """Context manager of the `runtime_env` of `ray.init` that brings plug-ins to all workers, None for none.
 
     The files are copied first: what is edited while a campaign runs does not reach its workers. Installed
-    packages are not shipped; every node needs them by itself. Over `MOST_BYTES` of files are refused.
+    packages are not shipped; every node needs them by itself.
+
+    Raises:
+        ValueError: the files are larger than `MOST_BYTES`.
     """
     files = {path: code for each in sources if not each.installed for path, code in each.files.items()}
     total = sum(map(len, files.values()))
@@ -124,7 +131,10 @@ def check_address(address: str) -> None:
     """Refuse an address at which a campaign cannot join a cluster: one as of `host_and_port`.
 
     With "auto", RAY_ADDRESS counts if set; else the Ray that runs on this machine is left to Ray to find.
-    ConnectionError says that nothing listens there.
+
+    Raises:
+        ValueError: not such an address.
+        ConnectionError: nothing listens there.
     """
     if address == "auto":
         address = os.environ.get("RAY_ADDRESS") or "auto"
@@ -138,7 +148,11 @@ def check_address(address: str) -> None:
 
 
 def host_and_port(address: str) -> tuple[str, int] | None:
-    """Return host and port of a cluster's head, None for "auto"; other addresses are a ValueError."""
+    """Return host and port of a cluster's head, None for "auto".
+
+    Raises:
+        ValueError: not such an address.
+    """
     if address == "auto":
         return None
     if "://" in address:

@@ -127,6 +127,9 @@ class SeedActor:
         """Execute the attempt; return the canonical result files, or None after a stop.
 
         A second call, as after a network failure, waits for the first one and returns the same.
+
+        Raises:
+            Exception: any error of teacher, student or environment.
         """
         with self._first_call:
             outcome, self._outcome = self._outcome, self._outcome or Future()
@@ -192,7 +195,12 @@ class LearnerActor:
         return launcher(cls, resources, node_strategy(node), LEARNER_CALLS).remote(settings)
 
     def open(self) -> tuple[Learner, str]:
-        """Return the address and Ray's id of the node once players can connect."""
+        """Return the address and Ray's id of the node once players can connect.
+
+        Raises:
+            MemoryError: the device has too little memory.
+            Exception: whatever else torch raises.
+        """
         while not self._listens.wait(0.1) and self._thread.is_alive():
             pass
         if self._failure is not None:
@@ -200,10 +208,13 @@ class LearnerActor:
         return self._learner, ray.get_runtime_context().get_node_id()
 
     def serve(self) -> None:
-        """Wait for the end, which only a failure brings, and raise it; any number of calls may wait.
+        """Wait for the end, which only a failure brings; any number of calls may wait.
 
-        After a MemoryError players stay connected: they do not learn of it before this process is killed.
-        What neither goes on nor ends is a TimeoutError.
+        Raises:
+            MemoryError: the device has too little memory. Players stay connected: they do not learn of it
+                before this process is killed.
+            TimeoutError: the work does not go on, and nothing ends it.
+            Exception: whatever else ended the work.
         """
         wait_for_end(self._thread, lambda: self._server and self._server.turned_at)
         if self._failure is not None:
@@ -255,7 +266,8 @@ class LearnerActor:
 def wait_for_end(thread: threading.Thread, turned_at: Callable[[], float | None]) -> None:
     """Wait for the end of a learner's thread; `turned_at()` is the time of its last turn, s.
 
-    The same updates for longer than `LONGEST_TURN` are a TimeoutError.
+    Raises:
+        TimeoutError: the same updates have taken longer than `LONGEST_TURN`.
     """
     while thread.is_alive():
         thread.join(TURN_POLL)

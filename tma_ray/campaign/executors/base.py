@@ -50,7 +50,9 @@ class Executor(Protocol):
         """Return new reports and endings, after at most `seconds` if there are none.
 
         The last report of an attempt that trained comes before its ending. With `last` no run will follow.
-        HeadLostError says that the cluster is gone, with all attempts.
+
+        Raises:
+            HeadLostError: the cluster is gone, with all attempts.
         """
 
     def stop(self) -> None:

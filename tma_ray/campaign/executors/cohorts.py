@@ -35,7 +35,11 @@ class Kind(NamedTuple):
 
 
 def kinds_of(specs: Sequence[RunSpec]) -> dict[str, Kind]:
-    """Return the kind of each run by its id, if its student learns stacked; make each environment once."""
+    """Return the kind of each run by its id; make every environment once.
+
+    Raises:
+        ValueError: a student that cannot learn in a cohort, or spaces that it does not take.
+    """
     sizes: dict[Hashable, tuple[int, int]] = {}
     kinds = {}
     for spec in specs:
@@ -93,7 +97,11 @@ def room_of(node: Mapping[str, float], settings: Settings, learner: Resources) -
 
 
 def check_room(settings: Settings, specs: Sequence[RunSpec], kinds: Mapping[str, Kind]) -> None:
-    """Raise ValueError if no node can hold a cohort: Ray would let it wait forever."""
+    """Refuse cohorts that no node can hold: Ray would let them wait forever.
+
+    Raises:
+        ValueError: a learner and a run need more than any node has.
+    """
     learner = learner_resources(settings, specs, kinds)
     nodes = [node["Resources"] for node in living_nodes()]
     if any(room_of(node, settings, learner)[1] for node in nodes):

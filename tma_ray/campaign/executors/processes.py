@@ -32,7 +32,11 @@ _SPAWN = multiprocessing.get_context("spawn")
 
 
 class LearnerProcess:
-    """Learner of a cohort in a process of its own, which listens once this is made."""
+    """Learner of a cohort in a process of its own, which listens once this is made.
+
+    Raises:
+        RuntimeError: its process ended before it listened.
+    """
 
     def __init__(self, settings: CohortSettings) -> None:
         self._folder = tempfile.TemporaryDirectory()

@@ -38,9 +38,14 @@ COUNT_CONTACT = cast("int", count_contact.address)
 
 
 class CompiledEngine:
-    """Engine that runs a body on Chipmunk, with the settings of `make_engine`; see `Engine`.
+    """Engine that runs a body on Chipmunk; see `Engine`.
 
     A copy or a pickle of it has the same body, and no world until it is reset.
+
+    Args:
+        body: the body.
+        rules: the environment's rules for the body.
+        settings: settings of Chipmunk's solver; None for the usual ones with the body's substeps.
     """
 
     def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
@@ -249,8 +254,11 @@ def _free_locks(locks: Integers) -> None:
 class EngineBatch:
     """Engines of one body that have been reset, stepped together; each may be reset again, into a new world.
 
-    Its `threads`, the caller's included, end with this object, or with the interpreter; the bits are the
-    same.
+    Its threads end with this object, or with the interpreter.
+
+    Args:
+        engines: engines of the worlds.
+        threads: number of threads, the caller's included; the bits are the same.
     """
 
     def __init__(self, engines: Sequence[CompiledEngine], threads: int = 1) -> None:
@@ -277,9 +285,13 @@ class EngineBatch:
     def step(
         self, rows: NDArray[np.int64], actions: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]:
-        """Advance the worlds at `rows` (k,) by TIME_STEP, with the same bits as their engines one by one.
+        """Advance some worlds by TIME_STEP, with the same bits as their engines one by one.
 
-        From one thread at a time; actions (k, a) are as `Engine.step` takes them.
+        From one thread at a time.
+
+        Args:
+            rows: indices of the engines to step (k,).
+            actions: actions of these engines (k, a), as `Engine.step` takes them.
 
         Returns:
             Observations (k, o), rewards (k,) and ends of episodes (k,).

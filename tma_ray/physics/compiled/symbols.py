@@ -27,7 +27,11 @@ SIZES = {"cpVect": 16, "cpFloat": 8, "cpShapeFilter": 16, "cpBitmask": 4, "cpGro
 
 
 def load() -> None:
-    """Make the symbols known to compiled code, or raise RuntimeError where it cannot call them."""
+    """Make the symbols known to compiled code.
+
+    Raises:
+        RuntimeError: numba is switched off, or this machine or pymunk passes arguments in another way.
+    """
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         raise RuntimeError("NUMBA_DISABLE_JIT is set")
     if sys.platform == "win32" or platform.machine().lower() not in MACHINES:

@@ -94,7 +94,11 @@ class AddressStore(Store, schemes=("*",)):
         return data, data
 
     def write_bytes(self, path: str, data: bytes) -> None:
-        """Refuse to write: addresses of this kind can only be read."""
+        """Write or replace a file.
+
+        Raises:
+            ObjectStoreError: addresses of this kind can only be read.
+        """
         try:
             self._make_parent(path)
             with _reached(self.where(path)), self.filesystem.open(self.full_path(path), "wb") as stream:
@@ -168,7 +172,12 @@ class AddressStore(Store, schemes=("*",)):
 
 @contextmanager
 def _reached(where: str) -> Iterator[None]:
-    """Turn what libraries raise within the block into FileNotFoundError or ObjectStoreError."""
+    """Turn what libraries raise within the block of a connection into one error.
+
+    Raises:
+        FileNotFoundError: the place says that it lacks the file.
+        ObjectStoreError: the place cannot be reached, or refuses.
+    """
     try:
         yield
     except (ObjectStoreError, *EXPECTED):

@@ -113,7 +113,11 @@ class Store(ABC):
         return f"{self}/{path}" if path else str(self)
 
     def full_path(self, path: str) -> str:
-        """Return `path` from the root of the file system or object store; ValueError if it leaves that."""
+        """Return `path` from the root of the file system or object store.
+
+        Raises:
+            ValueError: an absolute path, or one that leaves the root.
+        """
         parts = [part for part in path.split("/") if part not in ("", ".")]  # a pure path takes 10 us
         if not parts or path.startswith("/") or ".." in parts or "\\" in path:
             raise ValueError(f"path {path!r} does not stay inside the root {self}; give a relative one")
@@ -232,7 +236,11 @@ class Store(ABC):
 
     @abstractmethod
     def move(self, source: str, destination: str) -> None:
-        """Move a file, replacing what is at `destination`; in an object store a copy, then a deletion."""
+        """Move a file, replacing what is at `destination`; in an object store a copy, then a deletion.
+
+        Raises:
+            FileNotFoundError: there is nothing at `source`.
+        """
 
     @abstractmethod
     def delete(self, path: str) -> None:

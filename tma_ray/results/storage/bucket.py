@@ -209,7 +209,12 @@ class BucketStore(Store, schemes=("s3", "gs")):
 
 @contextmanager
 def _explained(where: str) -> Iterator[None]:
-    """Turn what obstore raises within the block into errors that name `where` and say what to do."""
+    """Turn what obstore raises within the block into errors that name `where` and say what to do.
+
+    Raises:
+        FileNotFoundError: the object is not there.
+        ObjectStoreError: everything else that the store answered, after all tries.
+    """
     from obstore.exceptions import BaseError
 
     try:
@@ -272,7 +277,11 @@ def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
 
 
 def _profile_credentials() -> Callable[[], dict[str, Any]] | None:
-    """Return a reader of the keys of a profile in AWS's own files, None where obstore finds others."""
+    """Return a reader of the keys of a profile in AWS's own files, None where obstore finds others.
+
+    Raises:
+        ObjectStoreError: the profile has no keys and no process that prints some.
+    """
     environment = os.environ.get
     if any(environment(name) for name in ("AWS_ACCESS_KEY_ID", "AWS_WEB_IDENTITY_TOKEN_FILE")):
         return None

@@ -296,7 +296,9 @@ def stamps_below(base: str, folder: str) -> Iterator[tuple[str, Stamp]]:
 
     Both parts of the stamp are None for what lies in the place of a file: pipes, sockets and devices, links
     that lead nowhere, in a circle or out of `base`, folders that are called like a file or cannot be listed.
-    If `folder` itself cannot, that is an OSError.
+
+    Raises:
+        OSError: `folder` itself cannot be listed.
     """
     with os.scandir(folder) as entries:
         for entry in entries:

@@ -191,7 +191,11 @@ class Stacks:
         self._free: dict[int, list[int]] = {}
 
     def seat(self, membership: Membership) -> Seat:
-        """Return a seat for a new player, or raise CohortFullError."""
+        """Return a seat for a new player.
+
+        Raises:
+            CohortFullError: all slots of its stack are taken.
+        """
         settings, hyper = self.settings, membership.hyperparameters
         sizes = membership.observation_space.shape[0], membership.action_space.shape[0]
         kind = membership.student, sizes, hyper

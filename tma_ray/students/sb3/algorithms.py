@@ -161,7 +161,11 @@ def _bounded() -> Iterator[None]:
 
 @cache
 def student_of(name: str) -> type[Student]:
-    """Return the student that the algorithm called `name` is; UnknownNameError names a package that lacks."""
+    """Return the student that the algorithm called `name` is.
+
+    Raises:
+        UnknownNameError: the package that offers it is not installed.
+    """
     module = ALGORITHMS[name]
     try:
         algorithm: type[BaseAlgorithm] = getattr(importlib.import_module(module), name)
