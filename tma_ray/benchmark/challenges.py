@@ -112,11 +112,8 @@ def _easy_parkour(
 FLAT_GROUND = (0.87, 0.93), (0.66, 0.72), (0.47, 0.53)
 """Where in theta the ground is gentlest: with delta 40 it rises and drops by at most 0.8 m within 2.33 m."""
 
-FLAT_CEILING = (-0.15, -0.05), (0.9, 1.0), (0.1, 0.15)
-"""Where in theta the ceiling is nearly flat."""
-
-EASY_THETA = (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)
-"""Of the easy space of Parkour (paper, appendix C)."""
+FLAT_CEILING = (-0.15, -0.05), (0.9, 1.0), (0.1, 0.15)  # where in theta the ceiling is nearly flat
+EASY_THETA = (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)  # of the easy space of Parkour (paper, appendix C)
 
 CHALLENGES: tuple[Challenge, ...] = (
     _stump_tracks("original", "Original task space"),

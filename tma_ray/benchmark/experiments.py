@@ -98,8 +98,7 @@ LITE_1_TEACHERS = ("random", *sorted(TEACHER_GRIDS), "goal_gan:preset=release", 
 """The paper's teachers, and two of them with the values of the original release's launch files, which differ
 from the paper's table in what decides whether they learn."""
 
-LITE_1_STEPS = 2_000_000
-"""Budget of its runs, in environment steps: a tenth of the paper's."""
+LITE_1_STEPS = 2_000_000  # budget of its runs, in environment steps: a tenth of the paper's
 
 TEACHERS_OF_TODAY = (
     "plr",

@@ -21,11 +21,8 @@ if TYPE_CHECKING:
 RELOAD_SECONDS, LOOK_SECONDS = 30, 10.0
 """Time after which the open page of a report that is watched reads itself again, and between two looks, s."""
 
-LONGEST = 2000
-"""Steps after which a video ends, if its episode has not: the limit of the benchmark's worlds."""
-
-EVERY = {".mp4": 3, ".gif": 8}
-"""Steps from one frame to the next; a .gif takes far more room."""
+LONGEST = 2000  # steps after which a video ends, if its episode has not: the limit of the benchmark's worlds
+EVERY = {".mp4": 3, ".gif": 8}  # steps from one frame to the next; a .gif takes far more room
 
 
 @command()

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 REHEARSED, REHEARSED_CELLS = "simulated-1", ("original", "mostly_unfeasible")
 """Release of simulated students that rehearsals are against, and their cells."""
 
-PAGE = "trial"
-"""Folder of the page in the results root."""
+PAGE = "trial"  # folder of the page in the results root
 
 
 @command(defaults=EXECUTION_DEFAULTS)

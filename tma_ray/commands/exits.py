@@ -11,14 +11,9 @@ from pathlib import Path
 from tma_ray.commands.interrupts import INTERRUPTED, raised_interrupts
 from tma_ray.commands.texts import VisibleStream
 
-FAILED = 1
-"""Exit code of an error, or of a check that failed."""
-
-REFUSED = 2
-"""Exit code of a refusal: nothing was done, and a sentence on standard error says why."""
-
-RAY_LOST = 75
-"""Exit code after Ray was lost, `os.EX_TEMPFAIL`; the same command continues."""
+FAILED = 1  # exit code of an error, or of a check that failed
+REFUSED = 2  # exit code of a refusal: nothing was done, and a sentence on standard error says why
+RAY_LOST = 75  # exit code after Ray was lost, `os.EX_TEMPFAIL`; the same command continues
 
 BROKEN_PIPE = 141
 """Exit code when nobody reads the output any more: 128 and the number of the signal, as of a shell."""

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote, urlsplit
 
-SHOWN: Final = 60
-"""Number of characters of a refused text in a message."""
+SHOWN: Final = 60  # number of characters of a refused text in a message
 
 _NUMBER: Final = re.compile(r"(-?\d+(?:_\d+)*(?:\.\d+)?(?:[eE][+-]?\d{1,3})?)([A-Za-z]*)", re.ASCII)
 _FACTORS: Final = {"": 1, "k": 1_000, "K": 1_000, "M": 1_000_000}
@@ -77,8 +76,7 @@ class Quantity:
 COUNT: Final = Quantity("a whole number such as 500000, 500k or 20M, from 1 to 1e12", 1, 1e12, whole=True)
 """Number of steps, episodes or tasks."""
 
-STEP: Final = Quantity("a whole number of steps from 0 to 1e12", 0, 1e12, whole=True)
-"""Step of a run."""
+STEP: Final = Quantity("a whole number of steps from 0 to 1e12", 0, 1e12, whole=True)  # step of a run
 
 SEED: Final = Quantity("a whole number from 0 to 2^63 - 1", 0, 2**63 - 1, whole=True)
 """Seed of random numbers."""
@@ -98,23 +96,15 @@ CORES: Final = Quantity("a number of cores over 0, up to 65,536, such as 1 or 0.
 GPUS: Final = Quantity("a share of one GPU, as in 0.25, or a whole number up to 65,536", 0, 65_536)
 """GPUs of one run."""
 
-MEMORY: Final = Quantity("a number of GiB from 0 to 1e6", 0, 1e6)
-"""Memory, GiB."""
-
-SECONDS: Final = Quantity("a number of seconds from 0 to 1e9", 0, 1e9)
-"""Time, s."""
-
-COORDINATE: Final = Quantity("a number from -1e9 to 1e9", -1e9, 1e9)
-"""Value of a dimension of a task space."""
+MEMORY: Final = Quantity("a number of GiB from 0 to 1e6", 0, 1e6)  # memory, GiB
+SECONDS: Final = Quantity("a number of seconds from 0 to 1e9", 0, 1e9)  # time, s
+COORDINATE: Final = Quantity("a number from -1e9 to 1e9", -1e9, 1e9)  # value of a dimension of a task space
 
 BODY_SIZE: Final = Quantity("a number over 0, up to 100", 0, 100, positive=True)
 """Size of a body, as a multiple of its own."""
 
-TORQUE: Final = Quantity("a number of N m over 0, up to 1e6", 0, 1e6, positive=True)
-"""Torque of a motor, N m."""
-
-SHARE: Final = Quantity("a share over 0, up to 1", 0, 1, positive=True)
-"""Share of a whole."""
+TORQUE: Final = Quantity("a number of N m over 0, up to 1e6", 0, 1e6, positive=True)  # torque of a motor, N m
+SHARE: Final = Quantity("a share over 0, up to 1", 0, 1, positive=True)  # share of a whole
 
 
 SCHEMES: Final = ("s3", "gs", "gcs", "abfs", "abfss", "hdfs", "viewfs", "file", "https", "http", "hf")

@@ -20,14 +20,9 @@ if TYPE_CHECKING:
 
 ONNX_FILE: Final = "policy.onnx"
 
-COMPARED: Final = 256
-"""Number of random observations on which the ONNX file is compared with the policy."""
-
-OPSET: Final = 20
-"""Version of ONNX's operators: the first with GELU."""
-
-INPUT, OUTPUT = "observations", "actions"
-"""Names of the graph's input and output."""
+COMPARED: Final = 256  # number of random observations on which the ONNX file is compared with the policy
+OPSET: Final = 20  # version of ONNX's operators: the first with GELU
+INPUT, OUTPUT = "observations", "actions"  # names of the graph's input and output
 
 TOLERANCE: Final = 1e-4
 """Largest difference between actions of the file and of the policy, as a share of the range of each."""
