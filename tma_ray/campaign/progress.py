@@ -206,12 +206,9 @@ class RunState:
 
 @dataclass(frozen=True)
 class Overview:
-    """The campaigns of a results root.
+    """The campaigns of a results root: their runs by campaign and by cell, a tuple of its parts.
 
-    Attributes:
-        campaigns: runs by campaign and by cell, whose name is the tuple of its parts.
-        heartbeat: last heartbeat in the root, None if there never was one.
-        trial: trial of the campaign, None if it is of none.
+    The last heartbeat is None if there never was one, the trial if the campaign is of none.
     """
 
     campaigns: Mapping[str, Mapping[tuple[str, ...], list[RunState]]]

@@ -48,12 +48,7 @@ class TranslationError(ValueError):
 
 @dataclass(frozen=True)
 class Array:
-    """Type of a contiguous array.
-
-    Attributes:
-        kind: type of its values.
-        dimensions: number of dimensions.
-    """
+    """Type of a contiguous array of values of a kind."""
 
     kind: str
     dimensions: int
@@ -61,12 +56,7 @@ class Array:
 
 @dataclass(frozen=True)
 class Record:
-    """Type of a tuple, with names if it is a NamedTuple.
-
-    Attributes:
-        items: type of each item.
-        names: name of each item, empty for a plain tuple.
-    """
+    """Type of a tuple of items, with names if it is a NamedTuple."""
 
     items: tuple["Type", ...]
     names: tuple[str, ...] = ()

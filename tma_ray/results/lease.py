@@ -53,12 +53,7 @@ SILENT_SECONDS: Final = 120.0  # silence after which a campaign is taken to be d
 
 @dataclass(frozen=True)
 class RunProgress:
-    """Progress of a running run, newer than its published one.
-
-    Attributes:
-        step: environment steps.
-        steps_per_second: environment steps per second.
-    """
+    """Progress of a running run, newer than its published one, in environment steps."""
 
     step: Natural
     steps_per_second: float
@@ -66,15 +61,15 @@ class RunProgress:
 
 @dataclass(frozen=True)
 class LearnerProgress:
-    """Progress of the learner of a cohort.
+    """Progress of the learner of a cohort, of late.
 
     Attributes:
         host: name of its machine.
         device: name of its device, as torch has it.
         width: number of its slots.
         runs: number of runs in them.
-        updates_per_second: recent updates of single runs, 1/s.
-        busy: recent share of the time with work, in [0, 1].
+        updates_per_second: updates of single runs, 1/s.
+        busy: share of the time with work, in [0, 1].
         memory_gib: memory in use, of the GPU, or by its process on a CPU, GiB.
         memory_total_gib: memory of the device, GiB.
     """

@@ -329,15 +329,7 @@ def newer_version(store: Store, path: str) -> str:
 
 @dataclass(frozen=True)
 class Compaction:
-    """Outcome of a compaction.
-
-    Attributes:
-        runs: number of runs whose files were merged.
-        files_before: number of files of tables before.
-        files_after: number of files of tables after.
-        bytes_before: size of those files before, bytes.
-        bytes_after: size of those files after, bytes.
-    """
+    """Outcome of a compaction: runs that were merged; files of tables and bytes, before and after."""
 
     runs: int
     files_before: int

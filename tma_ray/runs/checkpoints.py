@@ -19,13 +19,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class StateFile:
-    """One file of a checkpoint.
-
-    Attributes:
-        path: path in the folder of the run's checkpoints, in this checkpoint or an earlier one.
-        sha256: digest of its bytes, hexadecimal.
-        size: size in bytes.
-    """
+    """One file of a checkpoint; its path may be in the folder of an earlier one."""
 
     path: str
     sha256: Sha256

@@ -26,13 +26,7 @@ SPEC_FILE = "spec.json"  # name of the file with the spec of a run, next to its 
 
 @dataclass(frozen=True)
 class SavedPolicy:
-    """A policy that a run saved.
-
-    Attributes:
-        store: store that has it.
-        folder: path of its files in the store.
-        spec: spec of the run.
-    """
+    """A policy that a run with a spec saved in a folder of a store."""
 
     store: Store
     folder: str

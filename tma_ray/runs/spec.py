@@ -61,12 +61,7 @@ class Plugin:
 
 @dataclass(frozen=True)
 class InputFile:
-    """A file that a run reads, identified by its content; its folder does not matter.
-
-    Attributes:
-        name: name without the folder, under which results show it.
-        sha256: digest of its bytes, hexadecimal.
-    """
+    """A file that a run reads, identified by its content; its name is without the folder."""
 
     name: str
     sha256: str

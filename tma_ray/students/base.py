@@ -197,11 +197,7 @@ def _checked_box(space: Space[Any], kind: str) -> spaces.Box:
 class StudentStreams(NamedTuple):
     """Independent seeds for the parts of a student; the order of the fields is the order of spawning.
 
-    Attributes:
-        networks: initial weights, and actions sampled in updates.
-        exploration: actions.
-        batches: mini-batches.
-        values: state values.
+    Those of networks are for initial weights, and actions sampled in updates; of values, for `state_values`.
     """
 
     networks: np.random.SeedSequence

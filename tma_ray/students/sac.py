@@ -39,12 +39,8 @@ Pass: TypeAlias = Callable[[torch.Tensor], torch.Tensor]  # a network, as a func
 class Transitions(NamedTuple):
     """A batch of n transitions; stable-baselines3's samples have these attributes, too.
 
-    Attributes:
-        observations: values (n, o).
-        actions: actions in [-1, 1] (n, a).
-        next_observations: values (n, o).
-        dones: 1 where nothing follows (n, 1).
-        rewards: values (n, 1).
+    Observations are (n, o), actions in [-1, 1] (n, a); rewards, and dones: 1 where nothing follows, are (n,
+    1).
     """
 
     observations: torch.Tensor
@@ -55,12 +51,7 @@ class Transitions(NamedTuple):
 
 
 class Draw(NamedTuple):
-    """Actions drawn from the policy.
-
-    Attributes:
-        actions: squashed to [-1, 1] (n, a).
-        log_probabilities: log probabilities of the actions (n, 1).
-    """
+    """Actions drawn from the policy, squashed to [-1, 1] (n, a), and their log probabilities (n, 1)."""
 
     actions: torch.Tensor
     log_probabilities: torch.Tensor

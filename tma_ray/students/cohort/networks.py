@@ -18,10 +18,7 @@ HIDDEN_MULTIPLE = 16
 class PaddedLayout(NamedTuple):
     """A layout of which inputs and hidden layers are padded; outputs are not.
 
-    Attributes:
-        plain: layout without padding.
-        padded: layout with padding.
-        others: number of parameters that follow the network's.
+    A vector of its parameters ends with `others`, which are not the network's.
     """
 
     plain: Layout
@@ -127,9 +124,7 @@ BETAS = 0.9, 0.999
 class StackedAdam:
     """Adam as in `torch.optim.Adam`, with a step count for each run; `step` changes parameters (k, ..., p).
 
-    Attributes:
-        mean: running mean of the gradient, with the shape of the parameters.
-        square: running mean of the squared gradient, with the same shape.
+    `mean` and `square` are running means of the gradient and its square.
     """
 
     def __init__(self, parameters: torch.Tensor, rate: float, epsilon: float = 1e-8) -> None:

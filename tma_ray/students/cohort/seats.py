@@ -177,12 +177,7 @@ def _flat(values: NDArray[np.floating]) -> torch.Tensor:
 
 
 class Stacks:
-    """The stacks of a learner. Runs share one if student, sizes and hyper-parameters are equal.
-
-    Attributes:
-        settings: settings of the cohort.
-        stacks: stacks in the order in which they were made.
-    """
+    """The stacks of a learner. Runs share one if student, sizes and hyper-parameters are equal."""
 
     def __init__(self, settings: CohortSettings) -> None:
         self.settings = settings

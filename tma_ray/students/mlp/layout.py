@@ -9,12 +9,7 @@ from numpy.typing import NDArray
 
 
 class Activation(StrEnum):
-    """Function that follows each linear layer but the last.
-
-    Attributes:
-        RELU: the larger of 0 and its argument.
-        TANH: the tangent hyperbolic.
-    """
+    """Function that follows each linear layer but the last."""
 
     RELU = "relu"
     TANH = "tanh"
@@ -24,11 +19,7 @@ class Layout(NamedTuple):
     """Sizes of linear layers with an activation after each but the last; their parameters are a vector (p,).
 
     Layer by layer: its weight (outputs, inputs), row by row, and its bias (outputs,). Several runs' or
-    several networks' vectors may be stacked to (k, p).
-
-    Attributes:
-        sizes: units of the inputs and of every layer.
-        activation: function after each layer but the last.
+    several networks' vectors may be stacked to (k, p). The first of `sizes` are the inputs.
     """
 
     sizes: tuple[int, ...]

@@ -197,11 +197,7 @@ def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
 
 
 class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
-    """Base of the students of on-policy and of off-policy algorithms.
-
-    Attributes:
-        algorithm: constructs the model.
-    """
+    """Base of the students of on-policy and of off-policy algorithms; `algorithm` constructs the model."""
 
     algorithm_version = 1
     algorithm: ClassVar[type[BaseAlgorithm]]
