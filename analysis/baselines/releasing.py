@@ -29,27 +29,10 @@ from analysis.measures.evaluations import ceilings_in_words
 from analysis.measures.run_measures import run_measures
 from analysis.measures.tested import HEADLINE
 from analysis.tables.paper_tables import result_tables, table_results
+from tma_ray import results
 from tma_ray.arguments import check_known
 from tma_ray.commands.exits import installed_version
 from tma_ray.commands.values import expanded
-from tma_ray.results import (
-    CHIPMUNK,
-    LEAN,
-    POLICIES,
-    SCHEMA_VERSION,
-    WHOLE,
-    Contents,
-    Copy,
-    Results,
-    RunStatus,
-    Shard,
-    Store,
-    Table,
-    add_shard,
-    check_id,
-    copy_merged,
-    holder_of,
-)
 
 HELD: Final = {
     "campaigns": "campaign",
@@ -73,7 +56,7 @@ def release(
     licence: str = "",
     *,
     partial: bool = False,
-    contents: Contents = WHOLE,
+    contents: results.Contents = results.WHOLE,
     about: About = UNSAID,
 ) -> Path:
     """Pack the finished campaigns of a root into a self-contained folder.
@@ -109,7 +92,7 @@ def release(
     missing = _refuse_unfinished(frames, partial, before.partial if before else "")
     draft = _draft(name, licence, about, before, missing, before.planned if before else {})
     with _aside(folder) as aside:
-        copy = copy_merged(frames.results, Store.open(aside), contents)
+        copy = results.copy_merged(frames.results, results.Store.open(aside), contents)
         _refuse_damaged(copy.damaged, partial)
         _complete(draft, aside, copy)
         aside.rename(folder)
@@ -139,7 +122,7 @@ def _draft(
     return BaselineManifest(
         name=name,
         kind=BaselineKind.RUNS,
-        schema_version=SCHEMA_VERSION,
+        schema_version=results.SCHEMA_VERSION,
         engine="",
         physics_versions=(),
         licence=licence or (before.licence if before else ""),
@@ -152,14 +135,14 @@ def _draft(
     )
 
 
-def _complete(draft: BaselineManifest, place: Path, copied: Copy | Shard) -> None:
+def _complete(draft: BaselineManifest, place: Path, copied: results.Copy | results.Shard) -> None:
     """Write card, metadata and manifest of a root that was copied to `place`, and verify the release.
 
     Raises:
         BaselineError: it is not as it should be.
         ValueError: it has no campaign of a name in the core.
     """
-    store = Store.open(place)
+    store = results.Store.open(place)
     (place / "tmp").rmdir()  # empty, since all that was written is in its place
     for file in (CARD_FILE, CROISSANT_FILE, BASELINE_FILE):
         (place / file).unlink(missing_ok=True)
@@ -168,7 +151,7 @@ def _complete(draft: BaselineManifest, place: Path, copied: Copy | Shard) -> Non
         check_known("campaign", campaign, set(frames.cells["campaign"]), "the release has")
     manifest = _with_contents(draft, frames, copied)
     made = origin(frames, manifest.physics_versions)
-    tables = (table for results in table_results(frames) for table in result_tables(results))
+    tables = (table for found in table_results(frames) for table in result_tables(found))
     text = card(manifest, made, tables, ceilings=ceilings_in_words(frames))
     (place / CARD_FILE).write_text(text, encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
@@ -194,7 +177,7 @@ def _release_folder(name: str, output: Path | None) -> Path:
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str) -> str:
     """Return the gaps of the campaigns in words, if gaps are allowed; `lacking` if all runs are done."""
-    holder = holder_of(frames.results.store)
+    holder = results.holder_of(frames.results.store)
     if holder is not None:
         raise BaselineError(f"{holder} is at work on the root: wait for its end, or stop it first")
     _refuse_damaged(frames.results.problems, partial)
@@ -219,7 +202,9 @@ def _refuse_damaged(problems: Sequence[str], partial: bool) -> None:
         )
 
 
-def _with_contents(draft: BaselineManifest, frames: Frames, copied: Copy | Shard) -> BaselineManifest:
+def _with_contents(
+    draft: BaselineManifest, frames: Frames, copied: results.Copy | results.Shard
+) -> BaselineManifest:
     """Return a manifest with the contents of its tables, and their limits."""
     cells, runs = frames.cells, frames.results.runs()
     columns = {name: cells[column].astype(object).dropna().tolist() for name, column in HELD.items()}
@@ -240,7 +225,7 @@ def _with_contents(draft: BaselineManifest, frames: Frames, copied: Copy | Shard
     caveats.append(f"Results of other engines than {engines} are other numbers: compare ranks, pool nothing.")
     if frames.attempts["host"].astype(str).ne("").any():
         caveats.append("The table of attempts names the machines that the runs were made on.")
-    physics = cells.loc[cells["engine"] == CHIPMUNK, "physics_version"].dropna()
+    physics = cells.loc[cells["engine"] == results.CHIPMUNK, "physics_version"].dropna()
     return replace(
         draft,
         engine=engines,
@@ -283,24 +268,26 @@ def add_to_release(
         BaselineError: the root has no run that the release lacks, or is damaged; the release is damaged, or
             other files lie in its folder, which would be lost.
     """
-    check_id(shard)
+    results.check_id(shard)
     folder = _release_folder(name, output)
-    results = Results.open(root)
-    _refuse_damaged(results.problems, partial=False)
+    source = results.Results.open(root)
+    _refuse_damaged(source.problems, partial=False)
     with _aside(folder) as aside:
         before = _copied(folder, aside) if folder.exists() else None
-        store = Store.open(aside)
-        added = add_shard(results, store, shard)
+        store = results.Store.open(aside)
+        added = results.add_shard(source, store, shard)
         _refuse_damaged(added.damaged, partial=False)
         if not added.runs and not added.cells:
             raise BaselineError(
-                f"{results.store} has no finished run that {folder} lacks: there is nothing to add"
+                f"{source.store} has no finished run that {folder} lacks: there is nothing to add"
             )
-        planned = {campaign: len(run_ids) for campaign, run_ids in sorted(_campaigns(results).items())}
+        planned = {campaign: len(run_ids) for campaign, run_ids in sorted(_campaigns(source).items())}
         for campaign, count in before.planned.items() if before else ():
             planned[campaign] = max(count, planned.get(campaign, 0))  # the root may know a part of it
-        released = Results(store)
-        done = {manifest.run.run_id for manifest in released.runs() if manifest.status is RunStatus.DONE}
+        released = results.Results(store)
+        done = {
+            manifest.run.run_id for manifest in released.runs() if manifest.status is results.RunStatus.DONE
+        }
         held = {campaign: len(run_ids & done) for campaign, run_ids in _campaigns(released).items()}
         missing = "; ".join(
             f"{campaign} has {held.get(campaign, 0)} of {count:,} runs"
@@ -332,7 +319,7 @@ def _copied(folder: Path, aside: Path) -> BaselineManifest:
     return manifest
 
 
-def median_policies(root: str | Path, core: Sequence[str] = ()) -> Contents:
+def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.Contents:
     """Return the contents of a lean release with a policy of each cell: that of the run in the middle.
 
     That is the run with the median of `mastered_area` over the seeds; of an even number the lower of both in
@@ -355,16 +342,17 @@ def median_policies(root: str | Path, core: Sequence[str] = ()) -> Contents:
     runs = runs.merge(run_measures(frames, training=False)).dropna(subset=[HEADLINE])
     ordered = runs.sort_values([HEADLINE, "seed"]).groupby(["teacher", "settings"], observed=True)["run_id"]
     middle = frozenset(str(run_ids.iloc[(len(run_ids) - 1) // 2]) for _, run_ids in ordered)
-    saved = {PurePosixPath(path).parts[1] for path in frames.results.store.files(POLICIES)}
+    saved = {PurePosixPath(path).parts[1] for path in frames.results.store.files(results.POLICIES)}
     if lacking := sorted(middle - saved):
         raise BaselineError(
             f"{len(lacking)} of {len(middle)} runs in the middle of their cells have no policy in "
-            f"{frames.results.store.where(POLICIES)}, as {lacking[0]}: release the root that they ended in"
+            f"{frames.results.store.where(results.POLICIES)}, as {lacking[0]}: release the root that they "
+            f"ended in"
         )
-    return replace(LEAN, policies=True, runs=middle, half_precision=True)
+    return replace(results.LEAN, policies=True, runs=middle, half_precision=True)
 
 
-def _campaigns(results: Results) -> dict[str, set[str]]:
+def _campaigns(root: results.Results) -> dict[str, set[str]]:
     """Return the ids of the runs of each campaign of a root."""
-    cells = results.table(Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
+    cells = root.table(results.Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
     return {str(campaign): set(run_ids) for campaign, run_ids in cells.groupby("campaign")["run_id"]}

@@ -27,12 +27,9 @@ from tma_ray.commands.texts import visible
 
 def page(template: str, **content: Any) -> str:
     """Return the page rendered by `template`, from the folder of templates, with `content`."""
-    told = {
-        "version": installed_version("tma_ray"),
-        "written": datetime.now(UTC),
-        "significance": SIGNIFICANCE,
-    }
-    return _environment().get_template(template).render(**told, **content)
+    version, written = installed_version("tma_ray"), datetime.now(UTC)
+    found = _environment().get_template(template)
+    return found.render(version=version, written=written, significance=SIGNIFICANCE, **content)
 
 
 @cache
