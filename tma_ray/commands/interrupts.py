@@ -3,6 +3,8 @@
 It is imported before everything else, and imports only what is there already.
 """
 
+from __future__ import annotations
+
 import contextlib
 import os
 import signal
