@@ -187,13 +187,6 @@ def test_regular_polygon_has_the_textbook_area_and_moment(corners: int, centre: 
     assert polygon.second_moment == pytest.approx(expected)
 
 
-def test_rectangle_off_its_origin() -> None:
-    polygon = Polygon(((1.0, 2.0), (4.0, 2.0), (4.0, 4.0), (1.0, 4.0)))
-    assert polygon.area == pytest.approx(6)
-    assert polygon.centroid == pytest.approx((2.5, 3))
-    assert polygon.second_moment == pytest.approx(6 * (3**2 + 2**2) / 12)
-
-
 def test_distance_is_negative_inside_and_positive_outside() -> None:
     polygon = Polygon(((0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)))
     assert polygon.distance((1.0, 0.5)) == pytest.approx(-0.5)

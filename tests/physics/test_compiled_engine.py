@@ -56,15 +56,6 @@ def test_a_step_after_a_failed_reset_is_refused() -> None:
         engine.step(np.zeros(4))
 
 
-def test_two_engines_do_not_disturb_each_other() -> None:
-    alone = CompiledEngine(BODY, RULES)
-    expected = digest(alone, 1)
-    other = CompiledEngine(BODY, RULES)
-    other.reset(some_world(), 2.0)
-    assert digest(alone, 1) == expected
-    other.step(np.ones(4))
-
-
 def test_a_step_allocates_little_and_keeps_nothing() -> None:
     env = StumpTracks()
     env.reset(seed=0, options={"task": [0.0, 6.0]})

@@ -370,11 +370,3 @@ def test_state_dependent_exploration_is_squashed_and_bounded_as_in_its_library(t
 def test_a_student_that_does_not_tell_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="Student does not define policy_layers"):
         Student.policy_layers(tmp_path)
-
-
-@pytest.mark.slow
-def test_damaged_policies_are_refused(tmp_path: Path) -> None:
-    trained("sac").save_policy(tmp_path)
-    (tmp_path / "policy.safetensors").write_bytes(b"PK")
-    with pytest.raises(PolicyFileError, match="no sound safetensors file"):
-        policy_layers("sac", tmp_path)

@@ -208,7 +208,7 @@ def test_a_short_step_is_the_steepest() -> None:
     assert 0.9 * gained < max(others) < 1.02 * gained
 
 
-@pytest.mark.parametrize("size", [1, 2, 20])
+@pytest.mark.parametrize("size", [1, 20])
 def test_flat_values_lead_to_the_target(size: int) -> None:
     rng = np.random.default_rng(size)
     current, target = FullGaussian(np.full(size, 0.1), 0.1 * np.eye(size)), random_gaussian(size, rng)

@@ -146,3 +146,11 @@ def test_no_two_students_are_alike_and_one_seed_is_one_student() -> None:
             learner.play([0, 6])
         returns.append(float(learner.expected_returns([[0, 6]])[0]))
     assert returns[0] == returns[1] != returns[2]
+
+
+def test_it_learns_in_six_dimensions_too() -> None:
+    aptitude = replace(STEADY, regions=4, zone=0.3, pace=0.3)
+    learner = SimulatedStudent(np.zeros(6), np.ones(6), np.random.default_rng(0), aptitude)
+    for q in np.random.default_rng(1).random((1000, 6)):
+        learner.play(0.5 * q)
+    assert learner.expected_returns([np.full(6, 0.2)])[0] > 100

@@ -5,14 +5,8 @@ import pytest
 from tma_ray.students.cohort import learner
 
 
-@pytest.fixture(
-    params=[
-        pytest.param(True, id="together"),
-        pytest.param(
-            False, id="apart", marks=pytest.mark.slow
-        ),  # as cohorts on a processor do in other tests
-    ]
-)
+# apart, as cohorts on a processor do in other tests
+@pytest.fixture(params=["together", pytest.param("apart", marks=pytest.mark.slow)])
 def _both_ways(request, monkeypatch):
-    if request.param:
+    if request.param == "together":
         monkeypatch.setattr(learner, "batching_is_faster", lambda *_: True)

@@ -12,14 +12,14 @@ def kind(request):
     return request.param
 
 
-def alone(kind, slot=1, **changes):
+def alone(kind, **changes):
     """Return run 1 after nine lessons, which are 54 updates."""
     stacked = kind.learner(changes)
-    enter(kind, stacked, slot, run=1)
+    enter(kind, stacked, 1, run=1)
     for seed in range(9):
-        kind.learn(stacked, slot, seed)
+        kind.learn(stacked, 1, seed)
         stacked.advance(100)
-    return stacked.networks(slot)
+    return stacked.networks(1)
 
 
 def test_a_run_learns_the_same_bits_whoever_its_neighbours_are(kind):
@@ -43,11 +43,6 @@ def test_a_run_learns_the_same_bits_whoever_its_neighbours_are(kind):
     kind.learn(stacked, 2, 99)
     stacked.advance(2)
     assert stacked.owed.tolist() == [0, 0, 4]
-
-
-@pytest.mark.parametrize("slot", [0, 2])
-def test_a_run_learns_the_same_bits_in_every_slot(kind, slot):
-    assert_same_bits(alone(kind, slot), alone(kind))
 
 
 def test_an_idle_run_does_not_change_and_a_diverged_neighbour_harms_nobody(kind):
