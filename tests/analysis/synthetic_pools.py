@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -43,6 +43,13 @@ def cell(teacher: str, seed: int, value: float, **changes: Any) -> dict[str, Any
         empty = ("steps", "test_set", "physics_version", "mastery_threshold", "mastered_percent", "step")
         return row | dict.fromkeys(empty, None) | {"settings": None}
     return row | {"settings": row.get("settings", f"{row['challenge']} {row['steps']}")}
+
+
+def cells(values: Mapping[str, Sequence[float]], **changes: Any) -> Iterator[dict[str, Any]]:
+    """Yield cells of teachers, one for each of their values, seed by seed."""
+    for teacher, numbers in values.items():
+        for seed, value in enumerate(numbers):
+            yield cell(teacher, seed, value, **changes)
 
 
 def parkour(teacher: str, values: dict[str, Sequence[float]], **changes: Any) -> Iterator[dict[str, Any]]:

@@ -12,7 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, RunRecord, RunWriter, Table
+from tma_ray.results import (
+    BOX2D,
+    BOX2D_TEST_SET,
+    NO_PHYSICS_VERSION,
+    AttemptOutcome,
+    AttemptRecord,
+    Committer,
+    RunRecord,
+    RunWriter,
+    Table,
+)
 
 FINGERPRINT = json.dumps({"cpu": "Invented CPU @ 3 GHz", "threads": 1, "python": "3.11.9", "numpy": "2.4.6"})
 
@@ -25,6 +35,22 @@ TASK_SPACE = [
 
 SKILL = {"random": 0.45, "alp_gmm": 0.8}
 """How much of the task space a teacher's students come to master."""
+
+
+BOX2D_RUN = {
+    "spec": json.dumps({"engine": BOX2D}),
+    "test_set": f"{BOX2D_TEST_SET}stump_tracks",
+    "physics_version": NO_PHYSICS_VERSION,
+}
+"""What records of runs in worlds of Box2D have of their own."""
+
+SMALL = {"steps": 40_000, "evaluation_every": 10_000, "episode_steps": 1_000, "grid": 4, "updates": 4}
+"""Sizes of a campaign whose whole logs are written at once."""
+
+
+def mastering(count: int, of: int = 10) -> list[float]:
+    """Return returns on test tasks, so many of which are mastered."""
+    return [300.0] * count + [0.0] * (of - count)
 
 
 @dataclass
@@ -43,6 +69,7 @@ class SyntheticCampaign:
     updates: int = 20
     error: str = ERROR
     host: str = "node-1"
+    prefix: str = ""
 
     def __post_init__(self) -> None:
         self.committer = Committer.open(self.root)
@@ -86,9 +113,26 @@ class SyntheticCampaign:
         self._write(record, status, {Table.EVALUATIONS: rows}, max(returns, default=0))
         return record.run_id
 
+    def seeds(
+        self, teacher: str, counts: Sequence[int], of: int = 10, half: float | None = None, **changes: Any
+    ) -> None:
+        """Write a run for each count, seed by seed, that masters so many tasks in the end.
+
+        Args:
+            teacher: of all.
+            counts: tasks that each run masters.
+            of: tasks there are.
+            half: share of its mastered tasks that a run masters at half time; not evaluated then by default.
+            changes: of the records, or `level`.
+        """
+        for seed, count in enumerate(counts):
+            early = {} if half is None else {self.steps // 2: mastering(int(half * count), of)}
+            self.plain_run(teacher, seed, early | {self.steps: mastering(count, of)}, **changes)
+
     def record(self, teacher: str, seed: int, level: str, **changes: Any) -> RunRecord:
+        name = f"{self.prefix}{self.experiment}-{teacher}-{level}-{seed}"
         fields = {
-            "run_id": re.sub(r"[^0-9a-zA-Z_-]", "_", f"{self.experiment}-{teacher}-{level}-{seed}"),
+            "run_id": re.sub(r"[^0-9a-zA-Z_-]", "_", name),
             "spec": json.dumps({"seed": seed, "task_space": TASK_SPACE}),
             "environment": self.environment,
             "challenge": "original",

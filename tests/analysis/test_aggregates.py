@@ -3,13 +3,9 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
-from synthetic_pools import cell, parkour, pool
+from synthetic_pools import cell, cells, parkour, pool
 
-from analysis.comparisons.aggregates import (
-    improvements,
-    interquartile_means,
-    profiles,
-)
+from analysis.comparisons.aggregates import improvements, interquartile_means, profiles
 from analysis.comparisons.boards import headlines
 from analysis.comparisons.frame import ACROSS, CHALLENGES, over_challenges
 from analysis.data.reference import NO_BASELINE
@@ -26,14 +22,8 @@ def test_interquartile_means_of_pools() -> None:
 
 
 def test_across_challenges_each_is_a_stratum() -> None:
-    cells = [
-        cell(teacher, seed, level + seed, challenge=challenge)
-        for teacher, level in (("adr", 0), ("random", 10))
-        for challenge in ("original", "mostly_trivial")
-        for seed in range(4)
-        if (teacher, challenge) != ("adr", "mostly_trivial")
-    ]
-    runs = pool(*cells)
+    both, trivial = {"adr": [0, 1, 2, 3], "random": [10, 11, 12, 13]}, {"random": [10, 11, 12, 13]}
+    runs = pool(*cells(both), *cells(trivial, challenge="mostly_trivial"))
     table = interquartile_means(runs, "mastered_percent", [*ACROSS, "teacher"], CHALLENGES)
     table = table.set_index("teacher")
     assert table["n"].to_dict() == {"adr": 4, "random": 8}
@@ -45,13 +35,13 @@ def test_across_challenges_each_is_a_stratum() -> None:
 
 
 def test_a_run_at_several_levels_counts_once() -> None:
-    cells = [
+    levels = [
         cell("random", seed, seed, expert_knowledge=level, run_id=f"r{seed}")
         for level in ("none", "low")
         for seed in range(4)
     ]
     by = [column for column in ACROSS if column != "expert_knowledge"]
-    table = interquartile_means(pool(*cells), "mastered_percent", [*by, "teacher"], CHALLENGES)
+    table = interquartile_means(pool(*levels), "mastered_percent", [*by, "teacher"], CHALLENGES)
     assert table["n"].tolist() == [4]
 
 
@@ -62,11 +52,8 @@ def test_improvement_between_teachers() -> None:
     assert (pair["first"], pair["second"], pair["value"], pair["n"]) == ("adr", "random", 1, 24)
     assert 0.5 < pair["low"] < pair["high"] == 1
     assert len(improvements(runs, "mastered_percent")) == 1
-
-
-def test_improvement_on_nobody_has_a_reason() -> None:
-    runs = pool(*parkour("adr", BODIES))
-    pair = improvements(runs, "mastered_percent", reference="random").iloc[0]
+    alone = pool(*parkour("adr", BODIES))
+    pair = improvements(alone, "mastered_percent", reference="random").iloc[0]
     assert (pair["reason"], math.isnan(pair["value"])) == (NO_BASELINE, True)
 
 
@@ -101,7 +88,7 @@ def spread_out(**teachers: list[float]) -> list[dict[str, object]]:
         cell(teacher, seed, level + gain + spread, challenge=challenge)
         for teacher, gains in teachers.items()
         for level, challenge, gain in zip(
-            (10, 40, 70), ("original", "mostly_trivial", "rugged"), gains, strict=True
+            (10, 40, 70), ("original", "mostly_trivial", "rugged"), gains, strict=False
         )
         for seed, spread in enumerate((-1.0, 1.0))
     ]
@@ -140,10 +127,9 @@ def test_bodies_of_a_challenge_share_its_weight() -> None:
 
 
 def test_only_challenges_that_both_have_count_and_runs_are_never_compared_with_themselves() -> None:
-    cells = spread_out(random=[0, 0, 0], adr=[6, 9, 0])
-    runs = pool(*(each for each in cells if (each["teacher"], each["challenge"]) != ("adr", "rugged")))
+    runs = pool(*spread_out(random=[0, 0, 0], adr=[6, 9]))
     assert over_challenges(runs, "mastered_percent", "random").iloc[0]["challenges"] == 2
-    alone = pool(*(each for each in cells if each["teacher"] == "adr"))
+    alone = pool(*spread_out(adr=[6, 9, 0]))
     assert over_challenges(alone, "mastered_percent", "random").iloc[0]["reason"] == NO_BASELINE
     same = runs.assign(run_id=runs["challenge"] + runs["seed"].astype(str))
     assert over_challenges(same, "mastered_percent", "random").iloc[0]["reason"] == "same runs"

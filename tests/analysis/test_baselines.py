@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
+import shutil
 import warnings
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
-from rich.console import Console
-from synthetic_results import SyntheticCampaign
+from synthetic_results import SMALL, SyntheticCampaign
+from views import printed
 
 from analysis.baselines import BaselineError, as_baseline, baselines, find_baseline, release, verify
 from analysis.baselines.catalogue import PLACES_VARIABLE
@@ -21,7 +20,7 @@ from analysis.commands.releases import show_baselines, show_verification
 from analysis.commands.tables import write_tables
 from analysis.data.frames import Frames, load
 from analysis.data.reference import paper_frame
-from tma_ray.results import Lease, Results, ResultsRootError, Store, Table, compact
+from tma_ray.results import Lease, ResultsRootError, Store, Table, compact
 
 TEACHERS = ("random", "alp_gmm", "<b>|mine")
 
@@ -30,8 +29,7 @@ TEACHERS = ("random", "alp_gmm", "<b>|mine")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished campaign of three teachers with two seeds, two experiments sharing one run."""
     folder = tmp_path_factory.mktemp("campaign") / "root"
-    small = {"steps": 20_000, "evaluation_every": 10_000, "episode_steps": 1_000, "grid": 2, "updates": 2}
-    campaign = SyntheticCampaign(folder, boxes=True, **small)
+    campaign = SyntheticCampaign(folder, boxes=True, **SMALL)
     for teacher in TEACHERS:
         for seed in range(2):
             run_id = campaign.run(teacher, seed)
@@ -39,7 +37,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
             policy.mkdir(parents=True)
             (policy / "policy.json").write_text("{}")
             (policy / "policy.safetensors").write_bytes(bytes(8))
-    again = SyntheticCampaign(folder, experiment="again", campaign="second", **small)
+    again = SyntheticCampaign(folder, experiment="again", campaign="second", **SMALL)
     again.cell(again.record("random", 0, "low", run_id="original-random-low-0"), "low")
     return folder
 
@@ -102,36 +100,27 @@ def test_the_manifest_and_the_card_say_what_it_holds(released: Path) -> None:
     manifest = find_baseline(released).manifest
     assert manifest.holds["teachers"] == sorted(TEACHERS)
     assert manifest.holds["seeds"] == [0, 1]
-    assert manifest.holds["steps"] == [20_000]
-    assert (manifest.holds["runs"], manifest.holds["policies"], manifest.holds["evaluations"]) == (6, 6, 18)
+    assert manifest.holds["steps"] == [40_000]
+    assert (manifest.holds["runs"], manifest.holds["policies"], manifest.holds["evaluations"]) == (6, 6, 30)
     assert (manifest.engine, manifest.physics_versions, manifest.partial) == ("Chipmunk", (1,), "")
     card = (released / "README.md").read_text(encoding="utf-8")
-    for words in (
-        "# mine-1.0",
-        "CC-BY-4.0",
-        "ALP-GMM",
-        "| seeds | 0 to 1 |",
-        "Stump Tracks, original task space",
-        "The final policies are in",
-    ):
+    for words in ("# mine-1.0", "CC-BY-4.0", "ALP-GMM", "| seeds | 0 to 1 |", "The final policies are in"):
         assert words in card
+    assert "Stump Tracks, original task space" in card
     assert "<b>" not in card
     assert "part of its campaigns" not in card
 
 
 def test_a_whole_release_is_verified_and_damage_is_named(released: Path, tmp_path: Path) -> None:
     assert verify(released).whole
-    copy = tmp_path / "copy"
-    subprocess.run(["cp", "-r", released, copy], check=True)
+    copy = Path(shutil.copytree(released, tmp_path / "copy"))
     training = copy / "tables/training/original.parquet"
     content = bytearray(training.read_bytes())
     content[len(content) // 2] ^= 1
     training.write_bytes(bytes(content))
     (copy / "policies/original-random-low-0/policy.json").unlink()
     (copy / "policies/original-random-low-1/policy.pkl").write_bytes(b"danger")
-    console = Console(record=True, width=300)
-    assert not show_verification(copy, console)
-    assert console.export_text().splitlines() == [
+    assert printed(show_verification, copy, width=300).splitlines() == [
         "policies/original-random-low-1/policy.pkl: it is not of this baseline",
         "policies/original-random-low-0/policy.json: it is missing",
         "tables/training/original.parquet: its sha256 is not the recorded one",
@@ -154,17 +143,14 @@ def test_a_campaign_that_is_not_done_is_released_only_as_a_part(tmp_path: Path) 
         release(root, "half", output)
     assert not output.exists()
     folder = release(root, "half", output, partial=True)
-    assert_frames_same_but_episodes(load(folder), load(root))
+    found, expected = load(folder), load(root)
+    for name in ("cells", "attempts", "evaluations", "training", "test_tasks"):
+        pd.testing.assert_frame_equal(getattr(found, name), getattr(expected, name), check_exact=True)
     assert verify(folder).whole
     assert find_baseline(folder).manifest.partial == "1 of 4 runs are done, 1 running, 1 failed, 1 waiting"
     card = (folder / "README.md").read_text(encoding="utf-8")
     assert "part of its campaigns only:** 1 of 4 runs are done, 1 running, 1 failed, 1 waiting" in card
     assert "None was given" in card
-
-
-def assert_frames_same_but_episodes(found: Frames, expected: Frames) -> None:
-    for name in ("cells", "attempts", "evaluations", "training", "test_tasks"):
-        pd.testing.assert_frame_equal(getattr(found, name), getattr(expected, name), check_exact=True)
 
 
 @pytest.mark.parametrize("name", ["", ".hidden", "a/b", "..", "a b"])
@@ -203,8 +189,7 @@ def test_an_empty_root_is_nothing_to_release(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_root_with_merged_files_makes_the_same_release(root: Path, released: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "root"
-    subprocess.run(["cp", "-r", root, copy], check=True)
+    copy = shutil.copytree(root, tmp_path / "root")
     compact(copy)
     assert_same(load(copy), load(root))
     again = release(copy, "again", tmp_path)
@@ -236,9 +221,7 @@ def test_baselines_are_found_by_name_in_the_folders_of_the_environment(
     assert [each.manifest.name for each in baselines()] == sorted(["mine-1.0", *shipped])
     assert find_baseline("mine-1.0").place == str(released)
     assert len(find_baseline("mine-1.0").frames().cells) == 7
-    console = Console(record=True, width=300)
-    show_baselines(console)
-    text = console.export_text()
+    text = printed(show_baselines, width=300)
     assert "CC-BY-4.0" in text
     assert "Box2D" in text
     monkeypatch.setenv(PLACES_VARIABLE, os.pathsep.join([str(released), str(tmp_path)]))
@@ -249,8 +232,7 @@ def test_baselines_are_found_by_name_in_the_folders_of_the_environment(
 def test_two_baselines_of_one_name_are_told_apart_by_their_places(
     root: Path, released: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    other = tmp_path / "other"
-    subprocess.run(["cp", "-r", released, other], check=True)
+    other = Path(shutil.copytree(released, tmp_path / "other"))
     monkeypatch.setenv(PLACES_VARIABLE, os.pathsep.join([str(released), str(other)]))
     with pytest.raises(BaselineError, match="2 baselines are called"):
         find_baseline("mine-1.0")
@@ -261,13 +243,6 @@ def test_a_results_root_is_no_baseline(root: Path) -> None:
     assert as_baseline(root) is None
     with pytest.raises(BaselineError, match=r"baseline\.json is missing"):
         verify(root)
-
-
-def test_returns_survive_bit_by_bit(root: Path, released: Path) -> None:
-    values = [
-        Results.open(place).table(Table.EPISODES)["episodic_return"].to_numpy() for place in (root, released)
-    ]
-    assert np.array_equal(values[0].view(np.int64), values[1].view(np.int64))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from drawn_charts import figure_of, plot_of
+from views import figure_of, plot_of
 
 from analysis.charts.base import END
 from analysis.charts.curves import learning_curves
@@ -51,12 +51,10 @@ def points() -> pd.DataFrame:
 
 def test_a_curve_has_the_means_and_its_band_one_standard_error() -> None:
     table = pd.DataFrame({"teacher": "random", "step": [0, 5], "n": 4, "mean": [1.0, 3.0]})
-    chart = plot_of(learning_curves(table.assign(standard_error=0.5), "Return"))
-    band, line = figure_of(chart).data
-    assert list(line.x) == [0, 5]
-    assert list(line.y) == [1.0, 3.0]
+    band, line = figure_of(plot_of(learning_curves(table.assign(standard_error=0.5), "Return"))).data
+    assert (list(line.x), list(line.y)) == ([0, 5], [1.0, 3.0])
     assert sorted(band.y) == [0.5, 1.5, 2.5, 3.5]
-    assert {trace.meta["teacher"] for trace in figure_of(chart).data} == {"random"}
+    assert band.meta["teacher"] == line.meta["teacher"] == "random"
 
 
 def test_seeds_and_their_mean_are_those_of_the_step() -> None:
@@ -73,12 +71,12 @@ def test_no_interval_of_a_percentage_ends_outside_0_and_100(
     kind: str, teacher: str, values: tuple[float, ...]
 ) -> None:
     rows = {"teacher": teacher, "seed": [1, 2, 3], "step": END, "value": values, "comparison": "one"}
-    table, words = pd.DataFrame(rows), ("Mastered (%)", "title", "caption")
-    if kind == "seeds":
-        chart = plot_of(seeds_chart(table, words[0], "seeds", *words[1:]))
-    else:
-        chart = plot_of(overview_chart(table, {"one": "First"}, *words))
-    trace = shown(chart, END)[-1]
+    table, words = pd.DataFrame(rows), ("title", "caption")
+    chart = {
+        "seeds": seeds_chart(table, "Mastered (%)", "seeds", *words),
+        "overview": overview_chart(table, {"one": "First"}, "Mastered (%)", *words),
+    }[kind]
+    trace = shown(plot_of(chart), END)[-1]
     (mean,), reach = trace["x"], trace["error_x"]
     margin = 4.302653 * np.std(values, ddof=1) / np.sqrt(3)  # Student's t of 2 degrees of freedom
     ends = mean - reach["arrayminus"][0], mean + reach["array"][0]
@@ -87,35 +85,29 @@ def test_no_interval_of_a_percentage_ends_outside_0_and_100(
 
 
 def test_an_overview_has_a_trace_for_each_comparison_and_teacher() -> None:
-    twice = pd.concat([points().assign(comparison=name) for name in ("one", "two")])
-    only = twice[(twice["comparison"] == "one") | (twice["teacher"] == "random")]
+    second = points()[lambda table: table["teacher"] == "random"]
+    only = pd.concat([points().assign(comparison="one"), second.assign(comparison="two")])
     rows = {"one": "First", "two": "Second"}
     chart = plot_of(overview_chart(only, rows, "Mastered (%)", "title", "caption"))
-    pairs = [(trace.meta["comparison"], trace.meta["teacher"]) for trace in figure_of(chart).data]
+    traces = figure_of(chart).data
+    pairs = [(trace.meta["comparison"], trace.meta["teacher"]) for trace in traces]
     assert pairs == [("one", "random"), ("one", "alp_gmm"), ("two", "random")]
     assert [trace["x"] for trace in shown(chart, END)] == [[20.0], [25.0], [20.0]]
-    places = [trace.y[0] for trace in figure_of(chart).data]
-    assert all(-0.5 < place < 0.5 for place in places[:2])
-    assert 0.5 < places[2] < 1.5
-    assert [trace.showlegend for trace in figure_of(chart).data] == [True, True, False]
+    assert [round(trace.y[0]) for trace in traces] == [0, 0, 1]
+    assert [trace.showlegend for trace in traces] == [True, True, False]
+
+
+def shares_of(steps: dict[object, list[float]]) -> pd.DataFrame:
+    """Shares of seeds that master tasks 0, 1, …, by step."""
+    rows = [(step, index, share) for step, shares in steps.items() for index, share in enumerate(shares)]
+    return pd.DataFrame(rows, columns=["step", "task_index", "share"]).assign(teacher="adr")
 
 
 def test_mastered_tasks_are_shares_of_seeds_in_the_order_of_the_tasks() -> None:
     tasks = pd.DataFrame({"task_index": [1, 0], "task": [np.float32([1, 2]), np.float32([0, 5])]})
-    shares = pd.DataFrame(
-        {
-            "teacher": "adr",
-            "step": [0, 0, END, END],
-            "task_index": [0, 1, 0, 1],
-            "share": [0.0, 0.5, 1.0, 0.5],
-        }
-    )
-    chart = plot_of(mastery_chart(shares, tasks, PLANE))
+    chart = plot_of(mastery_chart(shares_of({0: [0.0, 0.5], END: [1.0, 0.5]}), tasks, PLANE))
     (trace,) = figure_of(chart).data
-    assert list(zip(trace.x, trace.y, strict=True)) == [
-        (0, 5),
-        (1, 2),
-    ]
+    assert (list(trace.x), list(trace.y)) == ([0, 1], [5, 2])
     assert [shown(chart, step)[0]["marker"]["color"] for step in (0, END)] == [[0, 50], [100, 50]]
     assert chart.teacher == "adr"
     assert "75.0\N{NO-BREAK SPACE}%" in figure_of(chart).layout.title.text
@@ -124,9 +116,7 @@ def test_mastered_tasks_are_shares_of_seeds_in_the_order_of_the_tasks() -> None:
 def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:
     places = [(2, 1), (0, 1), (0, 5), (2, 5)]
     tasks = pd.DataFrame({"task_index": range(4), "task": [np.float32(place) for place in places]})
-    steps = {0: [0.0, 0.5, 1.0, 0.25], END: [1.0, 0.5, 0.0, 0.75]}
-    rows = [(step, index, share) for step, shares in steps.items() for index, share in enumerate(shares)]
-    shares = pd.DataFrame(rows, columns=["step", "task_index", "share"]).assign(teacher="adr")
+    shares = shares_of({0: [0.0, 0.5, 1.0, 0.25], END: [1.0, 0.5, 0.0, 0.75]})
     chart = plot_of(mastery_chart(shares, tasks, PLANE))
     (trace,) = figure_of(chart).data
     assert trace.type == "heatmap"
@@ -141,16 +131,8 @@ def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:
 
 def test_tasks_of_many_dimensions_lie_in_rows_the_easiest_first() -> None:
     tasks = pd.DataFrame({"task_index": range(4), "task": [np.zeros(3, np.float32)] * 4})
-    shares = pd.DataFrame({"teacher": "adr", "step": END, "task_index": range(4), "share": [0, 1, 0.5, 0.2]})
-    chart = plot_of(mastery_chart(shares, tasks, CUBE))
-    places = dict(
-        zip(
-            zip(figure_of(chart).data[0].x, figure_of(chart).data[0].y, strict=True),
-            range(4),
-            strict=True,
-        )
-    )
-    assert [places[place] for place in ((0, 0), (1, 0), (2, 0), (0, -1))] == [1, 2, 3, 0]
+    (trace,) = figure_of(plot_of(mastery_chart(shares_of({END: [0, 1, 0.5, 0.2]}), tasks, CUBE))).data
+    assert list(zip(trace.x, trace.y, strict=True)) == [(0, -1), (0, 0), (1, 0), (2, 0)]
 
 
 def curriculum(size: int, gaussians: list[dict[str, Any]], boxes: list[dict[str, Any]]) -> Curriculum:
@@ -188,10 +170,7 @@ def test_boxes_of_many_dimensions_span_their_share_of_each_column() -> None:
 
 def test_training_tasks_are_coloured_by_return_part_by_part() -> None:
     chart = plot_of(training_tasks({"adr": curriculum(2, [], [])}, PLANE, "t", "caption"))
-    assert [frame["name"] for frame in chart.frames] == [
-        "20",
-        "100",
-    ]  # parts without episodes have none
+    assert [frame["name"] for frame in chart.frames] == ["20", "100"]  # parts without episodes have none
     assert shown(chart, 20)[0]["marker"]["color"] == [-50.0]
     assert shown(chart, 100)[0]["x"] == [1.0]
 
@@ -220,18 +199,6 @@ def test_a_profile_of_few_runs_has_no_band(runs: int, bands: int) -> None:
     assert sum(trace.fill != "toself" for trace in figure_of(chart).data) == 1
 
 
-def test_an_axis_of_zeros_does_not_reach_below() -> None:
-    zeros = {
-        "teacher": ["random"] * 2,
-        "step": [0, 1],
-        "n": [2, 2],
-        "mean": [0.0, 0.0],
-        "standard_error": [0.0, 0.0],
-    }
-    chart = plot_of(learning_curves(pd.DataFrame(zeros), "Mastered test tasks (%)"))
-    assert figure_of(chart)["layout"]["yaxis"]["rangemode"] == "nonnegative"
-
-
 def test_ranks_are_marks_within_the_ranks_that_tests_leave_open() -> None:
     rest = {"across": {}, "challenges": 3, "mean": 1.0, "low": 0.0, "high": 2.0, "n": 3, "fewest": 3, "of": 3}
     first = Rank("adr", rank=1, better=("spdl",), worse=(), undecided=("random",), left_out=(), **rest)
@@ -245,5 +212,6 @@ def test_ranks_are_marks_within_the_ranks_that_tests_leave_open() -> None:
 def test_a_ceiling_is_drawn_unless_it_would_flatten_the_curves(highest: float, drawn: int) -> None:
     table = pd.DataFrame({"teacher": "adr", "step": [0, 5], "n": 4, "mean": [1.0, highest]})
     chart = plot_of(learning_curves(table.assign(standard_error=0.5), "Mastered (%)", ceiling=57.0))
+    assert figure_of(chart).layout.yaxis.rangemode == "nonnegative"  # nor does an axis of zeros reach below
     found = [trace for trace in figure_of(chart).data if trace.name == "mastered by any run"]
     assert [list(trace.y) for trace in found] == [[57.0, 57.0]] * drawn

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 from synthetic_results import SyntheticCampaign
+from views import printed
 
 from analysis.claims.judging import PaperSource, RootSource, Verdict, judge
 from analysis.commands.rankings import show_claims, show_search
@@ -93,15 +93,16 @@ def test_claims_are_about_what_the_benchmark_runs(claim: Claim) -> None:
 
 def write(root: Path, teacher: str, mastered: list[int], **changes: object) -> None:
     """Write finished runs that master so many of ten test tasks in the end, and half of them before."""
-    level = str(changes.pop("level", "low"))
     fields = {"challenge": "rugged_difficulty", "test_set": "stump_tracks"} | changes
-    campaign = SyntheticCampaign(root, experiment="claims")
-    for seed, count in enumerate(mastered):
-        returns = [300.0] * count + [0.0] * (10 - count)
-        half = [300.0] * (count // 2) + [0.0] * (10 - count // 2)
-        campaign.plain_run(
-            teacher, seed, {campaign.steps // 2: half, campaign.steps: returns}, level=level, **fields
-        )
+    SyntheticCampaign(root, experiment="claims").seeds(teacher, mastered, half=0.5, **fields)
+
+
+@pytest.fixture
+def rugged(tmp_path: Path) -> Path:
+    """A root in which ADR is worse than Random on the rugged challenge."""
+    write(tmp_path, "random", [5, 6, 4, 5])
+    write(tmp_path, "adr", [1, 2, 1, 2])
+    return tmp_path
 
 
 def standing(root: Path, *statements: object) -> list[Standing]:
@@ -115,42 +116,25 @@ def test_statements_are_judged_by_the_runs_of_a_root(tmp_path: Path) -> None:
     write(tmp_path, "sfl", [9, 9, 9, 9])  # no teacher of the paper, so that it has no rank there
     adr, random = (Reading(teacher, "rugged_difficulty", LOW) for teacher in ("adr", "random"))
     early = Reading("adr", "rugged_difficulty", LOW, share=0.5)
-    assert standing(
-        tmp_path,
-        Compared(adr, Relation.WORSE, random),
-        Compared(adr, Relation.BETTER, random),
-        Compared(adr, Relation.NOT_BETTER, random),
-        Compared(adr, Relation.ALIKE, random),
-        Compared(random, Relation.LOWER, adr),
-        Compared(random, Relation.ALIKE, random),
-        Bounded(adr, most=30.0),
-        Bounded(adr, most=20.0),
-        Bounded(adr, least=30.0),
-        Bounded(adr, least=20.0, best_seed=True),
-        Ranked(random, 1),
-        Ranked(adr, 1),
-        Ranked(adr, 2),
-        Scaled(adr, 0.2, early),
-        Scaled(adr, 3.0, early),
-        Scaled(early, 3.0, adr),
-    ) == [
-        Standing.SUPPORTED,
-        Standing.REFUTED,
-        Standing.SUPPORTED,
-        Standing.REFUTED,
-        Standing.REFUTED,
-        Standing.UNDECIDED,  # the same runs
-        Standing.SUPPORTED,
-        Standing.UNDECIDED,  # the mean is 15, and its interval 6 to 24
-        Standing.REFUTED,
-        Standing.SUPPORTED,
-        Standing.SUPPORTED,
-        Standing.REFUTED,
-        Standing.NO_DATA,  # two of two says nothing
-        Standing.SUPPORTED,
-        Standing.UNDECIDED,
-        Standing.REFUTED,
-    ]
+    expected = {
+        Compared(adr, Relation.WORSE, random): Standing.SUPPORTED,
+        Compared(adr, Relation.BETTER, random): Standing.REFUTED,
+        Compared(adr, Relation.NOT_BETTER, random): Standing.SUPPORTED,
+        Compared(adr, Relation.ALIKE, random): Standing.REFUTED,
+        Compared(random, Relation.LOWER, adr): Standing.REFUTED,
+        Compared(random, Relation.ALIKE, random): Standing.UNDECIDED,  # the same runs
+        Bounded(adr, most=30.0): Standing.SUPPORTED,
+        Bounded(adr, most=20.0): Standing.UNDECIDED,  # the mean is 15, and its interval 6 to 24
+        Bounded(adr, least=30.0): Standing.REFUTED,
+        Bounded(adr, least=20.0, best_seed=True): Standing.SUPPORTED,
+        Ranked(random, 1): Standing.SUPPORTED,
+        Ranked(adr, 1): Standing.REFUTED,
+        Ranked(adr, 2): Standing.NO_DATA,  # two of two says nothing
+        Scaled(adr, 0.2, early): Standing.SUPPORTED,
+        Scaled(adr, 3.0, early): Standing.UNDECIDED,
+        Scaled(early, 3.0, adr): Standing.REFUTED,
+    }
+    assert dict(zip(expected, standing(tmp_path, *expected), strict=True)) == expected
 
 
 def test_half_a_pool_decides_nothing(tmp_path: Path) -> None:
@@ -186,12 +170,8 @@ def test_an_empty_root_decides_no_claim(tmp_path: Path) -> None:
     assert {verdict.standing for verdict in judge(RootSource(load(tmp_path)))} == {Standing.NO_DATA}
 
 
-def test_claims_are_shown_with_what_is_behind_them(tmp_path: Path) -> None:
-    write(tmp_path, "random", [5, 6, 4, 5])
-    write(tmp_path, "adr", [1, 2, 1, 2])
-    console = Console(width=200, record=True)
-    show_claims(tmp_path, details=True, console=console)
-    text = console.export_text()
+def test_claims_are_shown_with_what_is_behind_them(rugged: Path) -> None:
+    text = printed(show_claims, rugged, details=True)
     assert "undecided: In a rugged landscape ADR is worse than Random, whatever it knows." in text
     assert "1 of 2 statements supported, 1 no data" in text
     assert (
@@ -200,34 +180,24 @@ def test_claims_are_shown_with_what_is_behind_them(tmp_path: Path) -> None:
     )
 
 
-def test_the_report_tells_which_claims_it_can_judge(tmp_path: Path) -> None:
-    write(tmp_path, "random", [5, 6, 4, 5])
-    write(tmp_path, "adr", [1, 2, 1, 2])
-    page = write_report(tmp_path, tmp_path / "report").read_text()
+def test_the_report_tells_which_claims_it_can_judge(rugged: Path) -> None:
+    page = write_report(rugged).read_text()
     assert "In a rugged landscape ADR is worse than Random" in page
     assert "No teacher masters more than 1 % with the chimpanzee" not in page
 
 
-def searched(root: Path, side: str, name: str, returns: dict[int, list[float]]) -> None:
-    """Write a seed for each return at the points of a grid; the threshold of mastery is 230."""
+def searched(root: Path, side: str, name: str, counts: dict[int, list[int]]) -> None:
+    """Write a seed for each count of two mastered tasks at the points of a grid."""
     grid = {**TEACHER_GRIDS, "ppo": PPO_GRID}[name]
     names = {"teacher": "random", "student": "sac"} | {side: name}
-    for place, values in returns.items():
-        spec = {f"{side}_hyperparameters": grid.points()[place] | {"other": 1}}
+    for place, values in counts.items():
+        spec = json.dumps({f"{side}_hyperparameters": grid.points()[place] | {"other": 1}})
         campaign = SyntheticCampaign(root, experiment=f"search_{name}_{place:02}")
-        for seed, value in enumerate(values):
-            campaign.plain_run(
-                names["teacher"],
-                seed,
-                {0: [0.0, 0.0], campaign.steps: [value, 300.0]},
-                level="none",
-                student=names["student"],
-                spec=json.dumps(spec | {"seed": seed}),
-            )
+        campaign.seeds(names["teacher"], values, 2, level="none", student=names["student"], spec=spec)
 
 
 def test_points_are_ranked_by_mean_mastered_tasks_and_the_papers_choice_is_marked(tmp_path: Path) -> None:
-    searched(tmp_path, "teacher", "alp_gmm", {0: [0.0, 300.0], 1: [0.0, 0.0], 2: [300.0, 300.0]})
+    searched(tmp_path, "teacher", "alp_gmm", {0: [1, 2], 1: [1, 1], 2: [2, 2]})
     found = search_results(load(tmp_path))
     assert found["mean"].tolist() == [100.0, 75.0, 50.0]
     assert found["chosen"].tolist() == [False, True, False]
@@ -236,11 +206,9 @@ def test_points_are_ranked_by_mean_mastered_tasks_and_the_papers_choice_is_marke
 
 
 def test_the_best_is_shown_beside_the_papers_choice(tmp_path: Path) -> None:
-    searched(tmp_path, "teacher", "alp_gmm", {0: [0.0, 300.0], 2: [300.0, 300.0]})
-    searched(tmp_path, "student", "ppo", {5: [300.0, 300.0]})
-    console = Console(width=300, record=True)
-    show_search(tmp_path, console)
-    lines = console.export_text().splitlines()
+    searched(tmp_path, "teacher", "alp_gmm", {0: [1, 2], 2: [2, 2]})
+    searched(tmp_path, "student", "ppo", {5: [2, 2]})
+    lines = printed(show_search, tmp_path, width=300).splitlines()
     (teacher,) = (line for line in lines if "ALP-GMM" in line)
     assert "fit_every 50, most_components 5, explore 0.1" in teacher
     assert "fit_every 150, most_components 10, explore 0.05" in teacher
@@ -252,6 +220,4 @@ def test_the_best_is_shown_beside_the_papers_choice(tmp_path: Path) -> None:
 
 def test_a_root_without_a_search_says_so(tmp_path: Path) -> None:
     SyntheticCampaign(tmp_path).plain_run("random", 0, {0: [1.0]}, status="running")
-    console = Console(record=True)
-    show_search(tmp_path, console)
-    assert "No point of a search" in console.export_text()
+    assert "No point of a search" in printed(show_search, tmp_path)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from drawn_charts import figure_of, plot_of
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from synthetic_logs import KINDS, STEPS, axes, curriculum
+from views import figure_of, plot_of
 
 from analysis.charts.base import PAGE_WIDTH
 from analysis.charts.curricula import QUANTILES
 from analysis.charts.page import on_page
-from analysis.charts.paper import png
 from analysis.charts.profiles import BINS, MOST_PER_TEACHER, hidden_scalars, scalar_chart, scalars_of
 from analysis.charts.tasks import ellipse
 from analysis.data.curricula import MOMENTS, PANELS, RETURNS, Curriculum, moments
@@ -150,13 +151,15 @@ def test_bands_hold_the_quantiles_of_the_probes(teacher: str) -> None:
 def test_boxes_and_gaussians_are_drawn_dimension_by_dimension() -> None:
     box = {"low": [0, -1, 1], "high": [2, 3, 4], "score": 0.0}
     wide = {"weight": 1.0, "mean": [0, 1, 2], "covariance": np.diag([1.0, 4.0, 9.0]).tolist()}
+
+    def second_panel(**content: object) -> Axes:
+        shown = replace(curriculum("adr", 3), updates=with_update(5, **content).updates)
+        return dimension_bands({"adr": shown}, axes(3)).axes[1]
+
     for content, bounds in (({"boxes": [box]}, (-1, 3)), ({"gaussians": [wide]}, (-3, 5))):
-        update = pd.DataFrame([{"step": 5, "gaussians": [], "boxes": [], "scalars": [], **content}])
-        panel = dimension_bands({"adr": replace(curriculum("adr", 3), updates=update)}, axes(3)).axes[1]
+        panel = second_panel(**content)
         assert tuple(line.get_ydata()[0] for line in panel.lines[1:]) == bounds
-    two = [{**wide, "weight": weight} for weight in (0.75, 0.25)]
-    update = pd.DataFrame([{"step": 5, "gaussians": two, "boxes": [], "scalars": []}])
-    panel = dimension_bands({"adr": replace(curriculum("adr", 3), updates=update)}, axes(3)).axes[1]
+    panel = second_panel(gaussians=[{**wide, "weight": weight} for weight in (0.75, 0.25)])
     sizes = panel.collections[-1].get_sizes()
     assert sizes[0] > sizes[1]
 
@@ -187,22 +190,23 @@ def test_scalars_have_a_chart_each_with_every_value_in_its_teachers_colour() -> 
     assert scalar_chart({"random": curriculum("random")}, "log", "caption") is None
 
 
+def logged(name: str, values: Sequence[float]) -> Curriculum:
+    rows = {"step": range(len(values)), "gaussians": None, "boxes": None}
+    return replace(played(), updates=pd.DataFrame(rows | {"scalars": [[(name, each)] for each in values]}))
+
+
 @pytest.mark.parametrize(
     ("values", "ticks"),
     [([7.0, 8.0, 9.0, 8.0], 1), ([2.0, 40.0, 30.0, 3.0], None), ([0.5, 1.0, 2.0, 1.5], None)],
 )
 def test_numbers_of_components_have_no_ticks_between_them(values: list[float], ticks: int | None) -> None:
-    rows = {"step": range(len(values)), "gaussians": None, "boxes": None}
-    updates = pd.DataFrame(rows | {"scalars": [[("components", value)] for value in values]})
-    chart = plot_of(scalar_chart({"adr": replace(played(), updates=updates)}, "log", "caption"))
+    chart = plot_of(scalar_chart({"adr": logged("components", values)}, "log", "caption"))
     assert figure_of(chart).layout.yaxis.dtick == ticks
 
 
 def test_long_series_are_medians_within_their_range() -> None:
     values = np.random.default_rng(0).normal(size=100 * BINS)
-    rows = {"step": range(len(values)), "gaussians": None, "boxes": None}
-    updates = pd.DataFrame(rows | {"scalars": [[("loss", value)] for value in values]})
-    chart = plot_of(scalar_chart({"adr": replace(played(), updates=updates)}, "log", "caption"))
+    chart = plot_of(scalar_chart({"adr": logged("loss", values)}, "log", "caption"))
     band, line = figure_of(chart).data
     np.testing.assert_allclose(line.y, np.median(values.reshape(BINS, 100), axis=1), rtol=1e-6)
     assert (max(band.y), min(band.y)) == pytest.approx((values.max(), values.min()))
@@ -216,9 +220,3 @@ def test_what_is_not_finite_or_too_much_is_left_out() -> None:
     assert chart is not None
     assert len(chart.all_panels) == MOST_PER_TEACHER
     assert hidden_scalars(shown) == 20 - MOST_PER_TEACHER
-
-
-@pytest.mark.slow
-def test_a_figure_repeats_itself() -> None:
-    first, second = (png(film_of({"riac": curriculum("riac")})) for _ in range(2))
-    assert first == second

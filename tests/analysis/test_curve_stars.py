@@ -1,9 +1,10 @@
-"""Learning curves with stars, against Random, between levels, and for all pairs."""
+"""Learning curves with stars, against Random, between levels, of Parkour's bodies, and for all pairs."""
 
 from __future__ import annotations
 
 import functools
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,12 +12,16 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from synthetic_curves import MILLION, curve_runs
+from synthetic_pools import parkour
+from synthetic_results import SyntheticCampaign
 
 from analysis.charts.paper.style import png
 from analysis.comparisons.frame import pairwise
-from analysis.figures import CurvePanel, curves_with_stars, pairwise_curves
+from analysis.data.frames import load
+from analysis.figures import CurvePanel, body_panels, curves_with_stars, knowledge_panels, pairwise_curves
 from analysis.looks import look
-from analysis.measures.pooling import COMPARED, pooled
+from analysis.measures.pooling import COMPARED, pool_runs, pooled
+from analysis.measures.run_measures import evaluations_at, training_returns_at
 
 pytestmark = pytest.mark.slow
 
@@ -28,14 +33,6 @@ def panel() -> CurvePanel:
     runs = curve_runs(TEACHERS, every=5 * MILLION // 2)
     tests = pairwise(runs, "mastered_percent", "random", [*COMPARED, "step"])
     return CurvePanel("Overall", pooled(runs, by=["step"]), tests)
-
-
-@functools.cache
-def levels() -> CurvePanel:
-    runs = curve_runs(["alp_gmm"], every=5 * MILLION, head_start={"none": 0.0, "low": 0.02, "high": 0.3})
-    within = [*(column for column in COMPARED if column != "expert_knowledge"), "teacher", "step"]
-    tests = pairwise(runs, "mastered_percent", "high", within, "expert_knowledge")
-    return CurvePanel("Mostly unfeasible", pooled(runs, by=["step"]), tests)
 
 
 def stars(axes: Axes) -> dict[str, list[float]]:
@@ -85,11 +82,12 @@ def test_lines_are_means_with_standard_errors() -> None:
     assert at_end.max() == pytest.approx(random["mastered_percent_mean"] + error)
 
 
-def test_levels_of_one_teacher_are_told_apart_by_their_lines() -> None:
-    shown = levels()
-    returns = replace(shown, tests=None, name="Training return", title="Training")
-    figure = curves_with_stars([shown, returns])
-    left, right = figure.axes
+def test_case_studies_show_levels_of_a_teacher_by_two_measures_side_by_side() -> None:
+    runs = curve_runs(["alp_gmm"], every=5 * MILLION, head_start={"none": 0.0, "low": 0.02, "high": 0.3})
+    shown, returns = knowledge_panels(runs)
+    assert (shown.measure, returns.measure) == ("mastered_percent", "training_return")
+    assert all(panel.tests is None for panel in knowledge_panels(runs, reference=None))
+    left, right = curves_with_stars([shown, replace(returns, tests=None)]).axes
     names = ["No expert knowledge", "Low expert knowledge", "High expert knowledge"]
     lines = {str(line.get_label()): line for line in left.lines if line.get_label() in names}
     assert [lines[name].get_linestyle() for name in names] == ["--", "--", "-"]
@@ -99,6 +97,58 @@ def test_levels_of_one_teacher_are_told_apart_by_their_lines() -> None:
     assert stars(left)["below-alp_gmm-none"] == expected(shown.tests, "none", 5 * MILLION)
     assert set(stars(left)) == {"below-alp_gmm-none", "below-alp_gmm-low"}
     assert not stars(right)
+
+
+def parkour_runs() -> pd.DataFrame:
+    bodies = ("classic_bipedal", "fish", "climbing_chimpanzee")
+    rows = []
+    for teacher, means in (("random", (20, 10, 0)), ("alp_gmm", (60, 30, 1))):
+        seeds = {body: [mean + seed for seed in range(4)] for body, mean in zip(bodies, means, strict=True)}
+        rows += parkour(teacher, seeds, steps=10.0 * MILLION)
+    values = pd.concat(
+        pd.DataFrame({"run_id": [row["run_id"] for row in rows], "step": step}).assign(
+            mastered_percent=[row["mastered_percent"] * step / (10 * MILLION) for row in rows]
+        )
+        for step in (0, 5 * MILLION, 10 * MILLION)
+    )
+    cells = pd.DataFrame(rows).drop(columns=["mastered_percent", "step"])
+    return pool_runs(cells, values)
+
+
+def test_parkour_has_a_panel_for_all_bodies_and_one_for_each() -> None:
+    panels = body_panels(parkour_runs())
+    assert [panel.title for panel in panels] == [
+        "All bodies",
+        "Classic bipedal",
+        "Climbing chimpanzee",
+        "Fish",
+    ]
+    assert {int(panel.curves["n"].max()) for panel in panels[1:]} == {4}
+    assert panels[0].curves["n"].max() == 12
+    figure = curves_with_stars(panels)
+    assert stars(figure.axes[1]) == {"above-alp_gmm-low": [5 * MILLION, 10 * MILLION]}
+    png(figure)
+
+
+def test_runs_of_several_comparisons_are_refused() -> None:
+    runs = curve_runs(["adr"], seeds=2, every=5 * MILLION, head_start={"none": 0.0, "high": 0.3})
+    with pytest.raises(ValueError, match="expected one expert_knowledge"):
+        body_panels(runs)
+    other = curve_runs(["adr"], seeds=2, every=5 * MILLION, mastery_threshold=100.0)
+    with pytest.raises(ValueError, match="expected one mastery_threshold"):
+        knowledge_panels(pd.concat([runs, other]))
+
+
+def test_training_returns_are_the_latest_of_runs_that_got_there(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path, grid=2, episode_steps=50_000, evaluation_every=500_000)
+    done, half = campaign.run("alp_gmm", 0), campaign.run("alp_gmm", 1, status="running", upto=0.5)
+    frames = load(tmp_path)
+    steps = [1_000_000, 2_000_000]
+    found = training_returns_at(frames, steps).set_index(["step", "run_id"])["training_return"]
+    assert set(found.index) == {(1_000_000, done), (1_000_000, half), (2_000_000, done)}
+    values = training_returns_at(frames, steps).merge(evaluations_at(frames, steps), on=["step", "run_id"])
+    panels = knowledge_panels(pool_runs(frames.cells, values))
+    assert panels[1].curves["n"].tolist() == [2, 1]
 
 
 def test_an_empty_panel_says_so_and_an_empty_figure_is_refused() -> None:

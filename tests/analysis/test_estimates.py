@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -105,7 +105,6 @@ def test_intervals_of_shares_hold_and_stay_within_their_bounds() -> None:
         assert held / 100 >= 0.9
 
 
-@settings(deadline=None)  # machines may be busy
 @given(VALUES, VALUES)
 def test_the_probability_of_improvement_is_mann_and_whitneys(first: list[int], second: list[int]) -> None:
     found = probability_of_improvement(sample("a", one=first), sample("b", one=second))

@@ -34,15 +34,17 @@ PLANE = (Axis("Height", 0, 3), Axis("Spacing", 0, 6))
 KNOWN = ["random", "adr", "alp_gmm", "covar_gmm", "goal_gan", "riac", "setter_solver", "spdl"]
 
 
-def curves(rows: list[tuple[str, str, int, float]]) -> pd.DataFrame:
-    table = pd.DataFrame(rows, columns=["teacher", "run_id", "step", "mastered_percent"])
-    return table.assign(**{column: "x" for column in GROUP if column != "teacher"})
+def curves(*rows: tuple[str, int, float], teacher: str = "adr") -> pd.DataFrame:
+    """Values of runs at steps."""
+    table = pd.DataFrame(rows, columns=["run_id", "step", "mastered_percent"])
+    return table.assign(**dict.fromkeys(GROUP, "x") | {"teacher": teacher})
 
 
 def test_known_teachers_have_colours_of_their_own() -> None:
     assert len({look(teacher).colour for teacher in KNOWN}) == len(KNOWN)
     assert len({look(teacher).marker for teacher in KNOWN}) == len(KNOWN)
     assert label("alp_gmm") == "ALP-GMM"
+    assert sorted(["spdl", "adr", "random"], key=teacher_order) == ["random", "adr", "spdl"]
 
 
 @given(st.text(min_size=1, max_size=20))
@@ -81,13 +83,9 @@ def test_short_names_are_short_and_of_one_teacher_each(names: set[str], length: 
     assert max(map(len, short.values())) <= length + len(" (12)")
 
 
-def test_random_comes_first() -> None:
-    assert sorted(["spdl", "adr", "random"], key=teacher_order) == ["random", "adr", "spdl"]
-
-
 def test_a_curve_draws_mean_and_standard_error() -> None:
-    rows = [("adr", f"run{s}", step, step / 10 + 10 * s) for s in range(2) for step in (0, 1000, 2000)]
-    axes = learning_curve(curves(rows), "mastered_percent", "Mastered (%)").axes[0]
+    rows = [(f"run{s}", step, step / 10 + 10 * s) for s in range(2) for step in (0, 1000, 2000)]
+    axes = learning_curve(curves(*rows), "mastered_percent", "Mastered (%)").axes[0]
     line = next(line for line in axes.lines if line.get_label() == "ADR")
     np.testing.assert_allclose(line.get_ydata(), [5, 105, 205])
     low, high = axes.collections[0].get_paths()[0].get_extents().get_points()
@@ -95,22 +93,13 @@ def test_a_curve_draws_mean_and_standard_error() -> None:
     assert (low[1], high[1]) == pytest.approx((0, 210))
 
 
-def test_a_curve_is_thin_where_runs_are_missing() -> None:
-    rows = [("adr", "a", step, 1.0) for step in (0, 1000, 2000)] + [
-        ("adr", "b", 0, 1.0),
-        ("adr", "b", 1000, 1.0),
-    ]
-    lines = learning_curve(curves(rows), "mastered_percent", "").axes[0].lines
+def test_a_curve_is_thin_where_runs_are_missing_and_starts_where_all_have_values() -> None:
+    rows = [(run, step, 1.0) for run, steps in (("a", (0, 1, 2, 3)), ("b", (1, 2))) for step in steps]
+    lines = learning_curve(curves(*rows), "mastered_percent", "").axes[0].lines
     thick = next(line for line in lines if line.get_label() == "ADR")
-    assert list(thick.get_xdata()) == [0, 1000]
-    assert max(max(line.get_xdata()) for line in lines) == 2000
-
-
-def test_a_curve_starts_where_all_runs_have_values() -> None:
-    rows = [("adr", "a", step, 1.0) for step in (0, 1000, 2000)]
-    rows += [("adr", "b", step, 1.0) for step in (1000, 2000)]
-    lines = learning_curve(curves(rows), "mastered_percent", "").axes[0].lines
-    assert min(min(line.get_xdata()) for line in lines) == 1000
+    assert list(thick.get_xdata()) == [1, 2]
+    drawn = np.concatenate([line.get_xdata() for line in lines])
+    assert (min(drawn), max(drawn)) == (1, 3)
 
 
 def test_seeds_are_rings_beside_their_mean_and_its_interval() -> None:
@@ -122,26 +111,26 @@ def test_seeds_are_rings_beside_their_mean_and_its_interval() -> None:
     assert low < 30 < high
 
 
-def test_the_map_puts_each_task_where_it_belongs() -> None:
-    tasks = pd.DataFrame({"task": [np.array([h, s], np.float32) for s in (0, 6) for h in (0, 1, 3)]})
-    tasks["task_index"] = range(6)
-    shares = pd.DataFrame({"teacher": "adr", "task_index": range(6), "share": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]})
-    mesh = mastery_map(shares, tasks, PLANE).axes[0].collections[0]
-    np.testing.assert_allclose(mesh.get_array(), [[10, 20, 30], [40, 50, 60]])
-
-
-def test_the_map_of_scattered_tasks_is_one_row_per_teacher() -> None:
-    tasks = pd.DataFrame(
-        {"task": [np.array([i, i * i], np.float32) for i in range(3)], "task_index": range(3)}
-    )
-    shares = pd.DataFrame({"teacher": "adr", "task_index": range(3), "share": [0.0, 1.0, 0.5]})
-    mesh = mastery_map(shares, tasks, PLANE).axes[0].collections[0]
-    np.testing.assert_allclose(mesh.get_array(), [[100, 50, 0]])
+@pytest.mark.parametrize(
+    ("places", "shares", "drawn"),
+    [
+        ([(h, s) for s in (0, 6) for h in (0, 1, 3)], [1, 2, 3, 4, 5, 6], [[10, 20, 30], [40, 50, 60]]),
+        ([(i, i * i) for i in range(3)], [0, 10, 5], [[100, 50, 0]]),  # scattered: a row for each teacher
+    ],
+)
+def test_the_map_puts_each_task_where_it_belongs(
+    places: list[tuple[int, int]], shares: list[int], drawn: list[list[int]]
+) -> None:
+    index = range(len(places))
+    tasks = pd.DataFrame({"task": [np.array(place, np.float32) for place in places], "task_index": index})
+    table = pd.DataFrame({"teacher": "adr", "task_index": index, "share": np.array(shares) / 10})
+    mesh = mastery_map(table, tasks, PLANE).axes[0].collections[0]
+    np.testing.assert_allclose(mesh.get_array(), drawn)
 
 
 def test_drawing_leaves_settings_alone_and_repeats_itself() -> None:
     before = dict(mpl.rcParams)
-    table = curves([("$x^{", "a", 0, 1.0), ("$x^{", "a", 1000, 2.0)])
+    table = curves(("a", 0, 1.0), ("a", 1000, 2.0), teacher="$x^{")
     first, second = (png(learning_curve(table, "mastered_percent", "y")) for _ in range(2))
     assert first == second
     assert dict(mpl.rcParams) == before
@@ -173,30 +162,16 @@ def figure() -> Figure:
     return shown
 
 
-@pytest.mark.parametrize("vector", Vector)
-def test_the_same_figure_gives_the_same_bytes(tmp_path: Path, vector: Vector) -> None:
-    first = [file.read_bytes() for file in save(figure(), tmp_path / "one", vector)]
-    second = [file.read_bytes() for file in save(figure(), tmp_path / "two", vector)]
-    assert first == second
-    starts = {Vector.PDF: b"%PDF", Vector.SVG: b"<?xml"}
-    assert first[0].startswith(starts[vector])
+@pytest.mark.parametrize(("vector", "start"), [(Vector.PDF, b"%PDF"), (Vector.SVG, b"<?xml")])
+def test_the_same_figure_gives_the_same_bytes(tmp_path: Path, vector: Vector, start: bytes) -> None:
+    """Of any day, with endings added and folders made."""
+    files = save(figure(), tmp_path / "deep" / "after-0.5", vector)
+    assert files == tuple(tmp_path / "deep" / f"after-0.5.{ending}" for ending in (vector, "png"))
+    first = [file.read_bytes() for file in files]
+    assert first == [file.read_bytes() for file in save(figure(), tmp_path / "two", vector)]
+    assert first[0].startswith(start)
     assert first[1].startswith(b"\x89PNG")
-
-
-def test_endings_are_added_and_folders_made(tmp_path: Path) -> None:
-    files = save(figure(), tmp_path / "deep" / "after-0.5", Vector.SVG)
-    assert files == (tmp_path / "deep" / "after-0.5.svg", tmp_path / "deep" / "after-0.5.png")
-    assert all(file.is_file() for file in files)
-
-
-@pytest.mark.slow
-def test_no_file_tells_when_it_was_written(tmp_path: Path) -> None:
-    for vector in Vector:
-        for file in save(figure(), tmp_path / vector, vector):
-            content = file.read_bytes()
-            assert b"CreationDate" not in content
-            assert b"<dc:date>" not in content
-            assert b"tIME" not in content
+    assert not [mark for mark in (b"CreationDate", b"<dc:date>", b"tIME") if mark in b"".join(first)]
 
 
 @pytest.mark.slow
@@ -213,14 +188,10 @@ def test_bytes_do_not_depend_on_the_process(tmp_path: Path) -> None:
             assert first == second
 
 
-def names(files: tuple[Path, ...]) -> set[str]:
-    return {file.name for file in files}
-
-
 @pytest.mark.slow
 def test_the_papers_own_numbers_give_its_radar_and_its_bars(tmp_path: Path) -> None:
     written = write_figures("paper-2021", tmp_path, "svg")
-    assert names(written.files) == {
+    assert {file.name for file in written.files} == {
         "radar.svg", "radar.png", "bars-parkour.svg", "bars-parkour.png", "bars-stump_tracks.svg",
         "bars-stump_tracks.png",
     }  # fmt: skip
@@ -234,7 +205,7 @@ def test_a_campaign_gives_curves_maps_films_and_says_what_is_missing(tmp_path: P
         for seed in range(2):
             campaign.run(teacher, seed)
     written = write_figures(tmp_path / "root", tmp_path / "figures")
-    found = names(written.files)
+    found = {file.name for file in written.files}
     place = "original-classic_bipedal-sac-low"
     assert found >= {
         "bars-stump_tracks.pdf", "curves-01-stump_tracks-original-low.png",

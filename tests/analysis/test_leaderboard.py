@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import re
 from pathlib import Path
@@ -11,9 +10,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rich.console import Console
 from scipy import stats
 from synthetic_results import SyntheticCampaign
+from views import printed
 
 import analysis
 from analysis.baselines import BaselineError, add_to_release, find_baseline, release
@@ -37,6 +36,8 @@ TEACHERS = ("random", "adr", "alp_gmm", "riac")
 
 STEPS = 2_000_000
 
+NAMES = {"student": "ppo", "benchmark_version": 1}
+
 
 def mean_of(teacher: str, challenge: str) -> float:
     """What the paper has for a teacher."""
@@ -54,12 +55,9 @@ def write(root: Path, seeds: dict[str, int], sign: int = 1, name: str = "core") 
     for challenge in CHALLENGES:
         campaign = SyntheticCampaign(root, experiment=challenge, campaign=name, steps=STEPS)
         for teacher, count in seeds.items():
-            for seed in range(count):
-                mastered = round(50 + sign * (mean_of(teacher, challenge) - 25)) + (seed - count // 2)
-                returns = {STEPS: [300.0] * mastered + [0.0] * (100 - mastered)}
-                run_id = f"{challenge}-{teacher}-{seed}"
-                names = {"challenge": challenge, "student": "ppo", "run_id": run_id, "benchmark_version": 1}
-                campaign.plain_run(teacher, seed, returns, level="high", **names)
+            middle = round(50 + sign * (mean_of(teacher, challenge) - 25))
+            counts = [middle + seed - count // 2 for seed in range(count)]
+            campaign.seeds(teacher, counts, 100, level="high", challenge=challenge, **NAMES)
     return root
 
 
@@ -94,11 +92,9 @@ def test_steps_that_trained_stand_beside_those_that_were_spent() -> None:
     fewer = {name: percent for name, percent in trained.items() if percent < 99}
     assert fewer == pytest.approx({"accel": 38, "robust_plr": 41, "sfl": 75}, abs=1)
     assert all(percent <= 100 for percent in trained.values())
-    console = Console(width=80, file=io.StringIO())
-    show_leaderboards(["lite-1"], console)
-    printed = console.file.getvalue()
-    assert printed.count("trained ") == 1
-    assert re.search(r"ACCEL .* 38 %", printed)
+    shown = printed(show_leaderboards, ["lite-1"], width=80)
+    assert shown.count("trained ") == 1
+    assert re.search(r"ACCEL .* 38 %", shown)
 
 
 def test_curves_against_the_steps_that_trained_end_where_these_do() -> None:
@@ -119,9 +115,7 @@ def test_curves_against_the_steps_that_trained_end_where_these_do() -> None:
 def test_teachers_are_ranked_on_the_same_challenges_only(tmp_path: Path) -> None:
     root = write(tmp_path / "root", dict.fromkeys(TEACHERS, 3))
     one = SyntheticCampaign(root, experiment=CHALLENGES[0], campaign="others", steps=STEPS)
-    for seed in range(3):
-        names = {"challenge": CHALLENGES[0], "student": "ppo", "benchmark_version": 1}
-        one.plain_run("sfl", seed, {STEPS: [300.0] * 100}, level="high", run_id=f"sfl-{seed}", **names)
+    one.seeds("sfl", [100] * 3, 100, level="high", challenge=CHALLENGES[0], **NAMES)
     whole, part = leaderboards(load(root))
     assert {entry.rank.teacher for entry in whole.entries} == set(TEACHERS)
     assert {entry.rank.of for entry in whole.entries} == {4}
@@ -135,9 +129,7 @@ def test_teachers_are_ranked_on_the_same_challenges_only(tmp_path: Path) -> None
 def test_the_same_is_shown_in_the_terminal_and_on_the_site(
     released: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    console = Console(width=80, record=True)
-    show_leaderboards([str(released)], console)
-    text = console.export_text()
+    text = printed(show_leaderboards, [str(released)], width=80)
     assert max(map(len, text.splitlines())) <= 80
     page = markdown([str(released)])
     (board,) = leaderboards(load(released))
@@ -149,7 +141,7 @@ def test_the_same_is_shown_in_the_terminal_and_on_the_site(
         assert "Ceiling: of the 100 tasks" in " ".join(shown.split())
     for shown in (text, page):
         assert "Tested on the arcsine scale; Holm's correction covers all pairs" in " ".join(shown.split())
-    for name in ("ALP-GMM", "ADR", "RIAC", "Random"):
+    for name in map(label, TEACHERS):
         assert name in text
         assert f"| {name} |" in page
     capsys.readouterr()

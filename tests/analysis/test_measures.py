@@ -1,9 +1,10 @@
+import itertools
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_results import SyntheticCampaign
+from synthetic_results import SMALL, SyntheticCampaign
 
 from analysis.comparisons.measured import measure
 from analysis.data.frames import load
@@ -11,26 +12,18 @@ from analysis.data.reference import NO_BASELINE
 from analysis.measures import evaluations
 
 
-@pytest.fixture
-def campaign(tmp_path: Path) -> SyntheticCampaign:
-    return SyntheticCampaign(tmp_path, steps=1000)
-
-
 def finals_by_run(campaign: SyntheticCampaign):
     return evaluations.final_evaluations(load(campaign.root)).set_index("run_id")
 
 
-def test_mastered_means_strictly_over_the_threshold(campaign: SyntheticCampaign) -> None:
-    run = campaign.plain_run("random", 0, {0: [0, 0, 0, 0], 1000: [230.0, 230.0001, 300, -100]})
+def test_a_finished_run_is_read_at_its_last_evaluation_strictly_over_the_threshold(
+    campaign: SyntheticCampaign,
+) -> None:
+    returns = [230.0, 230.0001, 300, -100]
+    run = campaign.plain_run("random", 0, {0: [300] * 4, 500: [300] * 4, 1000: returns})
     finals = finals_by_run(campaign).loc[run]
-    assert finals["mastered_percent"] == 50
-    assert finals["evaluation_return"] == pytest.approx((230 + 230.0001 + 300 - 100) / 4)
-
-
-def test_a_finished_run_is_read_at_its_last_evaluation(campaign: SyntheticCampaign) -> None:
-    run = campaign.plain_run("random", 0, {0: [300], 500: [300], 1000: [0]})
-    finals = finals_by_run(campaign).loc[run]
-    assert (finals["step"], finals["mastered_percent"]) == (1000, 0)
+    assert (finals["step"], finals["mastered_percent"]) == (1000, 50)
+    assert finals["evaluation_return"] == pytest.approx(np.mean(returns))
     assert not finals["provisional"]
 
 
@@ -91,14 +84,10 @@ def test_shares_of_seeds_that_master_each_task(campaign: SyntheticCampaign) -> N
     assert list(shares["n"]) == [2, 2, 2]
 
 
-def write_teachers(campaign: SyntheticCampaign) -> None:
-    for seed, (random, better, worse) in enumerate([(1, 3, 0), (2, 4, 0), (1, 4, 1), (2, 3, 0)]):
-        for teacher, mastered in (("random", random), ("alp_gmm", better), ("spdl", worse)):
-            campaign.plain_run(teacher, seed, {0: [0] * 4, 1000: [300] * mastered + [0] * (4 - mastered)})
-
-
 def test_every_teacher_is_tested_against_random_once(campaign: SyntheticCampaign) -> None:
-    write_teachers(campaign)
+    campaign.seeds("random", [1, 2, 1, 2], 4)
+    campaign.seeds("alp_gmm", [3, 4, 4, 3], 4)
+    campaign.seeds("spdl", [0, 0, 1, 0], 4)
     measured = measure(load(campaign.root))
     tests = measured.tests[measured.tests["measure"] == "mastered_percent"].set_index("teacher")
     assert list(tests.index) == ["alp_gmm", "spdl"]
@@ -112,9 +101,8 @@ def test_every_teacher_is_tested_against_random_once(campaign: SyntheticCampaign
 def test_random_of_another_knowledge_level_serves_where_there_is_no_other(
     campaign: SyntheticCampaign,
 ) -> None:
-    for seed, mastered in enumerate([1, 2, 2]):
-        campaign.plain_run("random", seed, {1000: [300] * mastered + [0] * (4 - mastered)}, level="none")
-        campaign.plain_run("adr", seed, {1000: [300] * (mastered + 1) + [0] * (3 - mastered)}, level="high")
+    campaign.seeds("random", [1, 2, 2], 4, level="none")
+    campaign.seeds("adr", [2, 3, 3], 4, level="high")
     test = measure(load(campaign.root)).tests.iloc[0]
     assert (test["teacher"], test["expert_knowledge"], test["reason"]) == ("adr", "high", "")
     assert test["difference"] == pytest.approx(25)
@@ -138,20 +126,13 @@ def test_other_budgets_are_not_compared(campaign: SyntheticCampaign) -> None:
     assert any("stand apart: 1,000 steps" in warning for warning in frames.warnings)
 
 
-def test_without_random_nothing_is_tested(campaign: SyntheticCampaign) -> None:
-    for seed in range(3):
-        campaign.plain_run("adr", seed, {1000: [100 * seed]})
-    assert set(measure(load(campaign.root)).tests["reason"]) == {NO_BASELINE}
-
-
-def test_cells_that_share_runs_are_averaged_each_and_counted_once(tmp_path: Path) -> None:
-    campaign = SyntheticCampaign(tmp_path, steps=10_000, evaluation_every=5_000, episode_steps=500, grid=3)
-    for seed in range(2):
-        campaign.run("random", seed, level="none", shares=("low", "high"))
-    campaign.campaign = "the_same_again"
-    for seed in range(2):
-        campaign.cell(campaign.record("random", seed, "none"), "none")
-    summary = evaluations.summarise(frames := load(tmp_path), evaluations.final_evaluations(frames))
+def test_cells_that_share_runs_are_averaged_each_and_counted_once(campaign: SyntheticCampaign) -> None:
+    campaign.seeds("random", [1, 2], level="none")
+    for name, levels in (("first_look", ("low", "high")), ("the_same_again", ("none",))):
+        campaign.campaign = name
+        for seed, level in itertools.product(range(2), levels):
+            campaign.cell(campaign.record("random", seed, "none"), level)
+    summary = evaluations.summarise(frames := load(campaign.root), evaluations.final_evaluations(frames))
     assert list(summary["expert_knowledge"]) == ["high", "low", "none"]
     assert list(summary["n"]) == list(summary["done"]) == [2, 2, 2]
     curves = evaluations.aggregate(evaluations.evaluation_curves(frames), "mastered_percent")
@@ -159,30 +140,20 @@ def test_cells_that_share_runs_are_averaged_each_and_counted_once(tmp_path: Path
 
 
 def test_training_returns_of_a_short_run_are_means_of_its_latest_episodes(tmp_path: Path) -> None:
-    campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, episode_steps=700, grid=3)
-    run = campaign.run("random", 0)
+    campaign = SyntheticCampaign(tmp_path, **SMALL | {"episode_steps": 700})
+    run, half = campaign.run("random", 0), campaign.run("random", 1, "running", 0.5)
     frames = load(tmp_path)
     episodes = frames.episode_returns([run])
-    curve = evaluations.training_curves(frames).set_index("step")["training_return"]
+    returns, steps, end = episodes["episodic_return"], episodes["step"], episodes["step"].max()
+    curves = evaluations.training_curves(frames).set_index(["run_id", "step"])["training_return"]
+    curve = curves[run]
     assert list(curve.index) == list(range(1_000, 40_001, 1_000))
-    assert curve[1_000] == pytest.approx(episodes["episodic_return"][0])
-    assert curve[30_000] == pytest.approx(
-        episodes[episodes["step"] <= 30_000]["episodic_return"][-20:].mean()
-    )
+    assert curve[1_000] == pytest.approx(returns[0])
+    assert curve[30_000] == pytest.approx(returns[steps <= 30_000][-20:].mean())
     quarters = evaluations.training_quarters(frames).iloc[0]
-    end = episodes["step"].max()
-    assert quarters["first_quarter"] == pytest.approx(
-        episodes[episodes["step"] <= end / 4]["episodic_return"].mean()
-    )
-    assert quarters["last_quarter"] == pytest.approx(
-        episodes[episodes["step"] > end * 3 / 4]["episodic_return"].mean()
-    )
-
-
-def test_the_training_curve_of_a_running_run_ends_with_its_last_episode(tmp_path: Path) -> None:
-    campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, episode_steps=700, grid=3)
-    campaign.run("random", 0, "running", 0.5)
-    assert evaluations.training_curves(load(tmp_path))["step"].max() == 19_000  # the last ended at 19,600
+    assert quarters["first_quarter"] == pytest.approx(returns[steps <= end / 4].mean())
+    assert quarters["last_quarter"] == pytest.approx(returns[steps > end * 3 / 4].mean())
+    assert curves[half].index.max() == 19_000  # the last episode ended at 19,600
 
 
 def test_training_returns_of_a_long_run_come_from_its_windows(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Literal
 import pytest
 from browsers import chromium
 from playwright.sync_api import Browser, FloatRect, Page, expect
-from synthetic_results import SyntheticCampaign
+from synthetic_results import SMALL, SyntheticCampaign
 
 from analysis.pages.compare import write_comparison
 from analysis.pages.report import write_report
@@ -18,8 +19,6 @@ from analysis.pages.report import write_report
 DESK, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
 
 HOSTILE = "<img src=x onerror=console.error('hostile')>"
-
-STEPS = 40_000
 
 PATIENCE = 120_000
 """Milliseconds: a page of plotly takes its time on a busy machine."""
@@ -36,22 +35,11 @@ def synthetic_root(
 ) -> Path:
     """Write runs on some levels of some challenges; one of the last teacher's fails."""
     for challenge, levels_there in levels.items():
-        campaign = SyntheticCampaign(
-            root,
-            experiment=challenge,
-            steps=STEPS,
-            evaluation_every=10_000,
-            episode_steps=1_000,
-            grid=4,
-            updates=4,
-        )
-        for teacher in teachers:
-            for level in levels_there:
-                for seed in range(2):
-                    status = (
-                        "failed" if (challenge, teacher, seed) == ("original", teachers[-1], 1) else "done"
-                    )
-                    campaign.run(teacher, seed, status, level=level, challenge=challenge)
+        campaign = SyntheticCampaign(root, experiment=challenge, **SMALL)
+        for teacher, level, seed in itertools.product(teachers, levels_there, range(2)):
+            failed = (challenge, teacher, seed) == ("original", teachers[-1], 1)
+            status = "failed" if failed else "done"
+            campaign.run(teacher, seed, status, level=level, challenge=challenge)
     return root
 
 
@@ -142,72 +130,57 @@ def reader(browser: Browser) -> Iterator[Reader]:
     page.close()
 
 
-def assert_nothing_overflows(page: Page) -> None:
-    beyond = page.evaluate(
-        """() => [...document.querySelectorAll("main *")].filter(element => {
-            const box = element.getBoundingClientRect();
-            const inside = element.closest(".main-svg, .modebar-container, .sheet, pre, thead");
-            return box.width > 0 && !inside && box.right > document.documentElement.clientWidth + 1;
-        }).map(element => element.outerHTML.slice(0, 80))"""
-    )
-    assert beyond == []
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+BEYOND = """() => [...document.querySelectorAll("main *")].filter(element => {
+    const box = element.getBoundingClientRect();
+    const inside = element.closest(".main-svg, .modebar-container, .sheet, pre, thead");
+    return box.width > 0 && !inside && box.right > document.documentElement.clientWidth + 1;
+}).map(element => element.outerHTML.slice(0, 80))"""
+"""What is wider than the window."""
 
 
-def assert_opens_well(reader: Reader, path: Path) -> None:
+def assert_reads_well(reader: Reader) -> None:
     """Nothing is complained of, loaded from elsewhere, or wider than the window."""
-    reader.open(path)
     reader.read_through()
     assert reader.complaints == []
     assert [url for url in reader.requests if not url.startswith(("file:", "data:", "blob:"))] == []
-    assert_nothing_overflows(reader.page)
-
-
-def assert_a_phone_shows_it(reader: Reader) -> None:
-    """In a window as narrow as a phone, too, nothing is complained of or wider than the window."""
-    reader.page.set_viewport_size(PHONE)
-    reader.settle()
-    reader.read_through()
-    assert reader.complaints == []
-    assert_nothing_overflows(reader.page)
+    assert reader.page.evaluate(BEYOND) == []
+    assert reader.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
 def test_a_report_is_read_through_at_another_step_and_without_a_teacher(
     reader: Reader, small_report: Path
 ) -> None:
-    assert_opens_well(reader, small_report)
+    reader.open(small_report)
+    assert_reads_well(reader)
     assert reader.page.locator(".chart .main-svg").count() >= 4 + 2 * 3
     cell = reader.page.locator("#comparison-1 tr[data-of=alp_gmm] td[data-field=mastered]")
     at_end = cell.inner_text()
     reader.choose_step(0)
     assert cell.inner_text() != at_end
-    assert "alp_gmm" in {trace["teacher"] for trace in reader.traces("comparison-1-seeds")}
+    shown = {chart: reader.traces(chart) for chart in ("comparison-1-seeds", "comparison-1-mastered-percent")}
+    assert all("alp_gmm" in {trace["teacher"] for trace in traces} for traces in shown.values())
     reader.page.locator(".chip", has_text="ALP-GMM").click()
-    reader.page.locator("#comparison-1-seeds").scroll_into_view_if_needed()
-    reader.settle()
-    assert "alp_gmm" not in {trace["teacher"] for trace in reader.traces("comparison-1-seeds")}
+    for chart in shown:
+        reader.page.locator(f"#{chart}").scroll_into_view_if_needed()
+        reader.settle()
+        assert "alp_gmm" not in {trace["teacher"] for trace in reader.traces(chart)}
     assert reader.page.locator("[data-of=alp_gmm]:visible").count() == 0
-    assert_a_phone_shows_it(reader)
-
-
-@pytest.mark.slow
-def test_a_comparison_is_read_through_at_another_step(reader: Reader, small_comparison: Path) -> None:
-    assert_opens_well(reader, small_comparison)
-    reader.choose_step(0)
-    mastered = reader.page.locator("section[data-comparison]:visible td[data-field=mastered]")
-    assert mastered.first.inner_text().startswith("0.0")
-    assert_a_phone_shows_it(reader)
+    reader.page.set_viewport_size(PHONE)
+    reader.settle()
+    assert_reads_well(reader)
 
 
 @pytest.mark.slow
 def test_a_large_report_opens_without_complaint_and_nothing_overflows(anywhere: Reader, report: Path) -> None:
-    assert_opens_well(anywhere, report)
+    anywhere.open(report)
+    assert_reads_well(anywhere)
     assert anywhere.page.locator(".chart .main-svg").count() >= 3 * (4 + 3 * 3)
 
 
 @pytest.mark.slow
 def test_a_comparison_of_challenges_is_narrowed_to_one(anywhere: Reader, root: Path, tmp_path: Path) -> None:
-    assert_opens_well(anywhere, write_comparison(root, ["paper-2021"], tmp_path / "page"))
+    anywhere.open(write_comparison(root, ["paper-2021"], tmp_path / "page"))
+    assert_reads_well(anywhere)
     anywhere.choose("challenge", "Mostly trivial")
     assert anywhere.page.locator("section[data-comparison]:visible").count() == 1
     anywhere.choose_step(0)
@@ -216,59 +189,34 @@ def test_a_comparison_of_challenges_is_narrowed_to_one(anywhere: Reader, root: P
 
 
 @pytest.mark.slow
-def test_a_teacher_left_out_leaves_charts_and_tables(reader: Reader, report: Path) -> None:
-    reader.open(report)
-    reader.read_through()
-    assert {trace["teacher"] for trace in reader.traces("comparison-1-seeds")} >= {"random", "alp_gmm"}
-    reader.page.locator(".chip", has_text="ALP-GMM").click()
-    reader.settle()
-    reader.read_through()
-    for chart in ("overview", "comparison-1-mastered-percent", "comparison-1-seeds"):
-        assert "alp_gmm" not in {trace["teacher"] for trace in reader.traces(chart)}
-    assert reader.page.locator("[data-of=alp_gmm]:visible").count() == 0
-    reader.page.locator(".chip", has_text="ALP-GMM").click()
-    reader.settle()
-    assert reader.page.locator("section[data-comparison] tr[data-of=alp_gmm]:visible").count() == 3
-
-
-@pytest.mark.slow
 def test_a_click_on_a_legend_leaves_a_teacher_out_everywhere(reader: Reader, report: Path) -> None:
     reader.open(report)
     reader.page.locator("#overview .legendtoggle").first.click()
     expect(reader.page.locator("#controls [data-teacher=random]")).not_to_be_checked()
     reader.settle()
+    assert "random" not in {trace["teacher"] for trace in reader.traces("overview")}
     assert reader.page.locator("tr[data-of=random]:visible").count() == 0
+    reader.page.locator(".chip", has_text="Random").click()
+    reader.settle()
+    assert reader.page.locator("section[data-comparison] tr[data-of=random]:visible").count() == 3
 
 
 @pytest.mark.slow
-def test_the_chosen_step_fills_tables_and_charts(reader: Reader, report: Path) -> None:
+def test_tables_and_charts_agree_at_any_step(reader: Reader, report: Path) -> None:
     reader.open(report)
     reader.read_through()
     cell = reader.page.locator("#comparison-1 tr[data-of=alp_gmm] td[data-field=mastered]")
-    at_end, drawn = cell.inner_text(), reader.traces("comparison-1-seeds")
-    reader.choose_step(0)
-    assert reader.page.locator("#at-step").is_visible()
-    assert reader.page.locator("#step-name").inner_text() == "0 steps"
-    assert cell.inner_text() != at_end
-    reader.read_through()
-    assert reader.traces("comparison-1-seeds") != drawn
-    reader.choose_step(5)
-    assert cell.inner_text() == at_end
-    assert reader.page.locator("#at-step").is_hidden()
-    reader.read_through()
-    assert reader.traces("comparison-1-seeds") == drawn
-
-
-@pytest.mark.slow
-def test_charts_and_tables_agree_at_any_step(reader: Reader, report: Path) -> None:
-    reader.open(report)
-    reader.read_through()
+    at_end, drawn, seen = cell.inner_text(), reader.traces("comparison-1-seeds"), []
     for place in (0, 2, 5):
         reader.choose_step(place)
         reader.read_through()
-        text = reader.page.locator("#comparison-1 tr[data-of=alp_gmm] td[data-field=mastered]").inner_text()
         means = [trace for trace in reader.traces("comparison-1-seeds") if trace["teacher"] == "alp_gmm"]
-        assert float(text.partition(" ")[0]) == pytest.approx(means[1]["x"][0], abs=0.06)
+        assert float(cell.inner_text().partition(" ")[0]) == pytest.approx(means[1]["x"][0], abs=0.06)
+        assert reader.page.locator("#at-step").is_visible() == (place != 5)
+        seen.append(reader.page.locator("#step-name").inner_text())
+    assert seen[0] == "0 steps"
+    assert len(set(seen)) == 3
+    assert (cell.inner_text(), reader.traces("comparison-1-seeds")) == (at_end, drawn)
 
 
 @pytest.mark.slow
@@ -305,7 +253,7 @@ def test_zooming_changes_the_axis_and_survives_a_change_of_step(reader: Reader, 
     reader.page.mouse.up()
     reader.page.wait_for_function(f"before => String({axis}) !== before", arg=before)
     zoomed = reader.page.evaluate(axis)
-    assert 0 < zoomed[0] < zoomed[1] < STEPS
+    assert 0 < zoomed[0] < zoomed[1] < SMALL["steps"]
     reader.choose_step(1)
     assert reader.page.evaluate(axis) == zoomed
 
@@ -413,8 +361,7 @@ def test_random_is_told_from_the_page_at_night_too(
     scheme: Literal["light", "dark"], browser: Browser, small_report: Path
 ) -> None:
     page = browser.new_page(viewport=DESK, color_scheme=scheme)
-    reader = Reader(page)
-    reader.open(small_report)
+    Reader(page).open(small_report)
     contrasts = page.evaluate(CONTRAST)
     assert len(contrasts) >= 4
     assert min(contrasts) >= 4.5

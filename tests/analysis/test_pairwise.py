@@ -1,11 +1,10 @@
 import math
-from pathlib import Path
+from collections.abc import Iterator
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import stats
-from synthetic_pools import cell, parkour, pool
+from synthetic_pools import cell, cells, parkour, pool
 from synthetic_results import SyntheticCampaign
 
 from analysis.comparisons.frame import OTHER_PARTS, pairwise
@@ -19,12 +18,8 @@ from analysis.statistics.power import detectable_difference
 VALUES = {"adr": [1, 9, 4, 30], "alp_gmm": [40, 44, 39, 52], "random": [20, 25, 18, 11]}
 
 
-def three_teachers(**changes: object) -> list[dict[str, object]]:
-    return [
-        cell(teacher, seed, value, **changes)
-        for teacher, values in VALUES.items()
-        for seed, value in enumerate(values)
-    ]
+def three_teachers(**changes: object) -> Iterator[dict[str, object]]:
+    return cells(VALUES, **changes)
 
 
 def test_all_pairs_agree_with_scipy_and_are_adjusted_together() -> None:
@@ -117,25 +112,19 @@ def test_single_seeds_are_not_tested() -> None:
 
 
 def test_random_lent_to_a_level_is_tested_there_and_not_against_itself() -> None:
-    runs = pool(
-        *(cell("random", seed, seed, expert_knowledge="none") for seed in range(3)),
-        *(cell("adr", seed, 2 * seed, expert_knowledge="high") for seed in range(3)),
-    )
+    none, high = {"random": [0, 1, 2]}, {"adr": [0, 2, 4]}
+    runs = pool(*cells(none, expert_knowledge="none"), *cells(high, expert_knowledge="high"))
     tests = pairwise(reuse_random(runs), "mastered_percent", reference="random")
     assert tests[["expert_knowledge", "first", "reason"]].to_numpy().tolist() == [["high", "adr", ""]]
 
 
-def test_tests_along_learning_curves(tmp_path: Path) -> None:
-    campaign = SyntheticCampaign(tmp_path, steps=1000)
+def test_tests_along_learning_curves(campaign: SyntheticCampaign) -> None:
     for seed in range(3):
         few, many = [300] * seed + [0] * (9 - seed), [300] * (seed + 6) + [0] * (3 - seed)
         campaign.plain_run("random", seed, {0: [0] * 9, 500: few, 1000: few})
-        status = "done" if seed else "running"
-        curve = {0: [0] * 9, 500: few, 1000: many}
-        if status == "running":
-            del curve[1000]
-        campaign.plain_run("adr", seed, curve, status)
-    frames = load(tmp_path)
+        half = {0: [0] * 9, 500: few}
+        campaign.plain_run("adr", seed, half | {1000: many} if seed else half, "done" if seed else "running")
+    frames = load(campaign.root)
     runs = pool_runs(frames.cells, evaluations_at(frames, [0, *every(frames, 500)]))
     tests = pairwise(runs, "mastered_percent", within=[*COMPARED, "step"]).set_index("step")
     assert tests["reason"].to_dict() == {0: "no spread between seeds", 500: "", 1000: ""}
@@ -153,4 +142,4 @@ def test_empty_tables_have_their_columns() -> None:
     table = pairwise(nothing, "mastered_percent", reference="random")
     assert table.empty
     assert {"first", "second", "p", "holm", "detectable", "reason"} < set(table.columns)
-    assert isinstance(pairwise(pool(cell("adr", 0, 1)), "mastered_percent"), pd.DataFrame)
+    assert pairwise(pool(cell("adr", 0, 1)), "mastered_percent").empty

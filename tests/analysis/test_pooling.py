@@ -1,5 +1,5 @@
 import math
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,16 +31,14 @@ DIVERSE = [(body, student) for body in ("short_bipedal", "spider") for student i
 
 
 def test_parkour_pools_its_three_bodies_over_experiments_and_test_sets() -> None:
-    row = only(pool(*parkour("random", THREE_BODIES)))
+    runs = pool(*parkour("random", THREE_BODIES))
+    row = only(runs)
     values = [30, 50, 0, 60, 0, 1]
     assert (row["n"], row["runs"], row["missing"], row["pool"]) == (6, 6, "", PARKOUR_POOL)
     assert row["mastered_percent_mean"] == pytest.approx(np.mean(values))
     assert row["mastered_percent_std"] == pytest.approx(np.std(values, ddof=1))
     assert row["test_sets"] == "parkour_climbing + parkour_swimming + parkour_walking"
-
-
-def test_a_row_for_each_body_as_well() -> None:
-    table = pooled(pool(*parkour("random", THREE_BODIES)), by=["embodiment"]).set_index("embodiment")
+    table = pooled(runs, by=["embodiment"]).set_index("embodiment")
     assert table["mastered_percent_mean"].to_dict() == {
         "classic_bipedal": 40,
         "climbing_chimpanzee": 0.5,
@@ -122,22 +120,22 @@ def test_other_bodies_and_students_stand_alone() -> None:
     assert only(pool(cell("random", 0, 1, embodiment=path)))["missing"] == ""
 
 
-def test_other_settings_and_repeated_seeds_are_named() -> None:
-    cells = [cell("random", 0, 1), cell("random", 0, 2, settings="three layers", run_id="another")]
-    row = only(pool(*cells))
-    assert row["missing"] == (
-        "different settings: classic_bipedal/sac; seeds counted more than once: classic_bipedal/sac"
-    )
+AGAIN = "different settings: classic_bipedal/sac; seeds counted more than once: classic_bipedal/sac"
 
 
-def test_runs_read_at_different_steps_are_named() -> None:
-    row = only(pool(cell("random", 0, 1), cell("random", 1, 2, step=900.0)))
-    assert row["missing"] == "evaluated at different steps: 900, 1,000"
-
-
-def test_a_run_of_two_experiments_counts_once() -> None:
-    row = only(pool(cell("random", 0, 5), cell("random", 0, 5, experiment="again", campaign="second")))
-    assert (row["runs"], row["n"], row["missing"]) == (1, 1, "")
+@pytest.mark.parametrize(
+    ("other", "runs", "missing"),
+    [
+        (cell("random", 0, 2, settings="three layers", run_id="another"), 2, AGAIN),
+        (cell("random", 1, 2, step=900.0), 2, "evaluated at different steps: 900, 1,000"),
+        (cell("random", 0, 1, experiment="again", campaign="second"), 1, ""),  # the same run
+    ],
+)
+def test_other_settings_steps_and_repeated_seeds_are_named(
+    other: dict[str, Any], runs: int, missing: str
+) -> None:
+    row = only(pool(cell("random", 0, 1), other))
+    assert (row["runs"], row["n"], row["missing"]) == (runs, runs, missing)
 
 
 def test_waiting_runs_belong_where_the_others_are() -> None:
@@ -178,13 +176,12 @@ def test_several_measures_are_described_each_over_its_values() -> None:
     assert (row["mastered_percent_mean"], row["steps_to_50_percent_mean"]) == (10, 600)
 
 
-def test_from_a_root_to_results_and_learning_curves(tmp_path: Path) -> None:
-    campaign = SyntheticCampaign(tmp_path, steps=1000)
+def test_from_a_root_to_results_and_learning_curves(campaign: SyntheticCampaign) -> None:
     for seed, last in enumerate([[300, 0], [300, 300]]):
         campaign.plain_run("random", seed, {0: [0, 0], 500: [300, 0], 1000: last})
     campaign.plain_run("random", 2, {0: [0, 0], 500: [0, 0]}, "running")
     campaign.run("random", 3, "waiting")
-    frames = load(tmp_path)
+    frames = load(campaign.root)
     row = only(pool_runs(frames.cells, run_measures(frames)))
     assert (row["n"], row["mastered_percent_mean"], row["steps"]) == (2, 75, 1000)
     assert row["missing"] == "not counted: 1 running, 1 waiting"
@@ -200,9 +197,8 @@ def test_from_a_root_to_results_and_learning_curves(tmp_path: Path) -> None:
     assert (early["n"], early["mastered_percent_mean"]) == (3, pytest.approx(100 / 3))
 
 
-def test_an_empty_root_has_empty_tables(tmp_path: Path) -> None:
-    SyntheticCampaign(tmp_path)
-    frames = load(tmp_path)
+def test_an_empty_root_has_empty_tables(campaign: SyntheticCampaign) -> None:
+    frames = load(campaign.root)
     runs = pool_runs(frames.cells, run_measures(frames))
     assert list(runs.columns[: len(POOLED)]) == POOLED
     assert pooled(runs).empty

@@ -20,16 +20,11 @@ from analysis.data.reference import paper_frame
 from analysis.figures import radar
 from analysis.looks import look
 from analysis.measures.pooling import pooled, reuse_random
+from tma_ray.benchmark import STUMP_TRACKS_CHALLENGES
 
 pytestmark = pytest.mark.slow
 
-CHALLENGES = [
-    "mostly_unfeasible",
-    "mostly_trivial",
-    "forgetting_student",
-    "rugged_difficulty",
-    "diverse_students",
-]
+CHALLENGES = [matrix.challenge for matrix in STUMP_TRACKS_CHALLENGES]
 COLUMNS = ["challenge", "teacher", "mastered_percent_mean", "mastered_percent_std", "n"]
 
 
@@ -167,18 +162,15 @@ def test_doubtful_results_are_marked_and_explained() -> None:
     assert "\N{DAGGER}" not in notes_of(drawn(results(everywhere("random", 20.0))))
 
 
-def test_without_random_there_is_no_ratio() -> None:
+def test_without_random_there_is_no_ratio_and_of_one_seed_no_star() -> None:
     figure = drawn(results([*everywhere("random", 20.0)[1:], *everywhere("adr", 40.0)]))
     assert lines_of(figure)["adr"] == pytest.approx([math.nan, 2, 2, 2, 2], nan_ok=True)
     assert "no ratio on mostly unfeasible: Random has no result" in notes_of(figure)
     alone = drawn(results(everywhere("adr", 40.0)))
     assert np.isnan(lines_of(alone)["adr"]).all()
     assert not stars_of(alone)
-
-
-def test_one_seed_is_drawn_without_stars() -> None:
-    rows = [*everywhere("random", 20.0, math.nan, 1), *everywhere("adr", 40.0, math.nan, 1)]
-    figure = drawn(results(rows))
+    single = [*everywhere("random", 20.0, math.nan, 1), *everywhere("adr", 40.0, math.nan, 1)]
+    figure = drawn(results(single))
     assert lines_of(figure)["adr"] == [2.0] * 5
     assert not stars_of(figure)
     png(figure)
@@ -208,9 +200,3 @@ def test_a_radar_of_our_own_runs_lends_random_to_the_other_levels() -> None:
     assert none == {"random": [1.0] * 5, "riac": [1.0] * 5}
     assert high["adr"] == pytest.approx([41.5 / 11.5] * 5)
     assert [to_hex(star.get_color()) for star in stars_of(figure)] == [look("adr").colour] * 5
-
-
-def test_a_radar_repeats_itself() -> None:
-    table = results([*everywhere("random", 20.0), *everywhere("adr", 40.0), *everywhere("a_" * 30, 30.0)])
-    first, second = (png(drawn(table)) for _ in range(2))
-    assert first == second

@@ -16,13 +16,12 @@ from analysis.pages.sections import distinct
 
 
 @pytest.fixture
-def root(tmp_path: Path) -> Path:
+def root(campaign: SyntheticCampaign) -> Path:
     """Task 1 tells the runs apart; seed 2 of ADR is the best, seed 0 the worst."""
-    campaign = SyntheticCampaign(tmp_path / "root", steps=1000)
     campaign.plain_run("random", 0, {1000: [300.0, -100.0, 10.0]})
     for seed, value in enumerate((0.0, 240.0, 300.0)):
         campaign.plain_run("adr", seed, {1000: [300.0 - seed, value, 10.0]})
-    return tmp_path / "root"
+    return campaign.root
 
 
 def test_the_best_and_the_worst_seed_play_the_task_that_tells_runs_apart(root: Path) -> None:
@@ -44,16 +43,12 @@ def test_videos_are_embedded_with_what_came_of_them(
     frames = load(root)
     file = tmp_path / f"one.{ending}"
     file.write_bytes(b"moving")
+    assert "Policies at work" not in write_report(root).read_text()
     videos = [Video(each, file, 123.4) for each in wanted_videos(frames, measure(frames))]
     text = re.sub(r"\s+", " ", write_report(root, videos=videos).read_text())
     assert text.count("base64,bW92aW5n") == 3
     assert f"{element} " in text
     assert "ADR, seed 2 (its best seed by mastered tasks), on test task 1 (1): return 123.4" in text
-
-
-@pytest.mark.slow
-def test_without_videos_there_is_no_heading_for_them(root: Path) -> None:
-    assert "Policies at work" not in write_report(root).read_text()
 
 
 @pytest.mark.slow

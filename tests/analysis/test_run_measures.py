@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_results import SyntheticCampaign
+from synthetic_results import SMALL, SyntheticCampaign, mastering
 
 from analysis.data.frames import load
 from analysis.measures.curriculum_measures import coverage_and_entropy, curriculum_curves, curriculum_measures
@@ -17,10 +17,7 @@ from analysis.measures.run_measures import evaluations_at, every, measure_names,
 from tma_ray.results import Table
 from tma_ray.tasks import TaskSpace
 
-
-@pytest.fixture
-def campaign(tmp_path: Path) -> SyntheticCampaign:
-    return SyntheticCampaign(tmp_path, steps=1000)
+CURVE = {0: mastering(0), 250: mastering(4), 500: mastering(10), 1000: mastering(8)}
 
 
 def only(campaign: SyntheticCampaign, at: int | None = None) -> pd.Series:
@@ -28,12 +25,8 @@ def only(campaign: SyntheticCampaign, at: int | None = None) -> pd.Series:
     return pd.Series(row)
 
 
-def mastered(count: int, tasks: int = 10) -> list[float]:
-    return [300.0] * count + [0.0] * (tasks - count)
-
-
 def test_the_measures_of_a_learning_curve_by_hand(campaign: SyntheticCampaign) -> None:
-    campaign.plain_run("random", 0, {0: mastered(0), 250: mastered(4), 500: mastered(10), 1000: mastered(8)})
+    campaign.plain_run("random", 0, CURVE)
     row = only(campaign)
     assert (row["step"], row["mastered_percent"], row["evaluation_return"]) == (1000, 80, 240)
     # Trapezoids: 250 x 20 + 250 x 70 + 500 x 90, over 1000.
@@ -45,14 +38,9 @@ def test_the_measures_of_a_learning_curve_by_hand(campaign: SyntheticCampaign) -
 
 
 def test_measured_earlier_a_run_is_one_of_that_budget(campaign: SyntheticCampaign) -> None:
-    campaign.plain_run("random", 0, {0: mastered(0), 250: mastered(4), 500: mastered(10), 1000: mastered(8)})
+    campaign.plain_run("random", 0, CURVE)
     row = only(campaign, at=500)
-    assert (row["steps"], row["step"], row["mastered_percent"], row["forgotten_percent"]) == (
-        500,
-        500,
-        100,
-        0,
-    )
+    assert row[["steps", "step", "mastered_percent", "forgotten_percent"]].tolist() == [500, 500, 100, 0]
     assert row["mastered_area"] == pytest.approx((250 * 20 + 250 * 70) / 500)
     assert row["last_three"] == 70, "the untrained student is no result of training"
     assert only(campaign, at=100)["last_three"] == 0
@@ -63,7 +51,7 @@ def test_measured_earlier_a_run_is_one_of_that_budget(campaign: SyntheticCampaig
 
 
 def test_a_curve_without_its_ends_holds_the_values_it_has(campaign: SyntheticCampaign) -> None:
-    campaign.plain_run("random", 0, {200: mastered(2), 800: mastered(6)})
+    campaign.plain_run("random", 0, {200: mastering(2), 800: mastering(6)})
     assert only(campaign)["mastered_area"] == pytest.approx((200 * 20 + 600 * 40 + 200 * 60) / 1000)
 
 
@@ -74,14 +62,14 @@ def test_forgetting_counts_tasks_and_not_their_difference(campaign: SyntheticCam
 
 
 def test_who_masters_nothing_never_gets_there(campaign: SyntheticCampaign) -> None:
-    campaign.plain_run("random", 0, {0: mastered(0), 500: mastered(3), 1000: mastered(0)})
+    campaign.plain_run("random", 0, {0: mastering(0), 500: mastering(3), 1000: mastering(0)})
     row = only(campaign)
     assert row[["steps_to_50_percent", "steps_to_90_percent"]].isna().all()
     assert (row["mastered_percent"], row["forgotten_percent"], row["reason"]) == (0, 30, "")
 
 
 def test_other_shares_have_columns_of_their_own(campaign: SyntheticCampaign) -> None:
-    campaign.plain_run("random", 0, {0: mastered(1), 500: mastered(3), 1000: mastered(4)})
+    campaign.plain_run("random", 0, {0: mastering(1), 500: mastering(3), 1000: mastering(4)})
     rows = run_measures(load(campaign.root), shares=(0.25, 0.75, 1.0))
     assert rows.filter(like="steps_to_").iloc[0].to_dict() == {
         "steps_to_25_percent": 0,
@@ -91,9 +79,9 @@ def test_other_shares_have_columns_of_their_own(campaign: SyntheticCampaign) -> 
 
 
 def test_why_a_run_has_no_measures(campaign: SyntheticCampaign) -> None:
-    curve = {0: mastered(0), 500: mastered(5)}
+    curve = {0: mastering(0), 500: mastering(5)}
     reasons = {
-        campaign.plain_run("random", 0, curve | {1000: mastered(5)}): "",
+        campaign.plain_run("random", 0, curve | {1000: mastering(5)}): "",
         campaign.plain_run("random", 1, curve, "running"): "still running",
         campaign.plain_run("random", 2, curve, "failed"): "failed",
         campaign.run("random", 3, "waiting"): "waiting",
@@ -129,20 +117,17 @@ def test_the_training_return_is_the_mean_over_episodes(campaign: SyntheticCampai
     record = campaign.record("random", 0, "low", steps=1_500_000)
     campaign.cell(record, "low")
     windows = [(500_000, 10, -50.0), (1_000_000, 30, 70.0), (1_500_000, 40, 100.0)]
-    rows = [
-        {"step": step, "episodes": n, "mean_return": mean, "std_return": 0.0, "mean_length": 1.0}
-        | {"success_share": 0.0}
-        for step, n, mean in windows
-    ]
-    evaluated = [{"step": 0, "test_set": "line", "task_index": 0, "task": [0.0], "length": 1}]
-    tables = {Table.TRAINING: rows, Table.EVALUATIONS: [evaluated[0] | {"episodic_return": 1.0}]}
+    rest = {"std_return": 0.0, "mean_length": 1.0, "success_share": 0.0}
+    rows = [{"step": step, "episodes": n, "mean_return": mean} | rest for step, n, mean in windows]
+    evaluated = {"step": 0, "test_set": "line", "task_index": 0, "task": [0.0], "length": 1}
+    tables = {Table.TRAINING: rows, Table.EVALUATIONS: [evaluated | {"episodic_return": 1.0}]}
     campaign._write(record, "done", tables, 1_500_000)
     assert only(campaign)["training_return"] == pytest.approx((-500 + 2100 + 4000) / 80)
     assert only(campaign, at=1_200_000)["training_return"] == pytest.approx((-500 + 2100) / 40)
 
 
 def test_without_windows_the_training_return_is_read_from_the_episodes(tmp_path: Path) -> None:
-    campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, episode_steps=700, grid=3)
+    campaign = SyntheticCampaign(tmp_path, **SMALL | {"episode_steps": 700})
     run = campaign.run("random", 0)
     episodes = load(tmp_path).episode_returns([run])
     assert only(campaign)["training_return"] == pytest.approx(episodes["episodic_return"].mean())
@@ -151,10 +136,10 @@ def test_without_windows_the_training_return_is_read_from_the_episodes(tmp_path:
 
 
 def test_evaluations_at_any_step_are_the_last_before_it(campaign: SyntheticCampaign) -> None:
-    done = campaign.plain_run("random", 0, {0: mastered(0), 500: mastered(5), 1000: mastered(7)})
-    running = campaign.plain_run("random", 1, {0: mastered(1), 500: mastered(2)}, "running")
-    campaign.plain_run("random", 2, {0: mastered(9), 500: mastered(9)}, "failed")
-    short = campaign.plain_run("random", 3, {0: mastered(3), 400: mastered(4)}, steps=400)
+    done = campaign.plain_run("random", 0, {0: mastering(0), 500: mastering(5), 1000: mastering(7)})
+    running = campaign.plain_run("random", 1, {0: mastering(1), 500: mastering(2)}, "running")
+    campaign.plain_run("random", 2, {0: mastering(9), 500: mastering(9)}, "failed")
+    short = campaign.plain_run("random", 3, {0: mastering(3), 400: mastering(4)}, steps=400)
     frames = load(campaign.root)
     assert every(frames, 250) == [250, 500, 750, 1000]
     rows = evaluations_at(frames, every(frames, 250)).set_index(["step", "run_id"])
@@ -176,12 +161,6 @@ def test_an_interval_is_at_least_one_step(campaign: SyntheticCampaign, interval:
         every(load(campaign.root), interval)
 
 
-def test_each_run_masters_by_its_own_threshold(campaign: SyntheticCampaign) -> None:
-    spec = json.dumps({"mastery_threshold": 99})
-    campaign.plain_run("random", 0, {0: [99.0, 99.1, 231.0, 0.0]}, spec=spec)
-    assert only(campaign)["mastered_percent"] == 50
-
-
 SQUARE = TaskSpace.from_bounds({"height": (0, 3), "spacing": (0, 6)})
 
 
@@ -189,24 +168,23 @@ def tasks(*rows: tuple[float, ...]) -> np.ndarray:
     return np.array(rows, dtype=np.float32)
 
 
-def test_cells_and_entropy_by_hand() -> None:
-    # Two bins a side: three tasks in one cell and one in the opposite one.
-    found = coverage_and_entropy(tasks((0, 0), (1, 1), (1.4, 2.9), (3, 6)), SQUARE, bins=2)
-    entropy = -(0.75 * math.log(0.75) + 0.25 * math.log(0.25)) / math.log(4)
-    assert found == pytest.approx((0.5, entropy))
+ENTROPY = -(0.75 * math.log(0.75) + 0.25 * math.log(0.25)) / math.log(4)
 
 
-def test_one_task_in_each_cell_covers_all_evenly() -> None:
-    centres = [(h, s) for h in 3 * (np.arange(10) + 0.5) / 10 for s in 6 * (np.arange(10) + 0.5) / 10]
-    assert coverage_and_entropy(tasks(*centres), SQUARE) == pytest.approx((1, 1))
-
-
-def test_one_task_over_and_over_covers_one_cell() -> None:
-    assert coverage_and_entropy(tasks((1, 1), (1, 1)), SQUARE) == (0.01, 0.0)
-
-
-def test_what_lies_outside_counts_at_the_edge() -> None:
-    assert coverage_and_entropy(tasks((3, 6), (9, 9), (-1, -1)), SQUARE, bins=2)[0] == 0.5
+@pytest.mark.parametrize(
+    ("rows", "bins", "expected"),
+    [
+        # Two bins a side: three tasks in one cell and one in the opposite one.
+        ([(0, 0), (1, 1), (1.4, 2.9), (3, 6)], 2, (0.5, ENTROPY)),
+        ([(h, s) for h in 0.15 + 0.3 * np.arange(10) for s in 0.3 + 0.6 * np.arange(10)], 10, (1, 1)),
+        ([(1, 1), (1, 1)], 10, (0.01, 0)),
+        ([(3, 6), (9, 9), (-1, -1), (0, 0)], 2, (0.5, 0.5)),  # what lies outside counts at the edge
+    ],
+)
+def test_cells_and_entropy_by_hand(
+    rows: list[tuple[float, float]], bins: int, expected: tuple[float, float]
+) -> None:
+    assert coverage_and_entropy(tasks(*rows), SQUARE, bins) == pytest.approx(expected)
 
 
 def test_dimensions_without_width_do_not_count() -> None:
@@ -234,7 +212,6 @@ def test_a_grid_of_one_cell_is_refused() -> None:
         coverage_and_entropy(tasks((1, 1)), SQUARE, bins=1)
 
 
-@settings(deadline=None)  # machines may be busy
 @given(st.lists(st.tuples(st.floats(0, 3), st.floats(0, 6)), min_size=1, max_size=40), st.integers(2, 12))
 def test_both_lie_between_0_and_1(points: list[tuple[float, float]], bins: int) -> None:
     coverage, entropy = coverage_and_entropy(tasks(*points), SQUARE, bins)
@@ -244,7 +221,7 @@ def test_both_lie_between_0_and_1(points: list[tuple[float, float]], bins: int) 
 
 
 def test_random_covers_more_than_a_guided_teacher(tmp_path: Path) -> None:
-    campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, grid=2)
+    campaign = SyntheticCampaign(tmp_path, **SMALL)
     runs = [campaign.run("alp_gmm", 0), campaign.run("random", 0)]
     frames = load(tmp_path)
     whole = curriculum_measures(frames, runs).set_index("run_id")
@@ -260,7 +237,7 @@ def test_random_covers_more_than_a_guided_teacher(tmp_path: Path) -> None:
 
 
 def test_runs_without_probes_or_a_task_space_have_no_measures(tmp_path: Path) -> None:
-    campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, grid=2)
+    campaign = SyntheticCampaign(tmp_path, **SMALL)
     runs = [
         campaign.plain_run("random", 0, {0: [1.0]}),
         campaign.run("random", 1, spec=json.dumps({})),

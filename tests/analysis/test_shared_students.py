@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -32,18 +32,17 @@ PACES = [30.0, 19.0, 11.0, 5.0, 2.0]
 """What the students of five seeds add to the mastered tasks of every teacher."""
 
 
-def results(values: Mapping[str, Sequence[float]], engine: str = SIMULATED) -> pd.DataFrame:
+def results(values: Mapping[str, Sequence[float]]) -> pd.DataFrame:
     """Return pooled runs: a teacher's values of seeds 0, 1, …, the same on each challenge but for noise."""
-    return pool(*_cells(values, engine))
-
-
-def _cells(values: Mapping[str, Sequence[float]], engine: str) -> Iterator[dict[str, object]]:
     rng = np.random.default_rng(1)
-    for teacher, numbers in values.items():
-        for place in PLACES:
-            for seed, value in enumerate(numbers):
-                noise = round(float(rng.normal()), 3)
-                yield cell(teacher, seed, value + noise, challenge=place, engine=engine)
+    return pool(
+        *(
+            cell(teacher, seed, value + round(float(rng.normal()), 3), challenge=place, engine=SIMULATED)
+            for teacher, numbers in values.items()
+            for place in PLACES
+            for seed, value in enumerate(numbers)
+        )
+    )
 
 
 def of(runs: pd.DataFrame, teacher: str, place: str) -> pd.Series:
@@ -57,19 +56,17 @@ def runs() -> pd.DataFrame:
 
 
 def test_pairs_of_a_challenge_agree_with_scipy(runs: pd.DataFrame) -> None:
-    table = pairwise(runs, "mastered_percent", "random").set_index("challenge")
+    table, apart = (
+        pairwise(each, "mastered_percent", "random").set_index("challenge")
+        for each in (runs, runs.assign(engine=CHIPMUNK))
+    )
     for place in PLACES:
         theirs = stats.ttest_rel(of(runs, "adr", place), of(runs, "random", place))
         row = table.loc[place]
         assert (row["method"], row["n"], row["reference_n"]) == (Method.PAIRED, 5, 5)
         assert (row["t"], row["p"]) == pytest.approx((theirs.statistic, theirs.pvalue))
-        assert row["detectable"] < 10 < detectable_in_welch(runs, place)
-
-
-def detectable_in_welch(runs: pd.DataFrame, place: str) -> float:
-    table = pairwise(runs.assign(engine=CHIPMUNK), "mastered_percent", "random").set_index("challenge")
-    assert table.loc[place, "method"] == Method.WELCH
-    return float(table.loc[place, "detectable"])
+        assert row["detectable"] < 10 < apart.loc[place, "detectable"]
+        assert apart.loc[place, "method"] == Method.WELCH
 
 
 def shares(rng: np.random.Generator, mean: float, prefix: str, n: int = 5) -> pd.Series:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-from synthetic_pools import cell, pool
+from synthetic_pools import cells, pool
 
 from analysis.comparisons.frame import pairwise, pairwise_from_statistics
 from analysis.data.reference import paper_frame
@@ -41,24 +41,12 @@ def sample(values: Sequence[float], prefix: str) -> pd.Series:
     return pd.Series(values, index=[f"{prefix}{i}" for i in range(len(values))], dtype=float)
 
 
-def two_sided_p(t: float, df: float) -> float:
-    """Twice the upper tail of Student's t, by integrating its density."""
-    x = np.linspace(0, abs(t), 200_001)
-    density = (
-        math.gamma((df + 1) / 2)
-        / (math.sqrt(df * math.pi) * math.gamma(df / 2))
-        * (1 + x**2 / df) ** (-(df + 1) / 2)
-    )
-    return 1 - 2 * float(np.trapezoid(density, x))
-
-
 def test_welch_by_hand() -> None:
     # Means 3 and 6, variances 2.5 and 10, so the squared standard error is 0.5 + 2.
     result = welch(sample([1, 2, 3, 4, 5], "a"), sample([2, 4, 6, 8, 10], "b"))
     assert result.difference == -3
     assert result.t == pytest.approx(-3 / math.sqrt(2.5))
     assert result.degrees_of_freedom == pytest.approx(2.5**2 / (0.5**2 / 4 + 2**2 / 4))
-    assert result.p == pytest.approx(two_sided_p(result.t, result.degrees_of_freedom), abs=1e-9)
     assert (result.n, result.reference_n, result.reason) == (5, 5, "")
 
 
@@ -76,8 +64,9 @@ def test_welch_on_a_published_example() -> None:
 def test_welch_agrees_with_scipy() -> None:
     rng = np.random.default_rng(1)
     for n, m in ((2, 2), (3, 8), (32, 16)):
-        first, second = rng.normal(40, 6, n), rng.normal(35, 15, m)
-        ours = welch(sample(first, "a"), sample(second, "b"))
+        first, second = sample(rng.normal(40, 6, n), "a"), sample(rng.normal(35, 15, m), "b")
+        ours = welch(first, second)
+        assert ours == welch_from_statistics(describe(first), describe(second))
         theirs = stats.ttest_ind(first, second, equal_var=False)
         interval = theirs.confidence_interval(0.95)
         np.testing.assert_allclose(
@@ -105,12 +94,6 @@ def test_welch_of_published_means_agrees_with_scipy(
     assert (ours.n, ours.reference_n, ours.difference) == (n, m, mean - other)
 
 
-def test_welch_of_means_is_welch_of_the_values() -> None:
-    rng = np.random.default_rng(2)
-    first, second = sample(list(rng.normal(0, 1, 9)), "a"), sample(list(rng.normal(1, 3, 4)), "b")
-    assert welch_from_statistics(describe(first), describe(second)) == welch(first, second)
-
-
 def test_a_mean_published_without_its_spread_is_not_tested() -> None:
     result = welch_from_statistics(Description(16, 1.0, math.nan), Description(16, 2.0, 1.0))
     assert (result.reason, result.difference) == ("no standard deviation", -1.0)
@@ -130,12 +113,11 @@ def test_a_sample_without_spread_is_tested_by_permutation() -> None:
     assert (result.method, result.significant) == (Method.PERMUTATION, True)
     margin = stats.t.ppf(0.975, 3) * np.std(values, ddof=1) / 2
     assert (result.low, result.high) == pytest.approx((3 - margin, 3 + margin))
-
-
-def test_an_interval_holds_0_where_the_permutation_test_finds_nothing() -> None:
-    result = welch(sample([60.0, 61.0, 62.0], "a"), sample([0.0, 0.0, 0.0], "b"))
-    assert (result.p, result.low) == (pytest.approx(2 / 20), 0.0)
-    assert result.high > 61
+    few = welch(
+        sample([60.0, 61.0, 62.0], "a"), sample([0.0] * 3, "b")
+    )  # finds nothing: the interval holds 0
+    assert (few.p, few.low) == (pytest.approx(2 / 20), 0.0)
+    assert few.high > 61
 
 
 def test_samples_without_any_spread_have_a_p_and_no_interval() -> None:
@@ -147,8 +129,7 @@ def test_samples_without_any_spread_have_a_p_and_no_interval() -> None:
     ):
         assert result.p == pytest.approx(2 / math.comb(10, 5))
         assert (result.reason, result.significant) == ("", True)
-        assert math.isnan(result.low)
-        assert math.isnan(result.high)
+        assert np.isnan([result.low, result.high]).all()
 
 
 def test_strata_without_any_spread_are_permuted_within_themselves() -> None:
@@ -160,8 +141,8 @@ def test_strata_without_any_spread_are_permuted_within_themselves() -> None:
 def test_permutations_of_many_runs_are_drawn_and_always_the_same() -> None:
     rng = np.random.default_rng(4)
     first, second = rng.normal(0.4, 1, 32), rng.normal(0, 1, 32)
-    drawn = permutation_p([(first, second)])
-    assert drawn == permutation_p([(first, second)])
+    drawn, again = (permutation_p([(first, second)]) for _ in range(2))
+    assert drawn == again
     assert drawn == pytest.approx(stats.ttest_ind(first, second).pvalue, abs=0.02)
 
 
@@ -208,17 +189,6 @@ def test_pairing_needs_more_correlation_the_fewer_the_runs() -> None:
     assert not pairing_helps(Estimate(0.9, 0.1, 1.0, 1), n)
 
 
-def test_the_interval_excludes_zero_exactly_when_significant() -> None:
-    rng = np.random.default_rng(0)
-    verdicts = []
-    for _ in range(50):
-        result = welch(sample(list(rng.normal(0.8, 1, 6)), "a"), sample(list(rng.normal(0, 2, 9)), "b"))
-        assert result.low < result.difference < result.high
-        assert result.significant == (not result.low < 0 < result.high)
-        verdicts.append(result.significant)
-    assert len(set(verdicts)) == 2
-
-
 @pytest.mark.parametrize(
     ("first", "second", "reason"),
     [
@@ -247,6 +217,9 @@ def test_describe_by_hand() -> None:
     assert result.mean == 5
     assert result.std == pytest.approx(math.sqrt((9 + 1 + 16) / 2))
     assert result.standard_error == pytest.approx(math.sqrt(13 / 3))
+    one = describe([7.0])
+    assert (one.n, one.mean) == (1, 7.0)
+    assert np.isnan([one.std, one.standard_error]).all()
 
 
 @given(st.floats(1e-6, 100 - 1e-6), st.floats(0, 300))
@@ -262,20 +235,11 @@ def test_the_interval_of_a_percentage_by_hand() -> None:
     low, high = percent_interval(25.0, 100 * math.sin(math.pi / 3) * math.pi / 12)
     assert (low, high) == pytest.approx((100 * math.sin(math.pi / 12) ** 2, 50.0))
     assert percent_interval(25.0, 0.01) == pytest.approx((24.99, 25.01), abs=1e-5)
-
-
-def test_the_interval_of_a_percentage_at_its_bounds_is_cut() -> None:
+    # At its bounds it is cut.
     assert percent_interval(0.0, 3.0) == (0.0, 3.0)
     assert percent_interval(100.0, 3.0) == (97.0, 100.0)
     assert np.isnan(percent_interval(10.0, math.nan)).all()
     assert np.isnan(percent_interval(0.0, math.nan)).all()
-
-
-def test_one_value_has_no_spread() -> None:
-    result = describe([7.0])
-    assert (result.n, result.mean) == (1, 7.0)
-    assert math.isnan(result.std)
-    assert math.isnan(result.standard_error)
 
 
 def test_holm_by_hand() -> None:
@@ -309,14 +273,7 @@ VALUES = {"adr": [1, 9, 4, 30], "alp_gmm": [40, 44, 39, 52], "random": [20, 25, 
 
 @pytest.mark.parametrize("reference", [None, "random"])
 def test_statistics_give_the_tests_that_runs_give(reference: str | None) -> None:
-    runs = pool(
-        *(
-            cell(teacher, seed, value, expert_knowledge=level)
-            for level in ("low", "high")
-            for teacher, values in VALUES.items()
-            for seed, value in enumerate(values)
-        )
-    )
+    runs = pool(*cells(VALUES), *cells(VALUES, expert_knowledge="high"))
     expected = pairwise(runs, "mastered_percent", reference)
     found = pairwise_from_statistics(pooled(runs), reference=reference)
     same = ["expert_knowledge", "first", "second", "n", "reference_n", "difference", "p", "holm", "reason"]

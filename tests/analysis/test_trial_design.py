@@ -1,6 +1,7 @@
 """Trials against lite-1: the design, verdicts of released teachers under other seeds, and their words."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import pandas as pd
 import pytest
@@ -21,6 +22,7 @@ from analysis.trials.design import (
 from analysis.trials.rules import LOOKS, Verdict
 from analysis.trials.standing import (
     Ending,
+    Look,
     latex_row,
     look_line,
     looks_at,
@@ -30,143 +32,132 @@ from analysis.trials.standing import (
     verdict_table,
 )
 
-CELLS = ("original", "diverse_students/spider")
+
+class Trial(NamedTuple):
+    """A trial of a new teacher against lite-1, without its runs."""
+
+    frames: Frames
+    released: pd.DataFrame
+    design: Design
+
+    def runs(self, teacher: str, seeds: int = 20, points: float = 0.0) -> pd.DataFrame:
+        """Return runs of the new teacher: those of a released one over and over, some points better."""
+        rows = ended_runs(self.frames)
+        found = []
+        for cell in self.design.cells:
+            own = rows[(rows[PLACE] == list(cell.place)).all(axis=1) & (rows["teacher"] == teacher)]
+            own = pd.concat([own] * 10, ignore_index=True).head(seeds)
+            changes = {"teacher": self.design.teacher, "seed": list(self.design.seeds[:seeds])}
+            found.append(own.assign(angle=own["angle"] + points / cell.slope, **changes))
+        return pd.concat(found, ignore_index=True)
+
+    def looks(self, runs: pd.DataFrame, affordable: int | None = None) -> list[Look]:
+        return looks_at(self.design, self.released, runs, affordable)
+
+
+def designed(frames: Frames, *cells: str) -> Design:
+    return make_design("mine:Frontier", find_baseline("lite-1"), frames, wanted=cells)
 
 
 @pytest.fixture(scope="module")
-def frames() -> Frames:
-    return find_baseline("lite-1").frames()
+def trial() -> Trial:
+    frames = find_baseline("lite-1").frames()
+    return Trial(frames, released_runs(frames), designed(frames, "original", "diverse_students/spider"))
 
 
-@pytest.fixture(scope="module")
-def released(frames: Frames) -> pd.DataFrame:
-    return released_runs(frames)
-
-
-@pytest.fixture(scope="module")
-def design(frames: Frames) -> Design:
-    return make_design("mine:Frontier", find_baseline("lite-1"), frames, wanted=CELLS)
-
-
-def _runs_like(teacher: str, design: Design, frames: Frames, seeds: int, points: float = 0.0) -> pd.DataFrame:
-    """Return runs of the new teacher: those of a released one over and over, some points better."""
-    rows = ended_runs(frames)
-    found = []
-    for cell in design.cells:
-        own = rows[(rows[PLACE] == list(cell.place)).all(axis=1) & (rows["teacher"] == teacher)]
-        own = pd.concat([own] * 10, ignore_index=True).head(seeds)
-        angles = own["angle"] + points / cell.slope
-        found.append(own.assign(teacher=design.teacher, seed=list(design.seeds[:seeds]), angle=angles))
-    return pd.concat(found, ignore_index=True)
-
-
-def test_the_design_says_whom_where_and_with_which_seeds(design: Design, frames: Frames) -> None:
+def test_the_design_says_whom_where_and_with_which_seeds(trial: Trial) -> None:
+    design = trial.design
     assert design.release == newest_release().manifest.name
     assert design.references[0] == "random"
-    means = ended_runs(frames).groupby(["teacher", *PLACE])[MEASURE].mean()
+    means = ended_runs(trial.frames).groupby(["teacher", *PLACE])[MEASURE].mean()
     assert design.best == max(
         ("alp_gmm", "goal_gan:preset=release", "riac"),
         key=lambda teacher: sum(means[(teacher, *cell.place)] for cell in design.cells),
     )
     assert [cell.name for cell in design.cells] == ["original", "diverse_students/spider"]
-    assert min(design.seeds) > frames.cells["seed"].max()
+    assert min(design.seeds) > trial.frames.cells["seed"].max()
     assert design.looks == LOOKS
     assert design.simulated_error < 0.05
 
 
-def test_a_design_survives_its_file_and_tells_another_one_apart(design: Design) -> None:
-    again = Design.of(design.to_dict(), "trial.json")
-    assert again == design
-    assert again.differing(replace(design, margin=4.0)) == ["margin: 2.5, not 4.0"]
-    assert "source" in again.differing(replace(design, runs="another"))[0]
+def test_a_design_survives_its_file_and_tells_another_one_apart(trial: Trial) -> None:
+    again = Design.of(trial.design.to_dict(), "trial.json")
+    assert again == trial.design
+    assert again.differing(replace(again, margin=4.0)) == ["margin: 2.5, not 4.0"]
+    assert "source" in again.differing(replace(again, runs="another"))[0]
 
 
-def test_an_unknown_cell_is_refused_with_those_there_are(frames: Frames) -> None:
+def test_an_unknown_cell_is_refused_with_those_there_are(trial: Trial) -> None:
     with pytest.raises(ValueError, match=r"no cell 'orginal'.*original"):
-        make_design("mine:Frontier", find_baseline("lite-1"), frames, wanted=["orginal"])
+        designed(trial.frames, "orginal")
 
 
-def test_a_much_better_teacher_wins_at_an_early_look(
-    design: Design, released: pd.DataFrame, frames: Frames
-) -> None:
-    looks = looks_at(design, released, _runs_like(design.best, design, frames, 10, points=12.0))
+def test_a_much_better_teacher_wins_at_an_early_look(trial: Trial) -> None:
+    looks = trial.looks(trial.runs(trial.design.best, 10, points=12.0))
     assert looks[-1].ending is Ending.DECIDED
     assert [each.verdict for each in looks[-1].settled] == [Verdict.BETTER, Verdict.BETTER]
     assert looks[-1].seeds < LOOKS[-1]
-    said = sentence(design, looks[-1])
+    said = sentence(trial.design, looks[-1])
     assert "better than Random" in said
     assert "better than GoalGAN (release), the best of 9 there" in said
 
 
-def test_random_again_is_never_better_and_worse_than_the_best(
-    design: Design, released: pd.DataFrame, frames: Frames
-) -> None:
-    looks = looks_at(design, released, _runs_like("random", design, frames, 20))
-    assert looks[-1].settled[0].verdict is not Verdict.BETTER
-    assert looks[-1].settled[1].verdict is Verdict.WORSE
+def test_random_again_is_never_better_and_worse_than_the_best(trial: Trial) -> None:
+    settled = trial.looks(trial.runs("random"))[-1].settled
+    assert settled[0].verdict is not Verdict.BETTER
+    assert settled[1].verdict is Verdict.WORSE
 
 
-def test_a_look_waits_for_all_of_its_runs_and_none_follows_the_end(
-    design: Design, released: pd.DataFrame, frames: Frames
-) -> None:
-    runs = _runs_like(design.best, design, frames, 20)
-    assert looks_at(design, released, runs.iloc[:-1].head(2)) == []
-    four = runs[runs["seed"].isin(design.seeds[:4])]
-    assert [look.seeds for look in looks_at(design, released, four)] == [3]
-    better = looks_at(design, released, _runs_like(design.best, design, frames, 20, points=30.0))
+def test_a_look_waits_for_all_of_its_runs_and_none_follows_the_end(trial: Trial) -> None:
+    runs = trial.runs(trial.design.best)
+    assert trial.looks(runs.iloc[:-1].head(2)) == []
+    four = runs[runs["seed"].isin(trial.design.seeds[:4])]
+    assert [look.seeds for look in trial.looks(four)] == [3]
+    better = trial.looks(trial.runs(trial.design.best, points=30.0))
     assert sum(bool(look.ending) for look in better) == 1
     assert better[-1].ending
 
 
-def test_an_open_comparison_tells_what_the_budget_could_still_show(
-    design: Design, released: pd.DataFrame, frames: Frames
-) -> None:
-    runs = _runs_like(design.best, design, frames, 3, points=2.0)
+def test_an_open_comparison_tells_what_the_budget_could_still_show(trial: Trial) -> None:
+    runs = trial.runs(trial.design.best, 3, points=2.0)
     chances = []
     for affordable in (0, 1, 3, None):
-        finding = looks_at(design, released, runs, affordable)[0].findings[0]
+        finding = trial.looks(runs, affordable)[0].findings[0]
         assert finding.verdict is Verdict.OPEN
         chances.append(finding.within_budget)
     assert chances[0] == 0
     assert chances[0] < chances[1] < chances[2] == chances[3] == finding.power
-    said = look_line(looks_at(design, released, runs, 1)[0])
+    said = look_line(trial.looks(runs, 1)[0])
     assert f"with probability {finding.power:.2f}, within the budget {chances[1]:.2f}" in said
 
 
-def test_a_verdict_that_is_reached_stays(design: Design, released: pd.DataFrame, frames: Frames) -> None:
-    runs = _runs_like("random", design, frames, 20, points=-5.0)
-    later = runs["seed"].isin(design.seeds[5:])
+def test_a_verdict_that_is_reached_stays(trial: Trial) -> None:
+    runs = trial.runs("random", points=-5.0)
+    later = runs["seed"].isin(trial.design.seeds[5:])
     runs.loc[later, "angle"] += 0.3  # from then on far better
-    looks = looks_at(design, released, runs)
+    looks = trial.looks(runs)
     first = next(look for look in looks if look.findings[1].verdict is Verdict.WORSE)
     assert first.seeds < looks[-1].seeds
     assert looks[-1].settled[1] == first.findings[1]
 
 
-def test_runs_that_are_not_finite_are_left_out_by_number(
-    design: Design, released: pd.DataFrame, frames: Frames
-) -> None:
-    runs = _runs_like(design.best, design, frames, 5)
+def test_runs_that_are_not_finite_are_left_out_by_number(trial: Trial) -> None:
+    runs = trial.runs(trial.design.best, 5)
     runs.loc[0, "angle"] = float("nan")
-    assert looks_at(design, released, runs)[0].excluded == 1
+    assert trial.looks(runs)[0].excluded == 1
 
 
-def test_the_detectable_difference_falls_with_the_number_of_cells(
-    design: Design, frames: Frames, released: pd.DataFrame
-) -> None:
+def test_the_detectable_difference_falls_with_the_number_of_cells(trial: Trial) -> None:
     found = []
-    for made in (design, make_design("mine:Frontier", find_baseline("lite-1"), frames, wanted=["original"])):
-        runs = moments_of(released, "random", made.places).runs
+    for made in (trial.design, designed(trial.frames, "original")):
+        runs = moments_of(trial.released, "random", made.places).runs
         found.append(detectable(made, "random", runs))
     assert found[0] < found[1]
 
 
-def test_everything_that_is_written_has_the_numbers(
-    design: Design, released: pd.DataFrame, frames: Frames
-) -> None:
-    looks = looks_at(design, released, _runs_like(design.best, design, frames, 20))
-    assert any("6, 10, 20, 40 runs" in line for line in plan_lines(design, released))
-    table = verdict_table(design, looks)
-    assert len(table) == 2 * len(looks)
+def test_everything_that_is_written_has_the_numbers(trial: Trial) -> None:
+    design, looks = trial.design, trial.looks(trial.runs(trial.design.best))
+    assert any("6, 10, 20, 40 runs" in line for line in plan_lines(design, trial.released))
+    assert len(verdict_table(design, looks)) == 2 * len(looks)
     assert latex_row(design, looks[-1]).startswith("mine:Frontier & ")
     assert f"ended after {looks[-1].seeds} " in methods(design, looks[-1], "")

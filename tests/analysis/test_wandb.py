@@ -83,16 +83,14 @@ def published(run: dict[str, Any]) -> dict[str, Any]:
 def test_each_point_is_sent_once_however_often_it_is_called(tmp_path: Path) -> None:
     campaign, folder = SyntheticCampaign(tmp_path / "root"), tmp_path / "wandb"
     run = Growing(campaign)
-    run.add(10)
-    checkpoint = run.publish()
+    checkpoint = run.grow(10)
     for _ in range(2):
         (found,) = send(campaign.root, folder).values()
         assert published(found) == expected([10])
     run.add(20)
     run.writer.flush()  # and killed before it is published
     run.attempt(checkpoint)
-    run.add(20)
-    run.publish()
+    run.grow(20)
     (found,) = send(campaign.root, folder).values()
     assert published(found) == expected([10, 20])
     assert found["series"]["published/training"] == [(10, 1), (20, 2)]
@@ -117,8 +115,7 @@ def test_runs_are_found_by_what_openrlbenchmark_asks_for(tmp_path: Path) -> None
 def test_another_project_gets_all_of_it(tmp_path: Path) -> None:
     campaign, folder = SyntheticCampaign(tmp_path / "root"), tmp_path / "wandb"
     run = Growing(campaign)
-    run.add(10)
-    run.publish()
+    run.grow(10)
     send(campaign.root, folder)
     (found,) = send(campaign.root, folder, "--project", "other").values()
     assert found["series"]["training/mean_return"] == [(10, 1.0), (10, 1.0)]

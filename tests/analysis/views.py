@@ -1,0 +1,30 @@
+"""What readers see: charts of pages as plotly has them, and what commands print."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import plotly.graph_objects as go
+from rich.console import Console
+
+from analysis.charts.base import Chart
+from analysis.charts.page import Plot, on_page
+
+
+def plot_of(chart: Chart | None) -> Plot:
+    """The plot of a chart that has a single one."""
+    assert chart is not None
+    (plot,) = on_page(chart).plots
+    return plot
+
+
+def figure_of(plot: Plot) -> go.Figure:
+    """The figure of a plot, every attribute of it checked, which refuses what plotly.js would ignore."""
+    return go.Figure(list(plot.traces), plot.layout)
+
+
+def printed(show: Callable[..., object], *given: object, width: int = 200, **options: object) -> str:
+    """What a command prints on lines of so many characters."""
+    console = Console(width=width, record=True)
+    show(*given, **options, console=console)
+    return console.export_text()
