@@ -1,13 +1,17 @@
-"""How the suite runs (see `suite`), and a real S3 server on this machine for all tests of object stores."""
+"""How the suite runs (see `suite`); an S3 server on this machine, and Chromium, for the tests of all folders."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from itertools import count
+from typing import TYPE_CHECKING
 
 import pytest
 from suite.object_server import ObjectServer
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 # Tests share the cores already, and would wait for each other's threads.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -39,3 +43,12 @@ def s3_environment(s3_server: dict[str, str], monkeypatch: pytest.MonkeyPatch) -
 def s3_root(s3_environment: str) -> str:
     """URI of an empty folder of the bucket, another one for every test."""
     return f"s3://{ObjectServer.bucket}/root-{next(_number)}"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Headless Chromium."""
+    from browsers import chromium
+
+    with chromium() as launched:
+        yield launched

@@ -104,17 +104,17 @@ class SyntheticCampaign:
         """Write one run with exactly these returns on the test tasks, by step, and no episodes."""
         record = self.record(teacher, seed, level, **changes)
         self.cell(record, level)
-        rows = [
-            {"step": step, "test_set": "line", "task_index": i, "task": [float(i)], "length": 1}
-            | {"episodic_return": float(value)}
-            for step, values in returns.items()
-            for i, value in enumerate(values)
-        ]
-        self._write(record, status, {Table.EVALUATIONS: rows}, max(returns, default=0))
+        self._plain(record, status, returns)
         return record.run_id
 
     def seeds(
-        self, teacher: str, counts: Sequence[int], of: int = 10, half: float | None = None, **changes: Any
+        self,
+        teacher: str,
+        counts: Sequence[int],
+        of: int = 10,
+        half: float | None = None,
+        level: str = "low",
+        **changes: Any,
     ) -> None:
         """Write a run for each count, seed by seed, that masters so many tasks in the end.
 
@@ -123,11 +123,14 @@ class SyntheticCampaign:
             counts: tasks that each run masters.
             of: tasks there are.
             half: share of its mastered tasks that a run masters at half time; not evaluated then by default.
-            changes: of the records, or `level`.
+            level: of expert knowledge.
+            changes: of the records.
         """
-        for seed, count in enumerate(counts):
+        records = [self.record(teacher, seed, level, **changes) for seed in range(len(counts))]
+        self.committer.write_cells(self.campaign, [self._row(record, level) for record in records])
+        for record, count in zip(records, counts, strict=True):
             early = {} if half is None else {self.steps // 2: mastering(int(half * count), of)}
-            self.plain_run(teacher, seed, early | {self.steps: mastering(count, of)}, **changes)
+            self._plain(record, "done", early | {self.steps: mastering(count, of)})
 
     def record(self, teacher: str, seed: int, level: str, **changes: Any) -> RunRecord:
         name = f"{self.prefix}{self.experiment}-{teacher}-{level}-{seed}"
@@ -148,9 +151,21 @@ class SyntheticCampaign:
         return RunRecord(**(fields | changes))
 
     def cell(self, record: RunRecord, level: str) -> None:
+        self.committer.write_cells(self.campaign, [self._row(record, level)])
+
+    def _row(self, record: RunRecord, level: str) -> dict[str, Any]:
         names = ("environment", "challenge", "embodiment", "student", "teacher", "seed", "run_id")
-        row = {name: getattr(record, name) for name in names} | {"expert_knowledge": level}
-        self.committer.write_cells(self.campaign, [row | {"experiment": self.experiment}])
+        row = {name: getattr(record, name) for name in names}
+        return row | {"expert_knowledge": level, "experiment": self.experiment}
+
+    def _plain(self, record: RunRecord, status: str, returns: Mapping[int, Sequence[float]]) -> None:
+        rows = [
+            {"step": step, "test_set": "line", "task_index": i, "task": [float(i)], "length": 1}
+            | {"episodic_return": float(value)}
+            for step, values in returns.items()
+            for i, value in enumerate(values)
+        ]
+        self._write(record, status, {Table.EVALUATIONS: rows}, max(returns, default=0))
 
     def _write(self, record: RunRecord, status: str, tables: Mapping[Table, Any], end: int) -> None:
         attempt = self.committer.start(record)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from synthetic_results import SyntheticCampaign, mastering
+from views import addresses_in
 
 from analysis.comparisons.sentences import sentences
 from analysis.comparisons.sides import (
@@ -165,6 +166,7 @@ def test_the_page_has_all_of_it(
     assert "Challenges of Stump Tracks, expert knowledge none" in text
     assert '<th scope="row">frontier</th> <td data-label="Mostly unfeasible"><b>75.0 ± 5.8</b></td>' in text
     assert {path.name for path in index.parent.glob("*.png")} >= {"radar-paper-2021.png"}
+    assert addresses_in(text) == set()
     other = write_comparison(mine, ["paper-2021"])
     assert other == index.parents[1] / "paper-2021" / "index.html" != index  # neither replaces the other
     assert index.is_file()

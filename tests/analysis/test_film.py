@@ -22,6 +22,7 @@ PLANE = axes(2)
 def test_rows_are_runs_and_columns_moments() -> None:
     shots = [Shot(f"Seed {seed}", "adr", curriculum("adr")) for seed in (3, 4)]
     figure = film_strip(shots, PLANE, steps=[0, STEPS // 2])
+    assert figure.get_figwidth() == 6.9  # a page of a paper
     assert len(figure.axes) == 4
     assert [figure.axes[0].get_ylabel(), figure.axes[2].get_ylabel()] == ["Seed 3", "Seed 4"]
     dots = figure.axes[1].collections[0].get_offsets()
@@ -47,10 +48,6 @@ def test_tasks_in_a_corner_are_drawn_at_their_own_scale() -> None:
     assert first.spines["top"].get_edgecolor() != third.spines["top"].get_edgecolor()
     for panel in (first, third):  # both rows have numbers of their own
         assert any(tick.label1.get_visible() for tick in panel.xaxis.get_major_ticks())
-
-
-def test_a_strip_is_as_wide_as_a_page_of_a_paper() -> None:
-    assert film_strip([Shot("ADR", "adr", curriculum("adr"))], PLANE).get_figwidth() == 6.9
 
 
 def test_a_projection_keeps_two_dimensions_of_tasks_boxes_and_gaussians() -> None:
@@ -79,18 +76,18 @@ def test_of_regions_behind_each_other_the_highest_score_is_seen() -> None:
 
 
 def test_what_cannot_be_drawn_is_refused() -> None:
-    six = Shot("ADR", "adr", curriculum("adr", 6))
-    with pytest.raises(ValueError, match="have 6 dimensions"):
-        film_strip([six], PLANE)
+    six, shots = curriculum("adr", 6), [Shot("ADR", "adr", curriculum("adr"))]
+    silent = replace(shots[0].curriculum, probes=shots[0].curriculum.probes.head(0))
+    for runs, message in (
+        ([Shot("ADR", "adr", six)], "have 6 dimensions"),
+        ([], "no runs"),
+        ([Shot("ADR", "adr", silent)], "no moments"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            film_strip(runs, PLANE)
     for dimensions in ((0, 0), (0, 6), (-1, 0)):
         with pytest.raises(ValueError, match="two different ones from 0 to 5"):
-            projected(six.curriculum, dimensions)
-    with pytest.raises(ValueError, match="no runs"):
-        film_strip([], PLANE)
-    silent = replace(curriculum("adr"), probes=curriculum("adr").probes.head(0))
-    with pytest.raises(ValueError, match="no moments"):
-        film_strip([Shot("ADR", "adr", silent)], PLANE)
-    shots = [Shot("ADR", "adr", curriculum("adr"))]
+            projected(six, dimensions)
     with pytest.raises(ValueError, match=f"1 to {MOST_FRAMES}"):
         animation(shots, PLANE, frames=MOST_FRAMES + 1)
     with pytest.raises(ValueError, match=f"at most {MOST_SHOTS}"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -23,12 +24,11 @@ from analysis.commands.releases import findings, markdown, show_leaderboards
 from analysis.comparisons.boards import leaderboards
 from analysis.comparisons.measured import measure
 from analysis.data.frames import Frames, load
+from analysis.data.reference import paper_frame
 from analysis.names import label
 from analysis.pages.sections import trained_chart
 from analysis.statistics import Description, describe, percent_interval, welch_from_statistics
-from tma_ray.benchmark import paper_results
 from tma_ray.cli import main
-from tma_ray.tasks import KnowledgeLevel
 
 CHALLENGES = ("mostly_unfeasible", "mostly_trivial")
 
@@ -41,13 +41,12 @@ NAMES = {"student": "ppo", "benchmark_version": 1}
 
 def mean_of(teacher: str, challenge: str) -> float:
     """What the paper has for a teacher."""
-    (entry,) = (
-        each
-        for each in paper_results()
-        if (each.environment, each.challenge, each.teacher, each.expert_knowledge)
-        == ("stump_tracks", challenge, teacher, KnowledgeLevel.HIGH)
+    place = ("stump_tracks", challenge, "high", teacher)
+    return (
+        paper_frame()
+        .set_index(["environment", "challenge", "expert_knowledge", "teacher"])
+        .loc[place, "mastered_percent_mean"]
     )
-    return entry.mean
 
 
 def write(root: Path, seeds: dict[str, int], sign: int = 1, name: str = "core") -> Path:
@@ -99,10 +98,11 @@ def test_steps_that_trained_stand_beside_those_that_were_spent() -> None:
 
 def test_curves_against_the_steps_that_trained_end_where_these_do() -> None:
     frames = analysis.load("lite-1")
-    charts = {}
-    for mine in measure(frames).comparisons:
-        for chart in trained_chart(frames, mine, str(mine.cells["challenge"].iloc[0])):
-            charts[chart.name] = chart
+    charts = {
+        chart.name: chart
+        for mine in measure(frames).comparisons
+        for chart in trained_chart(frames, mine, str(mine.cells["challenge"].iloc[0]))
+    }
     assert set(charts) == {
         f"{name}-trained-steps" for name in ("mostly_unfeasible", "original", "rugged_difficulty")
     }
@@ -112,8 +112,8 @@ def test_curves_against_the_steps_that_trained_end_where_these_do() -> None:
     assert ends["alp_gmm"] == pytest.approx(1.0, abs=0.002)
 
 
-def test_teachers_are_ranked_on_the_same_challenges_only(tmp_path: Path) -> None:
-    root = write(tmp_path / "root", dict.fromkeys(TEACHERS, 3))
+def test_teachers_are_ranked_on_the_same_challenges_only(root: Path, tmp_path: Path) -> None:
+    root = Path(shutil.copytree(root, tmp_path / "root"))
     one = SyntheticCampaign(root, experiment=CHALLENGES[0], campaign="others", steps=STEPS)
     one.seeds("sfl", [100] * 3, 100, level="high", challenge=CHALLENGES[0], **NAMES)
     whole, part = leaderboards(load(root))

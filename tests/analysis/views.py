@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import plotly.graph_objects as go
@@ -28,3 +29,9 @@ def printed(show: Callable[..., object], *given: object, width: int = 200, **opt
     console = Console(width=width, record=True)
     show(*given, **options, console=console)
     return console.export_text()
+
+
+def addresses_in(page: str) -> set[str]:
+    """The addresses of the network in the scripts and attributes of a page, but for names of markup."""
+    strings = re.findall(r"""["'`]\s*(https?://[^"'`]*)""", page)
+    return {text for text in strings if not text.startswith("http://www.w3.org/")}

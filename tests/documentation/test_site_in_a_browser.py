@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 from blocks import ROOT
-from browsers import chromium
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 pytestmark = pytest.mark.slow
 
@@ -31,16 +30,16 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def page(site: Path) -> Iterator[Page]:
+def page(site: Path, browser: Browser) -> Iterator[Page]:
     """A page of the site; whatever it complains of or asks the network for fails its test."""
     troubles: list[str] = []
-    with chromium() as browser:
-        opened = browser.new_page(viewport={"width": 1280, "height": 900})
-        opened.set_default_timeout(PATIENCE)
-        opened.on("pageerror", lambda error: troubles.append(str(error)))
-        opened.on("request", lambda request: troubles.append(request.url))
-        opened.goto((site / "index.html").as_uri())
-        yield opened
+    opened = browser.new_page(viewport={"width": 1280, "height": 900})
+    opened.set_default_timeout(PATIENCE)
+    opened.on("pageerror", lambda error: troubles.append(str(error)))
+    opened.on("request", lambda request: troubles.append(request.url))
+    opened.goto((site / "index.html").as_uri())
+    yield opened
+    opened.close()
     assert not [trouble for trouble in troubles if not trouble.startswith(LOCAL)]
 
 

@@ -18,6 +18,7 @@ SERVICES: dict[str, tuple[str, ...]] = {
         "tests/campaign/test_seeing.py",
     ),
     "browser": (
+        "tests/documentation/test_site_in_a_browser.py",
         "tests/analysis/test_pages_in_a_browser.py",
         "tests/playground/test_agreement.py",
         "tests/playground/test_page.py",

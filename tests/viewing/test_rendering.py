@@ -27,12 +27,13 @@ DOMAIN = TaskSpace.from_bounds({"height": (-3, 9), "spacing": (0, 6)})
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run whose policy normalises what it observes."""
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The root and the id of a run whose policy normalises what it observes."""
     folder = tmp_path_factory.mktemp("rendered")
     spec = stump_tracks_spec(folder, "ppo", "random")
     run(replace(spec, schedule=replace(spec.schedule, steps=500)), folder / "root")
-    return folder / "root"
+    (manifest,) = Results.open(folder / "root").runs()
+    return folder / "root", manifest.run.run_id
 
 
 def colours(*levels: int) -> list[np.ndarray]:
@@ -87,35 +88,33 @@ def test_the_same_scenario_gives_the_same_file_and_the_seed_another(tmp_path: Pa
     assert first == same != other
 
 
-def test_a_run_is_played_in_its_world_by_its_policy(finished: Path, tmp_path: Path) -> None:
-    (manifest,) = Results.open(finished).runs()
-    run_id = manifest.run.run_id
+def test_a_run_is_played_in_its_world_by_its_policy(finished: tuple[Path, str], tmp_path: Path) -> None:
+    root, run_id = finished
     environment = make_environment("stump_tracks", embodiment="classic_bipedal")
-    policy = find_policy(run_id, finished).load(environment.observation_space, environment.action_space)
+    policy = find_policy(run_id, root).load(environment.observation_space, environment.action_space)
     observation, _ = environment.reset(seed=3, options={"task": [1.5, 3.0]})
     expected = 0.0
     for _ in range(5):
         observation, reward, *_ = environment.step(policy(observation))
         expected += reward
-    saved = finished / "policies" / run_id
+    saved = root / "policies" / run_id
     for name in (run_id, run_id[:5], str(saved), str(saved / "policy.json")):
-        episode = render(EpisodeSettings(name, finished, seed=3, steps=5), tmp_path / "a.png")
+        episode = render(EpisodeSettings(name, root, seed=3, steps=5), tmp_path / "a.png")
         assert episode.episodic_return == pytest.approx(expected)
         np.testing.assert_array_equal(episode.task, [1.5, 3.0])
 
 
-def test_a_policy_needs_the_body_it_was_trained_with(finished: Path, tmp_path: Path) -> None:
-    (manifest,) = Results.open(finished).runs()
-    settings = EpisodeSettings(manifest.run.run_id, finished, embodiment="spider", steps=1)
+def test_a_policy_needs_the_body_it_was_trained_with(finished: tuple[Path, str], tmp_path: Path) -> None:
+    root, run_id = finished
+    settings = EpisodeSettings(run_id, root, embodiment="spider", steps=1)
     with pytest.raises(ValueError, match=r"trained in stump_tracks with classic_bipedal"):
         render(settings, tmp_path / "a.png")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_damaged_policy_is_named_where_it_lies(finished: Path, tmp_path: Path) -> None:
-    (manifest,) = Results.open(finished).runs()
-    folder = tmp_path / "downloaded"
-    shutil.copytree(finished / "policies" / manifest.run.run_id, folder)
+def test_a_damaged_policy_is_named_where_it_lies(finished: tuple[Path, str], tmp_path: Path) -> None:
+    root, run_id = finished
+    folder = Path(shutil.copytree(root / "policies" / run_id, tmp_path / "downloaded"))
     (folder / "checkpoints").mkdir()
     (folder / "checkpoints" / "policy.json").write_text("[]")  # of the same name, but no part of the policy
     settings = EpisodeSettings(str(folder), steps=1)
@@ -129,14 +128,15 @@ def test_a_damaged_policy_is_named_where_it_lies(finished: Path, tmp_path: Path)
             render(settings, tmp_path / "b.png")
 
 
-def test_runs_that_cannot_be_meant(finished: Path, tmp_path: Path) -> None:
-    (manifest,) = Results.open(finished).runs()
-    with pytest.raises(ValueError, match=f"nobody.*{manifest.run.run_id}"):
-        find_policy("nobody", finished)
-    with pytest.raises(ValueError, match="a results root"):
-        find_policy("nobody", tmp_path)
-    with pytest.raises(ValueError, match=r"spec\.json is missing"):
-        find_policy(str(tmp_path), finished)
+def test_runs_that_cannot_be_meant(finished: tuple[Path, str], tmp_path: Path) -> None:
+    root, run_id = finished
+    for name, place, message in (
+        ("nobody", root, f"nobody.*{run_id}"),
+        ("nobody", tmp_path, "a results root"),
+        (str(tmp_path), root, r"spec\.json is missing"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            find_policy(name, place)
 
 
 def test_an_environment_that_cannot_be_drawn(tmp_path: Path) -> None:
