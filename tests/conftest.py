@@ -1,4 +1,4 @@
-"""How the suite runs (see `suite`); an S3 server on this machine, and Chromium, for the tests of all folders."""
+"""How the suite runs (see `suite`); an S3 server of this machine and Chromium, for tests of all folders."""
 
 from __future__ import annotations
 

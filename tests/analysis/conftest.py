@@ -1,4 +1,4 @@
-"""A campaign to write invented runs to."""
+"""A campaign to write invented runs to, and a command line to look at them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,24 @@ from pathlib import Path
 
 import pytest
 from synthetic_results import SyntheticCampaign
+from views import Told
+
+from tma_ray.cli import main
 
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> SyntheticCampaign:
     return SyntheticCampaign(tmp_path / "root", steps=1000)
+
+
+@pytest.fixture
+def told(capsys: pytest.CaptureFixture[str]) -> Told:
+    """Gives what a command prints that ends with this exit code; with 2 why it is refused."""
+
+    def run(code: int, *words: object) -> str:
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == code
+        said = capsys.readouterr()
+        return said.err if code == 2 else said.out
+
+    return run

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from synthetic_results import SyntheticCampaign, mastering
-from views import addresses_in
+from views import Told, addresses_in
 
 from analysis.comparisons.sentences import sentences
 from analysis.comparisons.sides import (
@@ -24,7 +24,6 @@ from analysis.comparisons.sides import (
 )
 from analysis.data.frames import load
 from analysis.pages.compare import write_comparison
-from tma_ray.cli import main
 
 CHALLENGES = ("mostly_unfeasible", "mostly_trivial", "rugged_difficulty")
 
@@ -86,7 +85,7 @@ def test_mine_stands_for_a_baselines_teacher_that_i_have_run_too(
 
 
 def test_what_cannot_be_compared_at_all_is_said_with_the_reason(
-    roots: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    roots: tuple[Path, Path], tmp_path: Path, told: Told
 ) -> None:
     short = tmp_path / "short"
     write(short, "frontier", {CHALLENGES[0]: [1, 2, 3]}, steps=20_000)
@@ -97,11 +96,10 @@ def test_what_cannot_be_compared_at_all_is_said_with_the_reason(
     ]
     mine = side_of(load(roots[0]), "yours")
     assert incomparable(mine, sides[1], together(mine, sides[1])) == []
-    assert main(["compare", str(short), "--baseline", "paper-2021"]) == 0
-    told = capsys.readouterr().out
-    assert "frontier has no rank: no other teacher has results on the same challenges" in told
-    assert "nothing to compare" not in told
-    assert "ranks 1 of 1" not in told
+    said = told(0, "compare", short, "--baseline", "paper-2021")
+    assert "frontier has no rank: no other teacher has results on the same challenges" in said
+    assert "nothing to compare" not in said
+    assert "ranks 1 of 1" not in said
 
 
 def test_what_is_said_of_several_teachers_is_said_once(tmp_path: Path) -> None:
@@ -120,12 +118,10 @@ def test_what_is_said_of_several_teachers_is_said_once(tmp_path: Path) -> None:
 
 
 def test_a_ranking_with_a_baseline_marks_the_teacher_of_ones_own(
-    roots: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+    roots: tuple[Path, Path], told: Told
 ) -> None:
-    assert main(["ranking", *map(str, roots)]) == 0
-    assert "yours" not in capsys.readouterr().out  # two results roots, no baseline
-    assert main(["ranking", str(roots[0]), "lite-1"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    assert "yours" not in told(0, "ranking", *roots)  # two results roots, no baseline
+    lines = told(0, "ranking", roots[0], "lite-1").splitlines()
     marked = [before.split()[0] for before, line in itertools.pairwise(lines) if "← yours" in line]
     assert marked == ["frontier"] * (len(CHALLENGES) + 1)
 
@@ -138,12 +134,10 @@ def test_missing_challenges_are_named(roots: tuple[Path, Path]) -> None:
     )
 
 
-def test_the_page_has_all_of_it(
-    roots: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    mine, theirs = str(shutil.copytree(roots[0], tmp_path / "mine")), str(roots[1])
-    assert main(["compare", mine, "--baseline", theirs, "--baseline", "paper-2021"]) == 0
-    apart, verdict, place = capsys.readouterr().out.splitlines()
+def test_the_page_has_all_of_it(roots: tuple[Path, Path], tmp_path: Path, told: Told) -> None:
+    mine, theirs = shutil.copytree(roots[0], tmp_path / "mine"), roots[1]
+    said = told(0, "compare", mine, "--baseline", theirs, "--baseline", "paper-2021")
+    apart, verdict, place = said.splitlines()
     assert apart.startswith("Nothing of paper-2021 may be compared with yours: its tables are of Box2D")
     assert verdict == (
         "Over 3 challenges (expert knowledge none, 2 million steps) frontier ranks 1 of 3 by mean, and "
@@ -170,8 +164,7 @@ def test_the_page_has_all_of_it(
     other = write_comparison(mine, ["paper-2021"])
     assert other == index.parents[1] / "paper-2021" / "index.html" != index  # neither replaces the other
     assert index.is_file()
-    assert main(["compare", mine]) == 2
-    assert "--baseline" in capsys.readouterr().err
+    assert "--baseline" in told(2, "compare", mine)
 
 
 @pytest.mark.slow
@@ -183,9 +176,7 @@ def test_a_root_without_results_gives_a_page_that_says_so(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_the_area_under_the_curve_can_be_the_measure(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_area_under_the_curve_can_be_the_measure(tmp_path: Path, told: Told) -> None:
     """Random ends as high as the new teacher, which was there from the start."""
     mine, theirs = tmp_path / "mine", tmp_path / "theirs"
     for root, teacher, first in ((mine, "frontier", 8), (theirs, "random", 0)):
@@ -197,10 +188,8 @@ def test_the_area_under_the_curve_can_be_the_measure(
     ends, areas = (duels(runs, ["frontier"], measure) for measure in ("mastered_percent", "mastered_area"))
     assert ends["difference"].tolist() == [0.0]
     assert areas["difference"].tolist() == [40.0]
-    output = str(tmp_path / "page")
-    command = ["compare", str(mine), "--baseline", str(theirs), "-o", output, "--measure", "mastered_area"]
-    assert main(command) == 0
-    rank, place = capsys.readouterr().out.splitlines()
+    said = told(0, "compare", mine, "--baseline", theirs, "--measure", "mastered_area")
+    rank, place = said.splitlines()
     assert "frontier ranks 1 of 2 by mean, as the tests confirm" in rank
     text = Path(place).read_text()
     assert "Mastered test tasks over training (%), mean" in text

@@ -50,15 +50,14 @@ def with_update(step: int, **content: object) -> Curriculum:
     return replace(played(), updates=pd.DataFrame([row]))
 
 
-def test_the_strip_shows_the_episodes_of_each_part_of_the_run() -> None:
-    panels = curriculum_strip({"adr": played()}, PLANE).axes[:PANELS]
-    np.testing.assert_allclose(panels[1].collections[0].get_offsets(), [[0.6, 1.5], [0.8, 2.0]])
-
-
-def test_a_shuffled_strip_shows_the_world() -> None:
-    world = np.array([0.5, 0.25], np.float32)
+@pytest.mark.parametrize(
+    ("world", "shown"), [(None, [[0.6, 1.5], [0.8, 2.0]]), (np.float32([0.5, 0.25]), [[0.5, 0.25]] * 2)]
+)
+def test_the_strip_shows_the_worlds_of_each_part_of_the_run(
+    world: np.ndarray | None, shown: list[list[float]]
+) -> None:
     panels = curriculum_strip({"adr": played(world)}, PLANE).axes[:PANELS]
-    np.testing.assert_allclose(panels[0].collections[0].get_offsets(), [world, world])
+    np.testing.assert_allclose(panels[1].collections[0].get_offsets(), shown)
 
 
 def test_colours_are_the_benchmarks_unless_a_world_has_its_own_threshold() -> None:

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 from synthetic_results import SyntheticCampaign
-from views import printed
+from views import Told, printed
 
 import analysis
 from analysis.baselines import BaselineError, add_to_release, find_baseline, release
@@ -28,7 +28,6 @@ from analysis.data.reference import paper_frame
 from analysis.names import label
 from analysis.pages.sections import trained_chart
 from analysis.statistics import Description, describe, percent_interval, welch_from_statistics
-from tma_ray.cli import main
 
 CHALLENGES = ("mostly_unfeasible", "mostly_trivial")
 
@@ -126,9 +125,7 @@ def test_teachers_are_ranked_on_the_same_challenges_only(root: Path, tmp_path: P
     assert all(set(entry.results) == set(part.challenges) for entry in part.entries)
 
 
-def test_the_same_is_shown_in_the_terminal_and_on_the_site(
-    released: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_same_is_shown_in_the_terminal_and_on_the_site(released: Path, told: Told) -> None:
     text = printed(show_leaderboards, [str(released)], width=80)
     assert max(map(len, text.splitlines())) <= 80
     page = markdown([str(released)])
@@ -144,9 +141,7 @@ def test_the_same_is_shown_in_the_terminal_and_on_the_site(
     for name in map(label, TEACHERS):
         assert name in text
         assert f"| {name} |" in page
-    capsys.readouterr()
-    assert main(["leaderboard", "paper-2021"]) == 2
-    assert "only published results" in capsys.readouterr().err
+    assert "only published results" in told(2, "leaderboard", "paper-2021")
 
 
 def test_a_stalled_run_leaves_the_hours_of_a_run_as_they_are(
@@ -224,10 +219,9 @@ def test_findings_say_what_is_supported_and_by_what(released: Path) -> None:
         findings("paper-2021")
 
 
-def test_a_complete_release_lacks_nothing(released: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_complete_release_lacks_nothing(released: Path, told: Told) -> None:
     assert lacking(find_baseline(released)) == []
-    assert main(["verify", "--complete", str(released)]) == 0
-    assert "it is complete" in capsys.readouterr().out
+    assert "it is complete" in told(0, "verify", "--complete", released)
 
 
 def test_teachers_of_another_campaign_may_have_fewer_seeds(tmp_path: Path) -> None:
@@ -237,7 +231,7 @@ def test_teachers_of_another_campaign_may_have_fewer_seeds(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_what_a_release_lacks_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_release_lacks_is_named(tmp_path: Path, told: Told) -> None:
     root = write(tmp_path / "root", {"random": 2, "adr": 1})
     SyntheticCampaign(root, experiment="mostly_trivial", campaign="core", steps=STEPS).run(
         "riac", 0, "failed"
@@ -254,8 +248,7 @@ def test_what_a_release_lacks_is_named(tmp_path: Path, capsys: pytest.CaptureFix
         "2 seeds, fewer than 3",
     ):
         assert words in found
-    assert main(["verify", "--complete", str(place), "--json"]) == 1
-    assert len(json.loads(capsys.readouterr().out)["lacking"]) == found.count("\n") + 1
-    assert main(["verify", "--complete", str(root)]) == 2
-    assert "is not a release" in capsys.readouterr().err
+    said = json.loads(told(1, "verify", "--complete", place, "--json"))
+    assert len(said["lacking"]) == found.count("\n") + 1
+    assert "is not a release" in told(2, "verify", "--complete", root)
     assert lacking(find_baseline("paper-2021")) == ["it has no runs, only published results"]

@@ -260,7 +260,9 @@ def test_hovering_tells_numbers(reader: Reader, report: Path) -> None:
 
 
 @pytest.mark.slow  # Chromium takes a minute or two to make a PDF of so many charts
-def test_print_shows_every_chart_and_no_controls_of_the_screen(reader: Reader, report: Path) -> None:
+def test_print_shows_every_chart_tables_as_wide_as_paper_and_no_controls_of_the_screen(
+    reader: Reader, report: Path
+) -> None:
     reader.open(report)
     reader.page.emulate_media(media="print")
     pdf = reader.page.pdf(format="A4")
@@ -268,6 +270,10 @@ def test_print_shows_every_chart_and_no_controls_of_the_screen(reader: Reader, r
     hidden = "[...document.querySelectorAll('.plot')].filter(plot => !plot.querySelector('.main-svg')).length"
     assert reader.page.evaluate(hidden) == 0
     assert reader.page.locator("#step").is_hidden()
+    reader.page.set_viewport_size({"width": 690, "height": 1000})
+    row = reader.page.locator("section[data-comparison] tr[data-of=random]").first
+    assert row.evaluate("row => getComputedStyle(row).display") == "table-row"
+    reader.page.wait_for_function("() => document.documentElement.scrollWidth <= 690")
 
 
 def overlaps(one: FloatRect, other: FloatRect) -> bool:
@@ -344,14 +350,13 @@ CONTRAST = """() => {
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_random_is_told_from_the_page_at_night_too(
-    scheme: Literal["light", "dark"], browser: Browser, small_report: Path
+    scheme: Literal["light", "dark"], reader: Reader, small_report: Path
 ) -> None:
-    page = browser.new_page(viewport=DESK, color_scheme=scheme)
-    Reader(page).open(small_report)
-    contrasts = page.evaluate(CONTRAST)
+    reader.page.emulate_media(color_scheme=scheme)
+    reader.open(small_report)
+    contrasts = reader.page.evaluate(CONTRAST)
     assert len(contrasts) >= 4
     assert min(contrasts) >= 4.5
-    page.close()
 
 
 @pytest.mark.slow
@@ -433,25 +438,13 @@ def test_contents_lead_to_every_comparison(reader: Reader, report: Path) -> None
 
 
 @pytest.mark.slow
-def test_paper_has_tables_as_wide_as_itself(reader: Reader, report: Path) -> None:
+def test_a_dark_page_has_maps_that_get_paler_for_more(reader: Reader, report: Path) -> None:
+    reader.page.emulate_media(color_scheme="dark")
     reader.open(report)
-    reader.page.emulate_media(media="print")
-    reader.page.set_viewport_size({"width": 690, "height": 1000})
-    row = reader.page.locator("section[data-comparison] tr[data-of=random]").first
-    assert row.evaluate("row => getComputedStyle(row).display") == "table-row"
-    reader.page.wait_for_function("() => document.documentElement.scrollWidth <= 690")
-
-
-@pytest.mark.slow
-def test_a_dark_page_has_maps_that_get_paler_for_more(browser: Browser, report: Path) -> None:
-    page = browser.new_page(viewport=DESK, color_scheme="dark")
-    dark = Reader(page)
-    dark.open(report)
-    dark.read_through()
-    scale = page.evaluate(
+    reader.read_through()
+    scale = reader.page.evaluate(
         """() => [...document.querySelectorAll(".plot")].flatMap(plot => plot._fullData || [])
             .find(trace => trace.type === "heatmap").colorscale.map(([_, colour]) => colour)"""
     )
     light = [sum(bytes.fromhex(colour.removeprefix("#"))) for colour in (scale[0], scale[-1])]
     assert light[0] < light[1]
-    page.close()

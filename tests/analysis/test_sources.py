@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 import pytest
 from synthetic_results import SyntheticCampaign
+from views import Told
 
 from analysis.baselines import BaselineError, release
 from analysis.baselines.catalogue import read
@@ -17,7 +18,6 @@ from analysis.comparisons.sentences import ranking
 from analysis.comparisons.sides import baseline_side, duels, side_of, together
 from analysis.data.frames import load
 from analysis.tables.paper_tables import table_results
-from tma_ray.cli import main
 
 STEPS = 1000
 
@@ -50,9 +50,9 @@ def test_random_serves_across_roots_and_levels(roots: tuple[Path, Path]) -> None
     mine, theirs = side_of(load(roots[0]), "mine"), baseline_side(str(roots[1]))
     runs = together(mine, [theirs])
     assert set(runs["expert_knowledge"]) == {"low"}
-    assert runs.groupby("source")["teacher"].unique().map(list).to_dict() == {
-        "mine": ["frontier"],
-        "theirs": ["random"],
+    assert set(zip(runs["source"], runs["teacher"], strict=True)) == {
+        ("mine", "frontier"),
+        ("theirs", "random"),
     }
     (duel,) = duels(runs, ["frontier"]).to_dict("records")
     assert (duel["second"], duel["difference"], duel["reason"]) == ("random", 50, "")
@@ -104,20 +104,14 @@ def test_joined_roots_are_the_same_as_one_root(tmp_path: Path) -> None:
     ],
 )
 def test_every_command_takes_several_roots_and_baselines(
-    command: str,
-    roots: tuple[Path, Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: str, roots: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
-    mine, theirs = map(str, roots)
-    monkeypatch.setenv("TMA_BASELINES", theirs)
-    output = [] if command in ("ranking", "claims") else ["--output", str(tmp_path)]
+    mine, theirs = roots
+    monkeypatch.setenv("TMA_BASELINES", str(theirs))
+    output = [] if command in ("ranking", "claims") else ["--output", tmp_path]
     only = ["--only", "bars"] if command == "figures" else []
-    assert main([command, mine, "--baseline", "theirs", *output, *only]) == 0
-    by_name = capsys.readouterr().out
-    assert main([command, mine, theirs, *output, *only]) == 0
-    assert capsys.readouterr().out == by_name
+    by_name = told(0, command, mine, "--baseline", "theirs", *output, *only)
+    assert told(0, command, mine, theirs, *output, *only) == by_name
 
 
 def test_published_means_have_no_runs_to_pool(roots: tuple[Path, Path]) -> None:
@@ -129,10 +123,9 @@ def test_published_means_have_no_runs_to_pool(roots: tuple[Path, Path]) -> None:
 
 @pytest.mark.parametrize("command", ["ranking {}", "report {}", "compare lite-1 --baseline {}", "verify {}"])
 def test_a_misspelt_name_gets_the_nearest_one(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(command.format("paper-2020").split()) == 2
-    said = capsys.readouterr().err
+    said = told(2, *command.format("paper-2020").split())
     assert "'paper-2020' is not a results root, nor the name of a baseline: did you mean 'paper-2021'" in said
     assert not any(tmp_path.iterdir())

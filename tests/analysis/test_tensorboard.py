@@ -15,6 +15,7 @@ import pytest
 from synthetic_results import SyntheticCampaign
 from tensorboardX.proto.event_pb2 import Event, SessionLog
 from tensorboardX.record_writer import masked_crc32c
+from views import Told
 
 from analysis.tracking import points
 from analysis.tracking.event_folder import EventFolder
@@ -237,7 +238,7 @@ def test_following_a_run_that_is_interrupted_doubles_nothing(
 
 
 def test_watching_looks_again_until_it_is_stopped(
-    campaign: SyntheticCampaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    campaign: SyntheticCampaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     run, folder = Growing(campaign), tmp_path / "events"
     steps = iter([10, None, 20])
@@ -250,9 +251,8 @@ def test_watching_looks_again_until_it_is_stopped(
             run.grow(int(step))
 
     monkeypatch.setattr(points.time, "sleep", look)
-    assert main(["tensorboard", str(campaign.root), str(folder), "--watch"]) == 130
+    first, *others = told(130, "tensorboard", campaign.root, folder, "--watch").splitlines()
     assert scalars(folder) == {NAME: expected([10, 20])}
-    first, *others = capsys.readouterr().out.splitlines()
     assert first == f"runs with news: 0; to look at them: tensorboard --logdir {folder}"
     assert others == ["runs with news: 1"] * 2
 
@@ -276,7 +276,7 @@ def test_names_from_a_root_stay_in_the_folder(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_done_is_refused_before_anything_is_written(
-    campaign: SyntheticCampaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    campaign: SyntheticCampaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     (tmp_path / "file").touch()
     for root, folder, message in (
@@ -284,9 +284,8 @@ def test_what_cannot_be_done_is_refused_before_anything_is_written(
         (campaign.root, tmp_path / "file", "expected a folder"),
         (campaign.root, "s3://bucket/events", "expected a folder of this machine"),
     ):
-        assert main(["tensorboard", str(root), str(folder)]) == 2
-        assert message in capsys.readouterr().err
+        assert message in told(2, "tensorboard", root, folder)
     monkeypatch.setitem(sys.modules, "tensorboardX", None)
-    assert main(["tensorboard", str(campaign.root), str(tmp_path / "events")]) == 2
-    assert "pip install 'tma_ray[tensorboard]'" in capsys.readouterr().err
+    said = told(2, "tensorboard", campaign.root, tmp_path / "events")
+    assert "pip install 'tma_ray[tensorboard]'" in said
     assert not (tmp_path / "events").exists()

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from synthetic_results import SyntheticCampaign
 from test_tensorboard import Growing, expected
+from views import Told
 
 from tma_ray.cli import main
 
@@ -80,9 +81,10 @@ def published(run: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def test_each_point_is_sent_once_however_often_it_is_called(tmp_path: Path) -> None:
-    campaign, folder = SyntheticCampaign(tmp_path / "root"), tmp_path / "wandb"
-    run = Growing(campaign)
+def test_each_point_is_sent_once_however_often_it_is_called(
+    campaign: SyntheticCampaign, tmp_path: Path
+) -> None:
+    folder, run = tmp_path / "wandb", Growing(campaign)
     checkpoint = run.grow(10)
     for _ in range(2):
         (found,) = send(campaign.root, folder).values()
@@ -112,9 +114,8 @@ def test_runs_are_found_by_what_openrlbenchmark_asks_for(tmp_path: Path) -> None
         assert run["series"]["charts/episodic_return"] == run["series"]["training/mean_return"]
 
 
-def test_another_project_gets_all_of_it(tmp_path: Path) -> None:
-    campaign, folder = SyntheticCampaign(tmp_path / "root"), tmp_path / "wandb"
-    run = Growing(campaign)
+def test_another_project_gets_all_of_it(campaign: SyntheticCampaign, tmp_path: Path) -> None:
+    folder, run = tmp_path / "wandb", Growing(campaign)
     run.grow(10)
     send(campaign.root, folder)
     (found,) = send(campaign.root, folder, "--project", "other").values()
@@ -122,13 +123,10 @@ def test_another_project_gets_all_of_it(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_done_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    campaign: SyntheticCampaign, tmp_path: Path, told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "wandb"
-    assert main(["wandb", str(tmp_path / "nowhere"), "--folder", str(folder)]) == 2
-    assert "a results root" in capsys.readouterr().err
-    campaign = SyntheticCampaign(tmp_path / "root")
+    assert "a results root" in told(2, "wandb", tmp_path / "nowhere", "--folder", folder)
     monkeypatch.setitem(sys.modules, "wandb", None)
-    assert main(["wandb", str(campaign.root), "--folder", str(folder)]) == 2
-    assert "pip install 'tma_ray[wandb]'" in capsys.readouterr().err
+    assert "pip install 'tma_ray[wandb]'" in told(2, "wandb", campaign.root, "--folder", folder)
     assert not folder.exists()

@@ -11,6 +11,9 @@ from rich.console import Console
 from analysis.charts.base import Chart
 from analysis.charts.page import Plot, on_page
 
+Told = Callable[..., str]
+"""Runs a command of these words that must end with this exit code, and gives what it says."""
+
 
 def plot_of(chart: Chart | None) -> Plot:
     """The plot of a chart that has a single one."""
