@@ -90,7 +90,7 @@ def understood(words: Sequence[str]) -> None:
     elif program == "python":
         assert (ROOT / arguments[0]).is_file(), arguments[0]
     elif program == "make":
-        _make(arguments)
+        PROGRAMS["make"](arguments)
     elif program == "ray":
         with suppress(click.MissingParameter):  # a sentence leaves out what does not matter to it
             _ray(arguments)
@@ -98,14 +98,6 @@ def understood(words: Sequence[str]) -> None:
         _pip(arguments)
     else:
         assert program in PROGRAMS
-
-
-def _tma_ray(arguments: list[str]) -> int:
-    return cli.main([*arguments, *SMALL.get(arguments[0], [])])
-
-
-def _nice(arguments: list[str]) -> int:
-    return execute(arguments[2:])  # after -n 19
 
 
 def _python(arguments: list[str]) -> int:
@@ -132,10 +124,6 @@ def _sbatch(arguments: list[str]) -> int:
     return _python(experiment)
 
 
-def _make(arguments: list[str]) -> int:
-    return subprocess.run(["make", "-n", *arguments], cwd=ROOT, capture_output=True).returncode
-
-
 def _pip(arguments: list[str]) -> int:
     """Check what would be installed against what is."""
     command, *packages = [word for word in arguments if not word.startswith("-")]
@@ -147,9 +135,8 @@ def _pip(arguments: list[str]) -> int:
     return 0
 
 
-def _pytest(arguments: list[str]) -> int:
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
-    return subprocess.run(command, capture_output=True).returncode
+def _run(*words: str) -> int:
+    return subprocess.run(words, capture_output=True).returncode
 
 
 def _ray(arguments: list[str]) -> int:
@@ -168,10 +155,6 @@ def _ray(arguments: list[str]) -> int:
     return 0
 
 
-def _cp(arguments: list[str]) -> int:
-    return subprocess.run(["cp", *arguments]).returncode
-
-
 def _cd(arguments: list[str]) -> int:
     os.chdir(arguments[0])
     return 0
@@ -185,15 +168,15 @@ def _export(arguments: list[str]) -> int:
 
 
 PROGRAMS: dict[str, Callable[[list[str]], int]] = {
-    "tma-ray": _tma_ray,
-    "nice": _nice,
+    "tma-ray": lambda words: cli.main([*words, *SMALL.get(words[0], [])]),
+    "nice": lambda words: execute(words[2:]),  # after -n 19
     "python": _python,
     "sbatch": _sbatch,
-    "make": _make,
+    "make": lambda words: _run("make", "-C", str(ROOT), "-n", *words),
     "pip": _pip,
-    "pytest": _pytest,
+    "pytest": lambda words: _run(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *words),
     "ray": _ray,
-    "cp": _cp,
+    "cp": lambda words: _run("cp", *words),
     "cd": _cd,
     "export": _export,
 }
