@@ -1,4 +1,5 @@
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -55,36 +56,44 @@ def test_diverse_students_pool_two_bodies_by_two_students() -> None:
     assert set(per_student["missing"]) == {""}
 
 
-def test_a_body_or_student_that_is_not_there_is_named() -> None:
-    row = only(pool(*parkour("random", {"classic_bipedal": [1, 2], "climbing_chimpanzee": [3, 4]})))
-    assert row["missing"] == "no results of fish/sac"
-    assert only(pool(*diverse(*DIVERSE[:3])))["missing"] == "no results of spider/ppo"
+TWO_BODIES = {"classic_bipedal": [1, 2], "climbing_chimpanzee": [3, 4]}
+
+UNFINISHED = [
+    cell("random", seed, math.nan, status=status)
+    for seed, status in enumerate(("running", "failed", "waiting", "waiting"), start=2)
+]
+
+ONE, OTHER = cell("random", 0, 10), cell("random", 1, 20)
+
+
+@pytest.mark.parametrize(
+    ("cells", "runs", "n", "missing"),
+    [
+        (parkour("random", TWO_BODIES), 4, 4, "no results of fish/sac"),
+        (diverse(*DIVERSE[:3]), 6, 6, "no results of spider/ppo"),
+        (
+            parkour("random", THREE_BODIES | {"fish": [1, 2, 3]}), 7, 7,
+            "unequal numbers of seeds: classic_bipedal/sac 2, climbing_chimpanzee/sac 2, fish/sac 3",
+        ),
+        ([ONE, OTHER, *UNFINISHED], 6, 2, "not counted: 1 running, 1 failed, 2 waiting"),
+        (UNFINISHED[2:], 2, 0, "not counted: 2 waiting; no results of classic_bipedal/sac"),
+        (
+            [ONE, cell("random", 0, 2, settings="three layers", run_id="another")], 2, 2,
+            "different settings: classic_bipedal/sac; seeds counted more than once: classic_bipedal/sac",
+        ),
+        ([ONE, OTHER | {"step": 900.0}], 2, 2, "evaluated at different steps: 900, 1,000"),
+        ([ONE, ONE | {"experiment": "again", "campaign": "second"}], 1, 1, ""),
+    ],
+)  # fmt: skip
+def test_what_a_pool_lacks_is_named(cells: Iterable[dict[str, Any]], runs: int, n: int, missing: str) -> None:
+    row = only(pool(*cells))
+    assert (row["runs"], row["n"], row["missing"]) == (runs, n, missing)
+    assert math.isnan(row["mastered_percent_mean"]) == (n == 0)
+
+
+def test_what_a_body_of_a_pool_lacks_is_named_there_alone() -> None:
     per_body = pooled(pool(*diverse(*DIVERSE[:3])), by=["embodiment"]).set_index("embodiment")
     assert per_body["missing"].to_dict() == {"short_bipedal": "", "spider": "no results of spider/ppo"}
-
-
-def test_unequal_numbers_of_seeds_are_named() -> None:
-    row = only(pool(*parkour("random", THREE_BODIES | {"fish": [1, 2, 3]})))
-    assert row["n"] == 7
-    assert row["missing"] == (
-        "unequal numbers of seeds: classic_bipedal/sac 2, climbing_chimpanzee/sac 2, fish/sac 3"
-    )
-
-
-def test_runs_that_do_not_count_are_named() -> None:
-    cells = [cell("random", seed, value) for seed, value in enumerate([10, 20])]
-    for seed, status in enumerate(("running", "failed", "waiting", "waiting"), start=2):
-        cells.append(cell("random", seed, math.nan, status=status))
-    row = only(pool(*cells))
-    assert (row["n"], row["runs"], row["mastered_percent_mean"]) == (2, 6, 15)
-    assert row["missing"] == "not counted: 1 running, 1 failed, 2 waiting"
-
-
-def test_a_pool_of_which_nothing_has_begun_has_no_numbers() -> None:
-    row = only(pool(*(cell("random", seed, math.nan, status="waiting") for seed in range(3))))
-    assert (row["n"], row["runs"]) == (0, 3)
-    assert row["missing"] == "not counted: 3 waiting; no results of classic_bipedal/sac"
-    assert math.isnan(row["mastered_percent_mean"])
 
 
 @pytest.mark.parametrize(
@@ -118,24 +127,6 @@ def test_other_bodies_and_students_stand_alone() -> None:
     assert set(table["missing"]) == {""}
     path = "bodies + more/mine.json"
     assert only(pool(cell("random", 0, 1, embodiment=path)))["missing"] == ""
-
-
-AGAIN = "different settings: classic_bipedal/sac; seeds counted more than once: classic_bipedal/sac"
-
-
-@pytest.mark.parametrize(
-    ("other", "runs", "missing"),
-    [
-        (cell("random", 0, 2, settings="three layers", run_id="another"), 2, AGAIN),
-        (cell("random", 1, 2, step=900.0), 2, "evaluated at different steps: 900, 1,000"),
-        (cell("random", 0, 1, experiment="again", campaign="second"), 1, ""),  # the same run
-    ],
-)
-def test_other_settings_steps_and_repeated_seeds_are_named(
-    other: dict[str, Any], runs: int, missing: str
-) -> None:
-    row = only(pool(cell("random", 0, 1), other))
-    assert (row["runs"], row["n"], row["missing"]) == (runs, runs, missing)
 
 
 def test_waiting_runs_belong_where_the_others_are() -> None:

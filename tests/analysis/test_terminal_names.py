@@ -22,7 +22,8 @@ from tma_ray.commands.exits import exit_code
 from tma_ray.results.lease import HeartbeatWriter
 from tma_ray.terminal import terminal
 
-NAMES = ("[red]x", "[/x]", ":smile:")
+NAME = "[red]x[/x]:smile:"
+"""What rich would colour, refuse and draw."""
 
 
 EVIL = "\x1b]0;title\x07\x1b[2J\x1b[31m\u202eevil\x9b2J\u2066\rover"
@@ -36,7 +37,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     campaign = SyntheticCampaign(
         folder, experiment=f"x{EVIL}", error=f"Traceback {EVIL}:\n{EVIL}", host=f"h{EVIL}"
     )
-    for number, teacher in enumerate(("random", f"t{EVIL}", *NAMES)):
+    for number, teacher in enumerate(("random", f"t{EVIL}", NAME)):
         campaign.prefix = f"run-{number}-"
         campaign.seeds(teacher, [1, 1 + number % 2], 2, half=0.5)
     campaign.plain_run(f"t{EVIL}", 2, {1_000_000: [0.0, 0.0]}, status="failed", run_id="failed")
@@ -55,8 +56,7 @@ def test_names_are_printed_as_they_are(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     main([*command.split(), str(hostile)])
-    printed = capsys.readouterr().out
-    assert [name for name in NAMES if name not in printed] == []
+    assert NAME in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
