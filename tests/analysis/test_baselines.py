@@ -12,11 +12,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from synthetic_results import SMALL, SyntheticCampaign
-from views import printed
+from views import Told, printed
 
 from analysis.baselines import BaselineError, as_baseline, baselines, find_baseline, release, verify
 from analysis.baselines.catalogue import PLACES_VARIABLE
-from analysis.commands.releases import show_baselines, show_verification
+from analysis.commands.releases import show_baselines
 from analysis.commands.tables import write_tables
 from analysis.data.frames import Frames, load
 from analysis.data.reference import paper_frame
@@ -111,7 +111,7 @@ def test_the_manifest_and_the_card_say_what_it_holds(released: Path) -> None:
     assert "part of its campaigns" not in card
 
 
-def test_a_whole_release_is_verified_and_damage_is_named(released: Path, tmp_path: Path) -> None:
+def test_a_whole_release_is_verified_and_damage_is_named(released: Path, tmp_path: Path, told: Told) -> None:
     assert verify(released).whole
     copy = Path(shutil.copytree(released, tmp_path / "copy"))
     training = copy / "tables/training/original.parquet"
@@ -120,7 +120,7 @@ def test_a_whole_release_is_verified_and_damage_is_named(released: Path, tmp_pat
     training.write_bytes(bytes(content))
     (copy / "policies/original-random-low-0/policy.json").unlink()
     (copy / "policies/original-random-low-1/policy.pkl").write_bytes(b"danger")
-    assert printed(show_verification, copy, width=300).splitlines() == [
+    assert told(1, "baselines", "verify", copy).splitlines() == [
         "policies/original-random-low-1/policy.pkl: it is not of this baseline",
         "policies/original-random-low-0/policy.json: it is missing",
         "tables/training/original.parquet: its sha256 is not the recorded one",
