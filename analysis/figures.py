@@ -68,7 +68,17 @@ radar = figure_of(radars.radar)
 def animation(
     shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30, seconds: float = 6.0
 ) -> bytes:
-    """Return `curricula.film` as a GIF of so many seconds that repeats; its end stays for another second."""
+    """Return a film strip in motion, as a GIF that repeats: a panel per run, drawn as in `film_strip`.
+
+    Args:
+        shots: runs as in `film_strip`; at most `curricula.MOST_SHOTS`.
+        plane: the two task dimensions.
+        frames: at most so many, and at most one for each step at which a teacher was probed.
+        seconds: length of the whole; the last frame stays for another second.
+
+    Raises:
+        ValueError: too many frames or runs, or what `film_strip` raises.
+    """
     return animate(curricula.film(shots, plane, frames), seconds)
 
 

@@ -49,9 +49,12 @@ def film_strip(
     several boxes as regions coloured by score, with a scale for each row. A row whose tasks lie in a small
     part of the plane shows that part, in a frame of the teacher's colour.
 
-    `shots` are runs of several teachers, or of several seeds of one; of two task dimensions, else first
-    `analysis.charts.tasks.projected`. `steps` are the moments; `MOMENTS` of them over the run if None. The
-    `width` of the figure is in inches.
+    Args:
+        shots: runs of several teachers, or of several seeds of one; of two task dimensions, else first
+            `analysis.charts.tasks.projected`.
+        plane: the two task dimensions.
+        steps: the moments; `MOMENTS` of them over the run if None.
+        width: width of the figure, inches.
 
     Raises:
         ValueError: no runs, no probes, or tasks that are not two-dimensional.
@@ -72,8 +75,10 @@ def film_strip(
 def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> base.Chart:
     """Return a film strip in motion: a panel per run, a frame per moment.
 
-    Of at most `MOST_SHOTS` runs, with at most so many `frames`, and one for each step at which a teacher was
-    probed.
+    Args:
+        shots: runs as in `film_strip`; at most `MOST_SHOTS`.
+        plane: the two task dimensions.
+        frames: at most so many, and at most one for each step at which a teacher was probed.
 
     Raises:
         ValueError: too many frames or runs, or what `film_strip` raises.

@@ -1,8 +1,4 @@
-"""Learning curves: of one comparison, panels with stars, every pair of teachers, the matrix of many.
-
-`measure` is what is drawn, and `name` says so with its unit; `ceiling` is a value that no run exceeds, None
-if unknown. `runs` are rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`.
-"""
+"""Learning curves: of one comparison, panels with stars, every pair of teachers, the matrix of many."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -61,7 +57,7 @@ def learning_curves(
     """Return the learning curve of each teacher: mean ± one standard error over runs, against steps.
 
     `table` has teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`; the axis of a
-    `quantity` with % is one of percentages.
+    `quantity` with % is one of percentages. `ceiling` is a value that no run exceeds; None if unknown.
     """
     width = 1.4 if len(table) and table.groupby("teacher")["step"].size().max() > MOST_MARKED else 2.0
     marks = [
@@ -309,7 +305,12 @@ def body_panels(
 ) -> list[CurvePanel]:
     """Return a panel over all bodies of a pool, if it has several, and one for each, tested against Random.
 
-    The `runs` are those of one comparison, such as Parkour.
+    Args:
+        runs: rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison,
+            such as Parkour.
+        measure: measure that is drawn.
+        name: its name, with its unit.
+        ceiling: value that no run exceeds; None if unknown.
 
     Raises:
         ValueError: the runs are not of one comparison.
@@ -335,8 +336,10 @@ def knowledge_panels(
 ) -> list[CurvePanel]:
     """Return a row of panels for each challenge, one for each measure, at all levels of expert knowledge.
 
-    The `runs` are those of the teachers to be shown, and `measures` columns of them, with the titles of their
-    axes. Other levels are tested against `reference`; None for no tests.
+    Args:
+        runs: rows of `pooling.pool_runs` with the `measures` at each step, of the teachers to be shown.
+        measures: columns of `runs`, with the titles of their axes.
+        reference: the level that the others are tested against; None for no tests.
 
     Raises:
         ValueError: the runs of a challenge differ in more than level and teacher.
@@ -372,9 +375,12 @@ def pairwise_curves(
     the one that is above. All panels have the same axes. Of more than `LARGEST` + 1 teachers
     a matrix shows the differences at the last step.
 
-    `curves` are the results of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n,
-    and `measure` with the endings _mean and _std. `tests` are of all pairs at every step, of `frame.pairwise`
-    with step among `within`.
+    Args:
+        curves: results of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n, and
+            `measure` with the endings _mean and _std.
+        tests: all pairs at every step, of `pairwise.pairwise` with step among `within`.
+        measure: measure that is drawn.
+        name: its name, with its unit.
 
     Raises:
         ValueError: under two teachers, or several values of a teacher at a step.

@@ -18,7 +18,12 @@ from analysis.statistics import describe, mean_percent_interval
 def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
     """Return a row for each teacher: its runs as rings, their mean with its 95 % interval.
 
-    `points` has teacher, seed, step (of an evaluation, or `END`) and value, in per cent.
+    Args:
+        points: teacher, seed, step (of an evaluation, or `END`) and value, in per cent.
+        quantity: title of the horizontal axis.
+        name: identifier of the chart.
+        heading: title of the chart.
+        caption: content and number of runs.
     """
     rows = short_labels(map(str, points["teacher"].unique()), base.LONGEST_NAME)
     axes = base.Scale(quantity, base.Kind.PERCENT, grid=True), base.Scale(kind=base.Kind.TEACHERS, rows=rows)

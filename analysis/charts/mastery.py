@@ -84,8 +84,10 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
     A panel per teacher on the task plane if the tasks form a grid on it, else one row per teacher and one
     column per task, from the most to the least mastered over all teachers.
 
-    `shares` has teacher, task_index and share, of one comparison and one test set, and `tasks` the task_index
-    and task (float32 (d,)) of it; `plane` is None when tasks have more dimensions, or nobody knows.
+    Args:
+        shares: teacher, task_index and share, of one comparison and one test set.
+        tasks: task_index and task (float32 (d,)) of the test set.
+        plane: the two dimensions of the tasks; None when they have more, or nobody knows.
     """
     points = stack(tasks["task"]).astype(np.float64)
     if plane is not None and points.shape[1:] == (2,) and _cells(points, ()) is not None:
