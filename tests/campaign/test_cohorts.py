@@ -15,7 +15,7 @@ import psutil
 import pytest
 from cohort_in_a_thread import serving
 from cramped_learner import ENOUGH_FOR, CrampedLearner
-from small_runs import STUDENTS, data_files, rows
+from small_runs import SCHEDULE, STUDENTS, data_files, rows
 from test_campaign import campaign, corridor, execute, idle, lingering, quiet, settings
 
 from tma_ray.campaign import execution
@@ -65,7 +65,8 @@ def slowed(folder: Path) -> Cell:
 @pytest.mark.usefixtures("cluster")
 def test_a_cohort_gives_the_files_of_runs_that_follow_one_another(tmp_path: Path) -> None:
     """Together on Ray as alone in their cohort; the teacher asks for values and trajectories."""
-    what = campaign(corridor("odd_teachers:Scrutinising"), seeds=(0, 1))
+    short = replace(SCHEDULE, steps=1_000)
+    what = replace(campaign(corridor("odd_teachers:Scrutinising"), seeds=(0, 1)), schedule=short)
     ended = in_cohort(what, tmp_path / "cohort", teachers=TeacherPlacement.INLINE)
     assert (ended.done, ended.failed) == (2, 0)
     assert data_files(tmp_path / "cohort") == without_ray(what, tmp_path / "alone")
@@ -101,9 +102,8 @@ def test_without_memory_a_smaller_width_is_tried_and_said(
     assert in_cohort(what, tmp_path, most_losses=0).done == 3
     assert "too little memory for a cohort of 4 runs (Unable to allocate" in caplog.text
     assert "from now on cohorts have 2 slots" in caplog.text
-    last = {
-        row["run_id"]: row for row in sorted(rows(tmp_path, Table.ATTEMPTS), key=lambda row: row["attempt"])
-    }
+    attempts = sorted(rows(tmp_path, Table.ATTEMPTS), key=lambda row: row["attempt"])
+    last = {row["run_id"]: row for row in attempts}
     assert all(f'"cohort": {ENOUGH_FOR}' in row["fingerprint"] for row in last.values())
 
 

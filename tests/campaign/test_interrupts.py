@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -25,14 +26,16 @@ ARGUMENTS = (
 )
 
 
-def start(root: Path, said: Path | None = None) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "tma_ray.cli", *ARGUMENTS.split(), str(root)]
+def start(
+    root: Path, said: Path | None = None, *flags: str, environment: Mapping[str, str] = os.environ
+) -> subprocess.Popen[bytes]:
+    """Start the campaign beside its root: workers on this machine look into the driver's folder, too."""
+    command = [sys.executable, "-m", "tma_ray.cli", *ARGUMENTS.split(), str(root), *flags]
     path = os.pathsep.join([str(HELPERS), os.environ.get("PYTHONPATH", "")])
-    environment = {**os.environ, "PYTHONPATH": path}
-    if said is None:
-        return subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
-    with said.open("ab") as log:
-        return subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+    with (said or Path(os.devnull)).open("wb") as log:
+        errors = log if said else None
+        environment = {**environment, "PYTHONPATH": path}
+        return subprocess.Popen(command, cwd=root.parent, env=environment, stdout=log, stderr=errors)
 
 
 def wait_for_a_checkpoint(root: Path, process: subprocess.Popen[Any] | None = None) -> None:

@@ -9,27 +9,19 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
 from local_head import RAY, Head, local_head
-from test_interrupts import ARGUMENTS, HELPERS, wait_for_a_checkpoint
+from test_interrupts import HELPERS, start, wait_for_a_checkpoint
 
 from tma_ray.commands.exits import RAY_LOST, REFUSED
 from tma_ray.results import Results, RunStatus
 
 PATIENCE = 40
 """How long this cluster's processes wait for their head, s."""
-
-
-def start(head: Head, root: Path, said: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "tma_ray.cli", *ARGUMENTS.split(), str(root), "--address", head.address]
-    path = os.pathsep.join([str(HELPERS), os.environ.get("PYTHONPATH", "")])
-    with said.open("wb") as log:
-        environment = {**head.environment, "PYTHONPATH": path}
-        # Workers on this machine look into the driver's folder, too.
-        return subprocess.Popen(command, cwd=root.parent, env=environment, stdout=log, stderr=log)
 
 
 def global_control_store(head: Head) -> psutil.Process:
@@ -51,13 +43,14 @@ def test_workers_without_tma_ray_are_refused_and_a_head_that_is_gone_is_waited_f
     setting = f'--system-config={{"gcs_rpc_server_reconnect_timeout_s": {PATIENCE}}}'
     with local_head(setting) as head:
         monkeypatch.setenv("PYTHONPATH", path[-1])
-        assert start(head, root, said).wait(timeout=120) == REFUSED
+        joined = partial(start, root, said, "--address", head.address, environment=head.environment)
+        assert joined().wait(timeout=120) == REFUSED
         assert "none that can be imported" in said.read_text()
         assert "in the environment in which 'ray start' is called on that node" in said.read_text()
         assert not root.exists()
 
         shutil.rmtree(damaged)
-        driver = start(head, root, said)
+        driver = joined()
         try:
             wait_for_a_checkpoint(root, driver)
             server = global_control_store(head)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from small_runs import data_files, rows
 
 from tma_ray.campaign.executors.processes import LocalExecutor
 from tma_ray.campaign.plan import CampaignSpec
@@ -29,12 +30,6 @@ pytestmark = pytest.mark.slow
 def specs(seeds: int, steps: int = 2_000) -> tuple[RunSpec, ...]:
     cell = Cell(challenge="easy", student="ppo", student_hyperparameters=TINY)
     return CampaignSpec("local", (cell,), tuple(range(seeds)), Schedule(steps, steps, steps)).plan().runs
-
-
-def episodes(root: Path) -> list[dict[str, object]]:
-    rows = Results.open(root).table(Table.EPISODES).to_pandas()
-    rows["task"], rows["world_task"] = rows.task.map(tuple), rows.world_task.map(str)
-    return rows.sort_values(["run_id", "step"]).to_dict(orient="records")
 
 
 class Playing:
@@ -71,7 +66,7 @@ def execute(
 
 
 def outcomes(root: Path) -> list[str]:
-    return sorted(rows.outcome for rows in Results.open(root).table(Table.ATTEMPTS).to_pandas().itertuples())
+    return sorted(row["outcome"] for row in rows(root, Table.ATTEMPTS))
 
 
 def test_processes_give_what_one_process_gives(tmp_path: Path) -> None:
@@ -79,7 +74,7 @@ def test_processes_give_what_one_process_gives(tmp_path: Path) -> None:
     for spec in runs:
         run_locally(spec, Committer.open(tmp_path / "one"))
     assert execute(runs, tmp_path / "two", 2).done == 2
-    assert episodes(tmp_path / "one") == episodes(tmp_path / "two")
+    assert data_files(tmp_path / "one") == data_files(tmp_path / "two")
 
 
 def test_processes_have_the_files_that_runs_read(tmp_path: Path) -> None:
@@ -111,7 +106,7 @@ def test_a_killed_process_is_replaced_and_nothing_is_lost_or_doubled(tmp_path: P
     assert execute(runs, tmp_path / "killed", 1, view=Playing(kill)).done == 1
     assert outcomes(tmp_path / "killed") == ["done", "lost"]
     execute(runs, tmp_path / "undisturbed", 1)
-    assert episodes(tmp_path / "killed") == episodes(tmp_path / "undisturbed")
+    assert data_files(tmp_path / "killed") == data_files(tmp_path / "undisturbed")
 
 
 def test_a_cohort_stops_and_resumes_bit_for_bit(tmp_path: Path) -> None:
@@ -121,9 +116,8 @@ def test_a_cohort_stops_and_resumes_bit_for_bit(tmp_path: Path) -> None:
     assert execute(runs, whole, 2, width=2).done == 2
     assert execute(runs, parts, 1, 2, playing, playing).stopped == 1
     assert execute(runs, parts, 2, width=2).done == 2
-    assert episodes(whole) == episodes(parts)
-    attempts = Results.open(whole).table(Table.ATTEMPTS).to_pandas()
-    assert {json.loads(each)["cohort"] for each in attempts.fingerprint} == {2}
+    assert data_files(whole) == data_files(parts)
+    assert {json.loads(row["fingerprint"])["cohort"] for row in rows(whole, Table.ATTEMPTS)} == {2}
 
 
 def test_players_give_way_to_their_learner(tmp_path: Path) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import os
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from shutil import copytree
 
@@ -34,22 +36,14 @@ from tma_ray.results import (
 from tma_ray.runs import run_locally
 
 
-class Printed(Console):
-    """A console that keeps its lines."""
-
-    def __init__(self) -> None:
-        super().__init__(file=io.StringIO(), width=200)
-
-    @property
-    def text(self) -> str:
-        assert isinstance(self.file, io.StringIO)
-        return self.file.getvalue()
+def printed(show: Callable[[Console], object]) -> str:
+    text = io.StringIO()
+    show(Console(file=text, width=200))
+    return text.getvalue()
 
 
 def shown(root: Path, *, cells: bool = False) -> str:
-    console = Printed()
-    progress.show_status(root, cells, console)
-    return console.text
+    return printed(partial(progress.show_status, root, cells))
 
 
 @pytest.fixture(scope="module")
@@ -116,16 +110,14 @@ def test_thousands_of_failures_stay_readable(tmp_path: Path) -> None:
 
 def test_history_holds_attempts_messages_and_the_traceback(one_failed: Path) -> None:
     done, failed = sorted(Results.open(one_failed).runs(), key=lambda manifest: manifest.status)
-    console = Printed()
-    progress.show_history(failed.run.run_id[:-3], one_failed, console)
-    assert "attempt 0: failed" in console.text
-    assert "FileNotFoundError" in console.text
-    assert "in sample" in console.text, "the traceback names the function"
-    console = Printed()
-    progress.show_history(done.run.run_id, one_failed, console)
-    assert f"from step 0 of {SCHEDULE.steps:,}" in console.text
-    assert "checkpoint of" in console.text
-    assert console.text.rstrip().endswith("done")
+    text = printed(partial(progress.show_history, failed.run.run_id[:-3], one_failed))
+    assert "attempt 0: failed" in text
+    assert "FileNotFoundError" in text
+    assert "in sample" in text, "the traceback names the function"
+    text = printed(partial(progress.show_history, done.run.run_id, one_failed))
+    assert f"from step 0 of {SCHEDULE.steps:,}" in text
+    assert "checkpoint of" in text
+    assert text.rstrip().endswith("done")
     with pytest.raises(ValueError, match="unknown run 'other'"):
         progress.show_history("other", one_failed)
 

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 from local_head import free_ports
 from small_runs import rows
@@ -148,12 +149,8 @@ def test_a_folder_that_another_user_may_have_put_there_is_not_used(
 
 def of_this_job(environment: dict[str, str]) -> list[str]:
     """Return the command lines of processes that know this job, other than Ray's agents, which end later."""
-    own = f"SLURM_TMPDIR={environment['SLURM_TMPDIR']}\0".encode()
-    found = []
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            if own in (process / "environ").read_bytes():
-                found.append((process / "cmdline").read_bytes().replace(b"\0", b" ").decode())
-        except OSError:
-            continue
-    return [line for line in found if line and "Agent" not in line]
+    place = environment["SLURM_TMPDIR"]
+    processes = [process.info for process in psutil.process_iter(["cmdline", "environ"])]
+    own = (each for each in processes if (each["environ"] or {}).get("SLURM_TMPDIR") == place)
+    lines = (" ".join(each["cmdline"] or ()) for each in own)
+    return [line for line in lines if line and "Agent" not in line]

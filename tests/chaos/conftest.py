@@ -17,7 +17,7 @@ for folder in HELPERS:
         sys.path.insert(0, folder)
 
 # From the folders added above:
-from faults import Fault, Site, private_environment, table, undisturbed_files  # noqa: E402
+from faults import Check, Compare, Fault, Site, private_environment, table, undisturbed_files  # noqa: E402
 from nodes import Nodes  # noqa: E402
 
 FAULTS: list[Fault] = []
@@ -66,9 +66,24 @@ def undisturbed_short() -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="session")
-def faults() -> list[Fault]:
-    """Take what was done and what came of it; shown after the tests."""
-    return FAULTS
+def check() -> Check:
+    """Refuse a fault that has lost anything; all are shown after the tests."""
+
+    def look(fault: Fault) -> None:
+        FAULTS.append(fault)
+        assert (fault.rows_lost, fault.bytes_different) == (0, 0)
+
+    return look
+
+
+@pytest.fixture
+def compare(clustered: Site, undisturbed: dict[str, bytes], check: Check) -> Compare:
+    """Hold the clustered campaign against the undisturbed one; takes name and instants of its faults."""
+
+    def look(name: str, times: list[float], injected: int = 1) -> None:
+        check(clustered.compare(name, injected, undisturbed, times))
+
+    return look
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

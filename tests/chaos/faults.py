@@ -19,6 +19,7 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from saboteur import HOLD
 from small_runs import data_files, rows
 
 from tma_ray.campaign.executors.processes import cohort
@@ -29,6 +30,9 @@ from tma_ray.students.players import CohortSettings
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 HELPERS = (HERE, HERE.parent / "runs")
+
+Check, Compare = Callable[["Fault"], None], Callable[..., None]
+"""Fixtures that refuse a loss."""
 
 FLAGS = ("--checkpoint-seconds", "0.3", "--memory-per-run", "0.3")
 
@@ -102,6 +106,20 @@ class Site:
         """The folder of requests."""
         return Path(self.environment["TMA_SABOTAGE"])
 
+    def hold(self, *flags: str) -> subprocess.Popen[bytes]:
+        """Start a driver whose runs hardly go on until `go_on`."""
+        self.ask(HOLD)
+        return self.start(*flags)
+
+    def go_on(self, driver: subprocess.Popen[bytes] | None = None) -> None:
+        """Let the runs go on, under a new driver if there is none, to the end of the campaign."""
+        self.withdraw(HOLD)
+        self.finish(driver or self.start())
+
+    def trained(self, runs: int = 2) -> None:
+        """Wait until so many runs have a checkpoint."""
+        wait_for(lambda: len(self.newest_checkpoints()) == runs)
+
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
         """Start the campaign's driver."""
         where = ("--local",) if self.address is None else ("--address", self.address)
@@ -157,9 +175,8 @@ class Site:
 
     def last_checkpoint(self) -> float:
         """Return when the newest complete checkpoint was written, s since 1970; 0 before the first."""
-        store = Store.open(self.uri or self.root)
-        indices = [path for path in store.files("checkpoints") if path.endswith("/index.json")]
-        times = [at.timestamp() for at in map(store.modified_at, indices) if at is not None]
+        stamps = Store.open(self.uri or self.root).stamps("checkpoints")
+        times = [at / 1e9 for path, (at, _) in stamps.items() if path.endswith("/index.json") and at]
         return max(times, default=0.0)
 
     def attempts(self) -> set[tuple[str, str]]:

@@ -16,7 +16,7 @@ from pathlib import Path
 import psutil
 from faults import Site, kill, wait_for
 from nodes import Nodes
-from saboteur import FULL_DISK, HOLD
+from saboteur import FULL_DISK
 from suite.object_server import ObjectServer
 
 from tma_ray.commands.exits import FAILED, RAY_LOST
@@ -61,10 +61,9 @@ class Scene:
     drivers: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
-        """Start a driver, whose runs hardly go on until `finish`."""
-        self.site.ask(HOLD)
+        """Start a driver, whose runs hardly go on until `Site.go_on`."""
         self.since = time.time()
-        self.drivers.append(self.site.start(*flags))
+        self.drivers.append(self.site.hold(*flags))
         return self.drivers[-1]
 
     def wait(self) -> None:
@@ -76,11 +75,6 @@ class Scene:
         """Take down that a fault has been injected."""
         self.since = time.time()
         self.times.append(self.since)
-
-    def finish(self, driver: subprocess.Popen[bytes] | None = None) -> None:
-        """Let the runs go on, under a new driver if there is none, to the end of the campaign."""
-        self.site.withdraw(HOLD)
-        self.site.finish(driver or self.site.start())
 
     def close(self) -> None:
         """End what an attack that fails has left."""
@@ -112,7 +106,7 @@ def driver_killed(scene: Scene, injections: int) -> None:
         driver = scene.start()
         scene.wait()
         scene.kill_driver(driver)
-    scene.finish()
+    scene.site.go_on()
 
 
 def actor_killed(kind: str) -> Kind:
@@ -125,7 +119,7 @@ def actor_killed(kind: str) -> Kind:
             wait_for(lambda: scene.nodes.workers(kind))
             kill(scene.chance.choice(scene.nodes.workers(kind)))
             scene.note()
-        scene.finish(driver)
+        scene.site.go_on(driver)
 
     return disturb
 
@@ -141,7 +135,7 @@ def learner_disturbed(number: signal.Signals) -> Kind:
             wait_for(lambda: scene.nodes.workers("LearnerActor"))
             os.kill(scene.chance.choice(scene.nodes.workers("LearnerActor")), number)
             scene.note()
-        scene.finish(driver)
+        scene.site.go_on(driver)
         scene.nodes.kill(node)
 
     return disturb
@@ -167,7 +161,7 @@ def _nodes_disturbed(scene: Scene, injections: int, disturb: Callable[[int], Non
         scene.note()
         scene.nodes.add()
         wait_for(lambda attempts=attempts: scene.site.attempts() - attempts, LONGEST_START)
-    scene.finish(driver)
+    scene.site.go_on(driver)
 
 
 def node_frozen(scene: Scene, injections: int) -> None:
@@ -191,7 +185,7 @@ def node_frozen(scene: Scene, injections: int) -> None:
         if given_away:  # what was on it ends by itself: its successors hold the runs
             wait_for(lambda frozen=frozen: scene.nodes.ended(frozen), LONGEST_START)
             scene.nodes.kill(number)
-    scene.finish(driver)
+    scene.site.go_on(driver)
 
 
 def core_killed(name: str) -> Kind:
@@ -210,7 +204,7 @@ def core_killed(name: str) -> Kind:
             assert time.time() - scene.times[-1] < 15
             _, left = psutil.wait_procs(family, timeout=5)
             assert left == []
-        scene.finish()
+        scene.site.go_on()
 
     return disturb
 
@@ -229,7 +223,7 @@ def object_store_full(scene: Scene, injections: int) -> None:
             scene.note()
             scene.wait()
             other.stdin.close()
-    scene.finish(driver)
+    scene.site.go_on(driver)
 
 
 def disk_full(scene: Scene, injections: int) -> None:
@@ -241,7 +235,7 @@ def disk_full(scene: Scene, injections: int) -> None:
         scene.note()
         scene.site.finish(driver, FAILED)
         scene.site.withdraw(FULL_DISK)
-    scene.finish()
+    scene.site.go_on()
 
 
 def root_copied(scene: Scene, injections: int) -> None:
@@ -253,7 +247,7 @@ def root_copied(scene: Scene, injections: int) -> None:
         there = scene.site.folder / f"copy-{number}"
         shutil.copytree(scene.site.root, there / "root")
         scene.site = replace(scene.site, folder=there)
-    scene.finish()
+    scene.site.go_on()
 
 
 def checkpoint_damaged(scene: Scene, injections: int) -> None:
@@ -269,7 +263,7 @@ def checkpoint_damaged(scene: Scene, injections: int) -> None:
         changed = content[:at] + bytes([content[at] ^ (1 << scene.chance.randrange(8))]) + content[at + 1 :]
         damaged = scene.chance.choice((changed, content[:at], None))
         file.unlink() if damaged is None else file.write_bytes(damaged)
-    scene.finish()
+    scene.site.go_on()
 
 
 def object_storage_silent(scene: Scene, injections: int) -> None:
@@ -285,7 +279,7 @@ def object_storage_silent(scene: Scene, injections: int) -> None:
             scene.note()
             time.sleep(scene.chance.uniform(SHORT_OUTAGE, LONG_OUTAGE))
             server.process.send_signal(signal.SIGCONT)
-        scene.finish(driver)
+        scene.site.go_on(driver)
         scene.site.fetch(Store.open(root))
 
 

@@ -9,6 +9,7 @@ import itertools
 import multiprocessing
 import os
 import signal
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
@@ -111,20 +112,10 @@ class Nodes:
 
 
 def descendants(pid: int) -> set[int]:
-    """Return the ids of all processes below `pid`."""
-    parents = {}
-    for name in filter(str.isdigit, os.listdir("/proc")):  # noqa: PTH208  # names are enough
-        try:
-            with open(f"/proc/{name}/stat") as file:  # noqa: PTH123
-                parents[int(name)] = int(file.read().rpartition(")")[2].split()[1])
-        except OSError:
-            continue
-    family = {pid}
-    while True:
-        more = {child for child, parent in parents.items() if parent in family} - family
-        if not more:
-            return family - {pid}
-        family |= more
+    """Return the ids of all processes below `pid`, which may have ended."""
+    with suppress(psutil.NoSuchProcess):
+        return {child.pid for child in psutil.Process(pid).children(recursive=True)}
+    return set()
 
 
 def living(processes: set[int]) -> set[int]:

@@ -7,17 +7,16 @@ from pathlib import Path
 
 import pytest
 from attack import INJECTIONS, SEED, attack, merged
-from faults import Fault, Site
+from faults import Check, Site
 from kinds import KINDS
 from nodes import Nodes
-from test_processes import check
 
 pytestmark = pytest.mark.chaos
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_row_and_no_byte_is_lost(
-    kind: str, tmp_path: Path, environment: dict[str, str], nodes: Nodes, faults: list[Fault]
+    kind: str, tmp_path: Path, environment: dict[str, str], nodes: Nodes, check: Check
 ) -> None:
     chance, site = random.Random(f"{SEED} {kind}"), Site(tmp_path, environment, nodes.address)
-    check(merged(list(attack(kind, INJECTIONS, chance, site, nodes))), faults)
+    check(merged(list(attack(kind, INJECTIONS, chance, site, nodes))))

@@ -10,9 +10,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import pytest
-from faults import Fault
+from faults import Check, Fault
 from small_runs import STUDENTS, data_files, run, small_spec
-from test_processes import check
 
 from tma_ray.results import Committer, RunStatus
 from tma_ray.runs import Placement, RunSpec
@@ -96,6 +95,6 @@ def disturb(processes: ForkServerContext, folder: Path, student: str, teacher: s
 @pytest.mark.parametrize("student", STUDENTS)
 @pytest.mark.parametrize("teacher", PAIRED)
 def test_every_pair_killed_at_any_instant(
-    processes: ForkServerContext, tmp_path: Path, faults: list[Fault], student: str, teacher: str
+    processes: ForkServerContext, tmp_path: Path, check: Check, student: str, teacher: str
 ) -> None:
-    check(disturb(processes, tmp_path, student, teacher, 800), faults)
+    check(disturb(processes, tmp_path, student, teacher, 800))

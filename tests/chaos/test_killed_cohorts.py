@@ -9,10 +9,8 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from faults import Fault, Site, undisturbed_files, wait_for
+from faults import Check, Compare, Site, undisturbed_files, wait_for
 from nodes import Nodes
-from saboteur import HOLD
-from test_processes import check
 
 pytestmark = pytest.mark.chaos
 
@@ -39,14 +37,11 @@ def roomy(nodes: Nodes) -> Iterator[int]:
         nodes.kill(number)
 
 
-def trained(site: Site, runs: int = 2) -> None:
-    """Wait until every run has a checkpoint."""
-    wait_for(lambda: len({path.parts[-3] for path in site.checkpoints()}) == runs)
-
-
-def start(site: Site) -> tuple[list[float], subprocess.Popen[bytes]]:
-    site.ask(HOLD)
-    return [], site.start("--cohort", str(WIDTH), "--unreachable-seconds", PATIENCE)
+def start(site: Site) -> subprocess.Popen[bytes]:
+    """Start a held campaign, and wait until every run has a checkpoint."""
+    driver = site.hold("--cohort", str(WIDTH), "--unreachable-seconds", PATIENCE)
+    site.trained()
+    return driver
 
 
 @pytest.mark.parametrize(
@@ -61,69 +56,56 @@ def test_a_process_of_a_cohort_killed_or_stopped(
     clustered: Site,
     nodes: Nodes,
     roomy: int,
-    undisturbed: dict[str, bytes],
-    faults: list[Fault],
+    compare: Compare,
     victim: str,
     number: signal.Signals,
     lost: int,
 ) -> None:
     """The learner costs all its runs some steps, also if it hangs; a player its own run only."""
-    times, driver = start(clustered)
-    trained(clustered)
+    driver = start(clustered)
     os.kill(nodes.workers(victim)[0], number)
-    times.append(time.time())
+    fault = time.time()
     wait_for(lambda: clustered.taken_up(1))
-    clustered.withdraw(HOLD)
-    clustered.finish(driver)
+    clustered.go_on(driver)
     assert clustered.outcomes() == ["done", "done", *["lost"] * lost]
-    check(clustered.compare(f"cohort: {victim} {number.name}", 1, undisturbed, times), faults)
+    compare(f"cohort: {victim} {number.name}", [fault])
 
 
 def test_learners_of_two_nodes_of_which_one_is_killed(
-    clustered: Site, nodes: Nodes, roomy: int, faults: list[Fault]
+    clustered: Site, nodes: Nodes, roomy: int, check: Check
 ) -> None:
     """Each node has a learner and the players beside it; the runs of the lost one go on at the other."""
-    own, times = (roomy, nodes.add(CORES)), []
-    clustered.ask(HOLD)
-    driver = clustered.start("--cohort", "2", "--seeds", "2")
-    trained(clustered, runs=4)
+    own = (roomy, nodes.add(CORES))
+    driver = clustered.hold("--cohort", "2", "--seeds", "2")
+    clustered.trained(runs=4)
     for kind, count in (("LearnerActor", 1), ("SeedActor", 2)):
         processes = set(nodes.workers(kind))
         assert [len(processes & nodes.processes(node)) for node in own] == [count, count]
     nodes.kill(own[1])
-    times.append(time.time())
-    clustered.withdraw(HOLD)
-    clustered.finish(driver)
+    fault = time.time()
+    clustered.go_on(driver)
     assert clustered.outcomes() == [*["done"] * 4, *["lost"] * 2]
     expected = undisturbed_files(width=2, seeds=2)
-    check(clustered.compare("cohort: one of two nodes killed", 1, expected, times), faults)
+    check(clustered.compare("cohort: one of two nodes killed", 1, expected, [fault]))
 
 
-def test_the_node_of_a_cohort_killed(
-    clustered: Site, nodes: Nodes, roomy: int, undisturbed: dict[str, bytes], faults: list[Fault]
-) -> None:
-    times, driver = start(clustered)
-    trained(clustered)
+def test_the_node_of_a_cohort_killed(clustered: Site, nodes: Nodes, roomy: int, compare: Compare) -> None:
+    driver = start(clustered)
     nodes.kill(roomy)
-    times.append(time.time())
+    fault = time.time()
     nodes.add(CORES)
     wait_for(lambda: clustered.taken_up(1))
-    clustered.withdraw(HOLD)
-    clustered.finish(driver)
+    clustered.go_on(driver)
     assert "lost" in clustered.outcomes()
-    check(clustered.compare("cohort: node killed", 1, undisturbed, times), faults)
+    compare("cohort: node killed", [fault])
 
 
-def test_the_driver_of_a_cohort_killed(
-    clustered: Site, nodes: Nodes, roomy: int, undisturbed: dict[str, bytes], faults: list[Fault]
-) -> None:
+def test_the_driver_of_a_cohort_killed(clustered: Site, nodes: Nodes, roomy: int, compare: Compare) -> None:
     """Its learner ends with it, and the same command continues in another one."""
-    times, driver = start(clustered)
-    trained(clustered)
+    driver = start(clustered)
     driver.kill()
     driver.wait()
-    times.append(time.time())
+    fault = time.time()
     wait_for(lambda: not nodes.workers("LearnerActor"))
-    clustered.withdraw(HOLD)
-    clustered.finish(clustered.start("--cohort", str(WIDTH)))
-    check(clustered.compare("cohort: driver killed", 1, undisturbed, times), faults)
+    clustered.go_on(clustered.start("--cohort", str(WIDTH)))
+    compare("cohort: driver killed", [fault])

@@ -6,9 +6,8 @@ import signal
 import time
 
 import pytest
-from faults import Fault, Site, wait_for
+from faults import Check, Compare, Site, wait_for
 from nodes import Nodes
-from saboteur import HOLD
 
 from tma_ray.results import Results, RunStatus
 
@@ -31,24 +30,8 @@ DRIVER_PLACES = (
 )
 
 
-def check(fault: Fault, faults: list[Fault]) -> None:
-    faults.append(fault)
-    assert (fault.rows_lost, fault.bytes_different) == (0, 0)
-
-
-def killed_workers(site: Site, places: tuple[str, ...]) -> list[float]:
-    """Has workers killed at these places, one after the other; returns when."""
-    times = []
-    driver = site.start()
-    for place in places:
-        site.ask(place)
-        times.append(wait_for(lambda place=place: not site.pending(place)))
-    site.finish(driver)
-    return times
-
-
 def test_a_worker_killed_in_a_checkpoint_and_the_driver_in_a_publication(
-    single: Site, undisturbed_short: dict[str, bytes], faults: list[Fault]
+    single: Site, undisturbed_short: dict[str, bytes], check: Check
 ) -> None:
     single.ask("kill-in-checkpoint", "kill-driver-between-moves")
     single.finish(single.start(), -signal.SIGKILL)
@@ -56,49 +39,41 @@ def test_a_worker_killed_in_a_checkpoint_and_the_driver_in_a_publication(
     assert not single.pending("kill-in-checkpoint", "kill-driver-between-moves")
     single.finish(single.start())
     assert "lost" in single.outcomes()
-    check(single.compare("worker, then driver killed", 2, undisturbed_short, [fault]), faults)
+    check(single.compare("worker, then driver killed", 2, undisturbed_short, [fault]))
 
 
 @pytest.mark.parametrize("place", WORKER_PLACES)
-def test_a_worker_killed(
-    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault], place: str
-) -> None:
-    times = killed_workers(clustered, (place,))
+def test_a_worker_killed(clustered: Site, compare: Compare, place: str) -> None:
+    driver = clustered.start()
+    clustered.ask(place)
+    fault = wait_for(lambda: not clustered.pending(place))
+    clustered.finish(driver)
     assert clustered.outcomes() == ["done", "done", "lost"]
-    check(clustered.compare(f"worker: {place}", 1, undisturbed, times), faults)
+    compare(f"worker: {place}", [fault])
 
 
-def drivers_killed(site: Site, places: tuple[str, ...]) -> list[float]:
-    """Has drivers killed at these places, one after the other; returns when, and finishes the campaign."""
+def test_drivers_killed_in_every_publication(clustered: Site, compare: Compare) -> None:
     times = []
-    for place in places:
-        site.ask(place)
-        site.finish(site.start(), -signal.SIGKILL)
+    for place in DRIVER_PLACES:
+        clustered.ask(place)
+        clustered.finish(clustered.start(), -signal.SIGKILL)
         times.append(time.time())
-        assert not site.pending(place)
-    site.finish(site.start())
-    return times
-
-
-def test_drivers_killed_in_every_publication(
-    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
-) -> None:
-    times = drivers_killed(clustered, DRIVER_PLACES)
-    check(clustered.compare("driver killed at each place", len(times), undisturbed, times), faults)
+        assert not clustered.pending(place)
+    clustered.finish(clustered.start())
+    compare("driver killed at each place", times, injected=len(times))
 
 
 def trained_somewhere(site: Site, nodes: Nodes) -> int:
     """Wait until every run has a checkpoint; return a node that trains one."""
-    wait_for(lambda: len({path.parts[-3] for path in site.checkpoints()}) == 2)
+    site.trained()
     seeds = set(nodes.workers("SeedActor"))
     return next(number for number in nodes.living if nodes.processes(number) & seeds)
 
 
 def test_a_frozen_node_that_thaws_after_its_runs_were_given_away(
-    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault]
+    clustered: Site, nodes: Nodes, compare: Compare
 ) -> None:
-    clustered.ask(HOLD)
-    driver = clustered.start()
+    driver = clustered.hold()
     number = trained_somewhere(clustered, nodes)
     frozen = nodes.freeze(number)
     fault = time.time()
@@ -108,31 +83,24 @@ def test_a_frozen_node_that_thaws_after_its_runs_were_given_away(
     finally:
         nodes.thaw(frozen)
     wait_for(lambda: nodes.ended(frozen))  # they find their successors and end
-    clustered.withdraw(HOLD)
-    clustered.finish(driver)
+    clustered.go_on(driver)
     nodes.kill(number)
     assert "lost" in clustered.outcomes()
-    check(clustered.compare("node frozen, thawed later", 1, undisturbed, [fault]), faults)
+    compare("node frozen, thawed later", [fault])
 
 
-def test_a_node_frozen_for_a_moment_costs_nothing(
-    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault]
-) -> None:
-    clustered.ask(HOLD)
-    driver = clustered.start()
+def test_a_node_frozen_for_a_moment_costs_nothing(clustered: Site, nodes: Nodes, compare: Compare) -> None:
+    driver = clustered.hold()
     frozen = nodes.freeze(trained_somewhere(clustered, nodes))
     time.sleep(1.5)
     nodes.thaw(frozen)
-    clustered.withdraw(HOLD)
-    clustered.finish(driver)
+    clustered.go_on(driver)
     assert clustered.outcomes() == ["done", "done"]
-    check(clustered.compare("node frozen for 1.5 s", 1, undisturbed, []), faults)
+    compare("node frozen for 1.5 s", [])
 
 
 @pytest.mark.parametrize("part", ["teacher", "environment", "student"])
-def test_a_part_that_raises(
-    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault], part: str
-) -> None:
+def test_a_part_that_raises(clustered: Site, compare: Compare, part: str) -> None:
     clustered.ask(f"raise-in-{part}")
     clustered.finish(clustered.start(), 1)
     runs = Results.open(clustered.root).runs()
@@ -144,4 +112,4 @@ def test_a_part_that_raises(
     assert clustered.outcomes() == ["done", "failed"], "it was not tried again"
     fault = time.time()
     clustered.finish(clustered.start())
-    check(clustered.compare(f"{part} raises", 1, undisturbed, [fault]), faults)
+    compare(f"{part} raises", [fault])

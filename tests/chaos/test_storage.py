@@ -5,18 +5,14 @@ from __future__ import annotations
 import time
 
 import pytest
-from faults import FLAGS, Fault, Site, wait_for
+from faults import Compare, Site, wait_for
 from saboteur import FULL_DISK, HOLD
-from test_processes import check
 
 pytestmark = pytest.mark.chaos
 
 
-def test_no_space_left_for_a_while(
-    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
-) -> None:
-    clustered.ask(HOLD)
-    driver = clustered.start()
+def test_no_space_left_for_a_while(clustered: Site, compare: Compare) -> None:
+    driver = clustered.hold()
     wait_for(clustered.checkpoints)
     clustered.ask(FULL_DISK)
     clustered.withdraw(HOLD)
@@ -25,14 +21,11 @@ def test_no_space_left_for_a_while(
     clustered.withdraw(FULL_DISK)
     clustered.finish(driver)
     assert clustered.outcomes() == ["done", "done"]
-    check(clustered.compare("no space left for 12 s", 1, undisturbed, []), faults)
+    compare("no space left for 12 s", [])
 
 
-def test_no_space_left_until_the_campaign_gives_up(
-    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
-) -> None:
-    clustered.ask(HOLD)
-    driver = clustered.start("--outage-seconds", "4")
+def test_no_space_left_until_the_campaign_gives_up(clustered: Site, compare: Compare) -> None:
+    driver = clustered.hold("--outage-seconds", "4")
     wait_for(clustered.checkpoints)
     clustered.ask(FULL_DISK)
     clustered.withdraw(HOLD)
@@ -44,20 +37,15 @@ def test_no_space_left_until_the_campaign_gives_up(
     clustered.withdraw(FULL_DISK)
     fault = time.time()
     clustered.finish(clustered.start())
-    check(clustered.compare("no space left, campaign ended", 1, undisturbed, [fault]), faults)
+    compare("no space left, campaign ended", [fault])
 
 
-def test_a_second_driver_on_the_same_root(
-    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
-) -> None:
-    assert "--checkpoint-seconds" in FLAGS
-    clustered.ask(HOLD)
-    driver = clustered.start()
+def test_a_second_driver_on_the_same_root(clustered: Site, compare: Compare) -> None:
+    driver = clustered.hold()
     wait_for(clustered.checkpoints)
     for _ in range(2):
         clustered.finish(clustered.start(), 2)
     assert "is in use by campaign 'chaos'" in (clustered.folder / "driver.txt").read_text()
-    clustered.withdraw(HOLD)
-    clustered.finish(driver)
+    clustered.go_on(driver)
     assert clustered.outcomes() == ["done", "done"]
-    check(clustered.compare("second driver on the root", 2, undisturbed, []), faults)
+    compare("second driver on the root", [], injected=2)

@@ -14,7 +14,7 @@ import pytest
 from cohort_in_a_thread import serving
 from small_runs import SCHEDULE, STUDENTS, data_files, rows, run, short_run, small_spec, stump_tracks_spec
 
-from tma_ray.results import Store, Table
+from tma_ray.results import Table
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule, effective_spec
 
 HERE = Path(__file__).parent
@@ -107,13 +107,21 @@ def stopped(tmp_path_factory: pytest.TempPathFactory, short: tuple[RunSpec, dict
     return root
 
 
-DAMAGE: dict[str, Callable[[bytes], bytes | None]] = {
-    "run.pickle flipped": lambda state: state[:-1] + b"x",
-    "run.pickle truncated": lambda state: state[: len(state) // 2],
-    "index.json removed": lambda index: None,
-    "index.json truncated": lambda index: b"{",
-    "index.json leads out": lambda index: index.replace(b'"run.pickle"', b'"../run.pickle"'),
+def rewrite(file: Path, change: Callable[[bytes], bytes]) -> None:
+    file.write_bytes(change(file.read_bytes()))
+
+
+DAMAGE: dict[str, Callable[[Path], object]] = {
+    "state flipped": lambda newest: rewrite(newest / "run.pickle", lambda data: data[:-1] + b"x"),
+    "state truncated": lambda newest: rewrite(newest / "run.pickle", lambda data: data[: len(data) // 2]),
+    "index removed": lambda newest: (newest / "index.json").unlink(),
+    "index truncated": lambda newest: (newest / "index.json").write_text("{"),
+    "index leads out": lambda newest: rewrite(
+        newest / "index.json", lambda data: data.replace(b'"run.pickle"', b'"../run.pickle"')
+    ),
+    "removed": shutil.rmtree,
 }
+"""Of the newest checkpoint; without it, rows are left of which no checkpoint knows."""
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
@@ -123,22 +131,8 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(
     spec, undisturbed = short
     root = shutil.copytree(stopped, tmp_path / "damaged")
     _, newest = sorted((root / "checkpoints" / spec.run_id).iterdir())
-    shutil.copy(newest / "run.pickle", newest.parent)  # where one leads out to
-    file = newest / damage.split()[0]
-    content = DAMAGE[damage](file.read_bytes())
-    file.unlink() if content is None else file.write_bytes(content)
-    assert run(spec, root) == "done"
-    assert data_files(root) == undisturbed
-
-
-def test_rows_of_an_attempt_after_its_last_checkpoint_are_not_published(
-    tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]], stopped: Path
-) -> None:
-    """A killed process may leave parts that no checkpoint knows: they are played again, not doubled."""
-    spec, undisturbed = short
-    root = shutil.copytree(stopped, tmp_path / "killed")
-    newest = sorted((root / "checkpoints" / spec.run_id).iterdir())[-1]
-    Store.open(root).delete(newest.relative_to(root).as_posix())
+    shutil.copy(newest / "run.pickle", newest.parent)  # where an index may lead to
+    DAMAGE[damage](newest)
     assert run(spec, root) == "done"
     assert data_files(root) == undisturbed
 
@@ -168,6 +162,11 @@ def asking(folder: Path, student: str) -> RunSpec:
     return small_spec(folder, student, "spdl")
 
 
+def examining(folder: Path, student: str) -> RunSpec:
+    """Return a run whose teacher has tasks played without learning, and asks for evaluations."""
+    return small_spec(folder, student, "odd_teachers:Examining", steps=1_500)
+
+
 def swimming(folder: Path, student: str) -> RunSpec:
     """Return a run of a fish in Parkour."""
     return _walk(folder, student, "parkour", "easy_swimming", "fish")
@@ -187,7 +186,7 @@ def _walk(folder: Path, student: str, environment: str, challenge: str, body: st
 
 @pytest.mark.slow
 @pytest.mark.parametrize("student", ["ppo", "sac"])
-@pytest.mark.parametrize("kind", [forgetting, asking, swimming, diverse])
+@pytest.mark.parametrize("kind", [forgetting, asking, examining, swimming, diverse])
 def test_an_interrupted_run_is_bit_for_bit_one_that_was_not(
     tmp_path: Path, student: str, kind: Callable[[Path, str], RunSpec]
 ) -> None:

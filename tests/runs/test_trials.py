@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_runs import data_files, new_run, one_episode, rows, run, small_spec, stump_tracks_spec
+from small_runs import new_run, one_episode, rows, run, small_spec, stump_tracks_spec
 
-from tma_ray.campaign.executors.processes import cohort
 from tma_ray.results import Table
-from tma_ray.runs import Cell, InlineTeacher, Placement, Reply, RunSpec, Schedule, effective_spec, evaluation
+from tma_ray.runs import Cell, InlineTeacher, Reply, RunSpec, Schedule, effective_spec, evaluation
 from tma_ray.runs.evaluation import Trials
 from tma_ray.runs.run import Run
 from tma_ray.students import STUDENTS, Student
-from tma_ray.students.players import CohortSettings
 from tma_ray.tasks import Answer, Episode
 
 
@@ -102,18 +100,6 @@ def test_it_makes_no_difference_where_the_teacher_is(tmp_path: Path, teacher: st
         played.append(episodes)
         whole.close()
     assert played[0] == played[1]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("student", ["ppo", "sac"])
-def test_a_run_in_a_cohort_stops_and_resumes_bit_for_bit(tmp_path: Path, student: str) -> None:
-    spec = small_spec(tmp_path, student, teacher="odd_teachers:Examining", steps=1_500)
-    with cohort(CohortSettings(width=2)) as learner:
-        placement = Placement(learner=learner)
-        run(spec, tmp_path / "whole", placement=placement)
-        assert run(spec, tmp_path / "parts", stop_after=25, placement=placement) == "stopped"
-        run(spec, tmp_path / "parts", placement=placement)
-    assert data_files(tmp_path / "whole") == data_files(tmp_path / "parts")
 
 
 @pytest.mark.parametrize(
