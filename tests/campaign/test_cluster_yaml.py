@@ -188,7 +188,6 @@ def test_pods_are_not_root_ask_for_the_token_and_see_the_results() -> None:
 
 def test_the_entry_point_is_a_command_that_may_be_repeated() -> None:
     found = re.search(r"python experiments/(\w+)\.py (.*)'", MANIFEST["spec"]["entrypoint"])
-    assert found is not None
     assert (DEPLOY.parent / "experiments" / f"{found[1]}.py").is_file()
     call = read(cli.app(), [found[1], *found[2].split()])
     options = call.keywords["options"]

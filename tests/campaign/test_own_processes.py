@@ -26,7 +26,6 @@ def test_children_of_the_node_manager_may_end_and_the_node_manager_may_not(tmp_p
         stdout=subprocess.PIPE,
         text=True,
     ) as node:
-        assert node.stdin is not None and node.stdout is not None  # noqa: PT018
         node.stdout.readline()
         (child,) = psutil.Process(node.pid).children()
         assert child.name() == "raylet"
@@ -53,7 +52,6 @@ def test_what_has_closed_its_ports_is_lost_while_its_process_goes_on(tmp_path: P
     with subprocess.Popen(
         [python, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as head:
-        assert head.stdin is not None and head.stdout is not None  # noqa: PT018
         assert processes.lost() is None, "it has not begun to serve"
         for lost in (False, True):
             head.stdin.write("\n")
@@ -90,8 +88,6 @@ def abandoned(place: Path) -> Path:
 
 def test_is_of_the_user_alone_and_of_one_ray(temporary: Path) -> None:
     first, second = private_folder(), private_folder()
-    assert first is not None
-    assert second is not None
     assert first != second
     for folder in (first, second):
         assert folder.parent == temporary
@@ -103,7 +99,6 @@ def test_is_removed_by_the_next_campaign_once_its_process_has_ended(temporary: P
     assert left.is_dir()
     private_folder()
     assert not left.exists()
-    assert kept is not None
     assert kept.is_dir(), "its process lives"
 
 
@@ -138,7 +133,6 @@ def test_a_place_with_too_long_a_path_for_sockets_is_not_used(
     long.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(long))
     folder = private_folder()
-    assert folder is not None
     assert folder.parent == Path("/tmp")
     (folder / MARK).unlink()
     folder.rmdir()

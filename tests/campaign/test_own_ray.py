@@ -86,7 +86,6 @@ def test_is_closed_to_others_and_ends_with_its_core_processes(
         driver.kill()
     assert {row["outcome"] for row in rows(root, Table.ATTEMPTS)} == {"lost"}
     found = overview(root, time.time())
-    assert found.heartbeat is not None
     assert found.heartbeat.ended
     states = {run.state for cells in found.campaigns.values() for runs in cells.values() for run in runs}
     assert states <= {"interrupted", "waiting"}

@@ -63,7 +63,6 @@ INSTALLED = PluginSource("pluggy", {"pluggy/__init__.py": b""}, installed=True)
 
 def test_exactly_the_users_own_files_are_shipped() -> None:
     with runtime_environment([OWN, OTHER, INSTALLED]) as environment:
-        assert environment is not None
         (folder,) = map(Path, environment["py_modules"])
         assert folder.name == FOLDER
         shipped = {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*.py")}

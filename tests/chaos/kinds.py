@@ -217,8 +217,6 @@ def object_store_full(scene: Scene, injections: int) -> None:
         command = [sys.executable, str(HERE / "filled_stores.py"), str(scene.site.address)]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         with subprocess.Popen(command, env=scene.site.environment, text=True, **pipes) as other:
-            assert other.stdin is not None
-            assert other.stdout is not None
             assert other.stdout.readline().strip() == "full"
             scene.note()
             scene.wait()

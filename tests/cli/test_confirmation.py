@@ -85,7 +85,6 @@ def test_a_cluster_may_grow_to_the_nodes_of_its_file() -> None:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     ) as monitor:
-        assert monitor.stdout is not None
         monitor.stdout.readline()
         try:
             without = nodes_to_come(["10.1.2.3:6379"], gpus=False)
@@ -100,8 +99,6 @@ def test_a_cluster_may_grow_to_the_nodes_of_its_file() -> None:
 def test_the_time_on_a_cluster_is_that_of_all_its_nodes() -> None:
     plan, nodes = plan_of("sac", 20_000_000, seeds=64), Nodes((NODE, NODE), "on the cluster's 2 nodes")
     here, there = (long_cost(plan, "nowhere", Settings(), nodes=each) for each in (None, nodes))
-    assert here is not None
-    assert there is not None
     assert there.hours == here.hours
     assert there.wall_hours == pytest.approx(there.hours / 32)
     shared = Settings(device="cuda")
@@ -118,7 +115,6 @@ def test_only_what_takes_over_an_hour_has_to_be_confirmed(tmp_path: Path) -> Non
     assert long_cost(plan_of("ppo", 1_000_000), str(tmp_path), Settings()) is None
     assert long_cost(plan_of("sac", 100_000), str(tmp_path), Settings()) is None
     cost = long_cost(plan_of("sac", 20_000_000), str(tmp_path), Settings())
-    assert cost is not None
     per_run = 20_000_000 / next(iter(cost.throughputs.values())).training / 3600
     assert cost.hours == pytest.approx(2 * per_run, rel=0.05)
 
@@ -126,7 +122,6 @@ def test_only_what_takes_over_an_hour_has_to_be_confirmed(tmp_path: Path) -> Non
 def test_runs_that_are_done_do_not_count(tmp_path: Path) -> None:
     plan = plan_of("sac", 20_000_000)
     whole = long_cost(plan, str(tmp_path), Settings())
-    assert whole is not None
     committer = Committer.open(tmp_path)
     for done, left in enumerate((whole.hours / 2, 0.0), start=1):
         record = plan.runs[done - 1].record()

@@ -98,7 +98,6 @@ class Node:
 
     def power_off(self) -> None:
         """End all processes of the node at once."""
-        assert self._process is not None
         os.kill(self._init, signal.SIGKILL)
         self._process.wait(timeout=60)
         with (self.folder / "console.log").open("a") as log:
@@ -199,7 +198,6 @@ class Bed:
              "--kill-child", "--mount-proc", "bash", "-c", bridge],
             env={"PATH": SEARCHED}, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
-        assert self._process.stdout is not None
         assert self._process.stdout.readline() == "ready\n", "no bridge"
         (first,) = psutil.Process(self._process.pid).children()
         self._switch = first.pid

@@ -151,7 +151,6 @@ def kill_midway(root: str, delay: float, look: Callable[[], object]) -> int:
     """Kill the replacer `delay` seconds after it first said a number; return the last one that it said."""
     command = [sys.executable, "-c", REPLACER, root]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
         said = int(process.stdout.readline())
         look()
         time.sleep(delay)

@@ -143,7 +143,6 @@ def test_a_campaign_goes_on_after_it(root: Store) -> None:
     compact(root)
     committer = Committer(root)
     manifest = committer.manifest("run-03")
-    assert manifest is not None
     assert manifest.status is RunStatus.DONE
     committer.sweep()
     add(committer, "run-99")

@@ -39,7 +39,6 @@ def root(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 )
 def test_a_writer_that_is_killed_loses_nothing_it_had_published(root: str, kill_after: int) -> None:
     with subprocess.Popen([sys.executable, "-c", WRITER, root], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
         for _ in range(kill_after):
             published = int(process.stdout.readline())
         process.send_signal(signal.SIGKILL)

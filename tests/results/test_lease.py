@@ -243,13 +243,11 @@ def test_a_campaign_beats_now_and_then_and_says_when_it_leaves(store: Store) -> 
     learner = LearnerProgress("node-1", "cuda", 48, 40, 5_000.0, 0.7, 21.5, 79.2)
     pulse.beat({}, [learner])
     second = Heartbeat.load(store)
-    assert second is not None
     assert second.learners == (learner,)
     assert second.alive(clock.now)
     assert not second.alive(clock.now + SILENT_SECONDS)
     pulse.end()
     last = Heartbeat.load(store)
-    assert last is not None
     assert last.ended
     assert not last.alive(clock.now)
 
@@ -258,7 +256,6 @@ def test_a_campaign_whose_process_is_known_to_be_dead_is_not_alive(store: Store)
     pulse = HeartbeatWriter(store, "stumps on head-1", Clock())
     pulse.beat({})
     given, this = Heartbeat.load(store), Process.this()
-    assert given is not None
     assert this is not None
     assert given.alive(Clock.now)
     ended = subprocess.Popen([sys.executable, "-c", ""])
@@ -274,7 +271,6 @@ def test_a_zombie_does_not_speak_for_its_successor(store: Store) -> None:
     successor.beat({})
     zombie.end()
     heartbeat = Heartbeat.load(store)
-    assert heartbeat is not None
     assert (heartbeat.holder, heartbeat.ended) == ("successor", False)
 
 

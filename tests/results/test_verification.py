@@ -14,6 +14,8 @@ from tma_ray.cli import main
 from tma_ray.decoding import DamagedFileWarning
 from tma_ray.results import Committer, Damage, Results, Store, compact, start_from, verify_root
 
+pytestmark = pytest.mark.filterwarnings("ignore::tma_ray.decoding.DamagedFileWarning")
+
 FIRST, SECOND = "ppo_alp_gmm-s0-5e7c73111b9c", "sac_adr-s0-93c3a39a6c7a"
 
 
@@ -110,7 +112,6 @@ def drop(root: Path, *patterns: str) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-@pytest.mark.filterwarnings("ignore::tma_ray.decoding.DamagedFileWarning")
 @pytest.mark.parametrize(
     "more",
     [(), ("logs", "policies"), (f"tables/runs/{FIRST}.parquet",), (f"tables/[ret]*/{FIRST}.parquet", "logs")],
@@ -126,7 +127,6 @@ def test_a_run_without_its_manifest_is_named(old_root: Path, more: tuple[str, ..
     assert (f"manifests/{FIRST}.json", FIRST) in damage
 
 
-@pytest.mark.filterwarnings("ignore::tma_ray.decoding.DamagedFileWarning")
 def test_a_merged_run_without_its_manifest_is_named(old_root: Path) -> None:
     compact(old_root)
     assert not Results.open(old_root).problems
@@ -135,7 +135,6 @@ def test_a_merged_run_without_its_manifest_is_named(old_root: Path) -> None:
     assert {found.run_id for found in verify_root(Store.open(old_root)).damage} == {FIRST}
 
 
-@pytest.mark.filterwarnings("ignore::tma_ray.decoding.DamagedFileWarning")
 def test_it_is_done_again(old_root: Path) -> None:
     record = Results.open(old_root).find(FIRST).run
     drop(old_root, f"manifests/{FIRST}.json")
@@ -145,7 +144,6 @@ def test_it_is_done_again(old_root: Path) -> None:
     assert not Results.open(old_root).problems
 
 
-@pytest.mark.filterwarnings("ignore::tma_ray.decoding.DamagedFileWarning")
 def test_a_run_that_was_about_to_start_is_not_lost(old_root: Path, tmp_path: Path) -> None:
     committer = Committer.open(old_root)
     record = Results.open(old_root).find(FIRST).run

@@ -72,7 +72,6 @@ def test_full_segments_of_a_replay_buffer_are_written_once(spec: RunSpec, store:
     other = new_run(spec, store.base, attempt=1)
     successor = Checkpoints(store, spec.run_id, 1)
     restored = successor.restore(other)
-    assert restored is not None
     assert restored.step == one.progress.step
     successor.save(other, (), "here")
     play(other, 1)
@@ -109,7 +108,6 @@ def test_after_a_checkpoint_that_could_not_be_written_the_next_one_is_complete(
     checkpoints.save(one, (), "here")
     other = new_run(spec, store.base, attempt=1)
     restored = Checkpoints(store, spec.run_id, 1).restore(other)
-    assert restored is not None
     assert restored.step == one.progress.step
     assert future(other) == future(one)
 

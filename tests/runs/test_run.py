@@ -122,6 +122,5 @@ def test_a_teacher_that_leaves_its_space_fails_the_run_by_name(tmp_path: Path) -
     with pytest.raises(ValueError, match="teacher 'odd_teachers:Outsider' left its task space"):
         run(spec, tmp_path / "root")
     manifest = Committer.open(tmp_path / "root").manifest(spec.run_id)
-    assert manifest is not None
     assert manifest.status is RunStatus.FAILED
     assert "Outsider" in str(manifest.error)

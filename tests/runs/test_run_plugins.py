@@ -49,7 +49,6 @@ def test_a_decorated_name_is_learned_from_the_module_that_the_spec_tells(
         TEACHERS.get("of_elsewhere")
     __import__(module)
     source = TEACHERS.plugin("of_elsewhere")
-    assert source is not None
     spec = planned(tmp_path, "of_elsewhere", Plugin(source.module, source.digest))
     assert [each.module for each in plugin_sources([spec, spec])] == [module]
     for registered in ("_decorated", "_origins"):
@@ -82,7 +81,6 @@ def test_the_module_that_registers_is_the_plugin_whatever_it_registers(module: s
     TEACHERS.register("plain")(Random)
     assert TEACHERS.origin("plain") == __name__
     source = TEACHERS.plugin("plain")
-    assert source is not None
     assert f"{__name__}.py" in source.files
     assert TEACHERS.origin("random") is None
     assert TEACHERS.plugin("random") is None
