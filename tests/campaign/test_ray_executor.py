@@ -1,4 +1,4 @@
-"""The executor of Ray actors with actors that are threads: reports, endings, losses, stops."""
+"""The executor of Ray actors with actors that are threads: endings, losses, room."""
 
 from __future__ import annotations
 

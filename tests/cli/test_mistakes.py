@@ -138,7 +138,7 @@ def test_every_number_is_of_the_one_grammar() -> None:
                 assert isinstance(parse, Quantity), f"{' '.join(path)} {argument.names}"
 
 
-@settings(max_examples=40, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(mistake=st.sampled_from(MISTAKES))
 def test_mistakes_are_refused_by_name(warm: Mapping[str, Any], mistake: Mistake) -> None:
     assert wrong(mistake, warm) == ""
@@ -219,6 +219,8 @@ def test_the_whole_catalogue_is_refused(warm: Mapping[str, Any]) -> None:
             "unknown unit 'm': k is a thousand, M a million; expected a whole number",
         ),
         ("status ~nosuchuser/x", "no home folder is known for '~nosuchuser'"),
+        ("status ftp://host/root", "expected a folder, or an address that begins with s3://"),
+        ("ranking lite-9", "'lite-9' is not a results root, nor the name of a baseline"),
     ],
 )
 def test_values_are_checked_where_nothing_needs_them(

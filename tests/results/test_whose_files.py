@@ -158,7 +158,7 @@ def test_nothing_goes_through_a_link_out_of_the_root(
     (root / "link").symlink_to(outside)
     before = contents(outside)
     with pytest.raises(
-        DamagedFileError, match=r"root/link is damaged: a symbolic link leads out of the root"
+        DamagedFileError, match=r"root/link.* is damaged: a symbolic link leads out of the root"
     ):
         access(store)
     assert contents(outside) == before
