@@ -39,7 +39,11 @@ _kernels: list[Any] = []  # kernels of the modules that have been imported
 
 
 def count_compiled(show: Callable[[int, int], None]) -> None:
-    """Call `show` after each compilation with the number of compiled kernels, and of all imported so far."""
+    """Call `show` after each compilation from now on.
+
+    Args:
+        show: function of the number of kernels that are compiled, and of all in the modules imported so far.
+    """
 
     def count() -> None:
         show(sum(bool(each.signatures) for each in _kernels), len(_kernels))

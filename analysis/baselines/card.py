@@ -25,9 +25,14 @@ def card(
     citation: str = "",
     ceilings: Sequence[str] = (),
 ) -> str:
-    """Return the card of a baseline, with the origin of its results in words and bounds of them in sentences.
+    """Return the card of a baseline.
 
-    Others cite `citation`; without it name, software and date of the baseline itself.
+    Args:
+        manifest: manifest of the baseline.
+        made: origin of its results, in words.
+        tables: its results.
+        citation: text that others cite; empty for name, software and date of the baseline itself.
+        ceilings: bounds of its results, a sentence each.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # reading a baseline does without
 

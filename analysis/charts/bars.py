@@ -73,7 +73,7 @@ def bars_with_pairs(
 
     Args:
         table: results of `pooling.pooled` or `published.paper_frame`, with n.
-        tests: all pairs, of `pairwise.pairwise` or `pairwise_statistics.pairwise_from_statistics`.
+        tests: all pairs, of `frame.pairwise` or `frame.pairwise_from_statistics`.
         measure: measure that is drawn.
         name: its name, with its unit.
         whisker: standard deviation, or standard error of the mean.

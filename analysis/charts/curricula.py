@@ -140,7 +140,12 @@ def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
 
 
 def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> base.Chart:
-    """Return training episodes, coloured by return: a row per teacher, a column per part of the run."""
+    """Return training episodes, coloured by return: a row per teacher, a column per part of the run.
+
+    Args:
+        curricula: one run for each teacher.
+        plane: the two task dimensions.
+    """
     view, colours = TaskView(plane), return_colours(curricula)
     rows: list[list[base.Panel]] = []
     for teacher, side in short_labels(curricula, 16).items():
@@ -160,8 +165,11 @@ def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -
     """Return quantiles of probed tasks against steps: a row per dimension, a column per teacher.
 
     Dark lines are the bounds of a teacher's box if it has a single one, or two standard deviations
-    around its Gaussian; dots the means of several Gaussians, larger for more weight. Constant ones of the
-    task dimensions, `axes`, are left out.
+    around its Gaussian; dots the means of several Gaussians, larger for more weight.
+
+    Args:
+        curricula: one run for each teacher.
+        axes: the task dimensions; constant ones are left out.
     """
     varied = [index for index, axis in enumerate(axes) if axis.high > axis.low]
     names = short_labels(curricula, 14)

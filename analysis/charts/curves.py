@@ -56,8 +56,14 @@ def learning_curves(
 ) -> base.Chart:
     """Return the learning curve of each teacher: mean ± one standard error over runs, against steps.
 
-    `table` has teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`; the axis of a
-    `quantity` with % is one of percentages. `ceiling` is a value that no run exceeds; None if unknown.
+    Args:
+        table: teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`.
+        quantity: title of the vertical axis, in % where it is a percentage.
+        name: identifier of the chart.
+        heading: title of the chart.
+        caption: content and number of runs.
+        ceiling: value that no run exceeds; None if unknown.
+        against: title of the horizontal axis.
     """
     width = 1.4 if len(table) and table.groupby("teacher")["step"].size().max() > MOST_MARKED else 2.0
     marks = [
@@ -121,7 +127,7 @@ class CurvePanel:
         title: body or challenge that it shows.
         curves: results of ``pooled(runs, [measure], by=["step"])``: teacher, expert_knowledge, step, n, and
             `measure` with the endings _mean and _std.
-        tests: tests of `pairwise.pairwise` with step among `within`, against one reference: of teachers, or
+        tests: tests of `frame.pairwise` with step among `within`, against one reference: of teachers, or
             between levels with teacher among `within`; None for no stars.
         measure: what is drawn.
         name: name of it with its unit.
@@ -378,7 +384,7 @@ def pairwise_curves(
     Args:
         curves: results of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n, and
             `measure` with the endings _mean and _std.
-        tests: all pairs at every step, of `pairwise.pairwise` with step among `within`.
+        tests: all pairs at every step, of `frame.pairwise` with step among `within`.
         measure: measure that is drawn.
         name: its name, with its unit.
 

@@ -87,9 +87,15 @@ def overview_chart(
 ) -> base.Chart:
     """Return a row for each comparison, and in it the mean of each teacher with its 95 % interval.
 
-    Every pair of comparison and teacher is a mark, so that a page can leave out either. `points` has
-    comparison (its anchor), teacher, step (of an evaluation, or `END`) and value of a run, in per cent;
-    `rows` has the title of each comparison by its anchor, in order.
+    Every pair of comparison and teacher is a mark, so that a page can leave out either.
+
+    Args:
+        points: comparison (its anchor), teacher, step (of an evaluation, or `END`) and value of a run, in per
+            cent.
+        rows: title of each comparison by its anchor, in order.
+        quantity: title of the horizontal axis.
+        heading: title of the chart.
+        caption: content and number of runs.
     """
     names = short_labels(map(str, points["teacher"].unique()), base.LONGEST_NAME)
     offsets = dict(zip(names, np.linspace(-0.33, 0.33, len(names) + 2)[1:-1], strict=True))
@@ -129,8 +135,10 @@ def overview_chart(
 def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> base.Chart:
     """Return a row for each teacher: its rank by the mean, and the ranks that tests leave open.
 
-    `boards` has ranks on the same challenges, the best first, by conditions and challenges, separated by a
-    colon; each is a panel.
+    Args:
+        boards: ranks on the same challenges, the best first, by conditions and challenges, separated by a
+            colon; each is a panel.
+        name: identifier of the chart.
     """
     panels = []
     for heading, ranks in boards.items():

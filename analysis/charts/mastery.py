@@ -25,8 +25,12 @@ def mastery_chart(
     On the task plane where tasks have two dimensions, else in a square, the tasks that most runs master
     first. Tasks on a full grid fill the panel.
 
-    `shares` has teacher, step (of an evaluation, or `END`), task_index and share (in [0, 1]), and `tasks` the
-    task_index and task (float32 (d,)) of the test set; `axes` are the dimensions of the task space.
+    Args:
+        shares: teacher, step (of an evaluation, or `END`), task_index and share (in [0, 1]).
+        tasks: task_index and task (float32 (d,)) of the test set.
+        axes: the dimensions of the task space.
+        name: identifier of the chart.
+        caption: content and number of runs.
     """
     tasks = tasks.sort_values("task_index", ignore_index=True)
     values = stack(tasks["task"])

@@ -25,8 +25,14 @@ BINS = 150
 def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> Chart:
     """Return the share of runs over each threshold: a line for each teacher.
 
-    A teacher of at least `FEWEST` runs has a band. `table` has teacher, threshold, share, low, high and n, of
-    `aggregates.profiles`.
+    A teacher of at least `FEWEST` runs has a band.
+
+    Args:
+        table: teacher, threshold, share, low, high and n, of `aggregates.profiles`.
+        quantity: title of the horizontal axis, on which thresholds are.
+        name: identifier of the chart.
+        heading: title of the chart.
+        caption: content and number of runs.
     """
     marks: list[Mark] = []
     for teacher, label in short_labels(table["teacher"].astype(str), LONGEST_NAME).items():

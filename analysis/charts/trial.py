@@ -21,8 +21,11 @@ def course_chart(
 ) -> Chart:
     """Return a panel for each comparison: boundaries, margin, differences with their intervals.
 
-    `courses` are rows of `trials.standing.course` by reference, `teacher` is the new one, and `margin` a
-    difference in points that does not matter.
+    Args:
+        courses: rows of `trials.standing.course` by reference.
+        teacher: new teacher.
+        margin: difference in points that does not matter.
+        name: identifier of the chart.
     """
     panels = []
     for reference, table in courses.items():

@@ -15,9 +15,14 @@ from tma_ray.part_names import nearest
 def write_figures(
     sources: Sources, output: Path, vector: Vector | str = Vector.PDF, only: str = ""
 ) -> Written:
-    """Write the figures of the paper for which results, or published ones alone, have the data.
+    """Write the figures of the paper for which a root or a baseline has the data.
 
-    Each is a vector file and a PNG. Their names begin with `only`, or have it after a hyphen.
+    Args:
+        sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021`` only alone.
+        output: folder to write to; made if missing.
+        vector: pdf or svg; each figure is written as PNG, too.
+        only: beginning of the names of the figures to write, or of the part after a hyphen in them;
+            empty for all.
 
     Raises:
         ResultsRootError: no results root at that place.
@@ -80,9 +85,11 @@ FIGURE = r"""\begin{figure}[p]
 
 
 def write_latex(sources: Sources, folder: Path) -> Written:
-    """Write the paper's tables and figures of results, and a document with all of them; return the document.
+    """Write the paper's tables and figures of a root, and a document with all of them; return the document.
 
-    They are ``report.tex``, ``tables/*.tex`` and ``figures/*.pdf``, each with a PNG, in the folder.
+    Args:
+        sources: results roots and baselines with runs.
+        folder: folder of ``report.tex``, ``tables/*.tex`` and ``figures/*.pdf``, each with a PNG.
 
     Raises:
         ResultsRootError: one of `sources` is not a results root.

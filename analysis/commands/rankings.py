@@ -42,7 +42,14 @@ def show_ranking(
 ) -> None:
     """Print the ranking of teachers on each challenge of a root, and its conclusions in sentences.
 
-    Runs are read after a `share` of the budget; `measure` is a name in `MEASURES`.
+    Args:
+        sources: results roots and baselines.
+        share: share of the budget after which runs are read.
+        console: console to print on; the terminal by default.
+        measure: name in `MEASURES`.
+
+    Raises:
+        ResultsRootError: no results root at that place.
     """
     console, frames = terminal(console), read(sources)
     runs = runs_after(frames, share, training=False)
@@ -134,7 +141,16 @@ STYLES = {
 
 
 def show_claims(sources: Sources, details: bool = False, console: Console | None = None) -> None:
-    """Print the paper's claims and their standing; with `details` every statement, with its numbers."""
+    """Print the paper's claims and their standing in the results of a root.
+
+    Args:
+        sources: results roots and baselines.
+        details: True for every single statement, with its numbers.
+        console: console to print on; the terminal by default.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+    """
     console, frames = terminal(console), read(sources)
     verdicts, notes = root_verdicts(frames)
     for verdict in verdicts:
@@ -157,7 +173,15 @@ def show_claims(sources: Sources, details: bool = False, console: Console | None
 
 
 def show_search(sources: Sources, console: Console | None = None) -> None:
-    """Print the best finished point of each grid, and the paper's choice."""
+    """Print the best finished point of each grid, and the paper's choice.
+
+    Args:
+        sources: results roots.
+        console: console to print on; the terminal by default.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+    """
     frames, console = read(sources), terminal(console)
     found = search_results(frames)
     if found.empty:

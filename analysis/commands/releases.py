@@ -28,7 +28,11 @@ from tma_ray.terminal import terminal
 
 
 def show_baselines(console: Console | None = None) -> None:
-    """Print the known baselines with their contents, licence and place."""
+    """Print the known baselines with their contents, licence and place.
+
+    Raises:
+        BaselineError: a damaged baseline.
+    """
     table = Table("baseline", "engine", "runs", "teachers", "licence", box=None, pad_edge=False)
     table.add_column("where", overflow="fold")
     for baseline in baselines():
@@ -42,7 +46,11 @@ def show_baselines(console: Console | None = None) -> None:
 
 
 def show_verification(name: str | Path, console: Console | None = None) -> bool:
-    """Print the verification of a baseline; return True if it is undamaged."""
+    """Print the verification of a baseline; return True if it is undamaged.
+
+    Raises:
+        BaselineError: no baseline of that name or place.
+    """
     console = terminal(console)
     found = verify(name)
     files = found.baseline.manifest.files
@@ -79,7 +87,16 @@ CHALLENGE_WIDTH, LEAST_TEACHER_WIDTH = 10, 14
 
 
 def show_leaderboards(names: Sequence[str], console: Console | None = None) -> None:
-    """Print the leaderboards of releases, or folders or addresses of results, by default of all known."""
+    """Print the leaderboards of releases.
+
+    Args:
+        names: names of releases, folders or addresses of results; all known releases by default.
+        console: console to print on; the terminal by default.
+
+    Raises:
+        BaselineError: the release does not exist, or one is damaged.
+        ResultsRootError: nothing lies at a place.
+    """
     console = terminal(console)
     console.print(f"{EXPLANATION}\n", style="dim", highlight=False, markup=False)
     for name, place, partial in _places(names):
@@ -207,7 +224,11 @@ TAU = (
 
 
 def findings(name: str) -> str:
-    """Return the findings of a release with runs as Markdown."""
+    """Return the findings of a release as Markdown.
+
+    Raises:
+        BaselineError: the release does not exist, or it has no runs.
+    """
     baseline = find_baseline(name)
     manifest, holds, frames = baseline.manifest, baseline.manifest.holds, baseline.frames()
     steps, students = (

@@ -41,8 +41,12 @@ def write_tables(
 ) -> Written:
     """Return the paper's tables of a root, finished or not, and write them to a folder if one is given.
 
-    Runs are read at `step`, by default at their ends. Published results, as those of ``paper-2021``, stand
-    alone.
+    Args:
+        sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021``, for the
+            paper's own tables, only alone.
+        step: steps at which runs are read; None for their ends.
+        kind: markdown, latex or csv.
+        output: folder to write to; made if missing.
 
     Raises:
         ResultsRootError: no results root at that place.

@@ -35,6 +35,12 @@ def interquartile_means(
 ) -> pd.DataFrame:
     """Return the interquartile mean of each group of runs, with its interval.
 
+    Args:
+        runs: rows of `pooling.pool_runs`; those without the measure do not count, and no run counts twice.
+        measure: column of `runs`.
+        by: columns that a group has in common, teacher among them; ``[*ACROSS, "teacher"]`` over challenges.
+        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
+
     Returns:
         `by`, measure, value, low, high, n, reason (of `statistics.estimates.Estimate`), and missing: strata
         of other teachers in which this one has no results, in words; empty where there are none.
@@ -67,9 +73,14 @@ def improvements(
     within: Sequence[str] = COMPARED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Return the probability that a run of one teacher beats one of another in its stratum, one row a pair.
+    """Return the probability that a run of one teacher beats one of another, one row a pair.
 
-    All teachers are set against `reference`, or if that is None against each other.
+    Args:
+        runs: rows of `pooling.pool_runs`.
+        measure: column of `runs`.
+        reference: the teacher that all others are set against; None for all pairs.
+        within: columns that teachers must have in common to be compared; `ACROSS` over challenges.
+        strata: columns within which runs are compared; `CHALLENGES` over challenges.
 
     Returns:
         `within`, measure, first, second, and value, low, high, n, reason of `statistics.estimates.Estimate`.
@@ -124,7 +135,14 @@ def profiles(
     by: Sequence[str] = POOLED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Return the share of runs over each threshold, which are values of the measure, with intervals.
+    """Return the share of runs over each threshold, group by group, with intervals.
+
+    Args:
+        runs: rows of `pooling.pool_runs`.
+        measure: column of `runs`.
+        thresholds: values of the measure.
+        by: columns that a group has in common; ``[*ACROSS, "teacher"]`` over challenges.
+        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
 
     Returns:
         `by`, measure, threshold, share, low, high, n, reason.

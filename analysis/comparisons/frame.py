@@ -222,8 +222,10 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
 def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Return the test of every teacher against Random at every evaluation, with Holm's p by step.
 
-    `curves` are of `evaluation_curves`, of one comparison, and `reference` the rows of Random, of
-    `reference_of`.
+    Args:
+        curves: results of `evaluation_curves`, of one comparison.
+        reference: rows of Random among them, of `reference_of`.
+        measure: column of both.
 
     Returns:
         step, teacher, the columns of `statistics.Comparison`, and holm.

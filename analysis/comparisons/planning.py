@@ -29,7 +29,9 @@ LITE_BUDGET = 6_000_000
 def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -> pd.DataFrame:
     """Return the smallest differences between two teachers that a plan's seeds can detect, by challenge.
 
-    `cell_rows` are those of a plan's table of cells, and `steps` the budget of its runs.
+    Args:
+        cell_rows: rows of a plan's table of cells: environment, challenge, teacher, expert_knowledge.
+        steps: budget of its runs.
 
     Returns:
         environment, challenge, seeds (of the teacher and level with the fewest, over all bodies and
@@ -73,7 +75,11 @@ def plans_against_random(
 ) -> list[str]:
     """Return a sentence on each teacher that does not differ from Random: runs and hours until a test would.
 
-    `hours` are the wall-clock hours of each run, by run id; `measure` is in per cent.
+    Args:
+        runs: rows of `pooling.pool_runs`.
+        teachers: names of the teachers in question.
+        hours: wall-clock hours of each run, by run id.
+        measure: column of `runs`, in per cent.
     """
     table = over_challenges(runs, measure, BASELINE) if len(runs) else pd.DataFrame()
     said = []

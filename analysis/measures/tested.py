@@ -73,8 +73,11 @@ def compared(
 ) -> Comparison:
     """Compare the means of two samples, by pairs if all of their runs are in `seeds`, else by Welch's test.
 
-    Samples have one value a run, indexed by run id. The means are tested on a `scale`, that of `scale_of`;
-    the difference is of the values.
+    Args:
+        sample: one value a run, indexed by run id.
+        reference: the same of the other group.
+        seeds: seeds of `seeds_to_pair`.
+        scale: scale on which the means are tested, of `tested.scale_of`; the difference is of the values.
     """
     if scale is not Scale.PERCENT:
         scaled = compared(scale.of(sample), scale.of(reference), seeds)

@@ -41,7 +41,11 @@ def places(
 ) -> Iterator[Section]:
     """Yield each challenge and level with results of the reader's teachers and of comparable ones.
 
-    `runs`, at their ends, and `curves`, at all evaluations, are of `together`, `tests` of `duels`.
+    Args:
+        runs: runs of `sides.together`, at their ends.
+        curves: runs of `sides.together`, at every evaluation.
+        tests: tests of `sides.duels`.
+        measure: one of `tested.MEASURES`; learning curves are of each evaluation.
     """
     if runs.empty:
         return

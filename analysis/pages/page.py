@@ -52,9 +52,13 @@ def _environment() -> Environment:
 
 
 def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> Path:
-    """Return the folder that a page is written to: `output`, or without one `name` in the root.
+    """Return the folder that a page about `root` is written to: `output`, or `name` in `root`.
 
-    Messages say `what` page it is.
+    Args:
+        root: a folder, or an ``s3://`` or ``gs://`` address.
+        output: folder that the user asked for, if any.
+        name: name of the folder.
+        what: kind of page, for messages.
 
     Raises:
         ValueError: no `output`, and an object store or a root in which links would be written through.
@@ -88,7 +92,11 @@ def controls(
 ) -> dict[str, Any] | None:
     """Return the controls of a page, None if there is nothing to choose.
 
-    `comparisons` have some of the columns of `FILTERS`; at first, those of the teachers that are `shown`.
+    Args:
+        comparisons: one row each, with some of the columns of `FILTERS`.
+        teachers: teachers of the page.
+        steps: steps at which students were evaluated.
+        shown: teachers that are shown at first.
 
     Returns:
         Teachers that may be left out; columns that tell comparisons apart, with their names and their values,
@@ -137,8 +145,13 @@ def leading(
     """Return the teachers that a page shows initially: all, or Random and the best of many.
 
     The best are those with the highest mean of a measure over the challenges that each has results of, and
-    the best one of each comparison, by the columns `within`, that would otherwise be empty. `results` have a
-    row for each teacher and challenge; `teachers` are all of the page, also those without results yet.
+    the best one of each comparison that would otherwise be empty.
+
+    Args:
+        results: a row for each teacher and challenge, with the columns teacher and `measure`.
+        measure: column of `results`; NaN where there is nothing.
+        teachers: all teachers of the page, also those without results yet.
+        within: columns that the teachers of a comparison have in common.
     """
     everyone = frozenset(map(str, teachers))
     if len(everyone) <= MANY:
@@ -161,7 +174,12 @@ CAPTION = (
 
 
 def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> dict[str, Any]:
-    """Return the content of the section over all challenges, of all runs that count as results."""
+    """Return the content of the section over all challenges.
+
+    Args:
+        runs: all runs that count as results, of `pooling.pool_runs`.
+        measure: measure that is aggregated.
+    """
     counted, quantity = runs[runs[measure].notna()], QUANTITIES[measure]
     profiles = [
         profile_chart(table, quantity, f"profiles-{count}", f"Performance profiles, {where}", CAPTION)

@@ -256,7 +256,9 @@ def end_rows(mine: Measured) -> Iterator[dict[str, Any]]:
 def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[str, str]]]:
     """Return the rows at every evaluation, as text by step, teacher and column.
 
-    Random may have run at another level or in another experiment of the root, `everything`.
+    Args:
+        mine: measures of the comparison.
+        everything: measures of the root, where Random may have run at another level or in another experiment.
     """
     curves = mine.evaluations
     if curves.empty:
@@ -307,7 +309,10 @@ def _against_random(test: Mapping[Any, Any]) -> dict[str, str]:
 def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iterator[Section]:
     """Yield a section for each comparison of the root, in a fixed order.
 
-    Figures have the teachers that are `shown`: they cannot be chosen on the page as in charts.
+    Args:
+        frames: results of the root.
+        measured: measures of the root.
+        shown: teachers that figures have, which cannot be chosen on the page as charts can.
     """
     for anchor, title, mine in titled(measured):
         curricula = curricula_of(frames, mine)  # read once, for charts and figures

@@ -40,7 +40,14 @@ def power(
     0.70, and 35.1 are needed; from 10 seeds on both agree. Given both variances the test statistic is normal,
     so that the power is its mean over the distributions of both, by Gauss and Legendre's quadrature.
 
-    NaN where a sample has fewer than two values or no standard deviation, or neither has a spread.
+    Args:
+        difference: difference of the true means.
+        first: n and true standard deviation of a sample; its mean does not matter.
+        second: the same of the other sample.
+        significance: p under which the test finds a difference.
+
+    Returns:
+        NaN where a sample has fewer than two values or no standard deviation, or neither has a spread.
     """
     if not _testable(first, second):
         return math.nan
@@ -53,7 +60,14 @@ def detectable_difference(
 ) -> float:
     """Return the smallest difference of means that a two-sided Welch test finds with power `wanted`.
 
-    NaN where `power` is NaN.
+    Args:
+        first: n and true standard deviation of a sample; its mean does not matter.
+        second: the same of the other sample.
+        wanted: probability of finding the difference, over `significance` and under 1.
+        significance: p under which the test finds a difference.
+
+    Returns:
+        In the unit of the samples; NaN where `power` is NaN.
 
     Raises:
         ValueError: `wanted` is not between `significance` and 1.
@@ -71,8 +85,16 @@ def detectable_in_pairs(
 ) -> float:
     """Return the smallest mean difference that a two-sided paired t-test finds with power `wanted`.
 
-    Exact for normal differences: the test statistic has the noncentral t distribution. `margin` is half the
-    width of the 95 % interval of the mean difference of so many pairs; NaN under two, or if it is not over 0.
+    Exact for normal differences: the test statistic has the noncentral t distribution.
+
+    Args:
+        pairs: their number.
+        margin: half the width of the 95 % interval of the mean difference.
+        wanted: probability of finding the difference, over `significance` and under 1.
+        significance: p under which the test finds a difference.
+
+    Returns:
+        In the unit of the margin; NaN with fewer than two pairs or without a margin over 0.
     """
     if pairs < 2 or not margin > 0:
         return math.nan

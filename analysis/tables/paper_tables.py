@@ -48,7 +48,11 @@ class TableResults:
 
 
 def published_table_results(frame: pd.DataFrame | None = None) -> TableResults:
-    """Return published results in the columns of `paper_frame`, those of the paper by default."""
+    """Return published results, those of the paper by default.
+
+    Args:
+        frame: table with the columns of `paper_frame`.
+    """
     frame = paper_frame() if frame is None else frame
     steps = " or ".join(amount(steps) for steps in sorted(frame["steps"].unique()))
     engines = " and ".join(sorted(frame["engine"].unique()))
@@ -78,7 +82,11 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
 
 
 def results_of(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns `RESULTS` of results of `pooled`, also by embodiment, or of `paper_frame`."""
+    """Return the columns `RESULTS` of pooled results or of published ones.
+
+    Args:
+        frame: results of `pooling.pooled`, some by embodiment or not, or of `published.paper_frame`.
+    """
     found = frame.rename(columns={"mastered_percent_mean": "mean", "mastered_percent_std": "std"})
     if "pool" in found:
         parts = [pooling.parts_of(pool) for pool in found["pool"]]
@@ -165,7 +173,11 @@ def result_tables(results: TableResults) -> list[Table]:
 
 
 def hyperparameters(found: pd.DataFrame | None = None) -> Table:
-    """Return searched hyper-parameters: values tried, the paper's choice, the best of `search_results`."""
+    """Return searched hyper-parameters: values tried, the paper's choice, the best point found.
+
+    Args:
+        found: result of `search_results`; None where nothing was searched.
+    """
     found = pd.DataFrame(columns=POINTS) if found is None else found
     columns = {"values": "Values tried", "chosen": "The paper's choice", "found": "Best found"}
     rows: dict[str, str] = {}

@@ -43,9 +43,12 @@ def spent(fraction: float, error: float) -> float:
 def boundaries(
     fractions: tuple[float, ...], error: float, information: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Return the boundary of each look, at which the error that `spent` allows at its fraction is spent.
+    """Return the boundary of each look, at which the error that `spent` allows is spent.
 
-    `error` is the one-sided error of all looks together; `information` gives the correlations alone.
+    Args:
+        fractions: information of each look, rising to 1.
+        error: one-sided error of all looks together.
+        information: information of each look in any unit, which gives the correlations.
     """
     found: list[float] = []
     path, before = _Path(), 0.0
@@ -62,7 +65,11 @@ def crossing(bounds: Sequence[float], information: Sequence[float], drift: float
     """Return the probability of each look to be the first whose statistic is over its bound.
 
     By numerical integration over the statistics that crossed nowhere (Armitage, McPherson and Rowe, 1969).
-    `drift` is the true difference, in the unit whose standard error at information i is 1 / sqrt(i).
+
+    Args:
+        bounds: boundary of each look.
+        information: information of each look, rising.
+        drift: true difference, in the unit whose standard error at information i is 1 / sqrt(i).
     """
     path, found = _Path(), []
     for bound, held in zip(bounds, information, strict=True):
@@ -75,8 +82,11 @@ def median_unbiased(statistic: float, bounds: Sequence[float], information: Sequ
     """Return the estimate of a difference that is too high as often as too low, after a stop.
 
     By the stagewise order of results: crossing sooner is more (Jennison and Turnbull, 2000, section 8.4).
-    `statistic` is that of the look at which the trial stopped, the last of `information`; `bounds` are those
-    of the looks before it.
+
+    Args:
+        statistic: statistic of the look at which the trial stopped, the last of `information`.
+        bounds: boundary of the looks before it.
+        information: information of each look until then, rising.
     """
     naive = statistic / math.sqrt(information[-1])
     if not bounds:

@@ -211,7 +211,14 @@ def make_design(
 
     Its error is the largest of `ERRORS` by which simulated verdicts are wrong rarely enough: Student's
     quantiles of few and skewed values spend more than they should, as trials over one cell show.
-    `frames` are those of the release, `wanted` the names of its cells that are tried, by default all.
+
+    Args:
+        teacher: canonical name of the new teacher.
+        baseline: the release.
+        frames: its frames.
+        margin: difference in points that does not matter.
+        wanted: names of cells: the challenge, with the body where it has several; all by default.
+        looks: seeds of every cell at each look.
 
     Raises:
         ValueError: an unknown cell, too few runs of Random or of others to compare with, or verdicts that

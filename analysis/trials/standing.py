@@ -90,8 +90,11 @@ def looks_at(
 ) -> list[Look]:
     """Return the looks of a trial of which all runs have ended, none after one at which it ends.
 
-    `released` are of `design.released_runs`, `own` those of the new teacher, of `design.ended_runs`;
-    `affordable` is the number of the last look within the budget, from 0 on; None for all.
+    Args:
+        design: fixed design of the trial.
+        released: runs of the release, of `design.released_runs`.
+        own: runs of the new teacher, of `design.ended_runs`.
+        affordable: number of the last look within the budget, from 0 on; None for all.
     """
     affordable = len(design.looks) - 1 if affordable is None else affordable
     references = {name: moments_of(released, name, design.places) for name in design.references}

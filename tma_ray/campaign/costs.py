@@ -473,7 +473,10 @@ def long_cost(
 ) -> Cost | None:
     """Return the cost of the runs of `plan` that `results` lacks, None if that takes up to an hour here.
 
-    See `estimate` for `known` and `nodes`, and `unfinished` for errors.
+    See `estimate` for `known` and `nodes`, which execute the plan.
+
+    Raises:
+        ResultsRootError: the root belongs to something else or to another version.
     """
     slowest = estimate(plan, settings, find_speeds=lambda kinds, *_: dict.fromkeys(kinds, SLOWEST))
     if slowest.wall_hours <= LONGEST_HOURS:

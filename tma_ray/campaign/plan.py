@@ -154,9 +154,12 @@ def matrix_cells(
 ) -> tuple[Cell, ...]:
     """Return the cells of one point of `matrix`, without teachers that lack expert knowledge.
 
-    `teachers` are those of a matrix that names none; else the selection of its own teachers, with the
-    hyper-parameters given there, all by default. The others are values that differ from the defaults of each
-    teacher and student.
+    Args:
+        matrix: matrix to run.
+        teachers: teachers of a matrix that names none; else the selection of its own teachers, with the
+            hyper-parameters given here, all by default.
+        teacher_hyperparameters: values that differ from each teacher's defaults.
+        student_hyperparameters: values that differ from each student's defaults.
 
     Raises:
         UnknownNameError: no such teacher.
@@ -185,8 +188,10 @@ def matrix_campaigns(
 ) -> tuple[CampaignSpec, ...]:
     """Return a campaign for each of `matrices`, and each point of its grids, that any teacher can run.
 
-    See `matrix_cells` for `teachers`. A matrix with a budget has that instead of the schedule's, by default
-    the paper's.
+    Args:
+        matrices: matrices to run.
+        teachers: see `matrix_cells`.
+        schedule: budget and intervals, the paper's by default; a matrix with a budget has that instead.
 
     Raises:
         UnknownNameError: no such teacher.

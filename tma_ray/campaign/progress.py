@@ -71,10 +71,18 @@ class ActiveRun:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Progress of a campaign at one moment: numbers of runs, those that train, and learners of cohorts.
+    """Progress of a campaign at one moment.
 
-    Runs that are done are published, failed ones raised or died too often, stopped ones left with a
-    checkpoint, and waiting ones are not yet started, or still starting.
+    Attributes:
+        total: runs of the campaign.
+        done: runs whose results are published.
+        failed: runs that raised, or died too often.
+        stopped: runs that left with a checkpoint.
+        waiting: runs not yet started, or still starting.
+        waiting_steps: environment steps of those.
+        total_steps: environment steps of all runs.
+        running: runs that train.
+        learners: learners of cohorts.
     """
 
     total: int
@@ -190,10 +198,15 @@ WAITING = "waiting"  # state of a run of a campaign that has not been started
 
 @dataclass(frozen=True)
 class RunState:
-    """One run of a campaign: its state, steps published or newer, budget, speed, and reason of a failure.
+    """One run of a campaign.
 
-    The state is done, running, failed, interrupted or waiting; a run that was never started has a budget of
-    0.
+    Attributes:
+        run_id: its id.
+        state: done, running, failed, interrupted or waiting.
+        step: environment steps that are published or in the campaign's last heartbeat.
+        steps: its budget; 0 if it was never started.
+        steps_per_second: speed of the last heartbeat, 1/s; 0 of a run that is not running.
+        error: traceback or reason of a failure.
     """
 
     run_id: str
@@ -206,9 +219,12 @@ class RunState:
 
 @dataclass(frozen=True)
 class Overview:
-    """The campaigns of a results root: their runs by campaign and by cell, a tuple of its parts.
+    """The campaigns of a results root.
 
-    The last heartbeat is None if there never was one, the trial if the campaign is of none.
+    Attributes:
+        campaigns: runs by campaign and by cell, whose name is the tuple of its parts.
+        heartbeat: last heartbeat in the root, None if there never was one.
+        trial: trial of the campaign, None if it is of none.
     """
 
     campaigns: Mapping[str, Mapping[tuple[str, ...], list[RunState]]]

@@ -41,8 +41,15 @@ def like_plan(
 ) -> Plan:
     """Return the runs of `teachers` on the cells of a release, with its seeds and settings.
 
-    Every cell's first seed comes before any cell's second. `core` are the campaigns of the release to repeat,
-    `challenges` and `seeds` those of its cells; all by default.
+    Every cell's first seed comes before any cell's second.
+
+    Args:
+        name: name of the campaign.
+        released: release to repeat.
+        teachers: names in the teacher registry, or ``module:Name``.
+        core: campaigns of the release to repeat; all by default.
+        challenges: challenges of the release to repeat; all by default.
+        seeds: seeds of the release to repeat; all by default.
 
     Raises:
         ValueError: a challenge, seed or campaign that the release does not have, a teacher that cannot run,

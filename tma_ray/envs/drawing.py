@@ -49,7 +49,13 @@ REACH = 5.0
 
 
 class View(NamedTuple):
-    """The part of the world that a frame shows: its lower left corner in m, and pixels per m."""
+    """The part of the world that a frame shows.
+
+    Attributes:
+        left: x of the left edge, in m.
+        bottom: y of the lower edge, in m.
+        scale: pixels of a frame per m.
+    """
 
     left: float
     bottom: float
@@ -107,7 +113,11 @@ Floats = NDArray[np.float64]
 
 
 class Canvas:
-    """Canvas for lines, outlines and text in world coordinates; widths are in pixels of a frame."""
+    """Canvas for lines, outlines and text in world coordinates; widths are in pixels of a frame.
+
+    Attributes:
+        view: section of the world that the frame shows.
+    """
 
     def __init__(self) -> None:
         self.surface = pygame.Surface((WIDTH * SUPERSAMPLING, HEIGHT * SUPERSAMPLING))

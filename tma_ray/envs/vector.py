@@ -19,7 +19,14 @@ if TYPE_CHECKING:
 
 
 class Outcome(NamedTuple):
-    """What a step of k environments gives: observations (k, o), rewards and ends of episodes (k,)."""
+    """What a step of k environments gives.
+
+    Attributes:
+        observations: values (k, o).
+        rewards: values (k,).
+        terminated: True for episodes that ended in their worlds (k,).
+        truncated: True for episodes that reached their longest length (k,).
+    """
 
     observations: NDArray[np.float32]
     rewards: NDArray[np.float64]

@@ -48,7 +48,12 @@ class TranslationError(ValueError):
 
 @dataclass(frozen=True)
 class Array:
-    """Type of a contiguous array of values of a kind."""
+    """Type of a contiguous array.
+
+    Attributes:
+        kind: type of its values.
+        dimensions: number of dimensions.
+    """
 
     kind: str
     dimensions: int
@@ -56,7 +61,12 @@ class Array:
 
 @dataclass(frozen=True)
 class Record:
-    """Type of a tuple of items, with names if it is a NamedTuple."""
+    """Type of a tuple, with names if it is a NamedTuple.
+
+    Attributes:
+        items: type of each item.
+        names: name of each item, empty for a plain tuple.
+    """
 
     items: tuple["Type", ...]
     names: tuple[str, ...] = ()

@@ -53,7 +53,12 @@ SILENT_SECONDS: Final = 120.0  # silence after which a campaign is taken to be d
 
 @dataclass(frozen=True)
 class RunProgress:
-    """Progress of a running run, newer than its published one, in environment steps."""
+    """Progress of a running run, newer than its published one.
+
+    Attributes:
+        step: environment steps.
+        steps_per_second: environment steps per second.
+    """
 
     step: Natural
     steps_per_second: float

@@ -91,14 +91,21 @@ def pack(
     tick: Callable[[], None],
     contents: Contents = WHOLE,
 ) -> list[Manifest]:
-    """Write one file called `name` per table with all rows of some runs; return manifests that lead to them.
+    """Write one file per table with all rows of some runs; returns manifests that lead to them.
 
     The rows come run after run, each run's as they were written: in order of steps. Nothing refers to the
-    files yet when it returns; they have been read back and compared with what they were made of. `tick` is
-    called now and then, as long work needs signs of life.
+    files yet when it returns; they have been read back and compared with what they were made of.
+
+    Args:
+        results: the root that the runs are read from.
+        manifests: manifests of these runs, by run id.
+        target: the root to write to, perhaps the same.
+        name: name of the files; none of that name may exist.
+        tick: called now and then, as long work needs signs of life.
+        contents: tables and files to write.
 
     Raises:
-        DamagedFileError: rows cannot be read, or were not written as they are; or such a file exists.
+        DamagedFileError: rows cannot be read, or were not written as they are.
     """
     slices: dict[str, list[PartFile]] = {manifest.run.run_id: [] for manifest in manifests}
     for table in contents.tables:
@@ -329,7 +336,15 @@ def newer_version(store: Store, path: str) -> str:
 
 @dataclass(frozen=True)
 class Compaction:
-    """Outcome of a compaction: runs that were merged; files of tables and bytes, before and after."""
+    """Outcome of a compaction.
+
+    Attributes:
+        runs: number of runs whose files were merged.
+        files_before: number of files of tables before.
+        files_after: number of files of tables after.
+        bytes_before: size of those files before, bytes.
+        bytes_after: size of those files after, bytes.
+    """
 
     runs: int
     files_before: int

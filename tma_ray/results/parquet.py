@@ -29,10 +29,14 @@ _BOOLEANS, _BYTE, _INTEGERS, _DOUBLE, _BINARY, _STRUCTURE = (1, 2), 3, (4, 5, 6)
 def unpacked_sizes(
     file: pq.ParquetFile, source: Any, groups: Iterable[int], columns: Collection[str], kept: Collection[str]
 ) -> Iterator[int]:
-    """Yield bounds of the bytes that pages of `columns` take in memory, one by one.
+    """Yield bounds of the bytes that pages of some columns take in memory, one by one.
 
-    `source` is the opened file with `read_at`. Texts of `kept` columns are read as dictionaries, in which
-    every text stays one.
+    Args:
+        file: the opened file.
+        source: the same file, with `read_at`.
+        groups: row groups that are to be read.
+        columns: columns that are to be read.
+        kept: those of texts that are read as dictionaries, in which every text stays one.
 
     Raises:
         DamagedFileError: something else lies where a page should be.
@@ -200,8 +204,12 @@ def decode(
 ) -> pa.Table:
     """Return the rows of a Parquet file with all columns of its table, or these in this order.
 
-    It must have `count` rows, or any number up to `MOST_ROWS`. With `checked`, `data` was compared with a
-    checksum, which makes those of its pages needless.
+    Args:
+        table: table of the rows.
+        data: content of the file.
+        columns: names of the columns to read; all if None.
+        count: number of rows that it must have; any number up to `MOST_ROWS` if None.
+        checked: True if `data` was compared with a checksum, which makes those of its pages needless.
 
     Raises:
         OSError, pa.ArrowException: the bytes are not a complete Parquet file of this table.

@@ -70,8 +70,12 @@ class Inspection:
 class Inspector:
     """Compare the files of runs with their manifests, reading each file once.
 
-    Damage of a file that many runs share is reported for those runs whose rows it hit. A storage that refuses
-    to read may read later: that is raised, or counts as damage without `raise_refusals`.
+    Damage of a file that many runs share is reported for those runs whose rows it hit.
+
+    Args:
+        store: the results root.
+        raise_refusals: raises what a storage says that refuses to read, since it may read later; else that
+            counts as damage, too.
     """
 
     def __init__(self, store: Store, *, raise_refusals: bool = True) -> None:
@@ -130,8 +134,12 @@ def lost_manifests(
     """Return the manifests that are gone, by path, with what shows that they were there.
 
     A run gets its manifest when it starts, and keeps it. One without has lost it if its row says that it
-    is done, or if a row or cell lists it and one of the `TRACES` of runs that have started is there. Those of
-    the runs `damaged`, by their ids, are there and cannot be read.
+    is done, or if a row or cell lists it and one of the `TRACES` of runs that have started is there.
+
+    Args:
+        store: the results root.
+        manifests: those that can be read.
+        damaged: ids of the runs whose manifests cannot be read, but are there.
     """
     known = {manifest.run.run_id for manifest in manifests}.union(damaged)
     traces = {

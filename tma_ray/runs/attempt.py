@@ -65,8 +65,14 @@ class Attempt:
     """Execution of a run in this process, from its newest checkpoint or from the start.
 
     `execute` is the whole sequence, with a log in the results root: fetch the files that the run reads,
-    resume, train, commit at checkpoints, finish. The other methods may be called from another thread. No two
-    processes may share the `number` of an attempt; `teacher` makes the link to the teacher of a spec.
+    resume, train, commit at checkpoints, finish. The other methods may be called from another thread.
+
+    Args:
+        spec: run to execute.
+        store: results root.
+        number: number of this attempt; no two processes may share one.
+        placement: device, threads, time between checkpoints.
+        teacher: maker of the link to the teacher of `spec`.
     """
 
     def __init__(
@@ -288,10 +294,17 @@ def run_locally(
     should_stop: Callable[[], bool] = lambda: False,
     on_status: Callable[[Status], None] = lambda _: None,
 ) -> AttemptOutcome:
-    """Run `spec` in this process, from its newest checkpoint if there is one, and return the outcome.
+    """Run `spec` in this process, from its newest checkpoint if there is one.
 
-    Nothing happens if the root holds its results already. After every episode `on_status` is called with the
-    run's status, then `should_stop`; a stopped run leaves a checkpoint.
+    Args:
+        spec: run to execute; nothing happens if the root holds its results already.
+        committer: committer of the results root.
+        placement: device, threads, time between checkpoints.
+        should_stop: called after every episode; a stopped run leaves a checkpoint.
+        on_status: called with the run's status after every episode.
+
+    Returns:
+        The outcome of the attempt.
 
     Raises:
         StorageError: the root refused what was written for too long; the run can be resumed.

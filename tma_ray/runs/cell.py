@@ -38,7 +38,9 @@ _ELSEWHERE = {"embodiment": "--embodiment or Cell.embodiment", "render_mode": "n
 def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """Return the canonical name of an environment, and the options that differ from its defaults.
 
-    They may follow the name (``parkour:swinging_creepers=true``); further `options` are of its constructor.
+    Args:
+        name: registered name or ``module:Name``, with options if wanted (``parkour:swinging_creepers=true``).
+        options: further options of its constructor.
 
     Raises:
         UnknownNameError: no such environment.
@@ -71,9 +73,11 @@ def check_body(environment: str, embodiment: str) -> None:
 
 
 def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[float, float]]]:
-    """Return the name of a challenge without bounds, and the bounds that it is given, in `space` too.
+    """Return the name of a challenge without bounds, and the bounds that it is given.
 
-    They may follow the name (``original:stump_height=0..0.3``).
+    Args:
+        name: name of a challenge, with bounds if wanted (``original:stump_height=0..0.3``).
+        space: further bounds.
 
     Raises:
         ValueError: bounds that are not two numbers, or given twice.

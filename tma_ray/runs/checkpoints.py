@@ -19,7 +19,13 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class StateFile:
-    """One file of a checkpoint; its path may be in the folder of an earlier one."""
+    """One file of a checkpoint.
+
+    Attributes:
+        path: path in the folder of the run's checkpoints, in this checkpoint or an earlier one.
+        sha256: digest of its bytes, hexadecimal.
+        size: size in bytes.
+    """
 
     path: str
     sha256: Sha256

@@ -24,11 +24,17 @@ Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # actions (n, a) for
 def played_episodes(
     worlds: LockStep, seeds: Sequence[int], tasks: Task, act: Act, most_steps: float = math.inf
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Play one episode of each task (n, d) at the same time, in the first n worlds and with n seeds.
+    """Play one episode of each task, all at the same time.
+
+    Args:
+        worlds: worlds, of which the first n are used.
+        seeds: seeds of the n worlds.
+        tasks: tasks of the n worlds (n, d).
+        act: function that chooses the actions.
+        most_steps: largest number of steps of all worlds together.
 
     Returns:
-        Episodic returns and lengths (n,) so far; episodes are not over that are cut after `most_steps` steps
-        of all worlds together.
+        Episodic returns and lengths (n,) so far; episodes that `most_steps` cut are not over.
     """
     running = np.arange(len(tasks))
     observations, _ = worlds.reset(running, seeds, tasks)
@@ -111,10 +117,16 @@ class Trials:
         return action
 
     def evaluate(self, student: Student, tasks: Task, greedy: bool, budget: int) -> Outcomes | None:
-        """Play an episode of each of `tasks` (n, d) of the world, by the deterministic policy if `greedy`.
+        """Play an episode of each task.
+
+        Args:
+            student: student that acts.
+            tasks: tasks of the world (n, d).
+            greedy: True for the deterministic policy instead of the exploring one.
+            budget: steps left of the run.
 
         Returns:
-            The outcomes; None if the `budget` of steps left ends before, or with, the last step.
+            The outcomes; None if the budget ends before, or with, the last step.
         """
         act = student.act_greedily if greedy else partial(student.sample_actions, rng=self._rng)
         seeds = self._rng.integers(2**31, size=len(tasks)).tolist()
@@ -139,7 +151,12 @@ class Trials:
 
 
 class Recorder:
-    """Recorder of one episode, in copies, since an environment may reuse its arrays."""
+    """Recorder of one episode, in copies, since an environment may reuse its arrays.
+
+    Args:
+        initial_observation: observation of `reset` (o,).
+        gamma: the student's discount factor.
+    """
 
     def __init__(self, initial_observation: NDArray[np.float32], gamma: float) -> None:
         self._gamma = gamma

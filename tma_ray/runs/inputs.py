@@ -106,10 +106,12 @@ _contents: dict[str, bytes] = {}  # contents that this process has read or recei
 
 
 def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, InputFile]]:
-    """Read the files that `options` of "environment", "student" or "teacher" name.
+    """Read the files that options name.
 
-    A text that is the path of a file, with parameters of a body after it if wanted, names that file if it has
-    a suffix or a folder: names of what ships have neither.
+    Args:
+        part: "environment", "student" or "teacher".
+        options: options by name. A text that is the path of a file, with parameters of a body after it if
+            wanted, names that file if it has a suffix or a folder: names of what ships have neither.
 
     Returns:
         The options with the file's name in place of its path, and the files by part and option.

@@ -107,7 +107,10 @@ def is_available(device: str) -> bool:
 def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = None) -> str:
     """Return CPU model, threads, device and versions of what computes, as JSON.
 
-    `hardware` is `gpu` of the device of a student that learns alone, or that of `ask_learner` for a cohort.
+    Args:
+        threads: torch's threads of the run.
+        device: torch's name of the device of a student that learns alone.
+        hardware: result of `gpu` for that device, or of `tma_ray.students.players.ask_learner` for a cohort.
     """
     content = {
         "tma_ray": installed_version("tma_ray"),

@@ -107,8 +107,10 @@ class Run:
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
         """Write the complete state into an existing, empty folder; call it between two episodes.
 
-        Files that have not changed since the last saved or loaded state may be left out, if that still exists
-        and this is `incremental`.
+        Args:
+            folder: target folder.
+            incremental: True if the last saved or loaded state still exists: files that have not changed
+                since may be left out.
 
         Returns:
             The paths in `folder` of the files that were left out; `load` wants them in their places.

@@ -26,7 +26,13 @@ SPEC_FILE = "spec.json"  # name of the file with the spec of a run, next to its 
 
 @dataclass(frozen=True)
 class SavedPolicy:
-    """A policy that a run with a spec saved in a folder of a store."""
+    """A policy that a run saved.
+
+    Attributes:
+        store: store that has it.
+        folder: path of its files in the store.
+        spec: spec of the run.
+    """
 
     store: Store
     folder: str
@@ -70,9 +76,12 @@ class SavedPolicy:
 
 
 def find_policy(name: str, results: str | Path) -> SavedPolicy:
-    """Return the policy called `name`: its folder or a file in it, else a run of a results root.
+    """Return the policy called `name`.
 
-    A run is named by its id, or the beginning of that of no other run.
+    Args:
+        name: folder of a saved policy or a file in it; else a run of `results`: its id, or the beginning
+            of that of no other run.
+        results: folder or URI of a results root.
 
     Raises:
         ValueError: the policy does not exist, or several runs could be meant.

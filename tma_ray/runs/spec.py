@@ -61,7 +61,12 @@ class Plugin:
 
 @dataclass(frozen=True)
 class InputFile:
-    """A file that a run reads, identified by its content; its name is without the folder."""
+    """A file that a run reads, identified by its content; its folder does not matter.
+
+    Attributes:
+        name: name without the folder, under which results show it.
+        sha256: digest of its bytes, hexadecimal.
+    """
 
     name: str
     sha256: str
@@ -229,7 +234,11 @@ class RunSpec:
 
     @classmethod
     def from_json(cls, text: str | bytes, where: str) -> Self:
-        """Return the spec whose `to_dict` is the JSON in `text`, of a file that messages call `where`.
+        """Return the spec whose `to_dict` is the JSON in `text`.
+
+        Args:
+            text: JSON.
+            where: name of the file, for messages.
 
         Raises:
             DamagedFileError: it is not a spec; the message names the file and, where known, the field.

@@ -197,7 +197,11 @@ def _checked_box(space: Space[Any], kind: str) -> spaces.Box:
 class StudentStreams(NamedTuple):
     """Independent seeds for the parts of a student; the order of the fields is the order of spawning.
 
-    Those of networks are for initial weights, and actions sampled in updates; of values, for `state_values`.
+    Attributes:
+        networks: initial weights, and actions sampled in updates.
+        exploration: actions.
+        batches: mini-batches.
+        values: state values.
     """
 
     networks: np.random.SeedSequence

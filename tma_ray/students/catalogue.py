@@ -118,7 +118,11 @@ def default_hyperparameters(name: str) -> dict[str, Any]:
 
 
 def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> Any:
-    """Return the frozen hyper-parameters of a student: those after its `name`, and the values `given`.
+    """Return the frozen hyper-parameters of the student called `name` with the values `given`.
+
+    Args:
+        name: a student's name, with hyper-parameters if wanted (``sac:learning_rate=3e-4``).
+        given: further values that differ from the student's defaults.
 
     Raises:
         UnknownNameError: no student answers to `name`.

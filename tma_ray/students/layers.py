@@ -21,7 +21,13 @@ from tma_ray.students.policy_files import StoredPolicy
 
 
 class Standardise(nn.Module):
-    """Layer that subtracts a mean (o,), divides by a deviation and clips, in float64 as `Normaliser` does."""
+    """Layer that subtracts a mean, divides by a deviation and clips, in float64 as `Normaliser` does.
+
+    Args:
+        mean: mean of observations (o,).
+        variance: variance of observations (o,).
+        clip: bound of the result.
+    """
 
     mean: torch.Tensor
     deviation: torch.Tensor
@@ -141,8 +147,12 @@ class GreedyNetwork:
     """The network that gives the mean action: alone for a saved policy, with further outputs in training.
 
     One observation goes through a `RowNetwork`, several through `forward`; a saved policy takes the same
-    ways as its student, and so gives the same bits. For several observations always the present
-    `parameters` (p,) are applied; the first outputs are the means.
+    ways as its student, and so gives the same bits.
+
+    Args:
+        parameters: values (p,); for several observations always the present ones are applied.
+        layout: layout of the network, whose first outputs are the means.
+        action_size: number of means a.
 
     Attributes:
         row: for one observation; whoever changes the parameters calls `refresh`.

@@ -23,8 +23,14 @@ COUNT_TENSOR = "normaliser.count"
 class Normaliser:
     """Scales observations to mean 0 and variance 1, rewards by the deviation of the discounted return.
 
-    Equal to VecNormalize over one environment of observations (`size`,) to the last bit; one observation at a
-    time, it is several times faster. Statistics are float64, results float32 within the clips.
+    Equal to VecNormalize over one environment to the last bit; one observation at a time, it is
+    several times faster. Statistics are float64, results float32.
+
+    Args:
+        size: length o of an observation.
+        gamma: discount factor of the returns whose variance scales the rewards.
+        observation_clip: bound of a normalised observation.
+        reward_clip: bound of a normalised reward.
     """
 
     def __init__(self, size: int, gamma: float, observation_clip: float, reward_clip: float) -> None:

@@ -36,9 +36,14 @@ from tma_ray.students.sb3.base import StableBaselinesStudent
 
 
 class Trunk(BaseFeaturesExtractor):
-    """Hidden layers that policy and value share, each followed by the activation.
+    """Hidden layers that policy and value share.
 
     stable-baselines3 shares features extractors, no longer hidden layers; so these are one.
+
+    Args:
+        observation_space: a one-dimensional box.
+        hidden_units: units per layer, each followed by the activation.
+        activation: function after each layer.
     """
 
     def __init__(
@@ -169,8 +174,12 @@ def _value_error(
 class PPOUpdate:
     """PPO's update of the networks of `model`, whose policy and value share a `Trunk`.
 
-    The model stays their owner, and the owner of the state of `adam`. The outputs of its network are means
-    and value; the log deviation follows its parameters.
+    The model stays their owner, and the owner of the state of `adam`.
+
+    Args:
+        model: a set-up stable-baselines3 PPO.
+        parameters: its network's, whose outputs are means and value, and its log deviation.
+        hyperparameters: hyper-parameters of the student.
     """
 
     def __init__(

@@ -28,8 +28,14 @@ class ReplayBuffer:
     the observation that they were cut at; stable-baselines3's own buffer refuses that together with
     storing observations once. Memory is touched only as it fills.
 
-    It stands in for stable-baselines3's buffer: its update calls nothing but `sample`, whose batches are
-    drawn by `generator` and come to `device`.
+    It stands in for stable-baselines3's buffer: its update calls nothing but `sample`.
+
+    Args:
+        capacity: transitions kept.
+        observation_size: length o of an observation.
+        action_size: length a of an action.
+        generator: source of the batches.
+        device: device of batches.
     """
 
     def __init__(
@@ -133,7 +139,12 @@ class ReplayBuffer:
                 yield observations, self._actions[piece], self._rewards[piece], terminated
 
     def sample(self, batch_size: int, env: None = None) -> ReplayBufferSamples:
-        """Return `batch_size` transitions drawn uniformly with replacement, as float32 tensors."""
+        """Return `batch_size` transitions drawn uniformly with replacement, as float32 tensors.
+
+        Args:
+            batch_size: number of transitions n.
+            env: stable-baselines3 passes its normalising environment here; there is none.
+        """
         assert env is None, "stable-baselines3's normalising environment, of which there is none"
         ages = self._generator.integers(1, self._size + 1, size=batch_size)
         rows = (self._row - ages) % self._rows

@@ -39,8 +39,12 @@ Pass: TypeAlias = Callable[[torch.Tensor], torch.Tensor]  # a network, as a func
 class Transitions(NamedTuple):
     """A batch of n transitions; stable-baselines3's samples have these attributes, too.
 
-    Observations are (n, o), actions in [-1, 1] (n, a); rewards, and dones: 1 where nothing follows, are (n,
-    1).
+    Attributes:
+        observations: values (n, o).
+        actions: actions in [-1, 1] (n, a).
+        next_observations: values (n, o).
+        dones: 1 where nothing follows (n, 1).
+        rewards: values (n, 1).
     """
 
     observations: torch.Tensor
@@ -51,7 +55,12 @@ class Transitions(NamedTuple):
 
 
 class Draw(NamedTuple):
-    """Actions drawn from the policy, squashed to [-1, 1] (n, a), and their log probabilities (n, 1)."""
+    """Actions drawn from the policy.
+
+    Attributes:
+        actions: squashed to [-1, 1] (n, a).
+        log_probabilities: log probabilities of the actions (n, 1).
+    """
 
     actions: torch.Tensor
     log_probabilities: torch.Tensor
@@ -131,7 +140,16 @@ POLICIES: dict[LogStd, type[SACPolicy]] = {LogStd.TANH: TanhPolicy, LogStd.CLAMP
 class SACUpdate:
     """SAC's update of the networks of `model`, which owns them and the optimisers' states.
 
-    `actor`, `critics` and `targets` are the parameters of its networks.
+    Args:
+        model: a set-up stable-baselines3 SAC with a fixed entropy coefficient.
+        actor: the parameters of its actor.
+        critics: the parameters of its critics.
+        hyperparameters: hyper-parameters of the student.
+
+    Attributes:
+        targets: the parameters of the target critics.
+        actor_adam: optimiser of the actor.
+        critic_adam: optimiser of the critics.
     """
 
     def __init__(

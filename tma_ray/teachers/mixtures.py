@@ -50,8 +50,13 @@ class Mixture:
 def fit_mixture(rows: Array, most_components: int, seed: int) -> Mixture:
     """Return the full-covariance mixture of 2 to `most_components` components with the lowest AIC.
 
-    One EM initialisation each, by a `seed` and without warm start; more than n - 1 components of rows (n, c)
-    are not tried. One thread, so that where a teacher runs does not change what it fits.
+    One EM initialisation each, without warm start. One thread, so that where a teacher runs does
+    not change what it fits.
+
+    Args:
+        rows: data (n, c); sizes beyond n - 1 components are not tried.
+        most_components: largest number of components, included.
+        seed: seed of scikit-learn's initialisation.
     """
     # Imported here: drivers and workers that name a teacher and fit nothing start sooner without it.
     from sklearn.exceptions import ConvergenceWarning

@@ -64,10 +64,15 @@ class LeastSquaresGAN:
     """A generator of points in [-1, 1] and a discriminator that tells wanted points from others.
 
     Source: Florensa et al. 2018, section 4.2, after Mao et al. 2017: the discriminator is drawn to +1 on
-    wanted and to -1 on unwanted and on generated points, the generator to where it is +1. Layers as in
-    TeachMyAgent's paper, appendix A; initial weights, leaky units of the discriminator and optimisers as in
-    its release. Points have `size` dimensions d, as has the noise that they are generated from; a step takes
-    a batch, and as many generated points.
+    wanted and to -1 on unwanted and on generated points, the generator to where it is +1.
+    Layers as in TeachMyAgent's paper, appendix A; initial weights, leaky units of the discriminator
+    and optimisers as in its release.
+
+    Args:
+        size: dimensions d of points and of the noise that they are generated from.
+        learning_rate: learning rate of both RMSProp optimisers.
+        batch_size: points per step, and as many generated ones.
+        rng: source of the initial weights.
     """
 
     def __init__(self, size: int, learning_rate: float, batch_size: int, rng: np.random.Generator) -> None:
@@ -165,10 +170,15 @@ class HighwayNetwork(nn.Module):
 
 
 class AffineCoupling(nn.Module):
-    """Scales and shifts the coordinates `moved` (d,) by functions of the others and of a condition.
+    """Scales and shifts some coordinates by functions of the others and of a condition.
 
     Before any training it is the identity. (With weights around 0, as they usually begin, each of the
     couplings would shrink to a third, all of them together to nearly a point.)
+
+    Args:
+        moved: bool (d,), the coordinates that change.
+        hidden: units of each layer of both networks.
+        generator: source of the initial weights.
     """
 
     def __init__(self, moved: torch.Tensor, hidden: int, generator: torch.Generator) -> None:
@@ -202,12 +212,16 @@ class AffineCoupling(nn.Module):
 
 
 class RealNVP(nn.Module):
-    """A density over the unit box of d dimensions for every condition in (0, 1).
+    """A density over the unit box for every condition in (0, 1).
 
-    Sources: Dinh et al. 2017 (couplings), Racaniere et al. 2020, appendix (three blocks of three couplings:
-    by halves, by the other halves, interlaced); scales, highway networks and precision as in the original
-    release. Its sigmoid is clipped as the paper says, and so is the density here. A single dimension depends
-    on the condition alone. The `hidden` units are the paper's n_HIDDEN.
+    Sources: Dinh et al. 2017 (couplings), Racaniere et al. 2020, appendix (three blocks of three
+    couplings: by halves, by the other halves, interlaced); scales, highway networks and precision as
+    in the original release. Its sigmoid is clipped as the paper says, and so is the density here.
+
+    Args:
+        size: dimensions d; a single one depends on the condition alone.
+        hidden: units of each hidden layer (paper: n_HIDDEN).
+        generator: source of the initial weights.
     """
 
     def __init__(self, size: int, hidden: int, generator: torch.Generator) -> None:

@@ -43,8 +43,10 @@ class ResponseModel(NamedTuple):
     def fit(self, features: Array, windows: NDArray[np.int64], responses: Array) -> tuple[Array, Array]:
         """Return the most probable abilities (k,) and weights (m,), which are unique.
 
-        Difficulties depend on features (n, m); `windows` (n,) are numbers from 0 to k - 1 of the windows of
-        responses y (n,).
+        Args:
+            features: values that difficulties depend on (n, m).
+            windows: number of each response's window (n,), from 0 to k - 1.
+            responses: values y (n,).
         """
         count = int(windows.max()) + 1
         design = np.hstack([np.eye(count)[windows], -features])

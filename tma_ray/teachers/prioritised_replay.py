@@ -40,9 +40,12 @@ class Score(StrEnum):
 
 
 def positive_value_loss(trajectory: Trajectory, values: Array, gae_lambda: float) -> float:
-    """Return the positive value loss of an episode of t steps, with the `gae_lambda` of arXiv:1506.02438.
+    """Return the positive value loss of an episode of t steps.
 
-    Of the values of its observations (t + 1,) the last one does not count if the episode terminated.
+    Args:
+        trajectory: the episode.
+        values: values of its observations (t + 1,); the last one does not count if the episode terminated.
+        gae_lambda: lambda of the estimates (arXiv:1506.02438).
     """
     from scipy.signal import lfilter  # imported here: who only names a teacher starts sooner without it
 
@@ -284,9 +287,13 @@ class PrioritisedReplay(Teacher):
         """Respond to the replay of `task` (d,), which has been scored; do nothing by default."""
 
     def estimate(self, trajectory: Trajectory, values: Array, best: float, mastered: bool) -> float:
-        """Return the score of a task from its episode and `values` of its states (t + 1,), or of the first.
+        """Return the score of a task.
 
-        The highest discounted return that was seen on the task is `best`.
+        Args:
+            trajectory: the task's episode.
+            values: values of its observations (t + 1,), or of the first one.
+            best: highest discounted return that was seen on the task.
+            mastered: True if the task was mastered at least once.
         """
         if self.score is Score.MAX_MC:
             return best - float(values[0])

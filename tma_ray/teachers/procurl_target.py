@@ -35,8 +35,12 @@ def proximity(values: Array, target_values: Array, similarities: Array) -> Array
     """Return the score (n,) of n tasks: their progress and that of the target that goes with it best.
 
     The score of a task c is max over targets t of V(c) (1 - V(c)) V(t) (1 - V(t)) k(c, t): it is high for
-    tasks neither too easy nor too hard that resemble such a target. Values V are in [0, 1], and k are the
-    similarities (m, n) of m targets.
+    tasks neither too easy nor too hard that resemble such a target.
+
+    Args:
+        values: values V of the tasks (n,), in [0, 1]; 1 is optimal.
+        target_values: values of the targets (m,).
+        similarities: k of each target and task (m, n).
     """
     of_targets = ((target_values * (1 - target_values))[:, None] * similarities).max(axis=0)
     return np.asarray(values * (1 - values) * of_targets, dtype=np.float64)

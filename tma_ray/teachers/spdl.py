@@ -88,14 +88,21 @@ def self_paced_update(
 ) -> FullGaussian:
     """Return a distribution that improves E[V] - penalty * KL(new || target).
 
-    It lies in the direction of the natural gradient, where the objective is largest without KL(current ||
-    new) over `most_divergence` (paper: epsilon; the penalty is alpha). The expectation is estimated by
-    importance weights from values V (n,) at contexts (n, d), which `current` drew.
+    It lies in the direction of the natural gradient, where the objective is largest without
+    KL(current || new) over `most_divergence`. The expectation is estimated by importance weights.
 
-    Sources: Klink et al. 2020, algorithm 1. The original release goes the same way, as far as 1.5 times the
-    bound. Differently from it, the mean of the values is subtracted before they are weighted: that changes no
-    expectation, but without it the noise of the weights' own sum outweighs the penalty, and flat values keep
-    the distribution away from its target.
+    Sources: Klink et al. 2020, algorithm 1. The original release goes the same way, as far as 1.5
+    times the bound. Differently from it, the mean of the values is subtracted before they are
+    weighted: that changes no expectation, but without it the noise of the weights' own sum outweighs
+    the penalty, and flat values keep the distribution away from its target.
+
+    Args:
+        current: the distribution that the contexts were drawn from.
+        target: distribution that the penalty pulls towards.
+        contexts: points (n, d).
+        values: V of the student in them (n,).
+        penalty: weight of the divergence from the target, at least 0 (paper: alpha).
+        most_divergence: bound of the step in nats (paper: epsilon).
     """
     with threadpool_limits(limits=1):  # so that where a teacher runs does not change what it finds
         # in coordinates in which the current distribution is the standard Gaussian

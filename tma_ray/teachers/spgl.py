@@ -17,9 +17,13 @@ RIDGE = 1.0
 
 
 def quadratic_fit(points: Array, returns: Array) -> tuple[Array, Array]:
-    """Return gradient (f,) and curvature (f, f) at 0 of the quadratic function that fits returns (n,) best.
+    """Return gradient (f,) and curvature (f, f) at 0 of the quadratic function that fits `returns` best.
 
-    Ridge regression at points (n, f) of unit scale, of which the constant term is free.
+    Ridge regression, of which the constant term is free.
+
+    Args:
+        points: n points (n, f), in coordinates in which they have unit scale.
+        returns: their returns (n,).
     """
     size = points.shape[1]
     rows, columns = np.triu_indices(size)
@@ -88,9 +92,16 @@ def closed_form_update(
 ) -> FullGaussian:
     """Return the Gaussian that maximises E[J] - penalty * KL(new || target) within a step from `current`.
 
-    J is a quadratic model of the returns (n,) at the contexts (n, f). The best Gaussian is in closed form for
-    every weight of KL(new || current); of these weights the least is taken that keeps its bound in nats, by
-    bisection.
+    J is a quadratic model of the returns. The best Gaussian is in closed form for every weight of the
+    divergence from `current`; of these weights the least is taken that keeps the bound, by bisection.
+
+    Args:
+        current: distribution that the contexts were drawn from.
+        target: distribution that the penalty pulls towards.
+        contexts: points (n, f).
+        returns: their returns (n,).
+        penalty: weight of the divergence from the target, at least 0.
+        most_divergence: bound of KL(new || current) in nats.
     """
     from scipy.optimize import bisect  # imported here: who only names a teacher starts sooner without it
 

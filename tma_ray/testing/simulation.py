@@ -63,13 +63,20 @@ class SimulatedRun:
 
 
 class Simulation:
-    """Loop of a teacher and a simulated student; see `simulate` for the arguments.
-
-    Seeds are spawned in a fixed order: a shuffled space and the randomly placed initial Gaussian depend on
-    the seed alone, so that all teachers meet the same, and the same student.
+    """Loop of a teacher and a simulated student.
 
     Attributes:
         episodes: played so far, those of evaluations for the teacher among them.
+
+    Seeds are spawned in a fixed order: a shuffled space and the randomly placed initial Gaussian depend
+    on the seed alone, so that all teachers meet the same, and the same student.
+
+    Args:
+        challenge: simulated challenge.
+        teacher: registered name, or ``module:Name``.
+        level: expert knowledge offered; the teacher is told what it uses of it.
+        seed: whole number of at least 0.
+        hyperparameters: values that differ from the teacher's defaults.
 
     Raises:
         ValueError: an unknown teacher or hyper-parameter, or too little knowledge for the teacher.

@@ -82,10 +82,13 @@ MOST_BYTES = 20 * 2**20
 
 @contextmanager
 def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, Any] | None]:
-    """Context manager of the `runtime_env` of `ray.init` that brings plug-ins to all workers, None for none.
+    """Context manager of a Ray runtime environment that brings plug-ins to every worker of a job.
 
-    The files are copied first: what is edited while a campaign runs does not reach its workers. Installed
-    packages are not shipped; every node needs them by itself.
+    The files are copied first: what is edited while a campaign runs does not reach its workers.
+    Installed packages are not shipped; every node needs them by itself.
+
+    Returns:
+        The `runtime_env` of `ray.init`, None if there is nothing to ship.
 
     Raises:
         ValueError: the files are larger than `MOST_BYTES`.
@@ -128,9 +131,11 @@ _HOST = re.compile(r"[\w.-]+|[0-9a-fA-F:.]*:[0-9a-fA-F:.]+(%\w+)?")
 
 
 def check_address(address: str) -> None:
-    """Refuse an address at which a campaign cannot join a cluster: one as of `host_and_port`.
+    """Refuse an address at which a campaign cannot join a cluster.
 
-    With "auto", RAY_ADDRESS counts if set; else the Ray that runs on this machine is left to Ray to find.
+    Args:
+        address: "host:port" of a cluster's head, or "auto": RAY_ADDRESS if set, else the Ray that runs
+            on this machine, which is left to Ray to find.
 
     Raises:
         ValueError: not such an address.

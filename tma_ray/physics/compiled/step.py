@@ -40,8 +40,11 @@ SUBSTEPS, MOTOR_SUBSTEPS, COUNT_CONTACT, TERRAIN = 9, 10, 11, 12
 class Memory(NamedTuple):
     """Everything that a step reads and writes, and the addresses of the world's arrays.
 
-    Only two vectors, because numba takes longer to receive twenty arrays than Chipmunk to simulate a body. In
-    both the body comes first, then what changes.
+    Only two vectors, because numba takes longer to receive twenty arrays than Chipmunk to simulate a body.
+
+    Attributes:
+        floats: the body, then what changes.
+        integers: the body, then what changes.
     """
 
     floats: Floats

@@ -124,7 +124,11 @@ class Store(ABC):
         return self._prefix + "/".join(parts)
 
     def read_bytes(self, path: str, most_bytes: int | None = None) -> bytes:
-        """Return the content of a file of at most `most_bytes`, by default those of JSON or of another file.
+        """Return the content of a file.
+
+        Args:
+            path: path of the file, from the root.
+            most_bytes: size over which it is refused; by default that of JSON or of any other file.
 
         Raises:
             FileNotFoundError: there is none.
@@ -301,10 +305,15 @@ def opened_ranges(fetch: Callable[[int, int], bytes], size: int) -> pa.PythonFil
 
 
 def retry(action: Callable[[], T], seconds: float, give_up: Callable[[], bool] = lambda: False) -> T:
-    """Repeat `action` for some `seconds` as long as the storage refuses it; returns its first result.
+    """Repeat `action` as long as the storage refuses it; returns its first result.
+
+    Args:
+        action: operation that may be called again after a `StorageError`.
+        seconds: time to repeat it, s.
+        give_up: condition that ends the repetitions, asked before every pause.
 
     Raises:
-        StorageError: it still refuses then, or `give_up`, asked before every pause, returned True.
+        StorageError: it still refuses after `seconds`, or `give_up` returned true.
     """
     start, pause = time.monotonic(), FIRST_PAUSE
     while True:

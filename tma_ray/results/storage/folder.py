@@ -198,11 +198,15 @@ class FolderStore(Store, schemes=("", "file")):
 def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator[None]:
     """Turn what the operating system raises within the block into errors that name `where`.
 
+    Args:
+        where: name of the file or folder.
+        kinds: error numbers that are explained; None for all.
+
     Raises:
         FileNotFoundError: unchanged.
         DamagedFileError: a folder lies where the file should be.
         StorageError: everything else.
-        OSError: unchanged, if its number is not among `kinds`.
+        OSError: unchanged, if of another kind.
     """
     try:
         yield

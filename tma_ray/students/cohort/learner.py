@@ -67,9 +67,11 @@ class StackedLearner(ABC):
         self._owed[slot].add_(updates)
 
     def advance(self, updates: int, slots: Sequence[int] | None = None) -> None:
-        """Make up to `updates` updates of each run that has any due; returns without waiting for a GPU.
+        """Make up to `updates` updates of runs that have any due; returns without waiting for a GPU.
 
-        `slots` are those of the runs, by default all; those that are updated together can only be named all.
+        Args:
+            updates: updates of each run, at most.
+            slots: slots of the runs, by default all; those that are updated together can only be named all.
         """
         if not self.together:
             for slot in range(len(self.owed)) if slots is None else slots:

@@ -18,7 +18,10 @@ HIDDEN_MULTIPLE = 16
 class PaddedLayout(NamedTuple):
     """A layout of which inputs and hidden layers are padded; outputs are not.
 
-    A vector of its parameters ends with `others`, which are not the network's.
+    Attributes:
+        plain: layout without padding.
+        padded: layout with padding.
+        others: number of parameters that follow the network's.
     """
 
     plain: Layout
@@ -60,9 +63,13 @@ def _up(size: int, multiple: int) -> int:
 def stacked_pass(
     parameters: torch.Tensor, layout: PaddedLayout, inputs: torch.Tensor, hidden: torch.dtype
 ) -> torch.Tensor:
-    """Return the outputs (k, n, h) of k networks with padded `parameters` (k, p), for `inputs` (k, n, i).
+    """Return the outputs (k, n, h) of k networks.
 
-    Hidden layers are computed in the type `hidden`; the last layer is in that of the parameters.
+    Args:
+        parameters: padded (k, p).
+        layout: layout of each network.
+        inputs: values without padding (k, n, i).
+        hidden: type in which hidden layers are computed; the last layer is in that of the parameters.
     """
     layers, activation = _layers(parameters, layout), layout.padded.activation
     # leaving rows out pays: not on a GPU, which would be waited for, nor in compiled code
@@ -122,9 +129,16 @@ BETAS = 0.9, 0.999
 
 
 class StackedAdam:
-    """Adam as in `torch.optim.Adam`, with a step count for each run; `step` changes parameters (k, ..., p).
+    """Adam as in `torch.optim.Adam`, with a step count for each run.
 
-    `mean` and `square` are running means of the gradient and its square.
+    Args:
+        parameters: parameters of all runs (k, ..., p), which `step` changes.
+        rate: step size.
+        epsilon: added to the root of the mean square.
+
+    Attributes:
+        mean: running mean of the gradient, with the shape of the parameters.
+        square: running mean of the squared gradient, with the same shape.
     """
 
     def __init__(self, parameters: torch.Tensor, rate: float, epsilon: float = 1e-8) -> None:

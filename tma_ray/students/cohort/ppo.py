@@ -44,7 +44,13 @@ class PPONetworks(NamedTuple):
 class StackedPPO(StackedLearner):
     """PPO of many runs; an update is a step of the optimiser on one mini-batch.
 
-    `sizes` are the lengths o of an observation and a of an action; see `StackedLearner` for the others.
+    Args:
+        sizes: lengths o of an observation and a of an action.
+        hyper: hyper-parameters of the student.
+        width: number of slots k.
+        device: device of the learner.
+        dtype: data type of parameters, losses and optimisers.
+        compiled: see `compile_if`; compiling takes minutes once.
     """
 
     _values: torch.Tensor  # of a row: its parameters, their gradient, and the network over both
@@ -96,10 +102,12 @@ class StackedPPO(StackedLearner):
             memory[slot].zero_()
 
     def store(self, slot: int, columns: Sequence[NDArray[np.float32]], orders: NDArray[np.integer]) -> None:
-        """Give the run in `slot`, with no updates due, a rollout to learn from: all its updates are due.
+        """Give the run in `slot` a rollout to learn from, which makes all its updates due.
 
-        Columns hold `steps_per_update` steps n each, as `Rollout.columns`; `orders` are those of the steps in
-        each epoch, cut into mini-batches (epochs, n).
+        Args:
+            slot: slot of the run, which has no updates due from before.
+            columns: values of `steps_per_update` steps n each, for mini-batches, as in `Rollout.columns`.
+            orders: orders of the steps in each epoch, cut into mini-batches (epochs, n).
         """
         assert not self.owed[slot]
         rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)

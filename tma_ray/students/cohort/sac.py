@@ -51,8 +51,14 @@ class SACNetworks(NamedTuple):
 class StackedSAC(StackedLearner):
     """SAC of many runs; random draws come from Philox, keyed by run and by the number of its update.
 
-    `sizes` are the lengths o of an observation and a of an action, and `capacity` transitions are kept per
-    run; see `StackedLearner` for the others.
+    Args:
+        sizes: lengths o of an observation and a of an action.
+        hyper: hyper-parameters of the student.
+        width: number of slots k.
+        capacity: transitions kept per run.
+        device: device of the learner.
+        dtype: data type of parameters, losses and optimisers.
+        compiled: see `compile_if`; compiling takes minutes once.
     """
 
     def __init__(

@@ -177,7 +177,12 @@ def _flat(values: NDArray[np.floating]) -> torch.Tensor:
 
 
 class Stacks:
-    """The stacks of a learner. Runs share one if student, sizes and hyper-parameters are equal."""
+    """The stacks of a learner. Runs share one if student, sizes and hyper-parameters are equal.
+
+    Attributes:
+        settings: settings of the cohort.
+        stacks: stacks in the order in which they were made.
+    """
 
     def __init__(self, settings: CohortSettings) -> None:
         self.settings = settings

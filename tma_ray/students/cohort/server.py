@@ -26,7 +26,13 @@ def recorded() -> torch.cuda.Event:
 
 
 class Delivery(NamedTuple):
-    """A copy of rows (n, ...) to the host for `receivers`, in order, under way until its `arrival`."""
+    """A copy to the host that may still be under way.
+
+    Attributes:
+        receivers: receivers of the rows, in order.
+        rows: memory of the host (n, ...).
+        arrival: recorded after the copy on a GPU; None if it has arrived.
+    """
 
     receivers: Sequence[Connection]
     rows: torch.Tensor

@@ -114,7 +114,12 @@ def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outp
 class ArrayNetwork:
     """A copy of a network's parameters that acts without torch: on one observation or on several.
 
-    The first outputs of its layout are the `action_size` mean actions; `row` is for one observation.
+    Args:
+        layout: layout of the network, whose first outputs are the mean actions.
+        action_size: number of means a.
+
+    Attributes:
+        row: for one observation.
     """
 
     def __init__(self, layout: Layout, action_size: int) -> None:

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 
 class Activation(StrEnum):
-    """Function that follows each linear layer but the last."""
+    """Function that follows each linear layer but the last.
+
+    Attributes:
+        RELU: the larger of 0 and its argument.
+        TANH: the tangent hyperbolic.
+    """
 
     RELU = "relu"
     TANH = "tanh"
@@ -19,7 +24,11 @@ class Layout(NamedTuple):
     """Sizes of linear layers with an activation after each but the last; their parameters are a vector (p,).
 
     Layer by layer: its weight (outputs, inputs), row by row, and its bias (outputs,). Several runs' or
-    several networks' vectors may be stacked to (k, p). The first of `sizes` are the inputs.
+    several networks' vectors may be stacked to (k, p).
+
+    Attributes:
+        sizes: units of the inputs and of every layer.
+        activation: function after each layer but the last.
     """
 
     sizes: tuple[int, ...]

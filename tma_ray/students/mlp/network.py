@@ -284,7 +284,9 @@ def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
 class FlatAdam:
     """Adam over the vector `flat` that keeps the state of `optimiser`, which is saved and loaded as before.
 
-    That is Adam over the same parameters, in any order.
+    Args:
+        optimiser: Adam over the same parameters, in any order.
+        flat: the parameters.
     """
 
     def __init__(self, optimiser: torch.optim.Optimizer, flat: FlatParameters) -> None:

@@ -65,9 +65,12 @@ class ActingStudent(Student):
 class Player(ActingStudent):
     """Acting half of a student: mirrored weights, and experience for a learner that returns new ones.
 
-    To its run it is a student like any other: `observe` returns when the updates that are due are made. Its
-    files are those of the student that learns alone, and each loads what the other saved. Nobody else uses
-    its `link` to the learner.
+    To its run it is a student like any other: `observe` returns when the updates that are due are made.
+    Its files are those of the student that learns alone, and each loads what the other saved.
+
+    Args:
+        membership: facts that the learner needs.
+        link: connection to the learner, which nobody else uses.
     """
 
     _acting: ArrayNetwork

@@ -31,7 +31,15 @@ def make_player(
     hyperparameters: Mapping[str, Any] | None,
     learner: Learner,
 ) -> Player:
-    """Return a new player that has joined the cohort of `learner`; other arguments as of `make_student`.
+    """Return a new player that has joined the cohort of `learner`.
+
+    Args:
+        name: a key of `COHORT_STUDENTS`.
+        observation_space: a one-dimensional box, of size o.
+        action_space: a bounded one-dimensional box, of size a.
+        seed: seed of `make_student`, whose student draws the same initial weights and the same noise.
+        hyperparameters: values that differ from the student's defaults.
+        learner: learner of the cohort.
 
     Raises:
         ValueError: a student without a stacked learner, or what `make_student` refuses.

@@ -19,7 +19,13 @@ ALIGNMENT = 64  # of arrays in the memory, bytes
 
 
 class Posted(NamedTuple):
-    """An array in a mailbox, as a message names it: offset of its first byte, name of its type, shape."""
+    """An array in a mailbox, as a message names it.
+
+    Attributes:
+        offset: offset of its first byte.
+        dtype: its type, as numpy writes it.
+        shape: its shape.
+    """
 
     offset: int
     dtype: str
@@ -27,9 +33,13 @@ class Posted(NamedTuple):
 
 
 class Mailbox:
-    """Anonymous memory of a `size` in bytes for the arrays of one message at a time, in either direction.
+    """Anonymous memory for the arrays of one message at a time, in either direction.
 
-    It belongs to no folder and ends with the processes that have it; its `descriptor` is closed with it.
+    It belongs to no folder and ends with the processes that have it.
+
+    Args:
+        descriptor: descriptor of the memory; closed with the mailbox.
+        size: bytes.
     """
 
     def __init__(self, descriptor: int, size: int) -> None:

@@ -82,8 +82,15 @@ class Rollout:
     """A fixed number of consecutive steps, and what the networks say of them when all are there.
 
     It stands in for stable-baselines3's rollout buffer, whose update reads `values`, `returns` and the
-    batches of `get`, on `device`. Returns and advantages equal its own to the last bit; mini-batches are
-    shuffled by the `generator` given here instead of numpy's global one.
+    batches of `get`. Returns and advantages equal its own to the last bit; shuffling draws from the
+    generator given here instead of numpy's global one.
+
+    Args:
+        steps: number of steps n.
+        observation_size: length o of an observation.
+        action_size: length a of an action.
+        generator: shuffles the mini-batches.
+        device: device of mini-batches.
     """
 
     def __init__(

@@ -28,10 +28,14 @@ def squashed_action(
     log_std_range: tuple[float, float],
     clamp: bool,
 ) -> Actions:
-    """Return the tangent hyperbolic (a,) of a normal variable, for an observation (o,) and noise (a,).
+    """Return the tangent hyperbolic (a,) of a normal variable.
 
-    The outputs of `network` are means and unbounded log deviations; these are clamped to their range, or a
-    scaled tangent hyperbolic without `clamp`. The noise is standard normal.
+    Args:
+        network: network whose outputs are means and unbounded log deviations.
+        observation: values (o,).
+        noise: standard normal (a,).
+        log_std_range: bounds of the log deviation.
+        clamp: True to clamp the log deviation to its range; else it is a scaled tangent hyperbolic.
     """
     weights, sizes, work, active, is_tanh = network
     low, high = np.float32(log_std_range[0]), np.float32(log_std_range[1])

@@ -54,9 +54,11 @@ _POSITIVE = ("learning_rate", "buffer_size", "batch_size", "train_freq", "n_step
 def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type:
     """Return a frozen dataclass with the arguments of `algorithm` at their defaults.
 
-    One that is `off_policy` learns from a replay buffer. Then the dataclass also has `exploration_deviation`,
-    of normal noise on actions scaled to [-1, 1]: 0.1 where the policy is deterministic (TD3's paper,
-    arXiv:1802.09477), else 0.
+    Args:
+        algorithm: algorithm of stable-baselines3, or one that follows its conventions.
+        off_policy: it learns from a replay buffer. Then the dataclass also has `exploration_deviation`,
+            of normal noise on actions scaled to [-1, 1]: 0.1 where the policy is deterministic (TD3's
+            paper, arXiv:1802.09477), else 0.
     """
     left_out = NOT_OURS | ({"n_steps"} if off_policy else frozenset())
     # named arguments of the constructor, and of the next one while that takes any keyword
@@ -182,9 +184,11 @@ def student_of(name: str) -> type[Student]:
 def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
     """Return the student that an algorithm is, one of your own included.
 
-    It is for continuous actions, without memory, and derived from one of stable-baselines3. Its
-    hyper-parameters are the arguments of its constructor, and of those that this one passes its
+    Its hyper-parameters are the arguments of its constructor, and of those that this one passes its
     ``**keywords`` on to.
+
+    Args:
+        algorithm: for continuous actions, without memory; derived from one of stable-baselines3.
     """
     on_policy = issubclass(algorithm, OnPolicyAlgorithm)
     members = {
@@ -197,7 +201,11 @@ def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
 
 
 class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
-    """Base of the students of on-policy and of off-policy algorithms; `algorithm` constructs the model."""
+    """Base of the students of on-policy and of off-policy algorithms.
+
+    Attributes:
+        algorithm: constructs the model.
+    """
 
     algorithm_version = 1
     algorithm: ClassVar[type[BaseAlgorithm]]

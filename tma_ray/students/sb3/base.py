@@ -24,7 +24,11 @@ class TorchStream:
 
     stable-baselines3 initialises weights and samples actions in its updates from the global
     generator. With this, two students in a process, or a teacher with networks of its own, do not
-    disturb each other. On a GPU its generator is swapped, too.
+    disturb each other.
+
+    Args:
+        seed: seeds the stream.
+        device: device, whose generator is swapped, too, if it is a GPU.
     """
 
     def __init__(self, seed: np.random.SeedSequence, device: torch.device) -> None:
