@@ -11,6 +11,7 @@ import pytest
 from synthetic_results import SyntheticCampaign, mastering
 from views import Told, addresses_in
 
+from analysis.baselines import release
 from analysis.comparisons.sentences import sentences
 from analysis.comparisons.sides import (
     baseline_side,
@@ -118,10 +119,11 @@ def test_what_is_said_of_several_teachers_is_said_once(tmp_path: Path) -> None:
 
 
 def test_a_ranking_with_a_baseline_marks_the_teacher_of_ones_own(
-    roots: tuple[Path, Path], told: Told
+    roots: tuple[Path, Path], tmp_path: Path, told: Told
 ) -> None:
     assert "yours" not in told(0, "ranking", *roots)  # two results roots, no baseline
-    lines = told(0, "ranking", roots[0], "lite-1").splitlines()
+    baseline = release(roots[1], "theirs", tmp_path)
+    lines = told(0, "ranking", roots[0], baseline).splitlines()
     marked = [before.split()[0] for before, line in itertools.pairwise(lines) if "← yours" in line]
     assert marked == ["frontier"] * (len(CHALLENGES) + 1)
 
