@@ -204,6 +204,14 @@ def test_regions_are_drawn_in_proportion_to_progress_divided_ones_included() -> 
     assert within(high, 5_000, 0.5)
 
 
+def test_before_anything_was_played_a_mutation_is_a_uniform_task() -> None:
+    tasks = []
+    for seed in range(60):
+        teacher = started("riac", STUMP_TRACKS, seed, KnowledgeLevel.NONE, mutate=0.9, explore=0.1)
+        tasks.append(teacher.sample())
+    np.testing.assert_allclose(STUMP_TRACKS.normalise(tasks).mean(axis=0), 0.5, atol=0.15)
+
+
 def test_mutations_that_leave_their_region_end_on_its_faces() -> None:
     teacher = riac()
     three_regions(teacher, 0.0, 0.0, 7.0)
