@@ -81,7 +81,7 @@ def shown_together(teachers: Iterable[str]) -> Iterator[None]:
 
 
 class _Places(NamedTuple):
-    """Places of a look among the other colours, markers and dashes."""
+    """Indices of a colour, a marker and dashes among those of teachers without a fixed look."""
 
     colour: int
     marker: int

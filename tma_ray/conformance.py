@@ -59,7 +59,7 @@ class BodyConformance:
         assert loaded.action_size > 0, "a body without motors and grips has nothing to learn"
 
     def test_actions_and_observations_have_meanings(self, environment: str) -> None:
-        """Signal name every value, as pages and models show them."""
+        """Signals cover every value of observations and actions, for pages and models."""
         made = make_environment(environment, embodiment=self.body)
         for kind in ("observation", "action"):
             signals = made.get_wrapper_attr(f"{kind}_signals")

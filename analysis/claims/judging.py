@@ -60,7 +60,7 @@ class Sample:
 
 
 class Source(Protocol):
-    """Source of the results of readings."""
+    """Source of the results that statements of claims refer to."""
 
     def sample(self, reading: Reading) -> Sample | None:
         """Return the results of `reading`; None if they are missing or incomplete."""

@@ -287,7 +287,7 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
 def by_step(
     curves: pd.DataFrame, row: Callable[[int, str, pd.DataFrame], dict[str, str]]
 ) -> dict[str, dict[str, dict[str, str]]]:
-    """Return what `row` returns of the runs at each step of each teacher, by step and teacher."""
+    """Return the result of `row` for the runs of each teacher at each step, by step and teacher."""
     found: dict[str, dict[str, dict[str, str]]] = {}
     key: Any
     for key, rows in curves.groupby(["step", "teacher"], sort=True):

@@ -42,7 +42,7 @@ _THREADS: Final = 16  # more than cores: they wait for the object store
 
 @dataclass(frozen=True)
 class Damage:
-    """One thing that is not as it was written.
+    """Damage of one file of a results root.
 
     Attributes:
         path: path of the file, from the results root.

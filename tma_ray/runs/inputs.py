@@ -196,7 +196,7 @@ def fetch(store: Store, spec: RunSpec) -> None:
 
 
 def fetch_beside(folder: Path, spec: RunSpec) -> None:
-    """Make the inputs of a run known that lie in a folder under their own names, as exports have them.
+    """Make a run's inputs in a folder known, which have their own names there, as in exports.
 
     Raises:
         DamagedFileError: one of them has another content.
