@@ -41,7 +41,7 @@ OTHERS = {
     "learning": (f"{SHORT_RUNS} --seeds 1", "of 1 seeds walk"),
     "lite": (IN_A_MOMENT, STOPPED),
     "locomotion": (f"{SHORT_RUNS} --seeds 1", "climbing_chimpanzee, easy_climbing: mean return by seed"),
-    "pairing": (f"{IN_A_MOMENT} --seeds 1", STOPPED),
+    "pairing": (f"{IN_A_MOMENT} --seeds 1", "/1 runs done"),  # its run may be over by then
     "pilot": (f"{IN_A_MOMENT} --csv pilot.csv", STOPPED),
     "playground": ("--episodes 1 --steps 5 --bodies fish", "fish,stump tracks,1,1,1,1,1,"),
     "precision": (
