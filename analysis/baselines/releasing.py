@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Final
 from uuid import uuid4
 
@@ -209,7 +209,7 @@ def _with_contents(
     cells, runs = frames.cells, frames.results.runs()
     columns = {name: cells[column].astype(object).dropna().tolist() for name, column in HELD.items()}
     columns |= {name: list(map(int, columns[name])) for name in ("steps", "seeds")}
-    policies = len({path.split("/")[1] for path in frames.results.store.files("policies")})
+    policies = len(_runs_with_policies(frames))
     evaluations = len(frames.evaluations.drop_duplicates(["run_id", "step"]))
     counts = {"runs": len(runs), "evaluations": evaluations, "policies": policies}
     caveats = [*frames.warnings]
@@ -342,14 +342,17 @@ def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.Conte
     runs = runs.merge(run_measures(frames, training=False)).dropna(subset=[HEADLINE])
     ordered = runs.sort_values([HEADLINE, "seed"]).groupby(["teacher", "settings"], observed=True)["run_id"]
     middle = frozenset(str(run_ids.iloc[(len(run_ids) - 1) // 2]) for _, run_ids in ordered)
-    saved = {PurePosixPath(path).parts[1] for path in frames.results.store.files(results.POLICIES)}
-    if lacking := sorted(middle - saved):
+    if lacking := sorted(middle - _runs_with_policies(frames)):
         raise BaselineError(
             f"{len(lacking)} of {len(middle)} runs in the middle of their cells have no policy in "
             f"{frames.results.store.where(results.POLICIES)}, as {lacking[0]}: release the root that they "
             f"ended in"
         )
     return replace(results.LEAN, policies=True, runs=middle, half_precision=True)
+
+
+def _runs_with_policies(frames: Frames) -> set[str]:
+    return {path.split("/")[1] for path in frames.results.store.files(results.POLICIES)}
 
 
 def _campaigns(root: results.Results) -> dict[str, set[str]]:

@@ -129,8 +129,8 @@ class CurvePanel:
             `measure` with the endings _mean and _std.
         tests: tests of `frame.pairwise` with step among `within`, against one reference: of teachers, or
             between levels with teacher among `within`; None for no stars.
-        measure: what is drawn.
-        name: name of it with its unit.
+        measure: measure that is drawn.
+        name: its name, with its unit.
         ceiling: value that no run exceeds; None if unknown.
     """
 

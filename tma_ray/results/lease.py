@@ -66,7 +66,7 @@ class RunProgress:
 
 @dataclass(frozen=True)
 class LearnerProgress:
-    """Progress of the learner of a cohort, of late.
+    """Recent progress of the learner of a cohort.
 
     Attributes:
         host: name of its machine.

@@ -286,11 +286,12 @@ def copy_beside(
     ours = {manifest.run.run_id for manifest in manifests}
     left_out = []
     for path in results.store.files(at.POLICIES):
-        if path.endswith(POLICY_FILES) and PurePosixPath(path).parts[1] in ours:
+        chosen = PurePosixPath(path).parts[1] in ours
+        if chosen and path.endswith(POLICY_FILES):
             data = results.store.read_bytes(path)
             weights = contents.half_precision and path.endswith(".safetensors")
             target.write_bytes(path, _halved(data) if weights else data)
-        elif contents.runs is None:
+        elif chosen or contents.runs is None:
             left_out.append(path)
     return tuple(left_out)
 
