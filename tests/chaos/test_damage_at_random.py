@@ -13,7 +13,7 @@ from interrupts import AS_EXPECTED, tries
 pytestmark = pytest.mark.chaos
 
 
-@pytest.mark.filterwarnings("ignore::tma_ray.results.DamagedFileWarning")
+@pytest.mark.filterwarnings("always::tma_ray.results.DamagedFileWarning")
 def test_no_command_ends_in_a_traceback_and_other_runs_are_left_alone(tmp_path: Path) -> None:
     found = list(damaged(60, random.Random(3), tmp_path))
     assert Counter(each.kind for each in found).keys() == KINDS.keys() | IN_PLACE.keys()
