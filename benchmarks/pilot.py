@@ -31,7 +31,7 @@ from analysis.statistics.estimates import signal_to_noise
 from analysis.statistics.samples import Estimate
 from tma_ray.campaign.plan import CampaignSpec, Plan, joined_plan
 from tma_ray.envs import make_environment
-from tma_ray.runs import Cell, Schedule, effective_spec
+from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 from tma_ray.runs.evaluation import Evaluation
 from tma_ray.students import check_hyperparameters, make_student
 from tma_ray.students.catalogue import canonical_student
@@ -57,6 +57,9 @@ SPACES = (
 
 CELL = ["challenge", "embodiment", "teacher", "student"]
 """Columns that tell the samples apart."""
+
+RUN = [*CELL, "steps", "seed"]
+"""Columns that tell the runs apart."""
 
 INTERVAL = 250_000
 """Steps between evaluations; the screen has twice as many."""
@@ -163,11 +166,22 @@ def walker(student: str, seed: int, folder: Path) -> Path:
     return file
 
 
+def read(csv: Path) -> pd.DataFrame:
+    """Return a table, its students under canonical names: presets may have come after it was written."""
+    table = pd.read_csv(csv)
+    return table.assign(student=table["student"].map(canonical_student))
+
+
+def step_costs() -> pd.DataFrame:
+    """Return microseconds and ratio of a training step, by student."""
+    return read(MEASURED / "pilot_costs.csv").set_index("student")
+
+
 def steps_of(student: str) -> int:
     """Return the budget with which `student` has as many core-seconds as the paper's with `STEPS`."""
     if student in ROLLOUTS:
         return STEPS
-    ratio = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").ratio[student]
+    ratio = step_costs().ratio[student]
     return int(np.clip(round(STEPS / ratio / INTERVAL) * INTERVAL, STEPS, 2 * STEPS))
 
 
@@ -242,13 +256,13 @@ def evaluations(root: str, run_ids: Collection[str] | None = None) -> pd.DataFra
 def areas(found: pd.DataFrame, until: int | None = None, column: str = "mastered_percent") -> pd.DataFrame:
     """Return area and last three, in %, of each run that got to its budget, or to `until` steps."""
     rows = []
-    for key, run in found.groupby([*CELL, "steps", "seed"], observed=True):
+    for key, run in found.groupby(RUN, observed=True):
         end = until or key[-2]
         curve = run[run["step"] <= end].set_index("step")[column]
         if curve.index[-1] == end:
             area = np.trapezoid(curve, curve.index) / end
             rows.append((*key, area, curve.iloc[-3:].mean()))
-    return pd.DataFrame(rows, columns=[*CELL, "steps", "seed", "area", "last_three"])
+    return pd.DataFrame(rows, columns=[*RUN, "area", "last_three"])
 
 
 def every_second(found: pd.DataFrame) -> pd.DataFrame:
@@ -342,7 +356,7 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def screen_table(found: pd.DataFrame) -> str:
     """Return the students of the screen, the best first."""
-    ratios = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").ratio
+    ratios = step_costs().ratio
     rows = [
         (
             f"`{student}`",
@@ -362,8 +376,8 @@ def screen_table(found: pd.DataFrame) -> str:
 
 def schedule_table(found: pd.DataFrame) -> str:
     """Return slope and deviation of the residuals of both schedules of evaluations, over the screen."""
-    dense = found[found["step"] % INTERVAL != 0].groupby([*CELL, "steps", "seed"]).size().index
-    runs = found.set_index([*CELL, "steps", "seed"]).loc[dense].reset_index()
+    dense = found[found["step"] % INTERVAL != 0].groupby(RUN).size().index
+    runs = found.set_index(RUN).loc[dense].reset_index()
     truth = areas(runs)["area"].to_numpy()
     rows = []
     for name, area in (
@@ -399,7 +413,7 @@ def comparison_table(students: Mapping[str, pd.DataFrame]) -> str:
 
 def budget_table(found: pd.DataFrame) -> str:
     """Return signal to noise and decisiveness at each budget."""
-    micro = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").microseconds
+    micro = step_costs().microseconds
     rows = []
     for millions in MILLIONS:
         for student, runs in complete(areas(found, millions * 10**6)).items():
@@ -425,7 +439,7 @@ def onset_table(runs: pd.DataFrame) -> str:
         runs: after `STEPS` steps, of one student, new or started from the walking policy of its seed.
     """
     begun = runs["student"].str.replace(r":start_from=[^:]+", "", regex=True)
-    (micro,) = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").microseconds[begun.unique()]
+    (micro,) = step_costs().microseconds[begun.unique()]
     runs = runs[pd.MultiIndex.from_frame(runs[["challenge", "embodiment"]]).isin(SPACES[:2])]
     walks = runs["student"].str.contains("start_from=")
     rows = []
@@ -441,16 +455,21 @@ def onset_table(runs: pd.DataFrame) -> str:
 
 def written(root: str, csv: Path) -> pd.DataFrame:
     """Add the evaluations of the finished runs of `root` to a file, and return all of the file."""
-    earlier = [pd.read_csv(csv)] if csv.exists() else []
-    table = pd.concat([*earlier, evaluations(root)]).drop_duplicates(["run_id", "step"])
-    table = table[table["run_id"].isin(done(table))]
-    table.sort_values([*CELL, "steps", "seed", "step"]).to_csv(csv, index=False)
-    return pd.read_csv(csv)
+    earlier = [read(csv)] if csv.exists() else []
+    table = pd.concat([*earlier, evaluations(root)]).drop_duplicates([*RUN, "step"])
+    table = table[pd.MultiIndex.from_frame(table[RUN]).isin(done(table))]
+    table.sort_values([*RUN, "step"]).to_csv(csv, index=False)
+    return read(csv)
 
 
-def done(found: pd.DataFrame) -> set[str]:
-    """Return the ids of the runs whose last evaluation is there."""
-    return set(found[found["step"] == found["steps"]]["run_id"])
+def done(found: pd.DataFrame) -> set[tuple[object, ...]]:
+    """Return the values in the columns `RUN` of the runs whose last evaluation is there."""
+    return set(found.loc[found["step"] == found["steps"], RUN].itertuples(index=False, name=None))
+
+
+def key_of(run: RunSpec) -> tuple[object, ...]:
+    """Return the values of a run in the columns `RUN`."""
+    return (*(getattr(run, column) for column in CELL), run.schedule.steps, run.seed)
 
 
 def main() -> int:
@@ -468,19 +487,17 @@ def main() -> int:
         table.to_csv(MEASURED / "pilot_costs.csv", index=False)
         return 0
     if given.tables:
-        print(tables(written(given.results, given.csv) if given.results else pd.read_csv(given.csv)))
+        print(tables(written(given.results, given.csv) if given.results else read(given.csv)))
         return 0
-    found = (
-        pd.read_csv(given.csv) if given.csv.exists() else pd.DataFrame(columns=["run_id", "step", "steps"])
-    )
+    found = read(given.csv) if given.csv.exists() else pd.DataFrame(columns=[*RUN, "step"])
     for part in given.parts.split(","):
         wanted = plan(part, found, Path(f"{given.results}_walkers"))
-        missing = tuple(run for run in wanted.runs if run.run_id not in done(found))
+        missing = tuple(run for run in wanted.runs if key_of(run) not in done(found))
         print(f"{part}: {len(missing)} of {len(wanted.runs)} runs are missing", flush=True)
         if missing:
             execute(replace(wanted, runs=missing), given)
             found = written(given.results, given.csv)
-        if not done(found).issuperset(run.run_id for run in wanted.runs):
+        if not done(found).issuperset(map(key_of, wanted.runs)):
             break  # the next call goes on
         if part == "students" and not pays(found):
             print(f"no student has {ENOUGH} times the paper's signal to noise: the rest is left out")

@@ -9,6 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tma_ray.runs import Cell, Schedule, effective_spec
+from tma_ray.tasks import KnowledgeLevel
+
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 SPIDER = ("diverse_students", "spider")
 
@@ -76,7 +79,7 @@ def test_a_student_of_half_the_cost_trains_for_twice_the_steps(
     pilot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(pilot, "MEASURED", tmp_path)
-    ratios = {"a": 0.55, "b": 1.1, "c": 0.3}
+    ratios = {"ppo:epochs=6": 0.55, "ppo:epochs=7": 1.1, "ppo:epochs=8": 0.3}
     costs = pd.DataFrame({"student": ratios.keys(), "ratio": ratios.values()})
     costs.to_csv(tmp_path / "pilot_costs.csv", index=False)
     assert [pilot.steps_of(student) for student in ratios] == [3_750_000, 2_000_000, 4_000_000]
@@ -87,13 +90,19 @@ def test_runs_of_an_earlier_machine_are_kept_and_not_run_again(
     pilot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     csv = tmp_path / "pilot.csv"
-    first, second, half = (
-        line(10).assign(run_id="a"),
-        line(20).assign(run_id="b"),
-        line(30).assign(run_id="c"),
-    )
+    first, second, half = (line(10 * seed, seed=seed) for seed in (1, 2, 3))
     for root, runs in (("one", [first]), ("other", [second, half.iloc[:-1]])):
         monkeypatch.setattr(pilot, "evaluations", lambda _, runs=runs: pd.concat(runs))
         found = pilot.written(root, csv)
-    assert pilot.done(found) == {"a", "b"} == set(found["run_id"])
+    assert {seed for *_, seed in pilot.done(found)} == {1, 2} == set(found["seed"])
     assert len(found) == len(first) + len(second)
+
+
+def test_runs_under_the_settings_of_a_later_preset_are_not_run_again(
+    pilot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    before = "ppo:batch_size=500:gamma=0.995:steps_per_update=20000"
+    monkeypatch.setattr(pilot, "evaluations", lambda _: line(10, before))
+    found = pilot.written("root", tmp_path / "pilot.csv")
+    cell = Cell(student="ppo:preset=decisive", expert_knowledge=KnowledgeLevel.HIGH)
+    assert pilot.key_of(effective_spec(cell, 1000, Schedule(2_000_000))) in pilot.done(found)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.students.mlp.layout import Activation, Layout
@@ -30,10 +30,15 @@ class MatmulPrecision(StrEnum):
 class PPOHyperparameters:
     """Proximal policy optimisation (paper, appendix on DRL students).
 
+    The defaults are the paper's. The preset "decisive" has the student under which teachers differ most
+    against the scatter of seeds, chosen by the pilot of ``docs/pilot.md``: longer rollouts, smaller batches
+    and a longer horizon.
+
     Attributes:
         algorithm_version: algorithm version of the student; here, so that it is known without torch.
         absent_at_default: hyper-parameters that came after the first runs, whose identity they leave as it
             was: see `tma_ray.hyperparameters.identifying`.
+        presets: hyper-parameters that belong together, by the name that ``preset=`` chooses them with.
         hidden_units: units per hidden layer of the trunk that policy and value share, or of each one's.
         activation: function after each hidden layer; ReLU as the paper says (the original release: tanh).
         separate_trunks: True if policy and value share no layer.
@@ -62,6 +67,9 @@ class PPOHyperparameters:
     absent_at_default: ClassVar[frozenset[str]] = frozenset(
         ("activation", "separate_trunks", "start_from", "averaged_steps")
     )
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "decisive": {"steps_per_update": 20_000, "batch_size": 500, "gamma": 0.995}
+    }
 
     hidden_units: tuple[int, ...] = (400, 300)
     activation: Activation = Activation.RELU
