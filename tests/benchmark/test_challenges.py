@@ -76,6 +76,29 @@ def test_the_original_test_set_is_the_papers_grid() -> None:
     assert len(shipped) == 100
 
 
+def test_a_thinned_test_set_has_every_second_task() -> None:
+    whole, half = load_test_set("stump_tracks"), load_test_set("stump_tracks:every=2")
+    np.testing.assert_array_equal(half.tasks, whole.tasks[::2])
+    assert (half.name, half.dimensions) == ("stump_tracks:every=2", whole.dimensions)
+    assert half.digest != whole.digest
+    assert load_test_set("stump_tracks:every=1").digest == whole.digest
+    assert len(load_test_set("stump_tracks:every=100")) == 1
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("evry=2", "no setting of test set stump_tracks 'evry': did you mean 'every'"),
+        ("every=0", "expected a whole number"),
+        ("every=2.5", "expected a whole number"),
+        ("every=101", "expected at most 100"),
+    ],
+)
+def test_other_ways_to_thin_a_test_set_are_refused(setting: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        load_test_set(f"stump_tracks:{setting}")
+
+
 @pytest.mark.parametrize(
     "easy", [each for each in CHALLENGES if "easy" in each.test_set], ids=lambda challenge: challenge.test_set
 )

@@ -93,6 +93,22 @@ def test_the_stage_of_todays_teachers_has_their_cells_alone() -> None:
     }
 
 
+def test_lite_2_tests_the_decisive_student_twice_as_often_on_half_of_the_tasks() -> None:
+    core, later = (planned("lite_2", "--stage", stage) for stage in ("core", "later"))
+    assert (len(core.runs), len(later.runs)) == (350, 280)
+    for spec in (*core.runs, *later.runs):
+        assert spec.student == "ppo:preset=decisive"
+        assert (spec.schedule.evaluation_interval, len(spec.test_set)) == (125_000, 50)
+    assert {"plr:budget=2000000", "doraemon:budget=2000000", "currot"} < values(later, "teacher")
+    assert {"plr", "doraemon"} < values(planned("lite_2", "--stage", "authors"), "teacher")
+    parkour = planned("lite_2", "--stage", "parkour")
+    assert {(spec.embodiment, spec.test_set.name) for spec in parkour.runs} == {
+        ("classic_bipedal", "parkour_walking:every=2"),
+        ("fish", "parkour_swimming:every=2"),
+        ("climbing_chimpanzee", "parkour_climbing:every=2"),
+    }
+
+
 def test_students_of_the_users_own_take_the_place_of_the_papers() -> None:
     plan = planned("parkour", "--students", "TD3", "--embodiments", "fish", "--teachers", "random")
     assert {(spec.student, spec.embodiment) for spec in plan.runs} == {("TD3", "fish")}

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tma_ray import cli, command_line
+from tma_ray.benchmark import load_test_set, shipped_test_sets
 from tma_ray.embodiments import embodiment_names, load_embodiment
 from tma_ray.envs import ENVIRONMENTS
 from tma_ray.part_names import base_name, split_name
@@ -69,6 +70,8 @@ def test_names_with_settings_are_taken(file: str, name: str) -> None:
         make_teacher(name)
     elif base in embodiment_names():
         load_embodiment(name)
+    elif base in shipped_test_sets() and "every" in split_name(name)[1]:
+        load_test_set(name)
     elif base in ENVIRONMENTS.names():
         effective_spec(Cell(environment=name, embodiment="climbing_chimpanzee"), 0, Schedule())
     elif base in STUDENTS.names():

@@ -9,6 +9,7 @@ from tma_ray.benchmark.challenges import (
     find_challenge,
     load_test_set,
     shipped_test_sets,
+    thinned,
 )
 from tma_ray.benchmark.experiments import (
     EXPERIMENTS,
@@ -75,4 +76,5 @@ __all__ = [
     "paper_results",
     "select",
     "shipped_test_sets",
+    "thinned",
 ]

@@ -5,13 +5,15 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from tma_ray.arguments import check_kind
-from tma_ray.commands.values import expanded
-from tma_ray.part_names import base_name, nearest
+from tma_ray.arguments import check_kind, check_known
+from tma_ray.commands.values import COUNT, expanded
+from tma_ray.part_names import base_name, join_name, nearest, split_name
 from tma_ray.tasks import TaskSpace, TestSet
 from tma_ray.tasks.spaces import CUTS
 
 TEST_SETS = Path(__file__).parent / "test_sets"
+
+EVERY = "every"  # setting in the name of a thinned test set
 
 STUMP_TRACKS_UNITS = {"stump_height": "terrain steps of 0.4667 m", "obstacle_spacing": "m"}
 
@@ -180,22 +182,36 @@ def shipped_test_sets() -> list[str]:
 
 
 @cache
-def _shipped(name: str) -> TestSet:
-    """Return a shipped test set, read once: all runs of a plan ask for the same few."""
-    return TestSet.from_csv(TEST_SETS / f"{name}.csv")
+def _shipped(name: str, every: int) -> TestSet:
+    """Return every nth task of a shipped test set, read once: all runs of a plan ask for the same few."""
+    whole = TestSet.from_csv(TEST_SETS / f"{name}.csv")
+    return whole if every == 1 else TestSet(thinned(name, every), whole.dimensions, whole.tasks[::every])
+
+
+def thinned(name: str, every: int) -> str:
+    """Return the name of the test set that has the first task of `name`, and from there every nth."""
+    return name if every == 1 else join_name(name, {EVERY: every})
 
 
 def load_test_set(name_or_path: str | Path) -> TestSet:
     """Return a shipped test set by name, or any other from the path of a CSV file.
 
+    A shipped one may be thinned: ``stump_tracks:every=2`` has its first task, its third, and so on.
+
     Raises:
-        ValueError: neither a known name nor a readable file.
+        ValueError: neither a known name nor a readable file, or a setting that test sets do not have.
         TypeError: neither text nor a path.
     """
     check_kind("test set", name_or_path, (str, Path), "a name or the path of a CSV file")
     name = str(name_or_path)
-    if name in shipped_test_sets():
-        return _shipped(name)
+    base, settings = split_name(name)
+    if base in shipped_test_sets():
+        for key in settings:
+            check_known(f"setting of test set {base}", key, [EVERY], "known:")
+        every = COUNT(settings.get(EVERY, "1"))
+        if every > len(_shipped(base, 1)):
+            raise ValueError(f"{name}: expected at most {len(_shipped(base, 1))}, the number of its tasks")
+        return _shipped(base, every)
     path = expanded(name)
     if not path.is_file():
         raise ValueError(

@@ -1,6 +1,6 @@
-"""The experiments that have a script, the tiers of their size, and the stages of the release ``lite-1``."""
+"""The experiments that have a script, the tiers of their size, and the stages of releases."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -94,27 +94,21 @@ SIZES: dict[Tier, Size] = {
 """PPO makes seventy times as many steps a second as SAC, which the paper uses nearly everywhere."""
 
 
-LITE_1_TEACHERS = ("random", *sorted(TEACHER_GRIDS), "goal_gan:preset=release", "spdl:preset=release")
+LITE_TEACHERS = ("random", *sorted(TEACHER_GRIDS), "goal_gan:preset=release", "spdl:preset=release")
 """The paper's teachers, and two of them with the values of the original release's launch files, which differ
 from the paper's table in what decides whether they learn."""
 
-LITE_1_STEPS = 2_000_000  # budget of its runs, in environment steps: a tenth of the paper's
+LITE_STEPS = 2_000_000  # budget of a release's runs, in environment steps: a tenth of the paper's
 
-TEACHERS_OF_TODAY = (
-    "plr",
-    "robust_plr",
-    "accel",
-    "sfl",
-    "currot",
-    "doraemon",
-    "sobol",
-    f"ramp:steps={LITE_1_STEPS // 2}",
-)
-"""Teachers that came after the paper, and two references; the ramp takes half the budget, as by default it
+SCALED_TEACHERS = ("plr", "robust_plr", "accel", "sfl", "doraemon")
+"""Teachers that came after the paper, with buffers, waits and intervals that can follow the budget."""
+
+OTHER_LATER_TEACHERS = ("currot", "sobol", f"ramp:steps={LITE_STEPS // 2}")
+"""One more that came after the paper, and two references; the ramp takes half the budget, as by default it
 does of the paper's."""
 
-LITE_1_SIZE = Size(evaluation_interval=250_000, probe_interval=250_000, training_window=100_000)
-"""Intervals of its runs, in environment steps."""
+LATER_CHALLENGES = ("original", "mostly_unfeasible", "rugged_difficulty")
+"""Where later teachers were run first, and where settings for a budget are compared with their authors'."""
 
 
 def _lite(matrix: Matrix, seeds: int, *levels: KnowledgeLevel) -> Matrix:
@@ -124,7 +118,7 @@ def _lite(matrix: Matrix, seeds: int, *levels: KnowledgeLevel) -> Matrix:
         students=("ppo",),
         levels=levels or matrix.levels,
         seeds=matrix.seeds[:seeds],
-        steps=LITE_1_STEPS,
+        steps=LITE_STEPS,
     )
 
 
@@ -132,12 +126,15 @@ def _stump_tracks(seeds: int, *levels: KnowledgeLevel) -> tuple[Matrix, ...]:
     return tuple(_lite(matrix, seeds, *levels) for matrix in (ORIGINAL_SPACE, *STUMP_TRACKS_CHALLENGES))
 
 
+LITE_1_SIZE = Size(evaluation_interval=250_000, probe_interval=250_000, training_window=100_000)
+"""Intervals of its runs, in environment steps."""
+
 LITE_1_STAGES: dict[str, tuple[Matrix, ...]] = {
     "core": _stump_tracks(5, KnowledgeLevel.HIGH),
     "today": tuple(
-        replace(matrix, teachers=TEACHERS_OF_TODAY)
+        replace(matrix, teachers=SCALED_TEACHERS + OTHER_LATER_TEACHERS)
         for matrix in _stump_tracks(3, KnowledgeLevel.HIGH)
-        if matrix.name in ("original", "mostly_unfeasible", "rugged_difficulty")
+        if matrix.name in LATER_CHALLENGES
     ),
     "levels": _stump_tracks(3, KnowledgeLevel.NONE, KnowledgeLevel.LOW),
     "parkour": tuple(_lite(matrix, 3) for matrix in PARKOUR),
@@ -147,6 +144,37 @@ LITE_1_STAGES: dict[str, tuple[Matrix, ...]] = {
 highest level that it distinguishes: 7 combinations of challenge and body, 70 cells with 10 teachers. The
 teachers of today have 24 cells with 3 seeds. The other levels come with 3 seeds, Parkour with 3 of each body,
 and last the core gets its seeds 5 to 9."""
+
+LITE_2_SIZE = Size(evaluation_interval=125_000, probe_interval=250_000, training_window=100_000)
+"""Intervals of its runs, in environment steps: twice the evaluations of `LITE_1_SIZE`."""
+
+
+def _decisive(matrices: Sequence[Matrix], *teachers: str) -> tuple[Matrix, ...]:
+    """Return `matrices` for the student that the pilot chose, evaluated on every second task."""
+    student = ("ppo:preset=decisive",)
+    return tuple(replace(each, students=student, test_every=2, teachers=teachers) for each in matrices)
+
+
+_LATER = (*(f"{teacher}:budget={LITE_STEPS}" for teacher in SCALED_TEACHERS), *OTHER_LATER_TEACHERS)
+_FEW = ("random", "alp_gmm", "spdl")
+
+LITE_2_STAGES: dict[str, tuple[Matrix, ...]] = {
+    "core": _decisive(_stump_tracks(5, KnowledgeLevel.HIGH)),
+    "later": _decisive(_stump_tracks(5, KnowledgeLevel.HIGH), *_LATER),
+    "authors": _decisive(
+        [each for each in _stump_tracks(3, KnowledgeLevel.HIGH) if each.name in LATER_CHALLENGES],
+        *SCALED_TEACHERS,
+    ),
+    "levels": _decisive(_stump_tracks(3, KnowledgeLevel.NONE, KnowledgeLevel.LOW), *_FEW),
+    "parkour": _decisive([_lite(matrix, 3) for matrix in PARKOUR], *_FEW),
+    "seeds": _decisive(_stump_tracks(10, KnowledgeLevel.HIGH)),
+    "later_seeds": _decisive(_stump_tracks(10, KnowledgeLevel.HIGH), *_LATER),
+}
+"""In the order in which they are run. Student and evaluations are those that a pilot chose
+(``docs/pilot.md``). Core and later teachers have 126 cells with 5 seeds on the 7 combinations of challenge
+and body; the later ones fit their settings to the budget, and with those of their authors they follow on 3
+challenges with 3 seeds. Three teachers have the other levels and Parkour, with 3 seeds. Last come the seeds 5
+to 9."""
 
 
 TEACHERS = ("random", *sorted(TEACHER_GRIDS))
@@ -217,9 +245,17 @@ EXPERIMENTS: tuple[Experiment, ...] = (
         "lite_1",
         "The release lite-1: all teachers with PPO",
         tuple(matrix for stage in LITE_1_STAGES.values() for matrix in stage),
-        LITE_1_TEACHERS,
+        LITE_TEACHERS,
         stages=LITE_1_STAGES,
         size=LITE_1_SIZE,
+    ),
+    Experiment(
+        "lite_2",
+        "The release lite-2: all teachers with the student under which they differ most",
+        tuple(matrix for stage in LITE_2_STAGES.values() for matrix in stage),
+        LITE_TEACHERS,
+        stages=LITE_2_STAGES,
+        size=LITE_2_SIZE,
     ),
 )
 """Sample efficiency is read from the runs of the challenges: where those are done, it runs nothing."""

@@ -155,6 +155,7 @@ class Matrix:
         seeds: seeds of each combination.
         teachers: names in the teacher registry of those that run it; empty where the user names them.
         steps: budget of each run; None for the 20 million of a schedule that says nothing else.
+        test_every: distance between the tasks of the challenge's test set that are evaluated; 1 for all.
         teacher_grid: hyper-parameters of the teacher to search.
         student_grid: hyper-parameters of the student to search.
         most_points: number of points of each grid that are taken; None for all.
@@ -172,6 +173,7 @@ class Matrix:
     seeds: tuple[int, ...] = tuple(range(32))
     teachers: tuple[str, ...] = ()
     steps: int | None = None
+    test_every: int = 1
     teacher_grid: Grid | None = None
     student_grid: Grid | None = None
     most_points: int | None = None

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from tma_ray.arguments import check_fields, check_kind, check_names
-from tma_ray.benchmark import Matrix
+from tma_ray.benchmark import Matrix, find_challenge, thinned
 from tma_ray.commands.texts import counted
 from tma_ray.commands.values import SEED
+from tma_ray.embodiments import load_embodiment
 from tma_ray.part_names import base_name
 from tma_ray.results import check_id
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
@@ -173,8 +174,16 @@ def matrix_cells(
             if base_name(given) == base_name(teacher)
         ]
     values = teacher_hyperparameters or {}, student_hyperparameters or {}
+    challenge = find_challenge(matrix.environment, matrix.challenge)
+    tests = {
+        body: thinned(challenge.test_set_of(load_embodiment(body).body_type), matrix.test_every)
+        for body in (matrix.embodiments if matrix.test_every > 1 else ())
+    }
     return tuple(
-        Cell(matrix.environment, matrix.challenge, embodiment, student, teacher, level, *values)
+        Cell(
+            *(matrix.environment, matrix.challenge, embodiment, student, teacher, level, *values),
+            test_set=tests.get(embodiment),
+        )
         for embodiment in matrix.embodiments
         for student in matrix.students
         for level in matrix.levels
