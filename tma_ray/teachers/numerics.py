@@ -1,11 +1,29 @@
 """Numerics that several teachers share: random choices, common units, a set of tasks as a Gaussian."""
 
+from contextlib import AbstractContextManager
+from functools import cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import ThreadpoolController
 
 from tma_ray.tasks import Task, TaskSpace, WeightedGaussian
 
 Array = NDArray[np.float64]
+
+
+@cache  # to look for the libraries takes milliseconds, to set their threads a hundredth of that
+def _libraries() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Context manager with one thread for numpy's matrix products, whose bits then depend on no place.
+
+    Libraries that are loaded after its first use are not limited: where scipy or scikit-learn multiply, use
+    `threadpoolctl.threadpool_limits`, which is slower.
+    """
+    return _libraries().limit(limits=1)
 
 
 def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:

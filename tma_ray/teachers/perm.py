@@ -6,7 +6,6 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
@@ -17,6 +16,7 @@ from tma_ray.teachers.numerics import (
     Array,
     UnitBox,
     cloud_gaussian,
+    one_thread,
     scaled_returns,
 )
 
@@ -54,7 +54,7 @@ class ResponseModel(NamedTuple):
         changes = np.diff(np.eye(count), axis=0)
         precision[:count, :count] = changes.T @ changes / self.drift_std**2
         precision[0, 0] += self.ability_std**-2.0
-        with threadpool_limits(limits=1):  # so that where a teacher runs does not change what it finds
+        with one_thread():
             found = _most_probable(design, responses, precision)
         return found[:count], found[count:]
 

@@ -4,12 +4,11 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from tma_ray.arguments import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, TaskSpace, Trajectory
 from tma_ray.teachers.accel import ACCEL
-from tma_ray.teachers.numerics import Array
+from tma_ray.teachers.numerics import Array, one_thread
 from tma_ray.teachers.prioritised_replay import Score
 
 RIDGE = 1.0
@@ -48,7 +47,7 @@ class TransitionModel:
         constant = np.ones((len(trajectory.rewards), 1))
         inputs = np.hstack([constant, observations[:-1], trajectory.actions])
         changes = np.diff(observations, axis=0)
-        with threadpool_limits(limits=1):  # so that where a teacher runs does not change what it finds
+        with one_thread():
             errors = (changes - self.predict(inputs)) ** 2
             gram, moments, squares = inputs.T @ inputs, inputs.T @ changes, (changes**2).sum(axis=0)
             if self.gram is not None and self.moments is not None and self.squares is not None:
