@@ -236,7 +236,8 @@ class CellOptions:
             challenge's)
         environment_option: option of the environment, as in swinging_creepers=true; repeatable (default: the
             environment's)
-        test_set: shipped test set, or path of a CSV file (default: the challenge's)
+        test_set: shipped test set, whole or every nth task (stump_tracks:every=2), or path of a CSV file
+            (default: the challenge's)
     """
 
     space: Annotated[dict[str, tuple[float, float]] | None, value(parse_space, "SPACE", **WHAT)] = None

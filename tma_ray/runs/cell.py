@@ -147,7 +147,7 @@ class Cell:
         expert_knowledge: level offered to the teacher, which may use less.
         teacher_hyperparameters: values that differ from the teacher's defaults.
         student_hyperparameters: values that differ from the student's defaults.
-        test_set: name or path of a CSV; None for the challenge's own.
+        test_set: name or path, as `tma_ray.benchmark.load_test_set` takes them; None for the challenge's own.
         environment_options: values that differ from the environment's defaults.
         space: bounds (low, high) of dimensions that differ from the challenge's task space.
     """
