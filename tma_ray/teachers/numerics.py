@@ -23,7 +23,8 @@ def one_thread() -> AbstractContextManager[object]:
     Libraries that are loaded after its first use are not limited: where scipy or scikit-learn multiply, use
     `threadpoolctl.threadpool_limits`, which is slower.
     """
-    return _libraries().limit(limits=1)
+    limits: AbstractContextManager[object] = _libraries().limit(limits=1)
+    return limits
 
 
 def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
