@@ -15,6 +15,7 @@ from tma_ray.benchmark.matrices import (
     TEACHER_GRIDS,
     TEACHER_SEARCH,
     Matrix,
+    select,
 )
 from tma_ray.tasks import KnowledgeLevel
 
@@ -133,8 +134,7 @@ LITE_1_STAGES: dict[str, tuple[Matrix, ...]] = {
     "core": _stump_tracks(5, KnowledgeLevel.HIGH),
     "today": tuple(
         replace(matrix, teachers=SCALED_TEACHERS + OTHER_LATER_TEACHERS)
-        for matrix in _stump_tracks(3, KnowledgeLevel.HIGH)
-        if matrix.name in LATER_CHALLENGES
+        for matrix in select(_stump_tracks(3, KnowledgeLevel.HIGH), LATER_CHALLENGES)
     ),
     "levels": _stump_tracks(3, KnowledgeLevel.NONE, KnowledgeLevel.LOW),
     "parkour": tuple(_lite(matrix, 3) for matrix in PARKOUR),
@@ -161,10 +161,7 @@ _FEW = ("random", "alp_gmm", "spdl")
 LITE_2_STAGES: dict[str, tuple[Matrix, ...]] = {
     "core": _decisive(_stump_tracks(5, KnowledgeLevel.HIGH)),
     "later": _decisive(_stump_tracks(5, KnowledgeLevel.HIGH), *_LATER),
-    "authors": _decisive(
-        [each for each in _stump_tracks(3, KnowledgeLevel.HIGH) if each.name in LATER_CHALLENGES],
-        *SCALED_TEACHERS,
-    ),
+    "authors": _decisive(select(_stump_tracks(3, KnowledgeLevel.HIGH), LATER_CHALLENGES), *SCALED_TEACHERS),
     "levels": _decisive(_stump_tracks(3, KnowledgeLevel.NONE, KnowledgeLevel.LOW), *_FEW),
     "parkour": _decisive([_lite(matrix, 3) for matrix in PARKOUR], *_FEW),
     "seeds": _decisive(_stump_tracks(10, KnowledgeLevel.HIGH)),
