@@ -40,8 +40,11 @@ def test_children_of_the_node_manager_may_end_and_the_node_manager_may_not(tmp_p
         assert "node manager (raylet)" in str(processes.lost())
 
 
-def test_what_has_closed_its_ports_is_lost_while_its_process_goes_on(tmp_path: Path) -> None:
+def test_what_has_closed_its_ports_is_lost_while_its_process_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As the head is after SIGTERM: it neither serves nor ends."""
+    monkeypatch.setattr("tma_ray.campaign.cluster.heads.WATCH_SECONDS", 0.0)
     python = tmp_path / "gcs_server"
     python.symlink_to(sys.executable)
     processes = OwnProcesses()

@@ -47,6 +47,9 @@ OBJECT_STORE_BYTES: Final = 100_000_000
 CORE: Final = {"gcs_server": "head (GCS)", "raylet": "node manager (raylet)"}
 """Processes without which a Ray cannot go on, by what the system calls them, with their names in messages."""
 
+WATCH_SECONDS: Final = 2.0
+"""Time between two looks at a head, and the longest that it has to accept a connection, s."""
+
 END_SECONDS: Final = 3.0  # longest wait for processes that end, s
 MARK: Final = "made-by-tma_ray"  # name of the file in a folder of ours; nothing is removed without it
 PREFIX: Final = "tma_ray-"  # beginning of the names of these folders
@@ -69,24 +72,35 @@ class OwnProcesses:
         self._started: set[psutil.Process] = set()
         self._core: dict[psutil.Process, str] = {}
         self._serving: set[psutil.Process] = set()
+        self._silent: set[psutil.Process] = set()
+        self._looked = -math.inf
 
     def look(self) -> None:
-        """Record the processes that have been started.
+        """Record the processes that have been started, and which of the core serve; takes some 30 ms.
 
         Core processes are children of this one. The node manager's own children bear its name, too, until
-        they become workers, which may end at any time.
+        they become workers, which may end at any time. A head that hangs after SIGTERM has closed its ports.
         """
+        self._looked = time.monotonic()
         self._started |= set(psutil.Process().children(recursive=True)) - self._others
         for process in set(psutil.Process().children()) - self._others - set(self._core):
             with suppress(psutil.NoSuchProcess):
                 name = process.name()
                 if name in CORE:
                     self._core[process] = CORE[name]
+        for process in list(self._core):
+            with suppress(psutil.NoSuchProcess):
+                if any(each.status == psutil.CONN_LISTEN for each in process.net_connections("tcp")):
+                    self._serving.add(process)
+                elif process in self._serving:
+                    self._silent.add(process)
 
     def lost(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # processes are seen at once
-        """Return the core processes that are gone, however short the silence; see `Watched`."""
-        self.look()
-        gone = [name for process, name in self._core.items() if not self._serves(process)]
+        """Return the core processes that have ended or closed their ports; see `Watched`."""
+        if time.monotonic() - self._looked >= WATCH_SECONDS:
+            self.look()
+        core = list(self._core.items())  # another thread may look
+        gone = [name for process, name in core if process in self._silent or not _lives(process)]
         if not gone:
             return None
         return (
@@ -108,17 +122,13 @@ class OwnProcesses:
         """Wait a moment for processes that end."""
         psutil.wait_procs(self._started, timeout=END_SECONDS)
 
-    def _serves(self, process: psutil.Process) -> bool:
-        """Return False if a process has ended or closed its ports, as a hanging head does after SIGTERM."""
-        try:
-            if not process.is_running() or process.status() == psutil.STATUS_ZOMBIE:
-                return False
-            listens = any(each.status == psutil.CONN_LISTEN for each in process.net_connections("tcp"))
-        except psutil.NoSuchProcess:
-            return False
-        if listens:
-            self._serving.add(process)
-        return listens or process not in self._serving
+
+def _lives(process: psutil.Process) -> bool:
+    """Return False if a process has ended, whether or not its end has been collected."""
+    try:
+        return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False
 
 
 class LocalHead:
@@ -232,9 +242,6 @@ def _remove(folder: Path) -> None:
     (folder / MARK).unlink()
     folder.rmdir()
 
-
-WATCH_SECONDS: Final = 2.0
-"""Time between two looks at a cluster's head, and the longest that it has to accept a connection, s."""
 
 DEFAULT_PATIENCE: Final = 60.0  # Ray's own default of `PATIENCE_SETTING`, s
 
