@@ -20,7 +20,7 @@ TOLERATED = 3.0
 
 TIERS = ("slow", "chaos")
 
-SPENT = pytest.StashKey[dict[str, float]]()
+READING = pytest.StashKey[float]()
 
 TICKS = os.sysconf("SC_CLK_TCK")
 
@@ -36,26 +36,24 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(CostReport(config.getoption("--costs")))
 
 
-@pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
-    """Measure what a case needs first; fixtures of larger scope fall to the case that is first to ask."""
-    return (yield from _measured(item, "setup"))
-
-
-@pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """Measure the case itself."""
-    return (yield from _measured(item, "call"))
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Read the clock before the first case."""
+    session.config.stash[READING] = processor_seconds()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Send the seconds along with the report."""
+    """Send the seconds since the case before along with the last report of a case.
+
+    A fixture of larger scope falls to the case that is first to ask. One reading a case: each asks the system
+    for every thread of every process that this one has started.
+    """
     report = yield
-    spent = item.stash.get(SPENT, {})
-    report.processor_seconds = spent.get(call.when, 0.0)
+    if call.when == "teardown":
+        before, item.config.stash[READING] = item.config.stash[READING], processor_seconds()
+        report.processor_seconds = max(0.0, item.config.stash[READING] - before)
     return report
 
 
@@ -64,23 +62,23 @@ class CostReport:
 
     def __init__(self, length: int) -> None:
         self.length = length
-        self.costs: list[tuple[float, str, str]] = []
+        self.costs: list[tuple[float, str]] = []
         self.unmarked: list[tuple[float, str]] = []
 
     def pytest_runtest_logreport(self, report: Any) -> None:
-        """Note a phase of a case."""
-        seconds = getattr(report, "processor_seconds", 0.0)
-        self.costs.append((seconds, report.when, report.nodeid))
-        if report.when == "call" and seconds > TOLERATED and not set(TIERS) & set(report.keywords):
-            self.unmarked.append((seconds, report.nodeid))
+        """Note the cost of a case."""
+        if report.when == "teardown":
+            self.costs.append((report.processor_seconds, report.nodeid))
+            if report.processor_seconds > TOLERATED and not set(TIERS) & set(report.keywords):
+                self.unmarked.append((report.processor_seconds, report.nodeid))
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """Print the slowest, then those that no marker admits."""
         write = terminalreporter.write_line
-        total = sum(seconds for seconds, _, _ in self.costs)
+        total = sum(seconds for seconds, _ in self.costs)
         terminalreporter.write_sep("=", f"the slowest of {total:.0f} processor seconds in cases")
-        for seconds, phase, name in sorted(self.costs, reverse=True)[: self.length]:
-            write(f"{seconds:7.2f} s {phase:5} {name}")
+        for seconds, name in sorted(self.costs, reverse=True)[: self.length]:
+            write(f"{seconds:7.2f} s {name}")
         if self.unmarked:
             write(f"over {TOLERATED:g} s without the marker {' or '.join(TIERS)}:")
         for seconds, name in sorted(self.unmarked, reverse=True):
@@ -92,15 +90,6 @@ def processor_seconds() -> float:
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     alive = sum(_used(process) for process in _descendants("self"))
     return time.process_time() + ended.ru_utime + ended.ru_stime + alive
-
-
-def _measured(item: pytest.Item, phase: str) -> Generator[None, object, object]:
-    before = processor_seconds()
-    try:
-        return (yield)
-    finally:
-        spent = item.stash.setdefault(SPENT, {})
-        spent[phase] = max(0.0, processor_seconds() - before)
 
 
 def _descendants(process: str) -> Iterator[str]:
