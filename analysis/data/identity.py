@@ -97,6 +97,8 @@ def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tupl
     for column in NAMED:
         variants = _variants(known, column)
         names = _names(variants)
+        if not names:
+            continue
         for frame, apart in zip(frames, identified, strict=True):
             rows = zip(_variants(frame, column), frame[column], apart, strict=True)
             frame[column] = [names.get(variant, name) if mine else name for variant, name, mine in rows]
