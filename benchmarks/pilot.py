@@ -6,7 +6,8 @@
 
 Runs the parts in order, each once the one before is done, and continues what an earlier call left. All
 evaluations are written to benchmarks/measured/pilot.csv, costs to benchmarks/measured/pilot_costs.csv.
-Runs that the file of evaluations has are not run again, whichever root they were in.
+Runs that the file of evaluations has are not run again, whichever root they were in. Its column walking marks
+those of part c, whose students started from walking policies: students could for this part alone.
 """
 
 from __future__ import annotations
@@ -32,10 +33,9 @@ from analysis.statistics.samples import Estimate
 from tma_ray.campaign.plan import CampaignSpec, Plan, joined_plan
 from tma_ray.envs import make_environment
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
-from tma_ray.runs.evaluation import Evaluation
 from tma_ray.students import check_hyperparameters, make_student
 from tma_ray.students.catalogue import canonical_student
-from tma_ray.tasks import MASTERY_RETURN, KnowledgeLevel, TaskSpace
+from tma_ray.tasks import KnowledgeLevel, TaskSpace
 
 if TYPE_CHECKING:
     from student_training import OurLoop
@@ -78,13 +78,10 @@ ENOUGH = 1.3
 STRETCH, STRETCHES = 40_000, 5
 """Fewest steps by which costs are measured, and how often."""
 
-PARTS = ("rollouts", "changes", "students", "budget", "onset")
-
-FLAT = "easy:stump_height=0..0.05"
-"""Challenge on which walking policies are trained."""
+PARTS = ("rollouts", "changes", "students", "budget")
 
 WALKER_STEPS = 1_000_000
-"""Steps for which they are."""
+"""Steps for which walking policies were trained."""
 
 
 def changed(rollouts: str) -> dict[str, str]:
@@ -106,7 +103,7 @@ def costs() -> pd.DataFrame:
     All students take turns, so that what else the machine does meets all of them.
     """
     students = [*ROLLOUTS, *(name for rollouts in ROLLOUTS for name in changed(rollouts).values())]
-    loops = {name: loop_of(Cell(student=name), 0) for name in students}
+    loops = {name: loop_of(name) for name in students}
     spent: dict[str, list[float]] = {name: [] for name in students}
     for repeat in range(STRETCHES + 1):
         for name, loop in loops.items():
@@ -127,43 +124,23 @@ def costs() -> pd.DataFrame:
 class Tasks(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Resets an environment with random tasks of a space."""
 
-    def __init__(self, env: gymnasium.Env[Any, Any], space: TaskSpace, seed: int) -> None:
+    def __init__(self, env: gymnasium.Env[Any, Any], space: TaskSpace) -> None:
         super().__init__(env)
-        self._space, self._rng = space, np.random.default_rng(seed)
+        self._space, self._rng = space, np.random.default_rng(0)
 
     def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
         """Return the first observation of a random task."""
         return self.env.reset(**options | {"options": {"task": self._space.sample(self._rng, 1)[0]}})
 
 
-def loop_of(cell: Cell, seed: int) -> OurLoop:
-    """Return the training of a student on random tasks of a challenge."""
+def loop_of(student: str) -> OurLoop:
+    """Return the training of a student on random tasks."""
     from student_training import OurLoop  # it imports torch
 
-    spec = effective_spec(cell, seed, Schedule())
-    env = Tasks(make_environment(spec.environment, **spec.environment_options), spec.task_space, seed)
-    entropy = np.random.SeedSequence(seed)
-    return OurLoop(make_student(cell.student, env.observation_space, env.action_space, entropy), env)
-
-
-def walker(student: str, seed: int, folder: Path) -> Path:
-    """Return the file of the walking policy of a seed, which is trained unless it is there.
-
-    Prints its mastered share of the easy test tasks.
-    """
-    file = folder / f"walker_{seed}.json"
-    if not file.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        cell = Cell(challenge=FLAT, student=student)
-        loop = loop_of(cell, seed)
-        loop.train(WALKER_STEPS)
-        trained: Any = loop.student
-        rows = Evaluation(effective_spec(cell, seed, Schedule()))(trained.act_greedily)
-        mastered = np.mean([row["episodic_return"] > MASTERY_RETURN for row in rows])
-        print(f"walker {seed} masters {mastered:.0%} of the easy tasks", flush=True)
-        trained.save_start(file.with_suffix(".part"))
-        file.with_suffix(".part").replace(file)
-    return file
+    spec = effective_spec(Cell(student=student), 0, Schedule())
+    env = Tasks(make_environment(spec.environment, **spec.environment_options), spec.task_space)
+    entropy = np.random.SeedSequence(0)
+    return OurLoop(make_student(student, env.observation_space, env.action_space, entropy), env)
 
 
 def read(csv: Path) -> pd.DataFrame:
@@ -185,8 +162,8 @@ def steps_of(student: str) -> int:
     return int(np.clip(round(STEPS / ratio / INTERVAL) * INTERVAL, STEPS, 2 * STEPS))
 
 
-def plan(part: str, found: pd.DataFrame, walkers: Path) -> Plan:
-    """Return the runs of `part`, given the evaluations before it and a folder for walking policies."""
+def plan(part: str, found: pd.DataFrame) -> Plan:
+    """Return the runs of `part`, given the evaluations before it."""
     chosen: list[tuple[str, str, str, str, int, int, tuple[int, ...]]]
     if part == "students":
         chosen = [
@@ -208,15 +185,6 @@ def plan(part: str, found: pd.DataFrame, walkers: Path) -> Plan:
                 SEEDS["budget"],
             )
             for challenge, body in SPACES
-            for teacher in TEACHERS
-        ]
-    elif part == "onset":
-        student = student_of_choice(found)
-        chosen = [
-            (f"{student}:start_from={file}", challenge, body, teacher, STEPS, INTERVAL, (seed,))
-            for seed in SEEDS["budget"]
-            for file in [walker(student, seed, walkers)]
-            for challenge, body in SPACES[:2]
             for teacher in TEACHERS
         ]
     else:
@@ -250,7 +218,8 @@ def evaluations(root: str, run_ids: Collection[str] | None = None) -> pd.DataFra
     found = frames.measured[["run_id", "step", "mastered_percent"]]
     found = found.merge(halves[["run_id", "step", "mastered_half"]], on=["run_id", "step"])
     runs = frames.cells.drop_duplicates("run_id")[["run_id", *CELL, "seed", "steps"]]
-    return runs.merge(found, on="run_id").astype(dict.fromkeys(CELL, str) | {"steps": int})
+    rows = runs.merge(found, on="run_id").astype(dict.fromkeys(CELL, str) | {"steps": int})
+    return rows.assign(walking=False)
 
 
 def areas(found: pd.DataFrame, until: int | None = None, column: str = "mastered_percent") -> pd.DataFrame:
@@ -323,9 +292,9 @@ def tables(found: pd.DataFrame) -> str:
     compared = found[found["seed"].isin(SEEDS["screen"]) & (found["student"] != PAPER)]
     if students := complete(areas(every_second(compared))):
         parts.append(comparison_table(complete(paper_runs()) | students))
-    longest = found[found["seed"].isin(SEEDS["budget"])]
-    if complete(areas(longest)):
-        parts += [budget_table(longest), onset_table(areas(longest, STEPS))]
+    later = found[found["seed"].isin(SEEDS["budget"])]
+    if complete(areas(later)):
+        parts += [budget_table(later[~later["walking"]]), onset_table(later)]
     return "\n\n".join(parts)
 
 
@@ -432,24 +401,23 @@ def budget_table(found: pd.DataFrame) -> str:
     return markdown(head, rows)
 
 
-def onset_table(runs: pd.DataFrame) -> str:
+def onset_table(found: pd.DataFrame) -> str:
     """Return signal to noise and decisiveness on two spaces, of new students and of walking ones.
 
     Args:
-        runs: after `STEPS` steps, of one student, new or started from the walking policy of its seed.
+        found: evaluations of one student, new or started from the walking policy of its seed.
     """
-    begun = runs["student"].str.replace(r":start_from=[^:]+", "", regex=True)
-    (micro,) = step_costs().microseconds[begun.unique()]
-    runs = runs[pd.MultiIndex.from_frame(runs[["challenge", "embodiment"]]).isin(SPACES[:2])]
-    walks = runs["student"].str.contains("start_from=")
+    (micro,) = step_costs().microseconds[found["student"].unique()]
+    found = found[pd.MultiIndex.from_frame(found[["challenge", "embodiment"]]).isin(SPACES[:2])]
     rows = []
     for name, own, steps in (
-        ("new", runs[~walks], STEPS),
-        ("walking", runs[walks], STEPS + WALKER_STEPS),
+        ("new", found[~found["walking"]], STEPS),
+        ("walking", found[found["walking"]], STEPS + WALKER_STEPS),
     ):
-        area, hours = noise_of(own, "area"), steps * micro / 3.6e9
+        runs = areas(own, STEPS)
+        area, hours = noise_of(runs, "area"), steps * micro / 3.6e9
         decisive = f"{area.value / math.sqrt(hours):.2f}"
-        rows.append((name, f"{own['area'].mean():.1f}", shown(area), decisive, len(own)))
+        rows.append((name, f"{runs['area'].mean():.1f}", shown(area), decisive, len(runs)))
     return markdown(("students", "area, %", "S/N of area", "decisiveness", "runs"), rows)
 
 
@@ -491,7 +459,7 @@ def main() -> int:
         return 0
     found = read(given.csv) if given.csv.exists() else pd.DataFrame(columns=[*RUN, "step"])
     for part in given.parts.split(","):
-        wanted = plan(part, found, Path(f"{given.results}_walkers"))
+        wanted = plan(part, found)
         missing = tuple(run for run in wanted.runs if key_of(run) not in done(found))
         print(f"{part}: {len(missing)} of {len(wanted.runs)} runs are missing", flush=True)
         if missing:

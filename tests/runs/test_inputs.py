@@ -84,18 +84,6 @@ def test_weights_given_as_a_file_are_told_by_content(tmp_path: Path) -> None:
     assert specs[0].environment == "parkour:cppn_weights=others.npz"
 
 
-def test_a_student_that_starts_from_a_file_is_told_by_its_content(tmp_path: Path) -> None:
-    specs = []
-    for place, text in (("a", "{}"), ("b", "{}"), ("c", "{ }")):
-        file = tmp_path / place / "walker.json"
-        file.parent.mkdir()
-        file.write_text(text)
-        specs.append(effective_spec(Cell(student=f"ppo:start_from={file}"), 0, Schedule()))
-    assert specs[0].run_id == specs[1].run_id != specs[2].run_id
-    assert specs[0].student == "ppo:start_from=walker.json"
-    assert Path(arguments(specs[2], "student")["start_from"]).read_text() == "{ }"
-
-
 def test_a_test_set_is_told_by_content(tmp_path: Path) -> None:
     specs = []
     for place, height in (("a", "1"), ("b", "1"), ("c", "2")):

@@ -230,38 +230,3 @@ def test_evaluations_see_the_exponential_average_of_the_weights(tmp_path):
 def flat(student) -> np.ndarray:
     """Return the parameters of the network (p,)."""
     return student._network.parameters.detach().numpy().copy()
-
-
-def test_a_student_starts_from_the_weights_and_statistics_of_another(tmp_path):
-    walker, env = small_student("ppo", seed=5), Drift()
-    train(walker, env, 130)
-    file = tmp_path / "walker.json"
-    walker.save_start(file)
-    student = small_student("ppo", seed=6, start_from=str(file))
-    for _ in range(2):
-        np.testing.assert_array_equal(student.act_greedily(OBSERVATIONS), walker.act_greedily(OBSERVATIONS))
-        np.testing.assert_array_equal(student.state_values(OBSERVATIONS), walker.state_values(OBSERVATIONS))
-        assert student.update.adam.steps == 0
-        train(student, Drift(seed=3), 50)
-        student.normaliser = walker.normaliser
-        student.reset()
-    saved, moved = tmp_path / "saved", tmp_path / "elsewhere" / "walker.json"
-    for folder in (saved, moved.parent):
-        folder.mkdir()
-    file.rename(moved)
-    student.save(saved)
-    small_student("ppo", start_from=str(moved)).load(saved)
-
-
-@pytest.mark.parametrize(
-    ("hyper", "message"),
-    [
-        ({"hidden_units": [8]}, "has 229 parameters, the networks here have 61"),
-        ({"gamma": 0.5}, r"walker.json is of a student .* \(3, 0.99, 10.0, 10.0\): expected \(3, 0.5, "),
-        ({"start_from": "missing.json"}, "'missing.json': no such file; PPO.save_start writes one"),
-    ],
-)
-def test_a_file_to_start_from_that_does_not_fit_is_refused(hyper, message, tmp_path):
-    small_student("ppo").save_start(tmp_path / "walker.json")
-    with pytest.raises(ValueError, match=message):
-        small_student("ppo", **{"start_from": str(tmp_path / "walker.json"), **hyper})

@@ -56,8 +56,6 @@ class PPOHyperparameters:
         max_gradient_norm: norm to which the gradient is clipped.
         observation_clip: normalised observations are clipped to [-x, x].
         reward_clip: normalised rewards are clipped to [-x, x].
-        start_from: path of a file that `PPO.save_start` wrote, whose weights and running statistics the
-            student begins with, also after it forgot everything; empty for new ones.
         averaged_steps: environment steps over which the weights are averaged exponentially, update by update;
             evaluations and the saved policy have the average. 0 for the weights themselves.
         matmul_precision: matmul precision of the updates' matrix products.
@@ -65,7 +63,7 @@ class PPOHyperparameters:
 
     algorithm_version: ClassVar[int] = 1
     absent_at_default: ClassVar[frozenset[str]] = frozenset(
-        ("activation", "separate_trunks", "start_from", "averaged_steps")
+        ("activation", "separate_trunks", "averaged_steps")
     )
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "decisive": {"steps_per_update": 20_000, "batch_size": 500, "gamma": 0.995}
@@ -87,7 +85,6 @@ class PPOHyperparameters:
     max_gradient_norm: float = 0.5
     observation_clip: float = 10.0
     reward_clip: float = 10.0
-    start_from: str = ""
     averaged_steps: int = 0
     matmul_precision: MatmulPrecision = MatmulPrecision.HIGHEST
 

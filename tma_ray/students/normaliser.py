@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from tma_ray.jit import kernel
 from tma_ray.students.base import Observations, Transition
-from tma_ray.students.hyperparameters import PPOHyperparameters
 
 EPSILON = 1e-8  # added to every variance before its root is taken
 INITIAL_COUNT = 1e-4  # weight of the initial mean 0 and variance 1 among the observations
@@ -146,28 +145,6 @@ class Normaliser:
         normaliser._return_count = content["return_count"]
         normaliser._discounted_return = content["discounted_return"]
         return normaliser
-
-
-def first_normaliser(hyper: PPOHyperparameters, size: int) -> Normaliser:
-    """Return the first statistics of a student: new ones, or those of the file that it starts from.
-
-    Raises:
-        ValueError: the file is not there, or is of a student with other observations, gamma or clips.
-    """
-    if not hyper.start_from:
-        return Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)
-    path = Path(hyper.start_from)
-    if not path.is_file():
-        raise ValueError(f"start_from = {hyper.start_from!r}: no such file; PPO.save_start writes one")
-    normaliser = Normaliser.load(path)
-    wanted = size, hyper.gamma, hyper.observation_clip, hyper.reward_clip
-    found = len(normaliser._mean), normaliser.gamma, normaliser.observation_clip, normaliser.reward_clip
-    if found != wanted:
-        raise ValueError(
-            f"{path} is of a student with size of observations, gamma, observation_clip and reward_clip "
-            f"{found}: expected {wanted}; start from another file"
-        )
-    return normaliser
 
 
 @kernel

@@ -1,6 +1,5 @@
 """PPO over stable-baselines3, with the paper's hyper-parameters and normalisation."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -223,7 +222,6 @@ class PPOUpdate:
 NORMALISER_FILE = "normaliser.json"
 AVERAGE_FILE = "average.npy"
 
-START = "parameters"  # key of the weights in a file to start from, beside the running statistics
 POLICY = "ppo"  # what saved policies say that they are; those of `StockPPO` say the same
 
 
@@ -283,14 +281,6 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
         self.rollout.clear()
         blocks = blocks_of(policy.features_extractor, policy.action_net, policy.value_net)
         self._flat = FlatParameters([blocks], [policy.log_std], hyper.activation)
-        if hyper.start_from:
-            parameters = json.loads(Path(hyper.start_from).read_text())[START]
-            if len(parameters) != len(self._flat.values):
-                raise ValueError(
-                    f"{hyper.start_from} has {len(parameters)} parameters, the networks here have "
-                    f"{len(self._flat.values)}: start from a student of the same body and the same layers"
-                )
-            self._flat.values.copy_(torch.tensor(parameters))
         (self._network,) = self._flat.networks
         self._acting = GreedyNetwork(self._network.parameters, self._layout, self._low.size)
         self._greedy = self._acting
@@ -344,12 +334,6 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
             values["activation"] = hyper.activation.value
         tensors = {**self._greedy.tensors(), **self.normaliser.tensors()}
         write_policy(folder, POLICY, self.observation_space, self.action_space, tensors, values)
-
-    def save_start(self, path: Path) -> None:
-        """Write what other students begin with by ``start_from``: JSON, for networks of the same layers."""
-        self.normaliser.save(path)
-        content = json.loads(path.read_text()) | {START: self._flat.values.tolist()}
-        path.write_text(json.dumps(content))
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102

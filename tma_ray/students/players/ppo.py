@@ -14,7 +14,7 @@ from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.mlp.acting import ArrayNetwork, FloatArray, RowArrays, apply_row
-from tma_ray.students.normaliser import Normaliser, first_normaliser, scaled
+from tma_ray.students.normaliser import Normaliser, scaled
 from tma_ray.students.players.base import ActingNetwork, ActingStudent, Player
 from tma_ray.students.players.link import Weights
 
@@ -213,7 +213,7 @@ class PPOActing(ActingStudent):
 
     def _start(self) -> None:
         hyper, size = self.hyperparameters, self.observation_space.shape[0]
-        self.normaliser = first_normaliser(hyper, size)
+        self.normaliser = Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)
         self.rollout = Rollout(hyper.steps_per_update, size, self._low.size, self._batches, self.device)
         self._episode_starts = True
 

@@ -124,7 +124,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
         counters, unchanged = self._save_experience(folder, incremental)
         state = {
-            "hyperparameters": self._settings,
+            "hyperparameters": identifying(self.hyperparameters),
             "generators": [generator.bit_generator.state for generator in self._generators],
             "updates": self.model._n_updates,
             "counters": counters,
@@ -142,7 +142,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
 
     def load(self, folder: Path) -> None:  # noqa: D102
         state = json.loads((folder / "student.json").read_text())
-        saved, ours = state["hyperparameters"], self._settings
+        saved, ours = state["hyperparameters"], identifying(self.hyperparameters)
         if saved != ours:
             differing = [key for key in {**saved, **ours} if saved.get(key, "none") != ours.get(key, "none")]
             raise ValueError(
@@ -195,9 +195,3 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
         finally:
             torch.set_float32_matmul_precision(outside)
         self._refresh()
-
-    @property
-    def _settings(self) -> dict[str, Any]:
-        """Hyper-parameters as states have them: a file by its name, since each process has it elsewhere."""
-        values = identifying(self.hyperparameters)
-        return {key: Path(value).name if key == "start_from" else value for key, value in values.items()}
