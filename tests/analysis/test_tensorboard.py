@@ -9,12 +9,10 @@ import sys
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from synthetic_results import SyntheticCampaign
-from tensorboardX.proto.event_pb2 import Event, SessionLog
-from tensorboardX.record_writer import masked_crc32c
 from views import Told
 
 from analysis.tracking import points
@@ -22,11 +20,17 @@ from analysis.tracking.event_folder import EventFolder
 from tma_ray.cli import main
 from tma_ray.results import RunWriter, Table
 
+if TYPE_CHECKING:
+    from tensorboardX.proto.event_pb2 import Event
+
 Series = dict[str, list[tuple[int, float]]]
 
 
 def events_of(file: Path, whole: bool) -> list[Event]:
     """Parse TFRecord: length, its checksum, data, its checksum; the last record need not be whole."""
+    from tensorboardX.proto.event_pb2 import Event  # it imports torch, seconds in every process of the suite
+    from tensorboardX.record_writer import masked_crc32c
+
     content, found = file.read_bytes(), []
     while content:
         if not whole and len(content) < 16 + int.from_bytes(content[:8], "little"):
@@ -228,7 +232,10 @@ def test_following_a_run_that_is_interrupted_doubles_nothing(
     emptied, file = sorted((folder / NAME).iterdir())
     assert emptied.read_bytes() == b""  # but there: a TensorBoard that has it open goes on to the next
     start = events_of(file, whole=True)[1]
-    assert (start.step, start.session_log.status) == (0, SessionLog.START)  # and forgets what was in it
+    assert (start.step, start.session_log.status) == (
+        0,
+        start.session_log.START,
+    )  # and forgets what was in it
     run.grow(20, 30)
     events.update()
     run.finish()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from cyclopts import App, Argument
@@ -191,13 +192,13 @@ class Mistake:
 
 def mistakes() -> Iterator[Mistake]:
     """Yield every mistake: values of each option of each command, and options that are none."""
-    for path, app in commands():
-        rest = valid_rest(path, app, None)
+    for path, _ in commands():
+        rest = valid_rest(path, None)
         yield Mistake((*path, *rest, "--no-such-option"), ("--no-such-option",), "unknown option")
         if len(rest) == 0:
             yield Mistake((*path, "no", "such", "word"), ("no such word", "'no'"), "unknown word")
-        for argument in command_line.arguments(app):
-            yield from _of_option(path, app, argument)
+        for argument in arguments_of(path):
+            yield from _of_option(path, argument)
 
 
 def commands() -> Iterator[tuple[tuple[str, ...], App]]:
@@ -207,12 +208,18 @@ def commands() -> Iterator[tuple[tuple[str, ...], App]]:
             yield path, app
 
 
+@cache
+def arguments_of(path: tuple[str, ...]) -> Sequence[Argument]:
+    """Return the arguments and options of a command, which take some 10 ms to be put together."""
+    return command_line.arguments(dict(commands())[path])
+
+
 def flags(argument: Argument) -> list[str]:
     """The names of an option, short ones first; none of a position."""
     return sorted((name for name in argument.names if name.startswith("-")), key=len)
 
 
-def valid_rest(path: tuple[str, ...], app: App, leave: Argument | None) -> list[str]:
+def valid_rest(path: tuple[str, ...], leave: Argument | None) -> list[str]:
     """The rest of a valid and small command line; the place of `leave`, if it has one, is an empty word."""
     words = list(SMALL.get(" ".join(path), ()))
     left = leave.names if leave is not None else ()
@@ -220,7 +227,7 @@ def valid_rest(path: tuple[str, ...], app: App, leave: Argument | None) -> list[
         if option in words:
             place = words.index(option)
             del words[place : place + 2]
-    for argument in command_line.arguments(app):
+    for argument in arguments_of(path):
         if argument.names == left and not flags(argument):
             words.append("")
         elif argument.names != left and argument.required:
@@ -234,8 +241,8 @@ def valid_rest(path: tuple[str, ...], app: App, leave: Argument | None) -> list[
     return words
 
 
-def _of_option(path: tuple[str, ...], app: App, argument: Argument) -> Iterator[Mistake]:
-    rest, option = valid_rest(path, app, argument), (flags(argument) or [""])[-1]
+def _of_option(path: tuple[str, ...], argument: Argument) -> Iterator[Mistake]:
+    rest, option = valid_rest(path, argument), (flags(argument) or [""])[-1]
     if option:
         misspelt = f"{option[:3]}{option[4:]}" if len(option) > 6 else f"{option}q"
         yield Mistake((*path, *rest, misspelt), (misspelt,), "misspelt option")

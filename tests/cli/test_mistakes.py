@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mistakes import Mistake, commands, fill, flags, mistakes, valid_rest
+from mistakes import Mistake, arguments_of, commands, fill, flags, mistakes, valid_rest
 
 from tma_ray.campaign import execution, script
 from tma_ray.campaign.progress import Snapshot
@@ -122,8 +122,8 @@ def test_every_kind_of_value_has_mistakes() -> None:
     kinds = {mistake.kind.removesuffix(",...") for mistake in MISTAKES}
     used = {
         str(argument.parameter.metavar).removesuffix(",...")
-        for _, app in commands()
-        for argument in arguments(app)
+        for path, _ in commands()
+        for argument in arguments_of(path)
         if argument.parameter.metavar
     }
     assert used <= kinds
@@ -131,8 +131,8 @@ def test_every_kind_of_value_has_mistakes() -> None:
 
 
 def test_every_number_is_of_the_one_grammar() -> None:
-    for path, app in commands():
-        for argument in arguments(app):
+    for path, _ in commands():
+        for argument in arguments_of(path):
             if argument.parameter.metavar in NUMBERS:
                 parse = argument.parameter.converter.parse  # type: ignore[union-attr]
                 assert isinstance(parse, Quantity), f"{' '.join(path)} {argument.names}"
@@ -145,7 +145,7 @@ def test_mistakes_are_refused_by_name(warm: Mapping[str, Any], mistake: Mistake)
 
 
 WRITERS = [
-    (path, app, argument)
+    (path, argument)
     for path, app in commands()
     for argument in arguments(app, described=True)
     if argument.parameter.metavar == "ROOT"
@@ -162,8 +162,8 @@ def test_no_command_makes_a_root_where_others_have_files(
     monkeypatch.setenv("HOME", str(places["home"]))
     (places["busy"] / "tmp" / "notes.txt").write_text("mine")
     assert len(WRITERS) >= 6
-    for path, app, argument in WRITERS:
-        words = [word for word in valid_rest(path, app, argument) if word != "--dry-run"]
+    for path, argument in WRITERS:
+        words = [word for word in valid_rest(path, argument) if word != "--dry-run"]
         end = ending((*path, *words, f"{flags(argument)[-1]}={place}"), places)
         assert end.code == 2, (path, end.said)
         assert re.search("results need a folder of their own|empty", end.said), (path, end.said)
@@ -232,11 +232,11 @@ def test_values_are_checked_where_nothing_needs_them(
 
 def test_every_refusal_of_a_choice_names_all_choices(places: Mapping[str, Any]) -> None:
     chosen = 0
-    for path, app in commands():
-        for argument in arguments(app):
+    for path, _ in commands():
+        for argument in arguments_of(path):
             if not (choices := argument.get_choices()):
                 continue
-            rest, option = valid_rest(path, app, argument), flags(argument)[-1:]
+            rest, option = valid_rest(path, argument), flags(argument)[-1:]
             end = ending((*path, *(word or "nothing" for word in rest), *option, "nothing"), places)
             assert end.code == 2
             assert ", ".join(choices) in end.said, (path, option, end.said)

@@ -6,8 +6,8 @@ import ast
 import doctest
 import importlib
 import re
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,17 +32,21 @@ NOBODYS = ("name", "module:Name", "my_teacher")
 """Names that examples of the grammar give to somebody's own."""
 
 
-def texts() -> Iterator[tuple[str, str]]:
-    """Yield every docstring with its file."""
+def found(pattern: re.Pattern[str]) -> list[tuple[str, Any]]:
+    """Return what `pattern` finds in docstrings, each with its file; files without any are not parsed."""
+    everything = set()
     for path in FILES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        source = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(source)) if pattern.search(source) else ():
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-                yield path.relative_to(ROOT).as_posix(), str(node.value.value)
+                file = path.relative_to(ROOT).as_posix()
+                everything |= {(file, each) for each in pattern.findall(str(node.value.value))}
+    return sorted(everything)
 
 
-NAMES = sorted({(file, name) for file, text in texts() for name in NAME.findall(text)})
+NAMES = found(NAME)
 
-COMMANDS = sorted({(file, "".join(found)) for file, text in texts() for found in COMMAND.findall(text)})
+COMMANDS = [(file, "".join(groups)) for file, groups in found(COMMAND)]
 
 
 @pytest.mark.parametrize(
