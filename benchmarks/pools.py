@@ -12,7 +12,7 @@ from tma_ray.campaign.plan import Plan, lease_holder
 from tma_ray.campaign.progress import ProgressView
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
-from tma_ray.results import Committer, Lease
+from tma_ray.results import Committer, Lease, Store, start_from
 from tma_ray.runs import Placement
 from tma_ray.students.players import CohortSettings
 
@@ -27,6 +27,7 @@ def parser(description: str) -> argparse.ArgumentParser:
     """Return a parser with the options of a pool."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=description)
     parser.add_argument("--results", required=True, help="results root; what it holds is not done again")
+    parser.add_argument("--start-from", help="release whose runs are copied first, and not done again")
     parser.add_argument("--processes", type=int, default=2, help="runs at a time")
     parser.add_argument("--cohort", type=int, default=0, help="slots of a cohort; 0: each run learns alone")
     parser.add_argument("--device", default="cpu", help="where the cohort learns, or each run")
@@ -44,6 +45,8 @@ def execute(plan: Plan, options: argparse.Namespace) -> None:
     terminated = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     deadline = time.monotonic() + 60 * options.minutes
+    if options.start_from:
+        start_from(Store.open(options.results), Store.open(options.start_from))
     committer = Committer.open(options.results)
     runs = plan.runs[slice(*(int(part) if part else None for part in options.order.split(":")))]
     width = options.cohort

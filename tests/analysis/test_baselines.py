@@ -8,6 +8,7 @@ import shutil
 import warnings
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -15,7 +16,7 @@ from synthetic_results import SMALL, SyntheticCampaign
 from views import Told, printed
 
 from analysis.baselines import BaselineError, as_baseline, baselines, find_baseline, release, verify
-from analysis.baselines.catalogue import PLACES_VARIABLE
+from analysis.baselines.catalogue import PLACES_VARIABLE, BaselineKind
 from analysis.commands.releases import show_baselines
 from analysis.commands.tables import write_tables
 from analysis.data.frames import Frames, load
@@ -70,19 +71,33 @@ def test_a_release_loads_as_its_root_does(root: Path, released: Path) -> None:
     assert write_tables(released).text == write_tables(root).text
 
 
-@pytest.mark.slow
-def test_its_croissant_metadata_are_valid_and_lead_to_its_rows(released: Path) -> None:
+def described(baseline: Path) -> Any:
+    """Return the data set of a baseline's Croissant metadata, without errors or warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import mlcroissant
 
-        described = mlcroissant.Dataset(released / "croissant.json")
-    assert not described.metadata.ctx.issues.errors
-    assert not described.metadata.ctx.issues.warnings
-    assert {each.uuid for each in described.metadata.record_sets} == {str(table) for table in Table}
+        found = mlcroissant.Dataset(baseline / "croissant.json")
+    assert not found.metadata.ctx.issues.errors
+    assert not found.metadata.ctx.issues.warnings
+    return found
+
+
+@pytest.mark.slow
+def test_its_croissant_metadata_are_valid_and_lead_to_its_rows(released: Path) -> None:
+    found = described(released)
+    assert {each.uuid for each in found.metadata.record_sets} == {str(table) for table in Table}
     returns = load(released).results.table(Table.EVALUATIONS).column("episodic_return").to_pylist()
-    rows = list(described.records("evaluations"))
+    rows = list(found.records("evaluations"))
     assert sorted(row["evaluations/episodic_return"] for row in rows) == sorted(returns)
+
+
+@pytest.mark.slow
+def test_releases_that_ship_have_valid_croissant_metadata() -> None:
+    with_runs = [each for each in baselines() if each.manifest.kind is BaselineKind.RUNS]
+    assert with_runs
+    for each in with_runs:
+        assert described(Path(each.place)).metadata.name == each.manifest.name
 
 
 def test_a_release_has_one_file_per_table_and_experiment_and_nothing_that_runs(released: Path) -> None:
