@@ -118,7 +118,10 @@ def _made_on(frames: Frames) -> list[str]:
     used = seeds.groupby(texts.map(lambda each: prints[each].get("cpu")))
     by_processor = {str(cpu): sorted(set(rows.dropna().astype(int))) for cpu, rows in used}
     if by_processor:
-        shown = ", ".join(f"{cpu} (seeds {_ranges(mine)})" for cpu, mine in by_processor.items())
+        shown = ", ".join(
+            f"{cpu} ({'seeds' if len(mine) > 1 else 'seed'} {_ranges(mine)})"
+            for cpu, mine in by_processor.items()
+        )
         devices = set()
         for each in prints.values():
             model = f" ({each['gpu']})" if "gpu" in each else ""

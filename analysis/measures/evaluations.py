@@ -215,7 +215,7 @@ def ceiling_percent(frames: Frames, environment: str) -> float | None:
 def ceilings_in_words(frames: Frames) -> list[str]:
     """Return a sentence for each row of `ceilings`."""
     return [
-        f"Ceiling: of the {row['tasks']} tasks of test set {row['test_set']} {row['ever']} are mastered by "
+        f"Ceiling: of the {row['tasks']} tasks of test set {row['test_set']}, {row['ever']} are mastered by "
         f"any run at any evaluation, {row['last']} at the last one; the best evaluation of a run masters "
         f"{number(row['best_percent'])} %."
         for row in ceilings(frames).to_dict("records")
