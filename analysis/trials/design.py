@@ -184,7 +184,7 @@ def moments_of(runs: pd.DataFrame, teacher: str, places: Sequence[tuple[str, ...
 
 
 def newest_release() -> Baseline:
-    """Return the newest named release with runs of real students.
+    """Return the newest named release with runs of real students that is not partial.
 
     Raises:
         BaselineError: there is none.
@@ -192,10 +192,12 @@ def newest_release() -> Baseline:
     found = [
         each
         for each in baselines()
-        if each.manifest.kind is BaselineKind.RUNS and each.manifest.engine != SIMULATED
+        if each.manifest.kind is BaselineKind.RUNS
+        and each.manifest.engine != SIMULATED
+        and not each.manifest.partial
     ]
     if not found:
-        raise BaselineError("no release of real students has a name here: give one with --against")
+        raise BaselineError("no whole release of real students has a name here: give one with --against")
     return max(found, key=lambda each: each.manifest.created)
 
 
