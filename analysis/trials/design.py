@@ -197,7 +197,9 @@ def newest_release() -> Baseline:
         and not each.manifest.partial
     ]
     if not found:
-        raise BaselineError("no whole release of real students has a name here: give one with --against")
+        raise BaselineError(
+            "no release of real students that is not partial has a name here: give one with --against"
+        )
     return max(found, key=lambda each: each.manifest.created)
 
 
