@@ -10,6 +10,7 @@ from analysis.baselines.catalogue import (
     as_baseline,
     baselines,
     find_baseline,
+    newest_release,
 )
 from analysis.baselines.releasing import add_to_release, median_policies, release
 from analysis.baselines.verification import Verification, check_address, publish, verify
@@ -28,6 +29,7 @@ __all__ = [
     "check_address",
     "find_baseline",
     "median_policies",
+    "newest_release",
     "publish",
     "release",
     "verify",

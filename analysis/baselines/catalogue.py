@@ -18,7 +18,7 @@ from tma_ray.arguments import check_kind
 from tma_ray.commands.values import expanded
 from tma_ray.decoding import DamagedFileError, Natural, Sha256, decode_json
 from tma_ray.part_names import nearest
-from tma_ray.results import Results, ResultsRootError, Store, check_path
+from tma_ray.results import SIMULATED, Results, ResultsRootError, Store, check_path
 
 BASELINE_FILE: Final = "baseline.json"
 FORMAT: Final = "tma_ray baseline"
@@ -221,6 +221,22 @@ def baselines() -> tuple[Baseline, ...]:
         if entry:
             places += _within(entry)
     return tuple(sorted(map(Baseline.open, dict.fromkeys(places)), key=lambda each: each.manifest.name))
+
+
+def newest_release() -> Baseline:
+    """Return the newest known release that has runs of real students and is not partial.
+
+    Raises:
+        BaselineError: a baseline is damaged.
+    """
+    whole = (
+        each
+        for each in baselines()
+        if each.manifest.kind is BaselineKind.RUNS
+        and each.manifest.engine != SIMULATED
+        and not each.manifest.partial
+    )
+    return max(whole, key=lambda each: each.manifest.created)
 
 
 def find_baseline(name: str | Path) -> Baseline:

@@ -11,7 +11,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines, find_baseline
+from analysis.baselines import (
+    BaselineError,
+    BaselineKind,
+    as_baseline,
+    baselines,
+    find_baseline,
+    newest_release,
+)
 from analysis.baselines.catalogue import SHIPPED, Baseline, read
 from analysis.baselines.verification import verify
 from analysis.charts.intervals import rank_chart
@@ -23,7 +30,6 @@ from analysis.measures.tested import FINAL, HEADLINE, MEASURES, QUANTITIES, how_
 from analysis.names import challenge_title, label
 from analysis.statistics.samples import MARGIN, Standing
 from analysis.tables.table import pipe_table
-from tma_ray.results import CHIPMUNK
 from tma_ray.terminal import terminal
 
 
@@ -264,12 +270,8 @@ def findings(name: str) -> str:
 
 
 def shipped_findings() -> str:
-    """Return the findings of the largest shipped release as Markdown."""
-    shipped = [each for each in baselines() if each.manifest.kind is BaselineKind.RUNS]
-    simulated = [each for each in shipped if each.manifest.engine == CHIPMUNK]
-    if not simulated:
-        return "No release with runs ships with this version."
-    return findings(max(simulated, key=lambda each: int(each.manifest.holds.get("runs", 0))).place)
+    """Return the findings of the newest release that is not partial as Markdown."""
+    return findings(newest_release().place)
 
 
 def _tau_row(found: Agreement) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy import optimize
 
-from analysis.baselines.catalogue import Baseline, BaselineError, BaselineKind, baselines
+from analysis.baselines.catalogue import Baseline
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.measures.run_measures import NOT_FINITE, run_measures
@@ -21,7 +21,6 @@ from analysis.trials import rules
 from analysis.trials.boundaries import crossing
 from tma_ray.decoding import decode_json
 from tma_ray.part_names import nearest
-from tma_ray.results import SIMULATED
 from tma_ray.tasks import KnowledgeLevel
 
 MEASURE = "mastered_area"
@@ -181,26 +180,6 @@ def moments_of(runs: pd.DataFrame, teacher: str, places: Sequence[tuple[str, ...
         means = [sample.mean() if sample.size else np.nan for sample in samples]
         variances = [sample.var(ddof=1) if sample.size > 1 else np.nan for sample in samples]
     return rules.Moments(np.array(means), np.array(variances), np.array([float(s.size) for s in samples]))
-
-
-def newest_release() -> Baseline:
-    """Return the newest named release with runs of real students that is not partial.
-
-    Raises:
-        BaselineError: there is none.
-    """
-    found = [
-        each
-        for each in baselines()
-        if each.manifest.kind is BaselineKind.RUNS
-        and each.manifest.engine != SIMULATED
-        and not each.manifest.partial
-    ]
-    if not found:
-        raise BaselineError(
-            "no release of real students that is not partial has a name here: give one with --against"
-        )
-    return max(found, key=lambda each: each.manifest.created)
 
 
 def make_design(

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import warnings
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,16 @@ import pytest
 from synthetic_results import SMALL, SyntheticCampaign
 from views import Told, printed
 
-from analysis.baselines import BaselineError, as_baseline, baselines, find_baseline, release, verify
-from analysis.baselines.catalogue import PLACES_VARIABLE, BaselineKind
+from analysis.baselines import (
+    BaselineError,
+    as_baseline,
+    baselines,
+    find_baseline,
+    newest_release,
+    release,
+    verify,
+)
+from analysis.baselines.catalogue import BASELINE_FILE, PLACES_VARIABLE, BaselineKind
 from analysis.commands.releases import show_baselines
 from analysis.commands.tables import write_tables
 from analysis.data.frames import Frames, load
@@ -242,6 +250,16 @@ def test_baselines_are_found_by_name_in_the_folders_of_the_environment(
     monkeypatch.setenv(PLACES_VARIABLE, os.pathsep.join([str(released), str(tmp_path)]))
     with pytest.raises(BaselineError, match="where no baseline lies"):
         baselines()
+
+
+def test_the_newest_release_is_one_that_is_not_partial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    manifest = replace(find_baseline("lite-1").manifest, name="later-1", created="2999-01-01")
+    monkeypatch.setenv(PLACES_VARIABLE, str(tmp_path))
+    for partial in ("", "core has 70 of 350 runs"):
+        (tmp_path / BASELINE_FILE).write_bytes(replace(manifest, partial=partial).to_bytes())
+        assert (newest_release().manifest.name == "later-1") is not bool(partial)
 
 
 def test_two_baselines_of_one_name_are_told_apart_by_their_places(

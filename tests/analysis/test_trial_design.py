@@ -1,14 +1,12 @@
 """Trials against lite-1: the design, verdicts of released teachers under other seeds, and their words."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
 import pytest
 
 from analysis.baselines import find_baseline
-from analysis.baselines.catalogue import BASELINE_FILE, PLACES_VARIABLE
 from analysis.data.frames import Frames
 from analysis.trials.design import (
     MEASURE,
@@ -18,7 +16,6 @@ from analysis.trials.design import (
     ended_runs,
     make_design,
     moments_of,
-    newest_release,
     released_runs,
 )
 from analysis.trials.rules import LOOKS, Verdict
@@ -65,16 +62,6 @@ def designed(frames: Frames, *cells: str) -> Design:
 def trial() -> Trial:
     frames = find_baseline("lite-1").frames()
     return Trial(frames, released_runs(frames), designed(frames, "original", "diverse_students/spider"))
-
-
-def test_trials_are_against_the_newest_release_that_is_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    manifest = replace(find_baseline("lite-1").manifest, name="later-1", created="2999-01-01")
-    monkeypatch.setenv(PLACES_VARIABLE, str(tmp_path))
-    for partial in ("", "core has 70 of 350 runs"):
-        (tmp_path / BASELINE_FILE).write_bytes(replace(manifest, partial=partial).to_bytes())
-        assert (newest_release().manifest.name == "later-1") is not bool(partial)
 
 
 def test_the_design_says_whom_where_and_with_which_seeds(trial: Trial) -> None:

@@ -46,8 +46,8 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         tma-ray trial riac --simulated
         tma-ray trial riac --budget 8h --dry-run
     """
-    from analysis.baselines import find_baseline
-    from analysis.trials.design import MARGIN, Design, make_design, newest_release, released_runs
+    from analysis.baselines import find_baseline, newest_release
+    from analysis.trials.design import MARGIN, Design, make_design, released_runs
     from analysis.trials.standing import plan_lines
     from tma_ray.campaign.repeating import trial_plan
     from tma_ray.campaign.trials import CAMPAIGN, simulated_cells
