@@ -19,6 +19,7 @@ from analysis.statistics import Scale
 from analysis.statistics.power import POWER
 from analysis.trials import rules
 from analysis.trials.boundaries import crossing
+from tma_ray.commands.texts import counted
 from tma_ray.decoding import decode_json
 from tma_ray.part_names import nearest
 from tma_ray.tasks import KnowledgeLevel
@@ -79,11 +80,11 @@ class Design:
     Attributes:
         teacher: its canonical name.
         release: name of the release it is compared with.
-        release_digest: SHA-256 of the release's list of files.
+        release_digest: SHA-256 of the runs of the release that it is compared with.
         best: teacher of the release with the highest mean, other than Random.
         candidates: number of teachers that it was chosen among.
         cells: cells, in the order in which they are run.
-        seeds: seeds of the new teacher, none of which the release has.
+        seeds: seeds of the new teacher, none of which those runs have.
         margin: difference in points that does not matter.
         error: error that is spent, of both comparisons together; at most `ERROR`, and less where simulated
             trials with the release's residuals need it.
@@ -136,6 +137,18 @@ class Design:
         candidates = 1 if is_baseline(reference) else self.candidates
         fractions = rules.planned_fractions(self.looks, self.slopes, runs)
         return rules.Rule(self.looks, fractions, self.margin, candidates, self.error / rules.COMPARISONS)
+
+    def is_asked_for(self, teacher: str, release: str, cells: Collection[str], margin: float) -> bool:
+        """True if a trial of these, in whatever order of the names of `cells`, is this one."""
+        own = self.teacher, self.release, {cell.name for cell in self.cells}, self.margin
+        return own == (teacher, release, set(cells), margin)
+
+    def renewed(self, released: pd.DataFrame) -> "Design":
+        """Return it with the digest of what it is compared with in `released`, of `released_runs`.
+
+        A release that has grown by runs of others is the same to a trial.
+        """
+        return replace(self, release_digest=_digest(released, self.references, self.places))
 
     def differing(self, other: "Design") -> list[str]:
         """Return the settings in which another design differs, in words."""
@@ -208,21 +221,16 @@ def make_design(
             would be wrong too often.
     """
     released, core = released_runs(frames), baseline.manifest.core
+    released = released[released["teacher"] != teacher]
     cells = frames.cells[frames.cells["campaign"].isin(core)] if core else frames.cells
-    chosen = _cells(_chosen(cells, wanted), released, frames)
-    best, candidates = _best(released, [cell.place for cell in chosen], baseline.manifest.name)
-    first = int(released["seed"].max()) + 1
-    design = Design(
-        teacher,
-        baseline.manifest.name,
-        hashlib.sha256(repr(baseline.manifest.files).encode()).hexdigest(),
-        best,
-        candidates,
-        chosen,
-        tuple(range(first, first + looks[-1])),
-        margin,
-        looks=looks,
-    )
+    places = _chosen(cells, wanted)
+    best, candidates = _best(released, list(places.values()), baseline.manifest.name)
+    first = int(released.loc[released["teacher"].isin([BASELINE, best]), "seed"].max()) + 1
+    seeds = tuple(range(first, first + looks[-1]))
+    chosen = _cells(places, released, frames)
+    name = baseline.manifest.name
+    design = Design(teacher, name, "", best, candidates, chosen, seeds, margin, looks=looks)
+    design = design.renewed(released)
     for error in ERRORS:
         design = replace(design, error=error)
         setting = setting_of(design, released)
@@ -283,7 +291,8 @@ def _best(released: pd.DataFrame, places: Sequence[tuple[str, ...]], name: str) 
     """Return the best teacher but Random over cells of equal weight, and how many have as many runs."""
     needed = moments_of(released, BASELINE, places).runs
     if needed.min() < 3:
-        raise ValueError(f"{name} has {needed.min():.0f} runs of Random in a cell: a trial needs 3")
+        runs = counted(int(needed.min()), "run")
+        raise ValueError(f"{name} has {runs} of Random in a cell: a trial needs 3")
     areas = released.groupby(["teacher", *PLACE])[MEASURE].mean()
     means = {
         teacher: float(np.mean([areas[teacher, *place] for place in places]))
@@ -293,6 +302,14 @@ def _best(released: pd.DataFrame, places: Sequence[tuple[str, ...]], name: str) 
     if not means:
         raise ValueError(f"{name} has no teacher with as many runs as Random in these cells")
     return max(means, key=lambda teacher: means[teacher]), len(means)
+
+
+def _digest(released: pd.DataFrame, teachers: Sequence[str], places: Sequence[tuple[str, ...]]) -> str:
+    """Return the SHA-256 of the runs of some teachers in the cells at some places, and what they came to."""
+    own = released[released["teacher"].isin(teachers)]
+    rows = pd.concat([in_cell(own, place) for place in places])
+    lines = sorted(f"{run_id} {area:.6f}" for run_id, area in zip(rows["run_id"], rows[MEASURE], strict=True))
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def setting_of(design: Design, released: pd.DataFrame) -> rules.Setting:

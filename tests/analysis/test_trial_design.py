@@ -86,6 +86,26 @@ def test_a_design_survives_its_file_and_tells_another_one_apart(trial: Trial) ->
     assert "source" in again.differing(replace(again, runs="another"))[0]
 
 
+def test_a_design_is_the_same_as_long_as_what_it_is_compared_with_is(trial: Trial) -> None:
+    assert trial.design.renewed(trial.released) == trial.design
+    others = trial.runs("riac", 5).assign(teacher="newcomer", run_id=[*map(str, range(10))])
+    assert trial.design.renewed(pd.concat([trial.released, others])) == trial.design
+    more = others.assign(teacher="random")
+    found = trial.design.renewed(pd.concat([trial.released, more]))
+    assert "release_digest" in trial.design.differing(found)[0]
+
+
+def test_a_teacher_of_the_release_is_not_compared_with_itself(trial: Trial) -> None:
+    again = make_design(
+        trial.design.best,
+        find_baseline("lite-1"),
+        trial.frames,
+        wanted=["original", "diverse_students/spider"],
+    )
+    assert again.best != trial.design.best
+    assert again.candidates == trial.design.candidates - 1
+
+
 def test_an_unknown_cell_is_refused_with_those_there_are(trial: Trial) -> None:
     with pytest.raises(ValueError, match=r"no cell 'orginal'.*original"):
         designed(trial.frames, "orginal")

@@ -42,6 +42,11 @@ def test_a_look_has_its_seeds_of_every_cell_one_cell_after_the_other(plans: list
     assert {spec.schedule.steps for spec in plans[0].runs} == {2_000_000}
 
 
+def test_trials_of_two_settings_of_a_teacher_are_two_campaigns() -> None:
+    names = [trials.campaign_of(teacher) for teacher in ("accel", "accel:score=mna", "mine:Accel")]
+    assert names == ["trial_accel", "trial_accel_score_mna", "trial_mine_accel"]
+
+
 @pytest.fixture
 def cost(plans: list[Plan]) -> Cost:
     """The cost of all looks at 1,000 steps a second."""
@@ -126,7 +131,7 @@ def test_the_plan_is_told_before_anything_is_spent(
     command = ["trial", "sobol", "--simulated", "--cells", "original", "--dry-run", "--results", str(folder)]
     assert main(command) == 0
     said = capsys.readouterr().out
-    assert "compared with: Random, and CURROT, the best of 17 teachers there" in said
+    assert "compared with: Random, and CURROT, the best of 16 teachers there" in said
     assert "3, 5, 10, 20 runs, at most 20" in said
     assert not folder.exists()
 
@@ -155,7 +160,7 @@ def test_status_tells_where_a_trial_stands(planned: Path, capsys: pytest.Capture
 
 @pytest.mark.slow
 def test_a_trial_that_is_killed_keeps_its_design_and_comes_to_the_same_verdicts(tmp_path: Path) -> None:
-    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    killed, whole, copied = (tmp_path / name for name in ("killed", "whole", "copied"))
     command = [sys.executable, "-m", "tma_ray", "trial", "sobol", "--simulated", "--cells", "original"]
     started = subprocess.Popen([*command, "--results", str(killed)], start_new_session=True)
     while not list((killed / "manifests").glob("*")):
@@ -171,3 +176,8 @@ def test_a_trial_that_is_killed_keeps_its_design_and_comes_to_the_same_verdicts(
     assert found[0]["design"] == design
     assert found[0]["ended"]
     assert (killed / "trial" / "index.html").exists()
+    started_from = [*command, "--results", str(copied), "--start-from", str(whole)]
+    done = subprocess.run(started_from, check=True, capture_output=True, text=True)
+    assert "runs copied from" in done.stdout
+    assert json.loads((copied / "trial.json").read_text()) == found[1]
+    assert len(Results.open(copied).runs()) == len(Results.open(whole).runs())

@@ -84,9 +84,7 @@ def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool 
         known = whole.throughputs
         say(whole.describe())
     say(plan.describe())
-    if options.start_from and not options.dry_run:
-        source = Store.open(options.start_from)
-        say(f"{counted(start_from(store, source), 'run')} copied from {source}")
+    copy_released(store, options)
     cost = long_cost(plan, results, settings, known, nodes)
     if cost is not None and not told:
         say(f"cost: {cost.summary()}")
@@ -100,6 +98,13 @@ def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool 
         following = f"'tma-ray report {results}{page}' writes a page, 'tma-ray ranking {results}' a table."
         say(f"Next: {following}")
     return code
+
+
+def copy_released(store: Store, options: ExecutionOptions) -> None:
+    """Copy the runs that `options` start from, if they do and more than a plan is asked for."""
+    if options.start_from and not options.dry_run:
+        source = Store.open(options.start_from)
+        say(f"{counted(start_from(store, source), 'run')} copied from {source}")
 
 
 def executed(plan: Plan, results: str, settings: Settings, address: str | None) -> int:

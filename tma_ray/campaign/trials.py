@@ -1,5 +1,6 @@
 """The runs of a trial: look after look, within a budget, each judged before the next begins."""
 
+import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -15,8 +16,12 @@ from tma_ray.tasks import KnowledgeLevel
 from tma_ray.terminal import say
 from tma_ray.testing import EPISODES, find_simulated_challenge, matrix
 
-CAMPAIGN = "trial"  # name of the campaign of a trial
 Judge = Callable[[], bool]  # tells the verdicts of the looks so far; returns True if the trial ends there
+
+
+def campaign_of(teacher: str) -> str:
+    """Return the name of the campaign of a trial: its own, as one release may take several trials."""
+    return f"trial_{re.sub('[^0-9a-z]+', '_', teacher.lower()).strip('_')}"
 
 
 def trial_cost(plans: Sequence[Plan], options: TrialOptions) -> Cost | None:

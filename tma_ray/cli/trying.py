@@ -50,7 +50,7 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     from analysis.trials.design import MARGIN, Design, make_design, released_runs
     from analysis.trials.standing import plan_lines
     from tma_ray.campaign.repeating import trial_plan
-    from tma_ray.campaign.trials import CAMPAIGN, simulated_cells
+    from tma_ray.campaign.trials import campaign_of, simulated_cells
     from tma_ray.teachers import TEACHERS, canonical_teacher
 
     store = Store.open(options.results)
@@ -65,7 +65,11 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     if before:
         cells = options.cells or tuple(cell.name for cell in before.cells)
         margin = options.margin or before.margin
-    design, released = make_design(teacher, baseline, frames, margin, cells), released_runs(frames)
+    released = released_runs(frames)
+    if before and before.is_asked_for(teacher, baseline.manifest.name, cells, margin):
+        design = before.renewed(released)
+    else:
+        design = make_design(teacher, baseline, frames, margin, cells)
     places, plans = design.places, []
     if options.simulated:
         simulated_cells(teacher, places)  # refuses what the teacher cannot teach
@@ -73,7 +77,8 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         design = replace(design, runs=plugin.digest if plugin else "")
     else:
         results = Results(baseline.store())
-        plans = [trial_plan(CAMPAIGN, results, teacher, places, design.seeds[:each]) for each in design.looks]
+        name = campaign_of(teacher)
+        plans = [trial_plan(name, results, teacher, places, design.seeds[:each]) for each in design.looks]
         names = "\n".join(spec.run_id for spec in plans[-1].runs)
         design = replace(design, runs=hashlib.sha256(names.encode()).hexdigest())
     if before and before.differing(design):
@@ -90,15 +95,19 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
 def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
     from tma_ray.campaign import trials
     from tma_ray.campaign.costs import confirm
+    from tma_ray.campaign.script import copy_released
     from tma_ray.testing.conformance import check_quickly
 
+    copy_released(trial.store, options)
     cost = trials.trial_cost(plans, options) if plans else None
     if cost:
         say("at most, " + cost.describe())
     if options.dry_run:
         return 0
     if cost is not None and min(cost.wall_hours, options.budget or cost.wall_hours) > 1:
-        confirm(trials.CAMPAIGN, cost, yes=options.yes, address=options.chosen_address())
+        confirm(
+            trials.campaign_of(trial.design.teacher), cost, yes=options.yes, address=options.chosen_address()
+        )
     trial.affordable = trials.affordable_look(plans, cost, options)
     check_quickly(trial.design.teacher)
     if TrialFile.load(trial.store) is None:
