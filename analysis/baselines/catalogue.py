@@ -227,16 +227,20 @@ def newest_release() -> Baseline:
     """Return the newest known release that has runs of real students and is not partial.
 
     Raises:
-        BaselineError: a baseline is damaged.
+        BaselineError: there is none, or a baseline is damaged.
     """
-    whole = (
+    found = [
         each
         for each in baselines()
         if each.manifest.kind is BaselineKind.RUNS
         and each.manifest.engine != SIMULATED
         and not each.manifest.partial
-    )
-    return max(whole, key=lambda each: each.manifest.created)
+    ]
+    if not found:
+        raise BaselineError(
+            "no release of real students that is not partial has a name here: give one with --against"
+        )
+    return max(found, key=lambda each: each.manifest.created)
 
 
 def find_baseline(name: str | Path) -> Baseline:

@@ -11,14 +11,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from analysis.baselines import (
-    BaselineError,
-    BaselineKind,
-    as_baseline,
-    baselines,
-    find_baseline,
-    newest_release,
-)
+from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines, find_baseline
 from analysis.baselines.catalogue import SHIPPED, Baseline, read
 from analysis.baselines.verification import verify
 from analysis.charts.intervals import rank_chart
@@ -267,11 +260,6 @@ def findings(name: str) -> str:
         lines = [f"- {finding.standing}: {finding.evidence}" for finding in verdict.findings]
         parts.append("\n".join([f"**{verdict.standing.capitalize()}:** {verdict.claim.text}\n", *lines]))
     return "\n\n".join(parts)
-
-
-def shipped_findings() -> str:
-    """Return the findings of the newest release that is not partial as Markdown."""
-    return findings(newest_release().place)
 
 
 def _tau_row(found: Agreement) -> list[str]:

@@ -139,12 +139,12 @@ class Design:
         return rules.Rule(self.looks, fractions, self.margin, candidates, self.error / rules.COMPARISONS)
 
     def is_asked_for(self, teacher: str, release: str, cells: Collection[str], margin: float) -> bool:
-        """True if a trial of these, in whatever order of the names of `cells`, is this one."""
+        """True if it is the design of a trial of `teacher` against `release`, in cells of these names."""
         own = self.teacher, self.release, {cell.name for cell in self.cells}, self.margin
         return own == (teacher, release, set(cells), margin)
 
     def renewed(self, released: pd.DataFrame) -> "Design":
-        """Return it with the digest of what it is compared with in `released`, of `released_runs`.
+        """Return it with the digest of the runs in `released` that it is compared with; see `released_runs`.
 
         A release that has grown by runs of others is the same to a trial.
         """
@@ -305,7 +305,7 @@ def _best(released: pd.DataFrame, places: Sequence[tuple[str, ...]], name: str) 
 
 
 def _digest(released: pd.DataFrame, teachers: Sequence[str], places: Sequence[tuple[str, ...]]) -> str:
-    """Return the SHA-256 of the runs of some teachers in the cells at some places, and what they came to."""
+    """Return the SHA-256 of the runs of some teachers in the cells at some places, and their results."""
     own = released[released["teacher"].isin(teachers)]
     rows = pd.concat([in_cell(own, place) for place in places])
     lines = sorted(f"{run_id} {area:.6f}" for run_id, area in zip(rows["run_id"], rows[MEASURE], strict=True))

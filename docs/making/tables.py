@@ -22,7 +22,8 @@ from release_tables import (
     trials,
 )
 
-from analysis.commands.releases import shipped_findings
+from analysis.baselines import newest_release
+from analysis.commands.releases import findings
 from tma_ray import cli, command_line
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
 from tma_ray.cli.records import KEYS
@@ -311,7 +312,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "simulated and paper": simulated_and_paper,
     "baselines": releases,
     "learning of lite-1": learning_of_the_release,
-    "findings": shipped_findings,
+    "findings": lambda: findings(newest_release().place),
     "later teachers": later_teachers,
     **{
         f"{kind} {path.stem}": functools.partial(data_table, path)

@@ -101,7 +101,7 @@ def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool 
 
 
 def copy_released(store: Store, options: ExecutionOptions) -> None:
-    """Copy the runs that `options` start from, if they do and more than a plan is asked for."""
+    """Copy the runs of `options.start_from` to `store`, unless it is None or this is a dry run."""
     if options.start_from and not options.dry_run:
         source = Store.open(options.start_from)
         say(f"{counted(start_from(store, source), 'run')} copied from {source}")

@@ -77,8 +77,8 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         design = replace(design, runs=plugin.digest if plugin else "")
     else:
         results = Results(baseline.store())
-        name = campaign_of(teacher)
-        plans = [trial_plan(name, results, teacher, places, design.seeds[:each]) for each in design.looks]
+        campaign = campaign_of(teacher)
+        plans = [trial_plan(campaign, results, teacher, places, design.seeds[:n]) for n in design.looks]
         names = "\n".join(spec.run_id for spec in plans[-1].runs)
         design = replace(design, runs=hashlib.sha256(names.encode()).hexdigest())
     if before and before.differing(design):
@@ -105,9 +105,7 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
     if options.dry_run:
         return 0
     if cost is not None and min(cost.wall_hours, options.budget or cost.wall_hours) > 1:
-        confirm(
-            trials.campaign_of(trial.design.teacher), cost, yes=options.yes, address=options.chosen_address()
-        )
+        confirm(plans[-1].name, cost, yes=options.yes, address=options.chosen_address())
     trial.affordable = trials.affordable_look(plans, cost, options)
     check_quickly(trial.design.teacher)
     if TrialFile.load(trial.store) is None:
