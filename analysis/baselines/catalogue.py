@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -101,6 +102,7 @@ class BaselineManifest:
         benchmark_versions: versions of the benchmark among its runs, rising; 0 for older runs.
         core: campaigns that ``tma-ray campaign --like`` repeats; empty for all of them.
         planned: runs that each campaign was to have, by its name, of a release that grows by shards.
+        done: runs that each of these campaigns has.
         gaps: campaigns that it is to have and that have not begun, in words; empty if nobody named any.
     """
 
@@ -119,12 +121,19 @@ class BaselineManifest:
     benchmark_versions: tuple[int, ...] = ()
     core: tuple[str, ...] = ()
     planned: Mapping[str, Natural] = field(default_factory=dict)
+    done: Mapping[str, Natural] = field(default_factory=dict)
     gaps: str = ""
 
     @property
     def citation(self) -> str:
         """Default citation, for releases whose authors give none."""
         return f"{self.name}, made with {self.software} on {self.created[:10]}."
+
+    @property
+    def core_is_whole(self) -> bool:
+        """True if no run of its core is missing, though other campaigns may still grow."""
+        counts = [(self.done.get(name, 0), self.planned.get(name, math.inf)) for name in self.core]
+        return not self.partial or (bool(counts) and all(done >= planned for done, planned in counts))
 
     def to_bytes(self) -> bytes:
         """Return the content of `BASELINE_FILE`."""
@@ -224,7 +233,7 @@ def baselines() -> tuple[Baseline, ...]:
 
 
 def newest_release() -> Baseline:
-    """Return the newest known release that has runs of real students and is not partial.
+    """Return the newest known release that has runs of real students and a whole core.
 
     Raises:
         BaselineError: there is none, or a baseline is damaged.
@@ -234,11 +243,11 @@ def newest_release() -> Baseline:
         for each in baselines()
         if each.manifest.kind is BaselineKind.RUNS
         and each.manifest.engine != SIMULATED
-        and not each.manifest.partial
+        and each.manifest.core_is_whole
     ]
     if not found:
         raise BaselineError(
-            "no release of real students that is not partial has a name here: give one with --against"
+            "no release of real students with a whole core has a name here: give one with --against"
         )
     return max(found, key=lambda each: each.manifest.created)
 

@@ -130,7 +130,7 @@ def _draft(
         software=f"tma_ray {installed_version('tma_ray')}",
         partial=missing,
         core=about.core or (before.core if before else ()),
-        planned=dict(planned),
+        planned=dict(sorted(planned.items())),
         gaps=about.gaps or (before.gaps if before else ""),
     )
 
@@ -226,8 +226,17 @@ def _with_contents(
     if frames.attempts["host"].astype(str).ne("").any():
         caveats.append("The table of attempts names the machines that the runs were made on.")
     physics = cells.loc[cells["engine"] == results.CHIPMUNK, "physics_version"].dropna()
+    ended = cells[cells["status"] == "done"].groupby("campaign")["run_id"].nunique()
+    done = {campaign: int(ended.get(campaign, 0)) for campaign in draft.planned}
+    missing = (
+        f"{campaign} has {done[campaign]} of {count:,} runs"
+        for campaign, count in draft.planned.items()
+        if done[campaign] < count
+    )
     return replace(
         draft,
+        partial=draft.partial or "; ".join(missing),
+        done=done,
         engine=engines,
         physics_versions=tuple(sorted({int(version) for version in physics})),
         caveats=tuple(caveats),
@@ -281,20 +290,11 @@ def add_to_release(
             raise BaselineError(
                 f"{source.store} has no finished run that {folder} lacks: there is nothing to add"
             )
-        planned = {campaign: len(run_ids) for campaign, run_ids in sorted(_campaigns(source).items())}
+        cells = source.table(results.Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
+        planned = cells.groupby("campaign")["run_id"].nunique().to_dict()
         for campaign, count in before.planned.items() if before else ():
             planned[campaign] = max(count, planned.get(campaign, 0))  # the root may know a part of it
-        released = results.Results(store)
-        done = {
-            manifest.run.run_id for manifest in released.runs() if manifest.status is results.RunStatus.DONE
-        }
-        held = {campaign: len(run_ids & done) for campaign, run_ids in _campaigns(released).items()}
-        missing = "; ".join(
-            f"{campaign} has {held.get(campaign, 0)} of {count:,} runs"
-            for campaign, count in sorted(planned.items())
-            if held.get(campaign, 0) < count
-        )
-        _complete(_draft(name, licence, about, before, missing, dict(sorted(planned.items()))), aside, added)
+        _complete(_draft(name, licence, about, before, "", planned), aside, added)
         if folder.exists():
             old = folder.parent / f".{folder.name}-{uuid4().hex[:8]}-old"
             folder.rename(old)
@@ -353,9 +353,3 @@ def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.Conte
 
 def _runs_with_policies(frames: Frames) -> set[str]:
     return {path.split("/")[1] for path in frames.results.store.files(results.POLICIES)}
-
-
-def _campaigns(root: results.Results) -> dict[str, set[str]]:
-    """Return the ids of the runs of each campaign of a root."""
-    cells = root.table(results.Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
-    return {str(campaign): set(run_ids) for campaign, run_ids in cells.groupby("campaign")["run_id"]}

@@ -252,14 +252,23 @@ def test_baselines_are_found_by_name_in_the_folders_of_the_environment(
         baselines()
 
 
-def test_the_newest_release_is_one_that_is_not_partial(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("gaps", "whole"),
+    [
+        ({}, True),
+        ({"partial": "1 of 4 runs are done, 3 waiting", "core": ()}, False),
+        ({"partial": "core has 69 of 70 runs", "done": {"core": 69}}, False),
+        ({"partial": "later has 0 of 56 runs", "done": {"core": 70, "later": 0}}, True),
+    ],
+)
+def test_the_newest_release_is_one_whose_core_is_whole(
+    gaps: dict[str, Any], whole: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     manifest = replace(find_baseline("lite-1").manifest, name="later-1", created="2999-01-01")
+    manifest = replace(manifest, core=("core",), planned={"core": 70, "later": 56})
     monkeypatch.setenv(PLACES_VARIABLE, str(tmp_path))
-    for partial in ("", "core has 70 of 350 runs"):
-        (tmp_path / BASELINE_FILE).write_bytes(replace(manifest, partial=partial).to_bytes())
-        assert (newest_release().manifest.name == "later-1") is not bool(partial)
+    (tmp_path / BASELINE_FILE).write_bytes(replace(manifest, **gaps).to_bytes())
+    assert (newest_release().manifest.name == "later-1") is whole
 
 
 def test_two_baselines_of_one_name_are_told_apart_by_their_places(

@@ -112,6 +112,7 @@ def test_a_second_shard_adds_what_is_new_and_changes_no_file(grown: Path, tmp_pa
     assert sorted(load(grown).cells["seed"]) == [0, 0, 1, 1, 2, 2]
     manifest = find_baseline(grown).manifest
     assert (manifest.core, manifest.planned) == (("batch",), {"batch": 4, "more": 2})
+    assert manifest.done == manifest.planned
     assert manifest.gaps == "The campaign `more` has not begun."
 
 
@@ -157,7 +158,8 @@ def test_what_campaigns_lack_is_told_until_they_have_it(first: Path, tmp_path: P
     waiting = SyntheticCampaign(root, campaign="batch", **SMALL)
     waiting.cell(waiting.record("random", 5, "low"), "low")
     grown = add_to_release(root, "growing", "one", out)
-    assert find_baseline(grown).manifest.partial == "batch has 4 of 5 runs"
+    manifest = find_baseline(grown).manifest
+    assert (manifest.done, manifest.partial) == ({"batch": 4}, "batch has 4 of 5 runs")
     card = (grown / "README.md").read_text()
     assert "batch has 4 of 5 runs" in card
     assert "| planned runs | batch 5 |" in card

@@ -425,7 +425,7 @@ class TrialOptions(ExecutionOptions):
     """Options of a trial.
 
     Attributes:
-        against: release to compare with (default: the newest that ships and is not partial)
+        against: release to compare with (default: the newest that ships and whose core is whole)
         cells: cells of it: challenges, or challenge/body where it has several bodies (default: all)
         margin: difference that does not matter, of tasks mastered over training (default: 2.5)
         budget: time that it may take here (default: none)
