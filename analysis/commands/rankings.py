@@ -226,7 +226,7 @@ def show_detectable_differences(
         console,
         f"\nSmallest difference between two teachers, in points of mastered tasks, that Welch's test finds "
         f"with {POWER:.0%} power at p < {SIGNIFICANCE}, for teachers whose seeds scatter as in the results "
-        f"of the last column: {PAPER} (SAC, 20 million steps, at the last evaluation), {LITE} (PPO, 2 "
-        f"million steps, over training):",
+        f"of the last column: {PAPER} (SAC, 20 million steps, at the last evaluation), {' or '.join(LITE)} "
+        f"(PPO, 2 million steps, over training):",
     )
     console.print(table)

@@ -19,8 +19,9 @@ from analysis.statistics import SIGNIFICANCE, Comparison, Description, Method
 from analysis.statistics.power import MOST_SEEDS, POWER, detectable_difference, seeds_needed
 from tma_ray.benchmark import paper_results
 
-PAPER, LITE = "paper", "lite-1"
-"""Results that deviations are taken of: the paper's last evaluations, and areas at a tenth of its budget."""
+PAPER, LITE = "paper", ("lite-1", "lite-2")
+"""Results that deviations are taken of: the paper's last evaluations, and areas at a tenth of its budget, of
+the release with a student of the plan, else of the first."""
 
 LITE_BUDGET = 6_000_000
 """Steps up to which a budget is nearer, as a ratio, to the 2 million of `LITE` than to the paper's 20."""
@@ -30,7 +31,8 @@ def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -
     """Return the smallest differences between two teachers that a plan's seeds can detect, by challenge.
 
     Args:
-        cell_rows: rows of a plan's table of cells: environment, challenge, teacher, expert_knowledge.
+        cell_rows: rows of a plan's table of cells: environment, challenge, teacher, expert_knowledge,
+            student.
         steps: budget of its runs.
 
     Returns:
@@ -38,15 +40,17 @@ def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -
         students), and the smallest difference of mastered tasks, in points, that Welch's test at 0.05
         finds in 80 of 100 repetitions between two teachers of the smallest, the median and the largest
         standard deviation among the results named in spread_of: up to `LITE_BUDGET` steps those of the
-        headline in `LITE`, where it has the challenge, else of the last evaluation in the paper's tables;
+        headline in one of `LITE`, if it has the challenge, else of the last evaluation in the paper's tables;
         NaN for a challenge that neither has, or a single seed.
     """
-    rows = pd.DataFrame(list(cell_rows), columns=["environment", "challenge", "teacher", "expert_knowledge"])
+    used = ["environment", "challenge", "teacher", "expert_knowledge", "student"]
+    rows = pd.DataFrame(list(cell_rows), columns=used)
     found = []
     for (environment, challenge), mine in rows.groupby(["environment", "challenge"], sort=False):
         seeds = int(mine.groupby(["teacher", "expert_knowledge"]).size().min())
-        lite = _lite_deviations() if steps <= LITE_BUDGET else {}
-        spread, name = lite.get((environment, challenge), []), LITE
+        name = next((each for each in LITE if set(mine["student"]) & _lite_students(each)), LITE[0])
+        lite = _lite_deviations(name) if steps <= LITE_BUDGET else {}
+        spread = lite.get((environment, challenge), [])
         if not spread:
             results = [r for r in paper_results() if (r.environment, r.challenge) == (environment, challenge)]
             whole, levels = max((each.seeds for each in results), default=0), set(mine["expert_knowledge"])
@@ -61,9 +65,14 @@ def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -
 
 
 @cache
-def _lite_deviations() -> dict[Hashable, list[float]]:
-    """Return by environment and challenge the standard deviations of `LITE`, of teachers with most seeds."""
-    table = pooled(runs_after(find_baseline(LITE).frames(), training=False), [HEADLINE])
+def _lite_students(name: str) -> frozenset[str]:
+    return frozenset(find_baseline(name).manifest.holds["students"])
+
+
+@cache
+def _lite_deviations(name: str) -> dict[Hashable, list[float]]:
+    """Return by environment and challenge a release's standard deviations, of teachers with most seeds."""
+    table = pooled(runs_after(find_baseline(name).frames(), training=False), [HEADLINE])
     place = ["environment", "challenge"]
     whole = table.groupby(place)["n"].transform("max") == table["n"]
     groups = table[whole & (table[f"{HEADLINE}_std"] > 0)].groupby(place)[f"{HEADLINE}_std"]

@@ -182,15 +182,18 @@ def test_the_group_with_the_fewest_seeds_counts() -> None:
     assert detectable_differences(both, STEPS)["seeds"].tolist() == [3]
 
 
-def test_a_lite_budget_has_the_spread_of_lite_runs() -> None:
-    runs = runs_after(find_baseline("lite-1").frames(), training=False)
+@pytest.mark.parametrize(
+    ("release", "student"), [("lite-1", "ppo"), ("lite-2", "ppo:preset=decisive"), ("lite-1", "sac")]
+)
+def test_a_lite_budget_has_the_spread_of_lite_runs(release: str, student: str) -> None:
+    runs = runs_after(find_baseline(release).frames(), training=False)
     runs = runs[runs["challenge"] == "mostly_unfeasible"]
     seeds = runs.groupby("teacher")[HEADLINE].transform("size")
     spreads = sorted(runs[seeds == 5].groupby("teacher")[HEADLINE].std())
-    planned = rows("mostly_unfeasible", 5, "random", "riac")
+    planned = [row | {"student": student} for row in rows("mostly_unfeasible", 5, "random", "riac")]
     (found,) = detectable_differences(planned, 2_000_000).itertuples()
     largest = Description(5, 0.0, spreads[-1])
-    assert found.spread_of == "lite-1"
+    assert found.spread_of == release
     assert found.most_varied == pytest.approx(detectable_difference(largest, largest))
     (longer,) = detectable_differences(planned, 7_000_000).itertuples()
     assert longer.spread_of == "paper"
