@@ -32,10 +32,12 @@ _LABELS = {
     "lpacrl": "LP-ACRL",
     "perm": "PERM",
     "plr": "PLR",
+    "ppo": "PPO",
     "procurltarget": "ProCuRL-Target",
     "ramp": "Ramp",
     "riac": "RIAC",
     "robustplr": "Robust PLR",
+    "sac": "SAC",
     "settersolver": "Setter-Solver",
     "sfl": "SFL",
     "sobol": "Sobol",
@@ -57,21 +59,21 @@ FILTERS = {
 """Columns by which comparisons may be chosen, and what readers call them."""
 
 
-def label(teacher: str) -> str:
-    """Return the display name of a teacher, the paper's or the plug-in's own, with its settings.
+def label(part: str) -> str:
+    """Return the display name of a teacher or student, the paper's or the plug-in's own, with its settings.
 
     Of a name over `LONGEST` its beginning and end are kept, and four digits of its hash, so that no two names
     that differ in the middle alone become one.
 
     Examples:
-        >>> label("alp_gmm"), label("alp_gmm:fit_every=100"), label("goal_gan:preset=release")
-        ('ALP-GMM', 'ALP-GMM (fit_every=100)', 'GoalGAN (release)')
+        >>> label("alp_gmm"), label("alp_gmm:fit_every=100"), label("ppo:preset=decisive")
+        ('ALP-GMM', 'ALP-GMM (fit_every=100)', 'PPO (decisive)')
     """
-    name, settings = split_name(teacher)
+    name, settings = split_name(part)
     full = visible(with_settings(_LABELS.get(plain_name(name), name), settings))
     if len(full) <= LONGEST:
         return full
-    digest = hashlib.sha256(teacher.encode()).hexdigest()[:4]
+    digest = hashlib.sha256(part.encode()).hexdigest()[:4]
     return f"{full[: LONGEST - 27]}…{full[-20:]} [{digest}]"
 
 

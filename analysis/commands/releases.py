@@ -230,10 +230,7 @@ def findings(name: str) -> str:
     """
     baseline = find_baseline(name)
     manifest, holds, frames = baseline.manifest, baseline.manifest.holds, baseline.frames()
-    steps, students = (
-        " and ".join(map(amount, holds["steps"])),
-        ", ".join(map(str, holds["students"])).upper(),
-    )
+    steps, students = " and ".join(map(amount, holds["steps"])), ", ".join(map(label, holds["students"]))
     partial = f" The release is not complete: {manifest.partial}." if manifest.partial else ""
     verdicts, _ = root_verdicts(frames)
     counts = Counter(verdict.standing for verdict in verdicts)

@@ -123,7 +123,7 @@ def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
             cell["environment"].replace("_", " ").capitalize(),
             challenge[:1].lower() + challenge[1:],
             cell["embodiment"].replace("_", " "),
-            cell["student"].upper(),
+            label(cell["student"]),
             f"expert knowledge {cell['expert_knowledge']}",
             cell["engine"] if several["engine"] else "",
         ]

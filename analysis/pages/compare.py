@@ -65,7 +65,7 @@ def places(
         along = along[along["step"].notna()].astype({"step": "int64"})
         points, anchor = points_of(along, ends, measure), f"place-{count}"
         points = points[points["value"].notna()]
-        students = " and ".join(sorted({student.upper() for _, student in parts_of(place["pool"])}))
+        students = " and ".join(sorted({label(student) for _, student in parts_of(place["pool"])}))
         chosen_by = {name: str(place[name]) for name in ("environment", "challenge", "expert_knowledge")}
         yield Section(
             anchor=anchor,

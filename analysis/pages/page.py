@@ -19,7 +19,7 @@ from analysis.formatting import amount, caveat, plus_minus
 from analysis.looks import look
 from analysis.measures.pooling import COMPARED
 from analysis.measures.tested import HEADLINE, QUANTITIES
-from analysis.names import FILTERS, challenge_title, mark_of, marked_label, teacher_order
+from analysis.names import FILTERS, challenge_title, label, mark_of, marked_label, teacher_order
 from analysis.statistics import SIGNIFICANCE
 from tma_ray.commands.exits import installed_version
 from tma_ray.commands.texts import visible
@@ -127,7 +127,7 @@ def _name(column: str, value: str, environments: Iterable[str]) -> str:
     if column == "engine":
         return value
     if column == "student":
-        return value.upper()
+        return label(value)
     words = value.replace("_", " ") if value else "none"
     return words[:1].upper() + words[1:] if column != "experiment" else words
 

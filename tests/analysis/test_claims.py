@@ -214,7 +214,7 @@ def test_the_best_is_shown_beside_the_papers_choice(tmp_path: Path) -> None:
     assert "fit_every 150, most_components 10, explore 0.05" in teacher
     assert "75.0 ± 35.4" in teacher
     assert "p = 1.000" in teacher
-    (student,) = (line for line in lines if line.startswith("ppo"))
+    (student,) = (line for line in lines if line.startswith("PPO"))
     assert "not run yet" in student
 
 
