@@ -36,7 +36,7 @@ OTHERS = {
         "| student | width | alone, µs | players, µs | learner, µs | speed per core |",
     ),
     "data_plane": ("--exchanges 5", "| Ray calls |"),
-    "familywise_error": ("--experiments 1", "mastered_area,arcsine,15,"),
+    "familywise_error": ("--experiments 1", "`lite-2`,`mastered_area`,arcsine,22,21,"),
     "interval_coverage": ("--experiments 1", "bimodal,5,32,"),
     "learning": (f"{SHORT_RUNS} --seeds 1", "of 1 seeds walk"),
     "lite": (IN_A_MOMENT, STOPPED),

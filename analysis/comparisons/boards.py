@@ -114,7 +114,7 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
     """Return the rank of each teacher, or of `teachers` alone, at each level and budget, the best first.
 
     One family at each, corrected by Holm: the tests of the pairs of which one is looked at, and of which the
-    other has results on all of its challenges. What is not ranked costs no power.
+    other has results on all of its challenges. What is not ranked is not in the family.
     """
     found: list[Rank] = []
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):

@@ -5,7 +5,7 @@ Rankings, ranks, boards, pages and sentences are views of it.
 
 import itertools
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
@@ -26,6 +26,7 @@ from analysis.statistics import (
     Scale,
     describe,
     holm,
+    least_variance,
     welch_from_statistics,
 )
 from analysis.statistics.power import detectable_difference, detectable_in_pairs
@@ -115,10 +116,11 @@ def pairwise(
         samples = {
             str(name): _Sample.of(part, measure, parts) for name, part in group.groupby(between, sort=True)
         }
+        least = _least_variances(samples.values(), scale_of(measure)) if strata else None
         for first, second in pairs_of(list(samples), reference):
             other = samples.get(second) or _Sample.of(group.head(0), measure, parts)
             row: dict[str, Any] = shared | {"first": first, "second": second}
-            row |= _compared(samples[first], other, seeds, scale_of(measure), over=bool(strata))
+            row |= _compared(samples[first], other, seeds, scale_of(measure), least)
             if second not in samples:
                 row["reason"] = nobody(second)
             elif detectable and not strata:
@@ -366,17 +368,30 @@ class _Sample:
         return cls(by_challenge(there, measure), values, frozenset(zip(*columns, strict=True)), uncounted)
 
 
+def _least_variances(samples: Collection[_Sample], scale: Scale) -> dict[tuple[Hashable, str], float]:
+    """Return the least variance that counts in each stratum, by challenge and name, on a scale."""
+    values: dict[tuple[Hashable, str], list[pd.Series]] = {}
+    for place, own in itertools.chain.from_iterable(sample.places.items() for sample in samples):
+        for stratum, sample in own.items():
+            values.setdefault((place, stratum), []).append(scale.of(sample))
+    return {name: least_variance(there) for name, there in values.items()}
+
+
 def _compared(
-    first: _Sample, second: _Sample, seeds: Seeds, scale: Scale, *, over: bool
+    first: _Sample,
+    second: _Sample,
+    seeds: Seeds,
+    scale: Scale,
+    least: Mapping[tuple[Hashable, str], float] | None,
 ) -> dict[str, object]:
-    """Return the test of two groups, over strata or of two samples, and its scope."""
+    """Return the test of two groups, over the strata of `least` or of two samples, and its scope."""
     mine, theirs = first.places, second.places
     places = [place for place in mine if place in theirs and set(mine[place]) == set(theirs[place])]
-    if over:
+    if least is not None:
         names = [(place, stratum) for place in places for stratum in sorted(mine[place])]
         pairs = [(mine[place][stratum], theirs[place][stratum]) for place, stratum in names]
         weights = [1 / len(mine[place]) for place, _ in names]
-        test = compared_over_strata(pairs, weights, seeds, scale)
+        test = compared_over_strata(pairs, weights, seeds, scale, [least[name] for name in names])
     else:
         test = compared(first.pooled, second.pooled, seeds, scale)
         if not test.reason and first.parts != second.parts:

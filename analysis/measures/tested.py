@@ -92,16 +92,19 @@ def compared_over_strata(
     weights: Sequence[float],
     seeds: Seeds,
     scale: Scale = Scale.PERCENT,
+    least: Sequence[float] = (),
 ) -> Comparison:
-    """Compare the means of two groups over strata, as `compared` does; arguments as of `stratified`."""
+    """Compare the means of two groups over strata, as `compared` does; arguments as of `stratified`.
+
+    Least variances are those on `scale`, on which the means are tested.
+    """
     if scale is not Scale.PERCENT:
         scaled = [(scale.of(first), scale.of(second)) for first, second in pairs]
-        return tested_on(
-            compared_over_strata(scaled, weights, seeds), compared_over_strata(pairs, weights, seeds)
-        )
+        test = compared_over_strata(scaled, weights, seeds, least=least)
+        return tested_on(test, compared_over_strata(pairs, weights, seeds))
     if are_paired([sample for pair in pairs for sample in pair], seeds):
         return paired_strata(pairs, weights, seeds)
-    return stratified(pairs, weights)
+    return stratified(pairs, weights, least)
 
 
 def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], seeds: Seeds) -> Comparison:

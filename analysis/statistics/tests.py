@@ -6,7 +6,7 @@ those of the strata, which need not add up to 1; `seeds` has the seeds of all ru
 
 import itertools
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
@@ -218,15 +218,23 @@ def standard_error_of_difference(first: Description, second: Description) -> tup
     return math.sqrt(sum(variances)), sum(variances) ** 2 / sum(parts)
 
 
-def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[float]) -> Comparison:
+def stratified(
+    pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[float], least: Sequence[float] = ()
+) -> Comparison:
     """Compare the means of two groups over strata that both have, such as the challenges of a benchmark.
 
     The difference is the weighted mean of the strata's differences. Samples of a stratum need not have equal
     variances, nor strata each other's: the degrees of freedom are Welch and Satterthwaite's over all of them.
-    Weights are equal for challenges, so that none counts more because its variance is small.
+    Weights are equal for challenges, so that none counts more because its variance is small. Least variances
+    widen the standard error and leave the degrees of freedom as they are, so that p is never smaller.
 
     Where no sample of any stratum has a spread, p is that of the permutation test within strata, and
     the interval is missing.
+
+    Args:
+        pairs: both samples of each stratum, one value per run, indexed by run id.
+        weights: weight of each stratum.
+        least: least variance that counts of a sample in each stratum, of `least_variance`; 0 by default.
     """
     samples = [(describe(first), describe(second)) for first, second in pairs]
     if not samples:
@@ -249,13 +257,32 @@ def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[f
         p = permutation_p([(finite(first), finite(second)) for first, second in pairs], shares)
         return Comparison(n, reference_n, difference, p=p, method=Method.PERMUTATION)
     parts = [
-        ((share * sample.standard_error) ** 2, sample.n - 1)
-        for share, pair in zip(shares, samples, strict=True)
+        (share**2 * sample.std**2 / sample.n, share**2 * bound / sample.n, sample.n - 1)
+        for share, pair, bound in zip(shares, samples, least or [0.0] * len(pairs), strict=True)
         for sample in pair
     ]
-    variance = sum(part for part, _ in parts)
-    freedom = variance**2 / sum(part**2 / own for part, own in parts)
-    return t_test(n, reference_n, difference, math.sqrt(variance), freedom)
+    variance = sum(own for own, _, _ in parts)
+    freedom = variance**2 / sum(own**2 / count for own, _, count in parts)
+    error = math.sqrt(sum(max(own, bound) for own, bound, _ in parts))
+    return t_test(n, reference_n, difference, error, freedom)
+
+
+LEAST = 0.5
+"""Share of the mean variance of all groups in a stratum under which no group's own counts."""
+
+
+def least_variance(samples: Iterable[pd.Series]) -> float:
+    """Return the least variance that counts of a group in a stratum: `LEAST` of the mean of all groups there.
+
+    Some runs never learn to walk. A group whose seeds by luck all did, or all did not, has a variance that
+    tells nothing of that luck, and a mean that is too high or too low: by such variances tests of all pairs
+    find too much (`docs/statistics.md`).
+
+    Args:
+        samples: values of each group in the stratum; those of fewer than two do not count.
+    """
+    variances = [each.std**2 for each in map(describe, samples) if each.n > 1]
+    return LEAST * sum(variances) / len(variances) if variances else 0.0
 
 
 def _share_a_run(pairs: Sequence[tuple[pd.Series, pd.Series]]) -> bool:

@@ -109,6 +109,16 @@ def test_the_difference_over_challenges_by_hand() -> None:
     )
 
 
+def test_the_scatter_of_all_teachers_bounds_that_of_each() -> None:
+    values = {"original": (0, 20), "mostly_trivial": (30, 50), "rugged": (60, 80)}
+    wide = [cell("riac", s, v, challenge=c) for c, both in values.items() for s, v in enumerate(both)]
+    runs = pool(*spread_out(random=[0, 0, 0], adr=[6, 9, 0]), *wide)
+    row = over_challenges(runs, "mastered_percent", "random").iloc[0]
+    # Variances of a challenge are 2, 2 and 200: at least half of their mean, 34, counts.
+    assert (row["first"], row["difference"]) == ("adr", pytest.approx(5))
+    assert row["t"] == pytest.approx(5 / math.sqrt(6 * (34 / 2) / 9))
+
+
 def test_the_difference_of_one_challenge_is_welchs() -> None:
     values = {"classic_bipedal": [30, 50, 41, 38]}
     runs = pool(*parkour("random", values), *parkour("adr", {"classic_bipedal": [35, 52, 60, 41]}))

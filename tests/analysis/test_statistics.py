@@ -21,6 +21,7 @@ from analysis.statistics import (
     Method,
     describe,
     holm,
+    least_variance,
     paired,
     percent_interval,
     stratified,
@@ -136,6 +137,23 @@ def test_strata_without_any_spread_are_permuted_within_themselves() -> None:
     pairs = [(sample([9.0, 9.0], f"a{i}"), sample([0.0, 0.0], f"b{i}")) for i in range(3)]
     # In each stratum 1 of 6 arrangements is the one found, and 1 its contrary.
     assert stratified(pairs, [1.0, 1.0, 1.0]).p == pytest.approx(2 / 6**3)
+
+
+def test_a_variance_under_the_least_of_its_stratum_counts_as_that() -> None:
+    """In the standard error; the degrees of freedom stay, so that p is never smaller."""
+    steady, scattered = [5.0, 5.1, 4.9], [1.0, 4.0, 10.0]
+    lucky, other = sample([9.0, 9.2, 9.1], "a"), sample([0.0, 6.0, 3.0], "b")
+    least = least_variance([lucky, other, sample(steady, "c"), sample(scattered, "d"), sample([7.0], "e")])
+    variances = [np.var(each, ddof=1) for each in (lucky, other, steady, scattered)]
+    assert least == pytest.approx(np.mean(variances) / 2)
+    pairs, weights = [(lucky, other)] * 2, [1.0, 3.0]
+    found, alone = stratified(pairs, weights, [least] * 2), stratified(pairs, weights)
+    error = math.sqrt((1 + 9) / 16 * (least + variances[1]) / 3)
+    assert variances[0] < least < variances[1]
+    assert found.t == pytest.approx(found.difference / error)
+    assert found.degrees_of_freedom == alone.degrees_of_freedom
+    assert found.p > alone.p
+    assert least_variance([sample([7.0], "e")]) == 0.0
 
 
 def test_permutations_of_many_runs_are_drawn_and_always_the_same() -> None:
