@@ -16,8 +16,6 @@ from analysis.trials.boundaries import median_unbiased
 from analysis.trials.design import make_design, released_runs, setting_of
 from analysis.trials.rules import Outcomes, Setting, Verdict, simulate
 
-RELEASE = "lite-1"
-
 TRIALS = 4_000
 
 SEED = 2026
@@ -61,8 +59,9 @@ def main() -> None:
     """Print a row for each choice of cells and each true difference."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--trials", type=int, default=TRIALS, help="simulated trials of a row (%(default)s)")
-    trials = parser.parse_args().trials
-    baseline = find_baseline(RELEASE)
+    parser.add_argument("--release", default="lite-2", help="release whose runs are taken (%(default)s)")
+    given = parser.parse_args()
+    baseline = find_baseline(given.release)
     frames = baseline.frames()
     released = released_runs(frames)
     rows = []
@@ -70,7 +69,7 @@ def main() -> None:
         design = make_design("trial", baseline, frames, wanted=wanted)
         setting = setting_of(design, released)
         rows += [
-            {"names": ", ".join(wanted) or "all"} | row(setting, factor * design.margin, trials)
+            {"names": ", ".join(wanted) or "all"} | row(setting, factor * design.margin, given.trials)
             for factor in (-1, 0, 1, 2)
         ]
     pd.DataFrame(rows).to_csv(sys.stdout, index=False, float_format="%.4f")

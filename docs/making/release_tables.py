@@ -162,13 +162,15 @@ def releases() -> str:
     )
 
 
-def learning_of_the_release() -> str:
-    """Return mastered tasks of all runs of `lite-1` together, by step."""
-    means = find_baseline("lite-1").frames().evaluations.groupby("step")["mastered"].mean()
-    head = [f"{step / 1e6:g} M" for step in means.index]
-    return markdown(
-        pd.DataFrame([["mastered, %", *(f"{100 * mean:.1f}" for mean in means)]], columns=["steps", *head])
-    )
+def learning_of_releases() -> str:
+    """Return mastered tasks of all runs of each release of real students together, by step."""
+    curves = {}
+    for name in ("lite-1", "lite-2"):
+        evaluations = find_baseline(name).frames().evaluations
+        curves[f"`{name}`"] = 100 * evaluations.groupby("step")["mastered"].mean()
+    table = pd.DataFrame(curves).dropna().T.map("{:.1f}".format)  # at the steps at which all were evaluated
+    table.columns = pd.Index([f"{step / 1e6:g} M" for step in table.columns])
+    return markdown(table.rename_axis("mastered, %, after").reset_index())
 
 
 def later_teachers() -> str:

@@ -14,7 +14,7 @@ import pyarrow as pa
 from release_tables import (
     later_teachers,
     leaderboard,
-    learning_of_the_release,
+    learning_of_releases,
     releases,
     sensitivity,
     simulated_and_paper,
@@ -311,7 +311,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "simulated students": simulated_students,
     "simulated and paper": simulated_and_paper,
     "baselines": releases,
-    "learning of lite-1": learning_of_the_release,
+    "learning of releases": learning_of_releases,
     "findings": lambda: findings(newest_release().place),
     "later teachers": later_teachers,
     **{
