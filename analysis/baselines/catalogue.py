@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -132,8 +131,8 @@ class BaselineManifest:
     @property
     def core_is_whole(self) -> bool:
         """True if no run of its core is missing, though other campaigns may still grow."""
-        counts = [(self.done.get(name, 0), self.planned.get(name, math.inf)) for name in self.core]
-        return not self.partial or (bool(counts) and all(done >= planned for done, planned in counts))
+        whole = {name for name, count in self.planned.items() if self.done.get(name, 0) >= count}
+        return not self.partial or (bool(self.core) and whole.issuperset(self.core))
 
     def to_bytes(self) -> bytes:
         """Return the content of `BASELINE_FILE`."""

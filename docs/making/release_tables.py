@@ -16,6 +16,7 @@ from analysis.commands.releases import markdown as leaderboards
 from analysis.commands.simulated import BETTER, WORSE, markdown, mastered_table, recovery_table
 from analysis.comparisons.boards import runs_after
 from analysis.comparisons.frame import over_challenges, pairwise, verdict
+from analysis.comparisons.planning import LITE
 from analysis.formatting import amount, estimate, listed
 from analysis.measures.tested import HEADLINE
 from analysis.names import challenge_title, label, teacher_order
@@ -165,7 +166,7 @@ def releases() -> str:
 def learning_of_releases() -> str:
     """Return mastered tasks of all runs of each release of real students together, by step."""
     curves = {}
-    for name in ("lite-1", "lite-2"):
+    for name in LITE:
         evaluations = find_baseline(name).frames().evaluations
         curves[f"`{name}`"] = 100 * evaluations.groupby("step")["mastered"].mean()
     table = pd.DataFrame(curves).dropna().T.map("{:.1f}".format)  # at the steps at which all were evaluated
