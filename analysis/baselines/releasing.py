@@ -71,7 +71,8 @@ def release(
         output: folder in which that is made; the current one by default.
         licence: terms under which others may use it, an SPDX identifier such as ``CC-BY-4.0``.
         partial: pack campaigns that are not done or are damaged as well, and say so.
-        contents: `tma_ray.results.LEAN` leaves out episodes, logs of teachers, policies, names of machines.
+        contents: `tma_ray.results.LEAN` leaves out episodes, logs of teachers, policies, names of machines
+            and digits that tell nothing.
         about: statements that its runs do not make; by default those of a release that is packed again.
 
     Returns:
@@ -256,10 +257,9 @@ def add_to_release(
 ) -> Path:
     """Add the finished runs of a root to a release that lacks them, as one file per table.
 
-    The release is made if there is none. It holds evaluations, windows of training, curricula, cells, runs
-    and attempts without names of machines; neither episodes, logs of teachers nor policies. Its other files
-    stay as they are, but for its card, ``croissant.json`` and ``baseline.json``. A campaign may be running on
-    the root. If this is interrupted, the release is as it was before.
+    The release is made if there is none. What is added is lean, as `tma_ray.results.LEAN` has it. Its other
+    files stay as they are, but for its card, ``croissant.json`` and ``baseline.json``. A campaign may be
+    running on the root. If this is interrupted, the release is as it was before.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
@@ -348,7 +348,7 @@ def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.Conte
             f"{frames.results.store.where(results.POLICIES)}, as {lacking[0]}: release the root that they "
             f"ended in"
         )
-    return replace(results.LEAN, policies=True, runs=middle, half_precision=True)
+    return replace(results.LEAN, policies=True, runs=middle)
 
 
 def _runs_with_policies(frames: Frames) -> set[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from analysis.data.frames import load
 from analysis.measures.run_measures import run_measures
 from tma_ray.results import LEAN, Committer, Results, ResultsRootError, Store, Table, start_from
 from tma_ray.students import load_policy, make_student
+from tma_ray.tasks import MASTERY_RETURN
 
 PACKED = ("runs", "attempts", "cells", "evaluations", "training", "curriculum")
 
@@ -81,9 +83,18 @@ def test_a_shard_is_a_file_per_table_without_episodes_policies_and_hosts(first: 
 
 def test_what_it_holds_of_its_runs_is_what_their_root_holds(first: Path, grown: Path) -> None:
     ours, theirs = load(grown), load(first)
-    for name in ("cells", "evaluations", "training", "test_tasks"):
+    for name in ("cells", "training", "test_tasks"):
         pd.testing.assert_frame_equal(getattr(ours, name), getattr(theirs, name), check_exact=True)
-    assert ours.results.table(Table.CURRICULUM).equals(theirs.results.table(Table.CURRICULUM))
+    evaluations = theirs.evaluations.assign(
+        episodic_return=theirs.evaluations["episodic_return"].astype(np.float32).astype(float)
+    )
+    pd.testing.assert_frame_equal(ours.evaluations, evaluations, check_exact=True)
+    probes, exact = (
+        np.stack(frames.results.table(Table.CURRICULUM)["task"].to_numpy()) for frames in (ours, theirs)
+    )
+    assert len(probes) > 100
+    assert not np.array_equal(probes, exact)
+    np.testing.assert_allclose(probes, exact, rtol=2.0**-12, atol=0)
     assert ours.results.table(Table.EPISODES).num_rows == 0
     manifest = find_baseline(grown).manifest
     told = (manifest.licence, manifest.core, manifest.planned, manifest.partial)
@@ -92,6 +103,21 @@ def test_what_it_holds_of_its_runs_is_what_their_root_holds(first: Path, grown: 
     assert "It holds no policies" in card
     assert "The final policies are in" not in card
     assert "## Known gaps\n\nThe campaign `more` has not begun.\n" in card
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.1, 0.7, MASTERY_RETURN])
+def test_no_rounded_return_crosses_the_threshold_of_mastery(threshold: float, tmp_path: Path) -> None:
+    near = [threshold, np.nextafter(threshold, np.inf), np.nextafter(threshold, -np.inf)]
+    returns = [*near, threshold + 1 / 3, threshold - 1 / 3, np.inf, -np.inf, np.nan]
+    root = SyntheticCampaign(tmp_path / "root")
+    spec = {} if threshold == MASTERY_RETURN else {"mastery_threshold": threshold}
+    root.plain_run("random", 0, {root.steps: returns}, spec=json.dumps(spec))
+    before = load(root.root).evaluations
+    after = load(release(root.root, "lean", tmp_path, contents=LEAN)).evaluations
+    assert before["mastered"].tolist() == [False, True, False, True, False, True, False, False]
+    assert after["mastered"].tolist() == before["mastered"].tolist()
+    np.testing.assert_allclose(after["episodic_return"], returns, rtol=2.0**-24)
+    assert after["episodic_return"][3] == np.float32(returns[3])
 
 
 def test_a_second_shard_adds_what_is_new_and_changes_no_file(grown: Path, tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def release(
         output: folder or address in which the baseline's own folder, NAME, is made (default: the current one)
         licence: licence of the results, as CC-BY-4.0 (default: none)
         partial: allow missing runs, and mark the baseline so
-        lean: leave out episodes, logs of teachers, policies and names of machines: 20 kB a run
+        lean: leave out episodes, logs of teachers, policies and names of machines, and round: 10 kB a run
         policies: pack, lean, the run with the median result of each cell, and its final policy as float16
         shard: name of files that add the finished runs that the release lacks, lean (default: pack all)
         core: campaigns that 'tma-ray campaign --like' repeats (default: all)

@@ -17,16 +17,17 @@ from safetensors.numpy import load as parse_tensors
 from safetensors.numpy import save as serialise_tensors
 
 import tma_ray.results.layout as at
-from tma_ray.decoding import DamagedFileError, DamagedFileWarning
+from tma_ray.decoding import DamagedFileError, DamagedFileWarning, decode_json
 from tma_ray.results.inputs import kept_files
 from tma_ray.results.lease import Lease
 from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile, write_index
 from tma_ray.results.parquet import decode, decode_rows, encode, encode_together, same_rows
 from tma_ray.results.reader import Results
-from tma_ray.results.records import RunStatus
+from tma_ray.results.records import RunRecord, RunStatus, SpecFacts
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
 from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.verification import Inspector
+from tma_ray.tasks import MASTERY_RETURN
 
 SINGLE_RUNS = "single_runs"  # name of the files of runs that belong to no experiment
 
@@ -41,7 +42,8 @@ class Contents:
         policies: True to copy final policies.
         hosts: True to keep the names of machines in the table of attempts.
         runs: ids of the runs that are copied; None for all.
-        half_precision: True to write the weights of policies as float16.
+        rounded: True to round returns of evaluations and tasks of curricula to `SIGNIFICANT_BITS`, and to
+            write the weights of policies as float16.
     """
 
     tables: tuple[Table, ...] = DATA_TABLES
@@ -49,16 +51,24 @@ class Contents:
     policies: bool = True
     hosts: bool = True
     runs: frozenset[str] | None = None
-    half_precision: bool = False
+    rounded: bool = False
 
 
 WHOLE: Final = Contents()
 """All that a root says of its runs."""
 
 LEAN: Final = Contents(
-    (Table.EVALUATIONS, Table.TRAINING, Table.CURRICULUM), unfinished=False, policies=False, hosts=False
+    (Table.EVALUATIONS, Table.TRAINING, Table.CURRICULUM),
+    unfinished=False,
+    policies=False,
+    hosts=False,
+    rounded=True,
 )
-"""Some 20 kB a run: neither episodes, logs of teachers and policies, nor names of machines."""
+"""Some 10 kB a run: neither episodes, logs of teachers and policies, nor names of machines; rounded."""
+
+SIGNIFICANT_BITS: Final = {Table.EVALUATIONS: ("episodic_return", 24), Table.CURRICULUM: ("task", 12)}
+"""Columns that are rounded, and the significant bits of their values, relative errors of 6e-8 and 2.4e-4: the
+other bits are noise, which nothing compresses."""
 
 
 def experiments_of(results: Results) -> dict[str, str]:
@@ -93,8 +103,9 @@ def pack(
 ) -> list[Manifest]:
     """Write one file per table with all rows of some runs; returns manifests that lead to them.
 
-    The rows come run after run, each run's as they were written: in order of steps. Nothing refers to the
-    files yet when it returns; they have been read back and compared with what they were made of.
+    The rows come run after run, each run's as they were written: in order of steps, and rounded if `contents`
+    says so. Nothing refers to the files yet when it returns; they have been read back and compared with what
+    they were made of.
 
     Args:
         results: the root that the runs are read from.
@@ -109,7 +120,7 @@ def pack(
     """
     slices: dict[str, list[PartFile]] = {manifest.run.run_id: [] for manifest in manifests}
     for table in contents.tables:
-        for run_id, file in _pack_table(results, list(slices), target, (table, name), tick):
+        for run_id, file in _pack_table(results, manifests, target, (table, name), tick, contents):
             slices[run_id].append(file)
     for table in (Table.RUNS, Table.ATTEMPTS):
         rows, path = results.table(table, list(slices)), at.table_path(table, name)
@@ -122,30 +133,48 @@ def pack(
     return [replace(manifest, files=tuple(slices[manifest.run.run_id])) for manifest in manifests]
 
 
-def _rows_of(results: Results, table: Table, run_id: str) -> pa.Table:
+def _rows_of(results: Results, table: Table, run: RunRecord, rounded: bool) -> pa.Table:
     """Return the rows of one run; a DamagedFileError if some cannot be read."""
     before = len(results.problems)
-    rows = results.table(table, [run_id])
+    rows = results.table(table, [run.run_id])
     if len(results.problems) > before:
         raise DamagedFileError(f"nothing was merged: {results.problems[before]}")
-    return rows
+    return _rounded(rows, table, run) if rounded and table in SIGNIFICANT_BITS else rows
+
+
+def _rounded(rows: pa.Table, table: Table, run: RunRecord) -> pa.Table:
+    """Return `rows` with fewer significant bits; no return crosses the threshold of mastery."""
+    column, bits = SIGNIFICANT_BITS[table]
+    place = rows.schema.get_field_index(column)
+    values = rows[column].combine_chunks()
+    exact = (values.values if table is Table.CURRICULUM else values).to_numpy()
+    significand, exponent = np.frexp(exact)
+    fewer = np.ldexp(np.round(np.ldexp(significand, bits)), exponent - bits)
+    if table is Table.CURRICULUM:
+        fewer = pa.ListArray.from_arrays(values.offsets, fewer).cast(values.type)
+    else:
+        threshold = decode_json(run.spec, SpecFacts, f"the spec of run {run.run_id}").mastery_threshold
+        threshold = MASTERY_RETURN if threshold is None else threshold
+        fewer = pa.array(np.where((fewer > threshold) == (exact > threshold), fewer, exact))
+    return rows.set_column(place, rows.schema.field(place), fewer)
 
 
 def _pack_table(
     results: Results,
-    run_ids: Sequence[str],
+    manifests: Sequence[Manifest],
     target: Store,
     place: tuple[Table, str],
     tick: Callable[[], None],
+    contents: Contents,
 ) -> Iterator[tuple[str, PartFile]]:
     table, name = place
     counts: dict[str, int] = {}
 
     def parts() -> Iterator[pa.Table]:
-        for run_id in run_ids:
+        for manifest in manifests:
             tick()
-            rows = _rows_of(results, table, run_id)
-            counts[run_id] = len(rows)
+            rows = _rows_of(results, table, manifest.run, contents.rounded)
+            counts[manifest.run.run_id] = len(rows)
             yield rows
 
     data, path = encode_together(table, parts()), at.table_path(table, name)
@@ -153,9 +182,10 @@ def _pack_table(
         raise DamagedFileError(f"{target.where(path)} is there already; nothing was merged")
     written = PartFile.write(target, path, table, sum(counts.values()), data)
     stored, first = pa.BufferReader(written.read(target)), 0
-    for run_id in run_ids:
+    for manifest in manifests:
         tick()
-        expected = _rows_of(results, table, run_id)
+        run_id = manifest.run.run_id
+        expected = _rows_of(results, table, manifest.run, contents.rounded)
         found = (
             decode_rows(table, stored, first, counts[run_id], SCHEMAS[table].names)
             if counts[run_id]
@@ -289,7 +319,7 @@ def copy_beside(
         chosen = PurePosixPath(path).parts[1] in ours
         if chosen and path.endswith(POLICY_FILES):
             data = results.store.read_bytes(path)
-            weights = contents.half_precision and path.endswith(".safetensors")
+            weights = contents.rounded and path.endswith(".safetensors")
             target.write_bytes(path, _halved(data) if weights else data)
         elif chosen or contents.runs is None:
             left_out.append(path)
