@@ -91,7 +91,10 @@ def release(
     store = frames.results.store
     before = BaselineManifest.load(store) if store.holds(BASELINE_FILE) else None
     missing = _refuse_unfinished(frames, partial, before.partial if before else "")
-    draft = _draft(name, licence, about, before, missing, before.planned if before else {})
+    lacking = [missing, "" if contents.runs is None else "of each cell one run, that with the median result"]
+    draft = _draft(
+        name, licence, about, before, "; ".join(filter(None, lacking)), before.planned if before else {}
+    )
     with _aside(folder) as aside:
         copy = results.copy_merged(frames.results, results.Store.open(aside), contents)
         _refuse_damaged(copy.damaged, partial)

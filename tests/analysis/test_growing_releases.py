@@ -243,7 +243,10 @@ def test_the_policy_of_the_run_in_the_middle_of_each_cell_is_released(tmp_path: 
         weights = [(folder / "policy.safetensors").stat().st_size for folder in folders]
         assert weights[1] < 0.52 * weights[0]
     assert verify(tmp_path / "policies").whole
-    assert find_baseline(tmp_path / "policies").manifest.holds["policies"] == 2
+    manifest = find_baseline(tmp_path / "policies").manifest
+    assert manifest.holds["policies"] == 2
+    assert manifest.partial == "of each cell one run, that with the median result"
+    assert not manifest.core_is_whole
 
 
 def test_a_run_in_the_middle_without_a_policy_is_no_release_of_policies(first: Path, told: Told) -> None:
