@@ -255,3 +255,28 @@ def test_a_run_in_the_middle_without_a_policy_is_no_release_of_policies(first: P
     with pytest.raises(ValueError, match=r"campaign 'bacth'.*the root has"):
         median_policies(first, ["bacth"])
     told(2, "release", first, "mine", "--policies", "--lean")
+
+
+def test_released_policies_are_those_of_the_runs_with_the_median_results_of_lite_2() -> None:
+    archive = Path(__file__).parents[2] / "releases" / "lite-2-policies"
+    assert verify(archive).whole
+    ours, lite_2 = load(archive), find_baseline("lite-2").frames()
+    core = lite_2.cells[lite_2.cells["campaign"] == "lite_2_core"].drop_duplicates("run_id")
+    areas = run_measures(lite_2, training=False).merge(core[["run_id", "teacher", "settings"]])
+    middle = areas.groupby(["teacher", "settings"], observed=True)["mastered_area"].transform("median")
+    released = ours.cells["run_id"].astype(str)
+    assert len(released) > 40
+    assert set(released) <= set(areas.loc[areas["mastered_area"] == middle, "run_id"].astype(str))
+    order = ["run_id", "step", "task_index", "episodic_return"]
+    before, after = (
+        frames.evaluations.loc[frames.evaluations["run_id"].isin(released), order].sort_values(order[:3])
+        for frames in (lite_2, ours)
+    )
+    assert before["run_id"].astype(str).tolist() == after["run_id"].astype(str).tolist()
+    returns = (frame["episodic_return"].to_numpy(np.float32) for frame in (before, after))
+    np.testing.assert_array_equal(*returns)
+    for run_id in released:
+        folder = archive / "policies" / run_id
+        width = len(json.loads((folder / "policy.json").read_text())["observation_space"]["low"])
+        (actions,) = load_policy("ppo", folder)(np.zeros((1, width), np.float32))
+        assert np.abs(actions).max() <= 1

@@ -51,6 +51,8 @@ CHANGES = (
     Change("docs/releasing.md", "--stage core", "--stage core --challenges original", "fewer speeds"),
     Change("docs/releasing.md", "--stage levels", "--stage core --challenges original", "likewise"),
     Change("docs/releasing.md", "--lean", "--lean --partial", "its campaign is only begun"),
+    Change("docs/policies.md", "releases/lite-2-policies --policy ppo_riac-s2-3ad4", "results --policy {run}",
+           "the pages are run outside of the repository"),
     Change("docs/policies.md", '", "walker"', '", "again"', "walker is there by then"),
     Change("notebooks/README.md", "' jupyterlab", "'", "the tests do without JupyterLab"),
     Change("examples/README.md", "report ../staircase", "report ../results", "its campaign is only planned"),
