@@ -71,8 +71,8 @@ def release(
         output: folder in which that is made; the current one by default.
         licence: terms under which others may use it, an SPDX identifier such as ``CC-BY-4.0``.
         partial: pack campaigns that are not done or are damaged as well, and say so.
-        contents: `tma_ray.results.LEAN` leaves out episodes, logs of teachers, policies, names of machines
-            and digits that tell nothing.
+        contents: `tma_ray.results.LEAN` leaves out episodes, logs of teachers, policies, names of machines,
+            and rounds returns and tasks of curricula.
         about: statements that its runs do not make; by default those of a release that is packed again.
 
     Returns:
