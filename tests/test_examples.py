@@ -26,8 +26,9 @@ class TestFrontier(TeacherConformance):
 
 class TestStaircase(TeacherConformance):
     @pytest.fixture(scope="class", autouse=True)
-    def _made_known(self, experiment: ModuleType) -> None:
-        TestStaircase.teacher = experiment.Staircase
+    @classmethod
+    def _made_known(cls, experiment: ModuleType) -> None:
+        cls.teacher = experiment.Staircase
 
 
 def test_a_teacher_takes_less_than_40_lines() -> None:

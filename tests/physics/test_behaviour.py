@@ -43,7 +43,7 @@ def test_the_old_bipedal_falls_forward_as_the_releases_does() -> None:
     assert ours["head_x_displacement"].mean() > 0.5 * theirs["head_x_displacement"].mean > 0
 
 
-@pytest.mark.parametrize("name", map(body, OTHERS))
+@pytest.mark.parametrize("name", list(map(body, OTHERS)))
 def test_random_actions_lead_other_bodies_as_far(name: str) -> None:
     ours = behaviour.episodes(behaviour.TASKS[0], 50, 500, name)
     theirs = measured("random_actions", "stump_tracks", name)

@@ -13,7 +13,7 @@ LAND_IN_ANOTHER_POSE = ("old_classic_bipedal", "climbing_chimpanzee")
 LIMP = [name for name in parkour.BODIES if name not in LAND_IN_ANOTHER_POSE]
 
 
-@pytest.mark.parametrize("name", map(body, LIMP))
+@pytest.mark.parametrize("name", list(map(body, LIMP)))
 def test_limp_bodies_come_to_lie_as_high(name: str) -> None:
     ours, theirs = zero_action(name, 10, parkour.dry()), measured("zero_actions", "parkour", name)
     expected = theirs["head_height_above_ground"].mean
