@@ -1,6 +1,6 @@
 """Draws the curricula of a release for the leaderboard: for each challenge a film strip and a film.
 
-python docs/making/make_leaderboard_pictures.py lite-1 --output docs/images/leaderboard
+python docs/making/make_leaderboard_pictures.py lite-2 --output docs/images/leaderboard
 
 Each teacher is shown by its run with the first seed, so that pictures stay true while a release grows.
 """
@@ -22,6 +22,7 @@ from analysis.data.curricula import curricula_of_runs, task_axes
 from analysis.data.frames import Frames
 from analysis.figures import Shot, animation, film_strip
 from analysis.names import label, teacher_order
+from tma_ray.tasks import KnowledgeLevel
 
 FRAMES, DPI, COLOURS = 9, 90, 64
 
@@ -41,9 +42,11 @@ def main() -> None:
 
 
 def first_runs(frames: Frames) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield each challenge and the run of each teacher with its first body and seed."""
+    """Yield each challenge and the run of each teacher with its highest level, first body and first seed."""
     done = frames.cells[frames.cells["status"] == "done"]
-    ordered = done.sort_values(["embodiment", "seed"]).drop_duplicates(["challenge", "teacher"])
+    ranks = done["expert_knowledge"].map(lambda level: KnowledgeLevel(level).rank)
+    ordered = done.assign(least=-ranks).sort_values(["least", "embodiment", "seed"])
+    ordered = ordered.drop_duplicates(["challenge", "teacher"])
     for challenge, runs in ordered.groupby("challenge"):
         yield str(challenge), runs.sort_values("teacher", key=lambda names: names.map(teacher_order))
 

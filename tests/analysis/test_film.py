@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 import io
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Polygon
+from matplotlib.text import Text
 from PIL import Image
 from synthetic_logs import STEPS, axes, curriculum
 
-from analysis.charts.curricula import MOST_FRAMES, MOST_SHOTS
-from analysis.charts.paper.style import png
-from analysis.data.curricula import MOMENTS
+from analysis.charts.curricula import MOST_FRAMES, MOST_SHOTS, film
+from analysis.charts.paper.drawing import lay_out
+from analysis.charts.paper.style import png, styled
+from analysis.data.curricula import MOMENTS, Curriculum
 from analysis.figures import Shot, animation, film_strip, projected
 
 PLANE = axes(2)
+
+
+def in_a_corner(log: Curriculum) -> Curriculum:
+    """Return a curriculum with all probed tasks near the lowest corner of the plane."""
+    low = np.array([axis.low for axis in PLANE])
+    tasks = [np.float32(low + 0.01 * (task - low)) for task in log.probes["task"]]
+    return replace(log, probes=log.probes.assign(task=tasks))
 
 
 def test_rows_are_runs_and_columns_moments() -> None:
@@ -33,10 +44,8 @@ def test_rows_are_runs_and_columns_moments() -> None:
 
 def test_tasks_in_a_corner_are_drawn_at_their_own_scale() -> None:
     """ADR's first tasks are in one corner, and nearly equal; those of another row fill the plane."""
-    log = curriculum("adr")
-    low = np.array([axis.low for axis in PLANE])
-    near = log.probes.assign(task=[np.float32(low + 0.01 * (task - low)) for task in log.probes["task"]])
-    shots = [Shot("near", "adr", replace(log, probes=near)), Shot("far", "random", curriculum("random"))]
+    near = in_a_corner(curriculum("adr"))
+    shots = [Shot("near", "adr", near), Shot("far", "random", curriculum("random"))]
     figure = film_strip(shots, PLANE, steps=[0, STEPS])
     first, second, third, _ = figure.axes
     tasks = np.concatenate([shots[0].curriculum.probed_at(step) for step in (0, STEPS)])
@@ -48,6 +57,24 @@ def test_tasks_in_a_corner_are_drawn_at_their_own_scale() -> None:
     assert first.spines["top"].get_edgecolor() != third.spines["top"].get_edgecolor()
     for panel in (first, third):  # both rows have numbers of their own
         assert any(tick.label1.get_visible() for tick in panel.xaxis.get_major_ticks())
+
+
+@pytest.mark.parametrize("cornered", [False, True], ids=["one scale", "own scales"])
+@pytest.mark.parametrize("name", ["Ramp (steps=1000000)", "ACCEL (budget=2000000)"])
+def test_titles_of_neighbours_are_a_letter_apart(name: str, cornered: bool) -> None:
+    """Near the length at which a title is broken into lines."""
+    everywhere = curriculum("random")
+    second = in_a_corner(everywhere) if cornered else everywhere
+    shots = [Shot(name, "random", each) for each in (everywhere, second) * 2]
+    figure, drawn = styled(lay_out)(film(shots, PLANE, 2))
+    FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
+    titles = [
+        next(text for text in axes.findobj(Text) if text.get_text() == axes.get_title("left"))
+        for axes in drawn.values()
+    ]
+    letter = 0.6 * titles[0].get_fontsize() * figure.dpi / 72
+    boxes = [title.get_window_extent() for title in titles]
+    assert all(left.x1 + letter < right.x0 for left, right in itertools.pairwise(boxes))
 
 
 def test_a_projection_keeps_two_dimensions_of_tasks_boxes_and_gaussians() -> None:

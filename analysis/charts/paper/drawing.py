@@ -35,6 +35,9 @@ from analysis.looks import MUTED
 FRAME = "#b9bec6"
 """Colour of the frame around a panel of the task space."""
 
+NARROW_GAP, WIDE_GAP = 0.08, 0.3
+"""Space between panels side by side, in inches: without and with numbers along their vertical axes."""
+
 ANIMATION_DPI = 90
 """Resolution of an animation, in dots per inch."""
 
@@ -141,7 +144,8 @@ def lay_out(chart: Chart) -> tuple[Figure, Drawn]:
         shared["height_ratios"] = [len(panel.y.rows) or 1 for (panel,) in chart.panels]
     subplots = figure.subplots(rows, columns, squeeze=False, **shared)
     ticks = int(np.clip(2 * (width - 1) / columns, 2, 6))
-    letters = int((width - 0.8) / columns * 72 / (0.66 * (chart.letters + 0.5)))
+    between = (columns - 1) * (WIDE_GAP if shared["sharey"] == "none" else NARROW_GAP)
+    letters = int((width - 0.8 - between) / columns * 72 / (0.66 * (chart.letters + 0.5)))
     drawn: Drawn = {}
     for line, row in enumerate(chart.panels):
         for axes, panel, *beneath in zip(subplots[line], *chart.panels[line:], strict=True):
