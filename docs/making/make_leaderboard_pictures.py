@@ -1,4 +1,4 @@
-"""Draws the curricula of a release for the leaderboard: for each challenge a film strip and a film.
+"""Draws the curricula of a release for the leaderboard: for each challenge a film strip and films.
 
 python docs/making/make_leaderboard_pictures.py lite-2 --output docs/images/leaderboard
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ FRAMES, DPI, COLOURS = 9, 90, 64
 
 
 def main() -> None:
-    """Write NAME-CHALLENGE.png and NAME-CHALLENGE.gif."""
+    """Write NAME-CHALLENGE.png and NAME-CHALLENGE-1.gif, -2.gif, …, each of a part of the teachers."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("release", help="name, folder or address of a release with curricula")
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="made if missing")
@@ -62,7 +63,11 @@ def _draw(frames: Frames, runs: pd.DataFrame, path: Path) -> None:
     with Image.open(path.with_suffix(".png")) as picture:
         smaller = picture.convert("RGB").quantize(COLOURS)
     smaller.save(path.with_suffix(".png"), optimize=True)
-    path.with_suffix(".gif").write_bytes(animation(shots[:MOST_SHOTS], plane, FRAMES))
+    films = ceil(len(shots) / MOST_SHOTS)
+    each = ceil(len(shots) / films)
+    for film in range(films):
+        content = animation(shots[film * each : (film + 1) * each], plane, FRAMES)
+        path.with_name(f"{path.name}-{film + 1}.gif").write_bytes(content)
 
 
 if __name__ == "__main__":

@@ -52,7 +52,11 @@ def leaderboard() -> str:
             challenge = strip.stem.removeprefix(f"{name}-")
             title = challenge_title("stump_tracks", challenge, challenge)
             image = f"images/leaderboard/{strip.stem}"
-            parts.append(f"### Curricula of {name}: {title}\n\n[As a film]({image}.gif)")
+            films = [
+                f"[Film {number}](images/leaderboard/{film.name})"
+                for number, film in enumerate(sorted(PICTURES.glob(f"{strip.stem}-*.gif")), start=1)
+            ]
+            parts.append(f"### Curricula of {name}: {title}\n\n{', '.join(films)}")
             parts.append(f"[![Probed tasks of each teacher over a run]({image}.png)]({image}.png)")
     return "\n\n".join(parts)
 
