@@ -90,9 +90,6 @@ EARLY = 0.25
 NAMED = ("experiment", "embodiment", "student", "expert_knowledge")
 """Columns that name the files of a comparison, where they tell it from others."""
 
-SHEET = 12
-"""Teachers on one film strip, animation or strip of training tasks; of more there are several, numbered."""
-
 LONGEST_NAME = 16
 """Characters of a teacher's name beside the row of a film strip."""
 
@@ -226,15 +223,10 @@ def _of_comparison(frames: Frames, mine: Measured, name: str) -> Iterator[Drawin
 
 
 def _sheets(mine: Measured) -> Iterator[tuple[str, dict[str, pd.Series]]]:
-    """Yield the teachers' runs in the fewest parts of similar size, each with a suffix for its name.
-
-    Forty rows fit on no page, and laying out their panels together takes minutes.
-    """
-    examples = list(examples_of(mine).items())
-    count = -(-len(examples) // SHEET)
-    ends = [round(len(examples) * number / count) for number in range(1, count + 1)]
-    for number, (first, last) in enumerate(itertools.pairwise([0, *ends]), start=1):
-        yield f"-{number}" if count > 1 else "", dict(examples[first:last])
+    """Yield the teachers' runs, sheet by sheet, each with a suffix for its name."""
+    parts = curricula.sheets(list(examples_of(mine).items()))
+    for number, part in enumerate(parts, start=1):
+        yield f"-{number}" if len(parts) > 1 else "", dict(part)
 
 
 def _training_tasks(

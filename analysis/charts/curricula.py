@@ -3,9 +3,11 @@
 `curricula` has one run for each teacher, and `plane` the two task dimensions.
 """
 
+import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -27,6 +29,9 @@ UPDATES = 24
 
 MOST_FRAMES, MOST_SHOTS = 60, 12
 """An animation has at most so many frames and panels, and so stays under a few megabytes."""
+
+Run = TypeVar("Run")
+"""A run in any form: a shot, or the cell of a teacher."""
 
 
 class Shot(NamedTuple):
@@ -70,6 +75,16 @@ def film_strip(
     side = 1.6 * width / base.PAGE_WIDTH
     size, letters = (width, 0.9 + side * len(rows)), 8.5 if width >= base.PAGE_WIDTH else 6.5
     return base.Chart("film", rows, legend=base.Legend.NONE, size=size, letters=letters)
+
+
+def sheets(runs: Sequence[Run]) -> list[Sequence[Run]]:
+    """Return runs in the fewest parts of similar size, none with more than `MOST_SHOTS`.
+
+    Forty rows fit on no page, and laying out their panels together takes minutes.
+    """
+    count = math.ceil(len(runs) / MOST_SHOTS)
+    ends = [round(len(runs) * number / count) for number in range(1, count + 1)]
+    return [runs[first:last] for first, last in itertools.pairwise([0, *ends])]
 
 
 def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> base.Chart:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from PIL import Image
 
 from analysis.baselines import find_baseline
 from analysis.charts.base import PAGE_WIDTH
-from analysis.charts.curricula import MOST_SHOTS
+from analysis.charts.curricula import sheets
 from analysis.data.curricula import curricula_of_runs, task_axes
 from analysis.data.frames import Frames
 from analysis.figures import Shot, animation, film_strip
@@ -46,7 +45,8 @@ def first_runs(frames: Frames) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield each challenge and the run of each teacher with its highest level, first body and first seed."""
     done = frames.cells[frames.cells["status"] == "done"]
     ranks = done["expert_knowledge"].map(lambda level: KnowledgeLevel(level).rank)
-    ordered = done.assign(least=-ranks).sort_values(["least", "embodiment", "seed"])
+    order = ["rank", "embodiment", "seed"]
+    ordered = done.assign(rank=ranks).sort_values(order, ascending=[False, True, True])
     ordered = ordered.drop_duplicates(["challenge", "teacher"])
     for challenge, runs in ordered.groupby("challenge"):
         yield str(challenge), runs.sort_values("teacher", key=lambda names: names.map(teacher_order))
@@ -63,11 +63,8 @@ def _draw(frames: Frames, runs: pd.DataFrame, path: Path) -> None:
     with Image.open(path.with_suffix(".png")) as picture:
         smaller = picture.convert("RGB").quantize(COLOURS)
     smaller.save(path.with_suffix(".png"), optimize=True)
-    films = ceil(len(shots) / MOST_SHOTS)
-    each = ceil(len(shots) / films)
-    for film in range(films):
-        content = animation(shots[film * each : (film + 1) * each], plane, FRAMES)
-        path.with_name(f"{path.name}-{film + 1}.gif").write_bytes(content)
+    for number, sheet in enumerate(sheets(shots), start=1):
+        path.with_name(f"{path.name}-{number}.gif").write_bytes(animation(sheet, plane, FRAMES))
 
 
 if __name__ == "__main__":

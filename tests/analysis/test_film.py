@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from matplotlib.text import Text
 from PIL import Image
 from synthetic_logs import STEPS, axes, curriculum
 
-from analysis.charts.curricula import MOST_FRAMES, MOST_SHOTS, film
+from analysis.charts.curricula import MOST_FRAMES, MOST_SHOTS, film, sheets
 from analysis.charts.paper.drawing import lay_out
 from analysis.charts.paper.style import png, styled
 from analysis.data.curricula import MOMENTS, Curriculum
@@ -75,6 +76,15 @@ def test_titles_of_neighbours_are_a_letter_apart(name: str, cornered: bool) -> N
     letter = 0.6 * titles[0].get_fontsize() * figure.dpi / 72
     boxes = [title.get_window_extent() for title in titles]
     assert all(left.x1 + letter < right.x0 for left, right in itertools.pairwise(boxes))
+
+
+@pytest.mark.parametrize("count", [0, 1, MOST_SHOTS, MOST_SHOTS + 1, 3 * MOST_SHOTS + 4])
+def test_sheets_leave_no_run_out_and_are_of_similar_size(count: int) -> None:
+    parts = sheets(range(count))
+    assert [run for part in parts for run in part] == [*range(count)]
+    sizes = {len(part) for part in parts}
+    assert len(parts) == math.ceil(count / MOST_SHOTS)
+    assert not sizes or (max(sizes) <= MOST_SHOTS and max(sizes) - min(sizes) <= 1)
 
 
 def test_a_projection_keeps_two_dimensions_of_tasks_boxes_and_gaussians() -> None:
