@@ -18,6 +18,7 @@ from analysis.comparisons.boards import runs_after
 from analysis.comparisons.frame import over_challenges, pairwise, verdict
 from analysis.comparisons.planning import LITE
 from analysis.formatting import amount, estimate, listed
+from analysis.measures.evaluations import NEARLY_ALL, trained_steps
 from analysis.measures.tested import HEADLINE
 from analysis.names import challenge_title, label, teacher_order
 from analysis.statistics import SIGNIFICANCE, Description, holm, welch, welch_from_statistics
@@ -176,6 +177,19 @@ def learning_of_releases() -> str:
     table = pd.DataFrame(curves).dropna().T.map("{:.1f}".format)  # at the steps at which all were evaluated
     table.columns = pd.Index([f"{step / 1e6:g} M" for step in table.columns])
     return markdown(table.rename_axis("mastered, %, after").reset_index())
+
+
+def untrained() -> str:
+    """Return the steps without training in each release of real students, for teachers that have some."""
+    shares = {}
+    for name in LITE:
+        frames = find_baseline(name).frames()
+        ends = trained_steps(frames).groupby("run_id")["trained_percent"].last()
+        teachers = frames.cells.drop_duplicates("run_id").set_index("run_id")["teacher"]
+        shares[f"`{name}`"] = 100 - ends.groupby(teachers.map(lambda name: label(split_name(name)[0]))).mean()
+    table = pd.DataFrame(shares)
+    table = table[(table > 100 - NEARLY_ALL).any(axis=1)].map("{:.0f}".format)
+    return markdown(table.rename_axis("steps without training, %").reset_index())
 
 
 def later_teachers() -> str:

@@ -20,6 +20,7 @@ from release_tables import (
     simulated_and_paper,
     simulated_students,
     trials,
+    untrained,
 )
 
 from analysis.baselines import newest_release
@@ -313,6 +314,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "baselines": releases,
     "learning of releases": learning_of_releases,
     "findings": lambda: findings(newest_release().place),
+    "untrained": untrained,
     "later teachers": later_teachers,
     **{
         f"{kind} {path.stem}": functools.partial(data_table, path)
