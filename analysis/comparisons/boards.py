@@ -15,7 +15,7 @@ from analysis.comparisons.frame import ACROSS, CHALLENGES, PLACES, from_both_sid
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import amount, ends, estimate, in_brief, listed, number, p_value
-from analysis.measures.evaluations import NEARLY_ALL, trained_steps
+from analysis.measures.evaluations import NEARLY_ALL, trained_shares
 from analysis.measures.pooling import CONDITIONS, PARTS, condition_words, runs_after, varying
 from analysis.measures.tested import FINAL, HEADLINE
 from analysis.names import challenge_title, label
@@ -257,7 +257,7 @@ def _board(where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames) -> Lead
         result = float(row["difference"]), float(row["low"]), float(row["high"])
         results.setdefault(str(row["teacher"]), {})[title] = result
     final = stratified_means(runs, FINAL).set_index("teacher")["difference"]
-    shares = trained_steps(frames).groupby("run_id")["trained_percent"].last()
+    shares = trained_shares(frames)
     spent = runs.drop_duplicates(["teacher", "run_id"])
     spent = spent.assign(hours=spent["run_id"].map(frames.run_hours), trained=spent["run_id"].map(shares))
     usual = spent.groupby("teacher")[["hours", "trained"]].median()  # a few stalled runs would decide a mean

@@ -77,6 +77,11 @@ def trained_steps(frames: Frames) -> pd.DataFrame:
     )
 
 
+def trained_shares(frames: Frames) -> pd.Series:
+    """Return the per cent of its steps from which the student of each run learned, by run_id."""
+    return trained_steps(frames).groupby("run_id")["trained_percent"].last()
+
+
 def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """Return the training windows of comparisons that have enough; cells and episodes of the others."""
     alive = unfailed(frames.cells)

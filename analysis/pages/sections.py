@@ -136,8 +136,7 @@ def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart
     trained = evaluations.trained_steps(frames)
     trained = trained[trained["run_id"].isin(mine.evaluations["run_id"])]
     teachers = mine.evaluations.drop_duplicates("run_id").set_index("run_id")["teacher"]
-    shares = trained.groupby("run_id")["trained_percent"].last()
-    shares = shares.groupby(teachers.to_dict()).mean()
+    shares = evaluations.trained_shares(frames).groupby(teachers.to_dict()).mean()
     fewer = shares[shares < evaluations.NEARLY_ALL]
     if fewer.empty:
         return

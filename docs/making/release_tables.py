@@ -18,7 +18,7 @@ from analysis.comparisons.boards import runs_after
 from analysis.comparisons.frame import over_challenges, pairwise, verdict
 from analysis.comparisons.planning import LITE
 from analysis.formatting import amount, estimate, listed
-from analysis.measures.evaluations import NEARLY_ALL, trained_steps
+from analysis.measures.evaluations import NEARLY_ALL, trained_shares
 from analysis.measures.tested import HEADLINE
 from analysis.names import challenge_title, label, teacher_order
 from analysis.statistics import SIGNIFICANCE, Description, holm, welch, welch_from_statistics
@@ -184,9 +184,9 @@ def untrained() -> str:
     shares = {}
     for name in LITE:
         frames = find_baseline(name).frames()
-        ends = trained_steps(frames).groupby("run_id")["trained_percent"].last()
         teachers = frames.cells.drop_duplicates("run_id").set_index("run_id")["teacher"]
-        shares[f"`{name}`"] = 100 - ends.groupby(teachers.map(lambda name: label(split_name(name)[0]))).mean()
+        teachers = teachers.map(lambda teacher: label(split_name(teacher)[0]))
+        shares[f"`{name}`"] = 100 - trained_shares(frames).groupby(teachers).mean()
     table = pd.DataFrame(shares)
     table = table[(table > 100 - NEARLY_ALL).any(axis=1)].map("{:.0f}".format)
     return markdown(table.rename_axis("steps without training, %").reset_index())
