@@ -133,14 +133,12 @@ def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Ch
 
 def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart]:
     """Yield learning curves against trained steps, if some steps of a teacher do not train."""
-    trained = evaluations.trained_steps(frames)
-    trained = trained[trained["run_id"].isin(mine.evaluations["run_id"])]
     teachers = mine.evaluations.drop_duplicates("run_id").set_index("run_id")["teacher"]
     shares = evaluations.trained_shares(frames).groupby(teachers.to_dict()).mean()
     fewer = shares[shares < evaluations.NEARLY_ALL]
     if fewer.empty:
         return
-    windows = dict(list(trained.groupby("run_id")))
+    windows = dict(list(evaluations.trained_steps(frames).groupby("run_id")))
     rows = pd.concat(
         each.assign(trained=np.interp(each["step"], [0, *known["step"]], [0, *known["trained_steps"]]))
         for run_id, each in mine.evaluations.groupby("run_id", observed=True)
