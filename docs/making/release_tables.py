@@ -193,12 +193,12 @@ def untrained() -> str:
 
 
 def later_teachers() -> str:
-    """Return the tests of the teachers of `lite-1` that are not the paper's, against Random and ALP-GMM.
+    """Return the tests of the teachers of `lite-2` that are not the paper's, against Random and ALP-GMM.
 
     Over all challenges that both have, and the single ones on which the test is significant. Holm's
     correction covers all teachers of the release against the same one, over all challenges or on one.
     """
-    runs = runs_after(find_baseline("lite-1").frames())
+    runs = runs_after(find_baseline("lite-2").frames())
     later = [name for name in runs["teacher"].unique() if split_name(name)[0] not in TEACHERS_OF_THE_PAPER]
     rows: dict[str, dict[str, str]] = {label(name): {} for name in sorted(later, key=teacher_order)}
     counts = []
