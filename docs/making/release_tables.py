@@ -15,7 +15,7 @@ from analysis.commands.releases import NO_BREAK
 from analysis.commands.releases import markdown as leaderboards
 from analysis.commands.simulated import BETTER, WORSE, markdown, mastered_table, recovery_table
 from analysis.comparisons.boards import runs_after
-from analysis.comparisons.frame import over_challenges, pairwise, verdict
+from analysis.comparisons.frame import from_both_sides, over_challenges, pairwise, verdict
 from analysis.comparisons.planning import LITE
 from analysis.formatting import amount, estimate, listed
 from analysis.measures.evaluations import NEARLY_ALL, trained_shares
@@ -24,7 +24,7 @@ from analysis.names import challenge_title, label, teacher_order
 from analysis.statistics import SIGNIFICANCE, Description, holm, welch, welch_from_statistics
 from tma_ray.benchmark.experiments import TEACHERS as TEACHERS_OF_THE_PAPER
 from tma_ray.campaign.simulated import played_runs
-from tma_ray.part_names import split_name
+from tma_ray.part_names import base_name, split_name
 from tma_ray.results import Results
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.testing import SIMULATED_CHALLENGES
@@ -195,11 +195,14 @@ def untrained() -> str:
 def later_teachers() -> str:
     """Return the tests of the teachers of `lite-2` that are not the paper's, against Random and ALP-GMM.
 
-    Over all challenges that both have, and the single ones on which the test is significant. Holm's
-    correction covers all teachers of the release against the same one, over all challenges or on one.
+    Over all challenges, and the single ones on which the test is significant. Teachers that lack challenges
+    have no row. Holm's correction covers all teachers of the release against the same one, over all
+    challenges or on one.
     """
-    runs = runs_after(find_baseline("lite-2").frames())
-    later = [name for name in runs["teacher"].unique() if split_name(name)[0] not in TEACHERS_OF_THE_PAPER]
+    runs = _runs_of_stump_tracks("lite-2")
+    whole = runs.groupby("teacher")["challenge"].nunique()
+    whole = whole[whole == whole.max()]
+    later = [name for name in whole.index if base_name(name) not in TEACHERS_OF_THE_PAPER]
     rows: dict[str, dict[str, str]] = {label(name): {} for name in sorted(later, key=teacher_order)}
     counts = []
     for reference in ("random", "alp_gmm"):
@@ -214,7 +217,6 @@ def later_teachers() -> str:
             ]
             row, told = rows[label(test["first"])], verdict(test)
             verdicts[told] += 1
-            row["challenges"] = str(test["challenges"])
             shown = estimate(test["difference"], test["low"], test["high"])
             row[f"against {label(reference)}"] = f"{shown}, {told}"
             row[f"on one challenge, against {label(reference)}"] = "; ".join(places) or NOTHING
@@ -222,6 +224,33 @@ def later_teachers() -> str:
         counts.append(f"Against {label(reference)}: {told}.")
     table = pd.DataFrame([{"teacher": name, **row} for name, row in rows.items()])
     return "\n\n".join([" ".join(counts), markdown(table)])
+
+
+def budget_rule() -> str:
+    """Return the tests of the teachers of `lite-2` fitted to the budget against their authors' values.
+
+    Over all challenges that both have. Holm's correction covers all rows.
+    """
+    tests = from_both_sides(over_challenges(_runs_of_stump_tracks("lite-2"), HEADLINE))
+    fitted = tests["first"].map(lambda name: "budget" in split_name(name)[1])
+    tests = tests[fitted & (tests["second"] == tests["first"].map(base_name))]
+    rows = [
+        {
+            "teacher": label(test["second"]),
+            "challenges": str(test["challenges"]),
+            "runs, fitted and not": f"{test['n']}, {test['reference_n']}",
+            "fitted, less authors' values": estimate(test["difference"], test["low"], test["high"]),
+            "fitted is": verdict(test),
+        }
+        for test in tests.assign(holm=holm(tests["p"])).sort_values("second").to_dict("records")
+    ]
+    return markdown(pd.DataFrame(rows))
+
+
+def _runs_of_stump_tracks(release: str) -> pd.DataFrame:
+    """Return the runs of a release on Stump Tracks at the highest level of expert knowledge."""
+    runs = runs_after(find_baseline(release).frames())
+    return runs[(runs["environment"] == "stump_tracks") & (runs["expert_knowledge"] == KnowledgeLevel.HIGH)]
 
 
 def sensitivity() -> str:

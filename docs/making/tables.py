@@ -12,6 +12,7 @@ from typing import Any
 
 import pyarrow as pa
 from release_tables import (
+    budget_rule,
     later_teachers,
     leaderboard,
     learning_of_releases,
@@ -316,6 +317,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "findings": lambda: findings(newest_release().place),
     "untrained": untrained,
     "later teachers": later_teachers,
+    "budget rule": budget_rule,
     **{
         f"{kind} {path.stem}": functools.partial(data_table, path)
         for kind, files in DATA.items()
