@@ -185,10 +185,11 @@ def untrained() -> str:
     for name in LITE:
         frames = find_baseline(name).frames()
         teachers = frames.cells.drop_duplicates("run_id").set_index("run_id")["teacher"]
-        teachers = teachers.map(lambda teacher: label(split_name(teacher)[0]))
-        shares[f"`{name}`"] = 100 - trained_shares(frames).groupby(teachers).mean()
+        shares[f"`{name}`"] = 100 - trained_shares(frames).groupby(teachers.map(label)).mean()
     table = pd.DataFrame(shares)
-    table = table[(table > 100 - NEARLY_ALL).any(axis=1)].map("{:.0f}".format)
+    table = (
+        table[(table > 100 - NEARLY_ALL).any(axis=1)].map("{:.0f}".format, na_action="ignore").fillna(NOTHING)
+    )
     return markdown(table.rename_axis("steps without training, %").reset_index())
 
 
@@ -199,7 +200,7 @@ def later_teachers() -> str:
     have no row. Holm's correction covers all teachers of the release against the same one, over all
     challenges or on one.
     """
-    runs = _runs_of_stump_tracks("lite-2")
+    runs = _runs_of_lite_2()
     whole = runs.groupby("teacher")["challenge"].nunique()
     whole = whole[whole == whole.max()]
     later = [name for name in whole.index if base_name(name) not in TEACHERS_OF_THE_PAPER]
@@ -231,7 +232,7 @@ def budget_rule() -> str:
 
     Over all challenges that both have. Holm's correction covers all rows.
     """
-    tests = from_both_sides(over_challenges(_runs_of_stump_tracks("lite-2"), HEADLINE))
+    tests = from_both_sides(over_challenges(_runs_of_lite_2(), HEADLINE))
     fitted = tests["first"].map(lambda name: "budget" in split_name(name)[1])
     tests = tests[fitted & (tests["second"] == tests["first"].map(base_name))]
     rows = [
@@ -247,9 +248,10 @@ def budget_rule() -> str:
     return markdown(pd.DataFrame(rows))
 
 
-def _runs_of_stump_tracks(release: str) -> pd.DataFrame:
-    """Return the runs of a release on Stump Tracks at the highest level of expert knowledge."""
-    runs = runs_after(find_baseline(release).frames())
+@functools.cache
+def _runs_of_lite_2() -> pd.DataFrame:
+    """Return the runs of `lite-2` on Stump Tracks at the highest level of expert knowledge."""
+    runs = runs_after(find_baseline("lite-2").frames())
     return runs[(runs["environment"] == "stump_tracks") & (runs["expert_knowledge"] == KnowledgeLevel.HIGH)]
 
 
