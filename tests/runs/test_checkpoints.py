@@ -231,6 +231,23 @@ def test_the_next_attempt_writes_the_row_of_one_that_died_with_its_driver(short:
         assert (row["host"], row["fingerprint"]) == (record.host, record.fingerprint)
 
 
+@pytest.mark.parametrize(("extensions", "warned"), [("AVX2", False), ("AVX512", True)])
+def test_a_run_that_resumes_with_other_vector_extensions_says_so(
+    short: RunSpec,
+    root: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    extensions: str,
+    warned: bool,
+) -> None:
+    """Virtual machines of different processors name the same model."""
+    monkeypatch.setattr("torch.backends.cpu.get_cpu_capability", lambda: "AVX2")
+    die(short, root, episodes=3)
+    monkeypatch.setattr("torch.backends.cpu.get_cpu_capability", lambda: extensions)
+    run(short, root)
+    assert ("resumes on another machine" in caplog.text) == warned
+
+
 def test_of_an_attempt_that_never_began_its_start_is_known(short: RunSpec, root: Path) -> None:
     Committer.open(root).start(short.record())
     run(short, root)

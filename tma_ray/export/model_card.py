@@ -55,7 +55,7 @@ def history_of(saved: SavedPolicy, results: str | Path) -> tuple[list[dict[str, 
         content = decode_json(last["fingerprint"], dict[str, Any], "a fingerprint")
     except DamagedFileError:
         content = {}
-    machine = ("cpu", "threads", "device", "system")
+    machine = ("cpu", "vector_extensions", "threads", "device", "system")
     return evaluations, {name: str(value) for name, value in content.items() if name not in machine}
 
 

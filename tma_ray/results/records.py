@@ -83,7 +83,7 @@ class AttemptRecord:
         wall_seconds: duration, set-up included, s.
         env_steps_per_second: environment steps over the time of the loop, set-up left out, 1/s.
         host: name of its machine.
-        fingerprint: CPU model, thread count and library versions, as JSON.
+        fingerprint: CPU model, vector extensions, thread count and library versions, as JSON.
         outcome: outcome of the attempt.
     """
 

@@ -105,18 +105,23 @@ def is_available(device: str) -> bool:
 
 
 def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = None) -> str:
-    """Return CPU model, threads, device and versions of what computes, as JSON.
+    """Return CPU model, vector extensions, threads, device and versions of what computes, as JSON.
+
+    Virtual machines may hide the model: "AMD EPYC" is several, and not all have AVX-512.
 
     Args:
         threads: torch's threads of the run.
         device: torch's name of the device of a student that learns alone.
         hardware: result of `gpu` for that device, or of `tma_ray.students.players.ask_learner` for a cohort.
     """
+    import torch
+
     content = {
         "tma_ray": installed_version("tma_ray"),
         "python": platform.python_version(),
         "system": platform.platform(terse=True),
         "cpu": cpu_model(),
+        "vector_extensions": torch.backends.cpu.get_cpu_capability(),
         "threads": threads,
         "device": device,
         **(hardware or {}),
