@@ -263,9 +263,11 @@ def test_released_policies_are_those_of_the_runs_with_the_median_results_of_lite
     ours, lite_2 = load(archive), find_baseline("lite-2").frames()
     core = lite_2.cells[lite_2.cells["campaign"] == "lite_2_core"].drop_duplicates("run_id")
     areas = run_measures(lite_2, training=False).merge(core[["run_id", "teacher", "settings"]])
-    middle = areas.groupby(["teacher", "settings"], observed=True)["mastered_area"].transform("median")
+    cells = areas.groupby(["teacher", "settings"], observed=True)
+    middle = cells["mastered_area"].transform("median")
     released = ours.cells["run_id"].astype(str)
-    assert len(released) > 40
+    assert len(released) == cells.ngroups == 70
+    assert not ours.cells.duplicated(["teacher", "settings"]).any()
     assert set(released) <= set(areas.loc[areas["mastered_area"] == middle, "run_id"].astype(str))
     order = ["run_id", "step", "task_index", "episodic_return"]
     before, after = (
