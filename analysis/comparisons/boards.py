@@ -18,7 +18,7 @@ from analysis.formatting import amount, ends, estimate, in_brief, listed, number
 from analysis.measures.evaluations import NEARLY_ALL, trained_shares
 from analysis.measures.pooling import CONDITIONS, PARTS, condition_words, runs_after, varying
 from analysis.measures.tested import FINAL, HEADLINE
-from analysis.names import challenge_title, label
+from analysis.names import challenge_title, label, title
 from analysis.statistics import SIGNIFICANCE, holm
 
 EQUAL = 1e-9
@@ -188,7 +188,8 @@ class Leaderboard:
     """Teachers with results on the same challenges, at one level of expert knowledge and one budget.
 
     Attributes:
-        title: level, budget and engine, and number of challenges where that is not all.
+        title: level, budget and engine, environments or further conditions where these alone tell it from
+            another, and number of challenges where that is not all.
         challenges: titles, in the order of the columns.
         entries: teachers, the best first.
     """
@@ -215,8 +216,10 @@ def leaderboards(frames: Frames) -> list[Leaderboard]:
     set, as `on_the_same` has them. Of runs that have not ended nothing counts.
     """
     found: dict[tuple[str, ...], list[Leaderboard]] = {}
-    for where, part in _blocks(runs_after(frames), HEADLINE):
-        found.setdefault(tuple(str(where[name]) for name in ACROSS), []).append(_board(where, part, frames))
+    runs = runs_after(frames)
+    for where, part in _blocks(runs, HEADLINE):
+        board = _board(where, part, frames, _told_apart(where, part, runs[runs[HEADLINE].notna()]))
+        found.setdefault(tuple(str(where[name]) for name in ACROSS), []).append(board)
     ordered = sorted(found.values(), key=lambda boards: -sum(e.rank.n for b in boards for e in b.entries))
     return [board for boards in ordered for board in boards]
 
@@ -247,15 +250,27 @@ def on_the_same(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
         yield runs[places.isin(wanted) & runs["teacher"].isin(everyone)], len(expected)
 
 
-def _board(where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames) -> Leaderboard:
+def _told_apart(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFrame) -> list[str]:
+    """Return the environments and conditions of `part` in words, where others of `runs` differ in no more."""
+    for name in ("expert_knowledge", "steps", "engine", "physics_version"):
+        runs = runs[runs[name].astype(str) == str(where[name])]
+    places = sorted(part["environment"].unique())
+    here = runs[runs["environment"].isin(places)]
+    words = [title("environment", tuple(places))] if len(here) < len(runs) else []
+    return [*words, *condition_words(pd.Series(where), varying(here, ["mastery_threshold", "variant"]))]
+
+
+def _board(
+    where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames, told_apart: Sequence[str]
+) -> Leaderboard:
     results: dict[str, dict[str, tuple[float, float, float]]] = {}
     titles: dict[str, None] = {}
     for row in stratified_means(runs, HEADLINE, [*ACROSS, *PLACES]).to_dict("records"):
         place, challenge = str(row["environment"]), str(row["challenge"])
-        title = challenge_title(place, challenge, f"{place} {challenge}")
-        titles.setdefault(title)
+        name = challenge_title(place, challenge, f"{place} {challenge}")
+        titles.setdefault(name)
         result = float(row["difference"]), float(row["low"]), float(row["high"])
-        results.setdefault(str(row["teacher"]), {})[title] = result
+        results.setdefault(str(row["teacher"]), {})[name] = result
     final = stratified_means(runs, FINAL).set_index("teacher")["difference"]
     shares = trained_shares(frames)
     spent = runs.drop_duplicates(["teacher", "run_id"])
@@ -268,10 +283,11 @@ def _board(where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames) -> Lead
     )
     version, challenges = where["physics_version"], where["challenges"]
     engine = f"{where['engine']} {version:g}" if version else where["engine"]
-    title = f"expert knowledge {where['expert_knowledge']}, {amount(where['steps'])} steps, {engine}"
+    budget = f"{amount(where['steps'])} steps"
+    heading = ", ".join([f"expert knowledge {where['expert_knowledge']}", budget, engine, *told_apart])
     if challenges < where["of"]:
-        title += f": the {len(entries)} teachers on {challenges} of {where['of']} challenges"
-    return Leaderboard(title, tuple(titles), entries)
+        heading += f": the {len(entries)} teachers on {challenges} of {where['of']} challenges"
+    return Leaderboard(heading, tuple(titles), entries)
 
 
 def headlines(

@@ -250,17 +250,25 @@ def _pools(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> list[str]:
 def _test_sets(cells: pd.DataFrame) -> pd.Series:
     """Return for each cell its test set, or all shipped ones of its challenge if that is one of them.
 
-    Those of Box2D's worlds have names of their own, and belong together as ours do.
+    Those of Box2D's worlds have names of their own, and belong together as ours do. Where all are thinned
+    alike, as ``parkour_walking:every=2``, they do so too.
     """
     place = ["engine", "environment", "challenge", "embodiment"]
     alone = cells.groupby(place)["test_set"].transform("nunique") == 1
     shipped = shipped_together(cells["environment"].unique())
     places = cells[place[:-1]].itertuples(index=False, name=None)
     together = [
-        PLUS.join(shipped[where]) if single and test_set in shipped.get(where, ()) else test_set
+        _with_its_siblings(test_set, shipped.get(where, ()))
+        if single and isinstance(test_set, str)
+        else test_set
         for where, test_set, single in zip(places, cells["test_set"], alone, strict=True)
     ]
     return pd.Series(together, index=cells.index, dtype=object)
+
+
+def _with_its_siblings(test_set: str, shipped: Sequence[str]) -> str:
+    name, colon, settings = test_set.partition(":")
+    return PLUS.join(f"{each}{colon}{settings}" for each in shipped) if name in shipped else test_set
 
 
 def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Iterator[str]:

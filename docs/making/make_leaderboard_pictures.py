@@ -42,8 +42,12 @@ def main() -> None:
 
 
 def first_runs(frames: Frames) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield each challenge and the run of each teacher with its highest level, first body and first seed."""
-    done = frames.cells[frames.cells["status"] == "done"]
+    """Yield each challenge of Stump Tracks and the run of each teacher there.
+
+    It is that with the highest level, the first body and the first seed.
+    """
+    cells = frames.cells
+    done = cells[(cells["status"] == "done") & (cells["environment"] == "stump_tracks")]
     ranks = done["expert_knowledge"].map(lambda level: KnowledgeLevel(level).rank)
     order = ["rank", "embodiment", "seed"]
     ordered = done.assign(rank=ranks).sort_values(order, ascending=[False, True, True])

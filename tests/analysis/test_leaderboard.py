@@ -125,6 +125,27 @@ def test_teachers_are_ranked_on_the_same_challenges_only(root: Path, tmp_path: P
     assert all(set(entry.results) == set(part.challenges) for entry in part.entries)
 
 
+def test_boards_have_titles_of_their_own(tmp_path: Path) -> None:
+    """Parkour's bodies are one challenge, although the test sets of their types are three, thinned alike."""
+    parkour = {"classic_bipedal": "walking", "fish": "swimming", "climbing_chimpanzee": "climbing"}
+    cells = [
+        {"environment": "parkour", "embodiment": body, "student": "ppo", "test_set": f"parkour_{way}:every=2"}
+        for body, way in parkour.items()
+    ]
+    cells += [{"challenge": CHALLENGES[0], "student": student} for student in ("ppo", "sac")]
+    for number, cell in enumerate(cells):
+        runs = SyntheticCampaign(tmp_path / "root", campaign="several", prefix=f"{number}-", steps=STEPS)
+        for teacher in ("random", "alp_gmm"):
+            runs.seeds(teacher, [10, 30], 100, **cell)
+    boards = leaderboards(load(tmp_path / "root"))
+    start = "expert knowledge low, 2 million steps, Chipmunk 1"
+    assert {board.title: (len(board.challenges), board.entries[0].rank.n) for board in boards} == {
+        f"{start}, Parkour": (1, 6),
+        f"{start}, Stump tracks": (1, 2),
+        f"{start}, Stump tracks, ppo": (1, 2),
+    }
+
+
 def test_the_same_is_shown_in_the_terminal_and_on_the_site(released: Path, told: Told) -> None:
     text = printed(show_leaderboards, [str(released)], width=80)
     assert max(map(len, text.splitlines())) <= 80
