@@ -216,9 +216,9 @@ def leaderboards(frames: Frames) -> list[Leaderboard]:
     set, as `on_the_same` has them. Of runs that have not ended nothing counts.
     """
     found: dict[tuple[str, ...], list[Leaderboard]] = {}
-    runs = runs_after(frames)
+    runs = runs_after(frames).dropna(subset=HEADLINE)
     for where, part in _blocks(runs, HEADLINE):
-        board = _board(where, part, frames, _told_apart(where, part, runs[runs[HEADLINE].notna()]))
+        board = _board(where, part, frames, _told_apart(where, part, runs))
         found.setdefault(tuple(str(where[name]) for name in ACROSS), []).append(board)
     ordered = sorted(found.values(), key=lambda boards: -sum(e.rank.n for b in boards for e in b.entries))
     return [board for boards in ordered for board in boards]
