@@ -205,6 +205,12 @@ def test_shards_are_merged_by_packing_the_release_anew(grown: Path, more: Path) 
     assert {name for name in files(merged) if name.startswith("tables/evaluations")} == {
         "tables/evaluations/original.parquet"
     }
+    assert {name for name in files(merged) if name.startswith("tables/cells")} == {
+        "tables/cells/batch.parquet"
+    }
+    for table in (Table.CELLS, Table.RUNS, Table.ATTEMPTS):
+        before, after = (Results.open(root).table(table).to_pylist() for root in (grown, merged))
+        assert sorted(map(str, before)) == sorted(map(str, after))
     assert verify(merged).whole
     pd.testing.assert_frame_equal(load(merged).evaluations, load(grown).evaluations, check_exact=True)
 

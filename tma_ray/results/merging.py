@@ -291,15 +291,19 @@ def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> 
     packed: list[Manifest] = []
     for name, manifests in grouped(sound, experiments_of(results)).items():
         packed += pack(results, manifests, target, name, lambda: None, contents)
+    parts: list[pa.Table] = []
     for path in results.store.files(f"{at.TABLES}/{Table.CELLS}"):
         try:
-            cells = decode(Table.CELLS, results.store.read_bytes(path))
+            parts.append(decode(Table.CELLS, results.store.read_bytes(path)))
         except UNREADABLE as error:
             damaged.append(f"{path}: {error}")
-        else:
-            if not contents.unfinished:
-                cells = cells.filter(pc.is_in(cells["run_id"].cast(pa.string()), ours))
-            target.write_bytes(path, encode(Table.CELLS, cells))
+    cells = pa.concat_tables([SCHEMAS[Table.CELLS].empty_table(), *parts]).unify_dictionaries()
+    if not contents.unfinished:
+        cells = cells.filter(pc.is_in(cells["run_id"].cast(pa.string()), ours))
+    campaigns = cells["campaign"].cast(pa.string())
+    for campaign in sorted(campaigns.unique().to_pylist()):
+        rows = cells.filter(pc.equal(campaigns, campaign))
+        target.write_bytes(at.table_path(Table.CELLS, campaign), encode(Table.CELLS, rows))
     left_out = copy_beside(results, target, sound, contents)
     write_index(target, packed)
     return Copy(left_out, tuple(dict.fromkeys([*results.problems, *damaged])))
