@@ -17,7 +17,7 @@ from analysis.measures.run_measures import NOT_FINITE, run_measures
 from analysis.statistics import describe
 from tma_ray.arguments import check_names
 from tma_ray.benchmark import MATRICES, Matrix, challenges_of
-from tma_ray.part_names import base_name, split_name
+from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK, SIMULATED
 
 CONDITIONS = ["steps", "engine", "physics_version", "mastery_threshold", "variant"]
@@ -267,8 +267,8 @@ def _test_sets(cells: pd.DataFrame) -> pd.Series:
 
 
 def _with_its_siblings(test_set: str, shipped: Sequence[str]) -> str:
-    name, colon, settings = test_set.partition(":")
-    return PLUS.join(f"{each}{colon}{settings}" for each in shipped) if name in shipped else test_set
+    name, settings = split_name(test_set)
+    return PLUS.join(join_name(each, settings) for each in shipped) if name in shipped else test_set
 
 
 def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Iterator[str]:

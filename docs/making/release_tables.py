@@ -169,10 +169,13 @@ def releases() -> str:
 
 
 def learning_of_releases() -> str:
-    """Return mastered tasks of all runs of each release of real students together, by step."""
+    """Return mastered tasks of all runs of the core of each release of real students together, by step."""
     curves = {}
     for name in LITE:
-        evaluations = find_baseline(name).frames().evaluations
+        baseline = find_baseline(name)
+        frames = baseline.frames()
+        core = frames.cells.loc[frames.cells["campaign"].isin(baseline.manifest.core), "run_id"]
+        evaluations = frames.evaluations[frames.evaluations["run_id"].isin(core)]
         curves[f"`{name}`"] = 100 * evaluations.groupby("step")["mastered"].mean()
     table = pd.DataFrame(curves).dropna().T.map("{:.1f}".format)  # at the steps at which all were evaluated
     table.columns = pd.Index([f"{step / 1e6:g} M" for step in table.columns])
