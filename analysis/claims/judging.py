@@ -16,7 +16,7 @@ from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import ends, number, p_value
 from analysis.measures import pooling
 from analysis.measures.tested import PAPERS, Seeds, compared, seeds_to_pair
-from analysis.names import label
+from analysis.names import label, title
 from analysis.statistics import (
     SIGNIFICANCE,
     Comparison,
@@ -259,7 +259,7 @@ class RootSource:
     """Complete pools of the runs of one root, all under the same conditions; Random counts at every level.
 
     Results under several conditions, such as two budgets or students, are never held against each other:
-    those that complete the most pools count, and of several the largest budget.
+    in each environment those that complete the most pools count, and of several the largest budget.
 
     Attributes:
         note: conditions that count, and those that do not, in words; empty where all are alike.
@@ -281,7 +281,7 @@ class RootSource:
         return sorted(self._at(reading))
 
     def _at(self, reading: Reading) -> dict[str, Sample]:
-        if self._conditions is None or (reading.environment, reading.challenge) not in self._present:
+        if (reading.environment, reading.challenge) not in self._present:
             return {}
         place = [reading.environment, reading.challenge, reading.level.value]
         place += [reading.embodiment] if reading.embodiment else []
@@ -289,11 +289,15 @@ class RootSource:
 
     def _complete(self, share: float, by_body: bool) -> dict[tuple[str, ...], dict[str, Sample]]:
         """Return the complete results after a share of the budget, by place, body and teacher."""
-        assert self._conditions is not None
         by = ["embodiment"] if by_body else []
         runs = pooling.runs_after(self._frames, share, training=share == 1)  # of which the page shows more
-        for column, value in self._conditions.items():
-            runs = runs[runs[str(column)].isna() if pd.isna(value) else runs[str(column)] == value]
+        counted = pd.Series(False, runs.index)
+        for environment, conditions in self._conditions.items():
+            own = runs["environment"] == environment
+            for column, value in conditions.items():
+                own &= runs[str(column)].isna() if pd.isna(value) else runs[str(column)] == value
+            counted |= own
+        runs = runs[counted]
         table, keys = pooling.pooled(runs, [PAPERS], by=by), [*PLACE, "pool", "steps", "teacher", *by]
         members: dict[Any, Any] = runs.groupby(keys, observed=True).indices
         places: dict[tuple[str, ...], dict[str, Sample]] = {}
@@ -308,24 +312,29 @@ class RootSource:
         return places
 
 
-def _chosen_conditions(runs: pd.DataFrame) -> tuple[pd.Series | None, str]:
-    """Return the conditions under which claims are judged, and a sentence where there are others."""
+def _chosen_conditions(runs: pd.DataFrame) -> tuple[dict[str, pd.Series], str]:
+    """Return the conditions by which claims about each environment are judged, and words on the others."""
     runs = runs[runs["steps"].notna()]
     if runs.empty:
-        return None, ""
+        return {}, ""
     table = pooling.pooled(runs, [PAPERS])
-    counts = (
-        table.assign(complete=table["missing"] == "")
-        .groupby(pooling.CONDITIONS, dropna=False)["complete"]
-        .sum()
-    )
-    ordered = counts.reset_index().sort_values(["complete", "steps"], ascending=False, kind="stable")
-    chosen, told = ordered.iloc[0][pooling.CONDITIONS], pooling.varying(ordered)
-    if len(ordered) == 1:
-        return chosen, ""
-    own, *others = (", ".join(pooling.condition_words(row, told)) or USUAL for _, row in ordered.iterrows())
-    apart = " and of ".join(others)
-    return chosen, f"Claims are judged by results of {own} alone; apart stand those of {apart}."
+    table["complete"] = table["missing"] == ""
+    places = dict(list(table.groupby("environment")))
+    chosen, sentences = {}, []
+    for environment, pools in places.items():
+        counts = pools.groupby(pooling.CONDITIONS, dropna=False)["complete"].sum().reset_index()
+        ordered = counts.sort_values(["complete", "steps"], ascending=False, kind="stable")
+        chosen[str(environment)] = ordered.iloc[0][pooling.CONDITIONS]
+        if len(ordered) == 1:
+            continue
+        told = pooling.varying(ordered)
+        own, *others = (
+            ", ".join(pooling.condition_words(row, told)) or USUAL for _, row in ordered.iterrows()
+        )
+        about = f" about {title('environment', environment)}" if len(places) > 1 else ""
+        apart = " and of ".join(others)
+        sentences.append(f"Claims{about} are judged by results of {own} alone; apart stand those of {apart}.")
+    return chosen, " ".join(sentences)
 
 
 def _entries(reading: Reading) -> list[PaperResult]:

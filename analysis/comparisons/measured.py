@@ -113,18 +113,21 @@ def examples_of(mine: Measured) -> dict[str, pd.Series]:
 
 def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
     """Yield the anchor, title and part of each comparison of the root, in a fixed order."""
-    several = {name: measured.cells[name].nunique() > 1 for name in ("experiment", "engine")}
-    for count, mine in enumerate(measured.comparisons, start=1):
+    several_engines = measured.cells["engine"].nunique() > 1
+    titles = []
+    for mine in measured.comparisons:
         cell = mine.cells.iloc[0]
+        environment = cell["environment"].replace("_", " ").capitalize()
         challenge = challenge_title(cell["environment"], cell["challenge"], cell["challenge"])
-        experiment = cell["experiment"] if cell["experiment"] != cell["challenge"] else ""
+        own = challenge[:1].lower() + challenge[1:]
         parts = [
-            experiment if several["experiment"] else "",
-            cell["environment"].replace("_", " ").capitalize(),
-            challenge[:1].lower() + challenge[1:],
+            challenge if challenge.startswith(environment) else f"{environment}, {own}",
             cell["embodiment"].replace("_", " "),
             label(cell["student"]),
             f"expert knowledge {cell['expert_knowledge']}",
-            cell["engine"] if several["engine"] else "",
+            cell["engine"] if several_engines else "",
         ]
-        yield f"comparison-{count}", ", ".join(filter(None, parts)), mine
+        titles.append(", ".join(filter(None, parts)))
+    for count, (title, mine) in enumerate(zip(titles, measured.comparisons, strict=True), start=1):
+        experiment = f"{mine.cells.iloc[0]['experiment']}, " if titles.count(title) > 1 else ""
+        yield f"comparison-{count}", f"{experiment}{title}", mine

@@ -121,6 +121,26 @@ def test_claims_never_mix_conditions(frames: Frames) -> None:
     assert len(cells.loc[runs, columns].drop_duplicates()) == 1
 
 
+def test_claims_about_each_environment_are_judged_by_its_own_conditions(tmp_path: Path) -> None:
+    walker = {"environment": "parkour", "embodiment": "classic_bipedal", "test_set": "parkour_walking"}
+    places = {"stump_tracks": {"steps": 1000}, "parkour": {"steps": 2000, **walker}}
+    for environment, kinds in places.items():
+        campaign = SyntheticCampaign(tmp_path, steps=kinds["steps"], experiment=environment)
+        campaign.seeds("riac", (7, 8, 7), level="low", **kinds)
+    source = RootSource(load(tmp_path))
+    assert source.note == ""
+    for environment in places:
+        sample = source.sample(
+            Reading("riac", "original", KnowledgeLevel.LOW, environment, "classic_bipedal")
+        )
+        assert sample is not None
+        assert sample.description.n == 3
+    SyntheticCampaign(tmp_path, steps=3000, prefix="longer").seeds("riac", (9, 9), level="low")
+    note = RootSource(load(tmp_path)).note
+    assert note.startswith("Claims about Stump tracks are judged by results of ")
+    assert "Parkour" not in note
+
+
 def test_a_share_is_of_each_runs_own_budget(tmp_path: Path) -> None:
     for steps in (1000, 2000):
         write(tmp_path, str(steps), steps=steps)
