@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.baselines import baselines, find_baseline
+from analysis.baselines import BaselineKind, baselines, find_baseline
 from analysis.commands.releases import NO_BREAK
 from analysis.commands.releases import markdown as leaderboards
 from analysis.commands.simulated import BETTER, WORSE, markdown, mastered_table, recovery_table
@@ -154,16 +154,20 @@ def _verdicts(rows: pd.DataFrame, reference: str) -> pd.Series:
 def releases() -> str:
     """Return the baselines that ship."""
     rows = []
-    for manifest in (each.manifest for each in baselines()):
+    place = ["environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge"]
+    for baseline in baselines():
+        manifest, seeds = baseline.manifest, NOTHING
         holds = manifest.holds
         steps = " and ".join(map(amount, holds["steps"]))
-        seeds = len(holds.get("seeds", ())) or NOTHING
+        if manifest.kind is BaselineKind.RUNS:
+            seeds = baseline.frames().cells.groupby(place, observed=True)["seed"].nunique().max()
         runs, teachers = f"{holds['runs']:,}" if holds.get("runs") else NOTHING, len(holds["teachers"])
         name = f"`{manifest.name}`"
         rows.append([name, manifest.engine, *map(str, (runs, teachers, seeds)), steps, manifest.licence])
     return markdown(
         pd.DataFrame(
-            rows, columns=["name", "engine", "runs", "teachers", "seeds, at most", "steps", "licence"]
+            rows,
+            columns=["name", "engine", "runs", "teachers", "seeds of a cell, at most", "steps", "licence"],
         )
     )
 
