@@ -1,4 +1,4 @@
-"""Labels and order of everything that is shown: teachers, challenges, levels and bodies."""
+"""Labels and order of everything that is shown: teachers, environments, challenges, levels and bodies."""
 
 import hashlib
 import itertools
@@ -30,6 +30,7 @@ _LABELS = {
     "doraemon": "DORAEMON",
     "goalgan": "GoalGAN",
     "lpacrl": "LP-ACRL",
+    "parkour": "Parkour",
     "perm": "PERM",
     "plr": "PLR",
     "ppo": "PPO",
@@ -43,6 +44,7 @@ _LABELS = {
     "sobol": "Sobol",
     "spdl": "SPDL",
     "spgl": "SPGL",
+    "stumptracks": "Stump Tracks",
     "traced": "TRACED",
 }
 
@@ -60,7 +62,9 @@ FILTERS = {
 
 
 def label(part: str) -> str:
-    """Return the display name of a teacher or student, the paper's or the plug-in's own, with its settings.
+    """Return the display name of a teacher, student or environment, with its settings.
+
+    It is the one in the paper, or a plug-in's own.
 
     Of a name over `LONGEST` its beginning and end are kept, and four digits of its hash, so that no two names
     that differ in the middle alone become one.
@@ -161,7 +165,7 @@ def plain_name(teacher: str) -> str:
 
 
 def title(column: str, value: object) -> str:
-    """Return a value of a result table as a heading: ``Mostly unfeasible``."""
+    """Return a value of a result table as a heading: ``Mostly unfeasible``, ``Stump Tracks``."""
     if column == "expert_knowledge":
         return f"{'no' if value == KnowledgeLevel.NONE else value} expert knowledge".capitalize()
     if column == "challenge":
@@ -169,6 +173,8 @@ def title(column: str, value: object) -> str:
         if len(titles) == 1:  # several environments have an "original"
             return titles.pop()
     names = value if isinstance(value, tuple) else (value,)
+    if column == "environment":
+        return ", ".join(label(name) for name in names)
     return visible(", ".join(str(name) for name in names)).replace("_", " ").capitalize()
 
 

@@ -256,7 +256,7 @@ class PaperSource:
 
 
 class RootSource:
-    """Complete pools of the runs of one root, all under the same conditions; Random counts at every level.
+    """Complete pools of the runs of one root; Random counts at every level.
 
     Results under several conditions, such as two budgets or students, are never held against each other:
     in each environment those that complete the most pools count, and of several the largest budget.

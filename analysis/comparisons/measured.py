@@ -13,7 +13,7 @@ from analysis.data.frames import COMPARISON, Frames
 from analysis.formatting import listed
 from analysis.measures.evaluations import evaluation_curves, final_evaluations, summarise, training_curves
 from analysis.measures.tested import HEADLINE, MEASURES
-from analysis.names import challenge_title, label, teacher_order
+from analysis.names import challenge_title, label, teacher_order, title
 
 TESTED = tuple(MEASURES)
 """Measures that are tested against Random, the headline first."""
@@ -117,17 +117,17 @@ def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
     titles = []
     for mine in measured.comparisons:
         cell = mine.cells.iloc[0]
-        environment = cell["environment"].replace("_", " ").capitalize()
+        environment = title("environment", cell["environment"])
         challenge = challenge_title(cell["environment"], cell["challenge"], cell["challenge"])
         own = challenge[:1].lower() + challenge[1:]
         parts = [
-            challenge if challenge.startswith(environment) else f"{environment}, {own}",
+            challenge if challenge.startswith(environment.split(" (")[0]) else f"{environment}, {own}",
             cell["embodiment"].replace("_", " "),
             label(cell["student"]),
             f"expert knowledge {cell['expert_knowledge']}",
             cell["engine"] if several_engines else "",
         ]
         titles.append(", ".join(filter(None, parts)))
-    for count, (title, mine) in enumerate(zip(titles, measured.comparisons, strict=True), start=1):
-        experiment = f"{mine.cells.iloc[0]['experiment']}, " if titles.count(title) > 1 else ""
-        yield f"comparison-{count}", f"{experiment}{title}", mine
+    for count, (heading, mine) in enumerate(zip(titles, measured.comparisons, strict=True), start=1):
+        experiment = f"{mine.cells.iloc[0]['experiment']}, " if titles.count(heading) > 1 else ""
+        yield f"comparison-{count}", f"{experiment}{heading}", mine

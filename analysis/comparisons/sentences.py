@@ -10,7 +10,7 @@ from analysis.data.reference import BASELINE, NO_BASELINE, is_baseline
 from analysis.formatting import amount, caveat, ends, in_brief, listed, number, p_value, plus_minus
 from analysis.measures import pooling
 from analysis.measures.tested import FINAL, HEADLINE, PAPERS
-from analysis.names import challenge_title, label
+from analysis.names import challenge_title, label, title
 from analysis.statistics import SIGNIFICANCE, Method
 
 METHODS = {
@@ -158,9 +158,8 @@ def sentences(tests: pd.DataFrame) -> list[str]:
     found: dict[str, list[str]] = {}
     for _, rows in order.groupby([*same, "last", "second"], sort=True, dropna=False):
         row = rows.iloc[0]
-        environment = str(row["environment"]).replace("_", " ").capitalize()
         words = [
-            environment,
+            title("environment", row["environment"]),
             f"expert knowledge {row['expert_knowledge']}",
             *pooling.condition_words(row, told),
         ]

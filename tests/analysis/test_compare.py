@@ -55,9 +55,9 @@ def test_a_new_teacher_is_tested_against_comparable_baselines_only(roots: tuple[
     assert set(runs["teacher"]) == {"frontier", "random", "riac"}
     assert new_teachers(mine) == ["frontier"]
     assert sentences(duels(runs, ["frontier"])) == [
-        "Stump tracks, expert knowledge none: frontier is better than Random on 2 of 3 challenges, worse on "
+        "Stump Tracks, expert knowledge none: frontier is better than Random on 2 of 3 challenges, worse on "
         "1 (p < 0.05 after Holm; few seeds).",
-        "Stump tracks, expert knowledge none: frontier is better than RIAC on 1 of 3 challenges, worse on "
+        "Stump Tracks, expert knowledge none: frontier is better than RIAC on 1 of 3 challenges, worse on "
         "1 (p < 0.05 after Holm; few seeds).",
     ]
 
@@ -111,9 +111,9 @@ def test_what_is_said_of_several_teachers_is_said_once(tmp_path: Path) -> None:
     write(theirs, "alp_gmm", {CHALLENGES[0]: [1, 1, 1, 2]})
     runs = together(side_of(load(mine), "yours"), [side_of(load(theirs), "theirs")])
     assert sentences(duels(runs, ["frontier"])) == [
-        "Stump tracks, expert knowledge none: frontier is not distinguishable from Random, ADR, RIAC on any "
+        "Stump Tracks, expert knowledge none: frontier is not distinguishable from Random, ADR, RIAC on any "
         "of 1 challenge (few seeds).",
-        "Stump tracks, expert knowledge none: frontier is better than ALP-GMM on 1 of 1 challenge "
+        "Stump Tracks, expert knowledge none: frontier is better than ALP-GMM on 1 of 1 challenge "
         "(p < 0.05 after Holm; few seeds).",
     ]
 

@@ -137,7 +137,7 @@ def test_claims_about_each_environment_are_judged_by_its_own_conditions(tmp_path
         assert sample.description.n == 3
     SyntheticCampaign(tmp_path, steps=3000, prefix="longer").seeds("riac", (9, 9), level="low")
     note = RootSource(load(tmp_path)).note
-    assert note.startswith("Claims about Stump tracks are judged by results of ")
+    assert note.startswith("Claims about Stump Tracks are judged by results of ")
     assert "Parkour" not in note
 
 

@@ -141,8 +141,8 @@ def test_boards_have_titles_of_their_own(tmp_path: Path) -> None:
     start = "expert knowledge low, 2 million steps, Chipmunk 1"
     assert {board.title: (len(board.challenges), board.entries[0].rank.n) for board in boards} == {
         f"{start}, Parkour": (1, 6),
-        f"{start}, Stump tracks": (1, 2),
-        f"{start}, Stump tracks, ppo": (1, 2),
+        f"{start}, Stump Tracks": (1, 2),
+        f"{start}, Stump Tracks, ppo": (1, 2),
     }
 
 

@@ -54,7 +54,7 @@ def test_sentences_count_challenges_after_holms_correction(tmp_path: Path) -> No
         write(tmp_path, "random", random, challenge)
         write(tmp_path, "riac", riac, challenge)
     assert ranking_sentences(ranking(load(tmp_path))) == [
-        "Stump tracks, expert knowledge none: RIAC is better than Random on 1 of 3 challenges, worse on 1 "
+        "Stump Tracks, expert knowledge none: RIAC is better than Random on 1 of 3 challenges, worse on 1 "
         "(p < 0.05 after Holm; few seeds)."
     ]
     assert "Over 3 challenges (expert knowledge none" in shown(tmp_path)

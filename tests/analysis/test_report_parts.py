@@ -66,19 +66,21 @@ def test_latex_shows_every_table_and_figure_it_wrote(root: Path, tmp_path: Path)
 
 
 def test_rows_of_an_overview_leave_out_what_all_share() -> None:
-    titles = ["Stump tracks, original, PPO", "Stump tracks, mostly trivial, PPO"]
+    titles = ["Stump Tracks, original, PPO", "Stump Tracks, mostly trivial, PPO"]
     assert distinct(titles) == ["original", "mostly trivial"]
     assert distinct(["same, parts", "same, parts"]) == ["same, parts", "same, parts"]
 
 
 def test_titles_name_the_place_once_and_experiments_where_titles_would_be_equal(tmp_path: Path) -> None:
-    walker = {"environment": "parkour", "test_set": "parkour_walking"}
-    SyntheticCampaign(tmp_path, steps=1000, experiment="parkour_walking").seeds("riac", (1, 2), **walker)
+    for experiment, environment in {"plain": "parkour", "swinging": "parkour:swinging_creepers=true"}.items():
+        walker = {"environment": environment, "test_set": "parkour_walking"}
+        SyntheticCampaign(tmp_path, steps=1000, experiment=experiment).seeds("riac", (1, 2), **walker)
     for experiment in ("original", "again"):
         campaign = SyntheticCampaign(tmp_path, steps=1000, experiment=experiment)
         campaign.seeds("riac", (1, 2), challenge="original")
-    known = "Stump tracks, original task space, classic bipedal, SAC, expert knowledge low"
+    known = "Stump Tracks, original task space, classic bipedal, SAC, expert knowledge low"
     assert sorted(title for _, title, _ in titled(measure(load(tmp_path)))) == [
+        "Parkour (swinging_creepers=true), classic bipedal, SAC, expert knowledge low",
         "Parkour, classic bipedal, SAC, expert knowledge low",
         f"again, {known}",
         f"original, {known}",
