@@ -13,7 +13,8 @@ from analysis.data.frames import COMPARISON, Frames
 from analysis.formatting import listed
 from analysis.measures.evaluations import evaluation_curves, final_evaluations, summarise, training_curves
 from analysis.measures.tested import HEADLINE, MEASURES
-from analysis.names import challenge_title, label, teacher_order, title
+from analysis.names import challenge_title, label, teacher_order
+from tma_ray.part_names import split_name
 
 TESTED = tuple(MEASURES)
 """Measures that are tested against Random, the headline first."""
@@ -117,11 +118,11 @@ def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
     titles = []
     for mine in measured.comparisons:
         cell = mine.cells.iloc[0]
-        environment = title("environment", cell["environment"])
+        environment, plain = label(cell["environment"]), label(split_name(cell["environment"])[0])
         challenge = challenge_title(cell["environment"], cell["challenge"], cell["challenge"])
         own = challenge[:1].lower() + challenge[1:]
         parts = [
-            challenge if challenge.startswith(environment.split(" (")[0]) else f"{environment}, {own}",
+            challenge if challenge.startswith(plain) else f"{environment}, {own}",
             cell["embodiment"].replace("_", " "),
             label(cell["student"]),
             f"expert knowledge {cell['expert_knowledge']}",
