@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import pandas as pd
 
-from analysis.charts.base import LONGEST_NAME, TWO_COLUMNS, Chart, Curve, Panel, Rule, Scale
+from analysis.charts.base import TWO_COLUMNS, Chart, Curve, Panel, Rule, Scale
 from analysis.looks import INK, MUTED, Look, look
-from analysis.names import label, short_labels
+from analysis.names import label, marked_label
 
 BOUNDARY, BAND = Look(INK, "", (0, (4, 2))), Look(MUTED, "", "-")
 """Looks of what a verdict needs, and of the margin."""
@@ -63,6 +63,6 @@ def _course(table: pd.DataFrame, seen: pd.DataFrame, teacher: str, reach: float)
             x=seen["seeds"].to_numpy(float),
             y=seen["value"].to_numpy(float),
             look=style,
-            name=short_labels([teacher], LONGEST_NAME)[teacher],
+            name=marked_label(teacher),
             hover="{y:.1f} after {x} seeds",
         )
