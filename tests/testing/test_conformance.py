@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from odd_queries import AsksForTrajectories, AsksForValues
 
-from tma_ray.teachers import TEACHERS, Teacher
+from tma_ray.tasks import KnowledgeLevel
+from tma_ray.teachers import TEACHERS, Teacher, hyperparameters_of, make_teacher
 from tma_ray.teachers.random import Random
 from tma_ray.testing import TeacherConformance, TrialStudent
 from tma_ray.testing.conformance import check_quickly
@@ -141,6 +142,13 @@ def test_a_teacher_is_tested_within_the_limits_that_it_declares() -> None:
     check_quickly("grid_teacher:SmallGrid")
     kit = type("Kit", (TeacherConformance,), {"teacher": TEACHERS.get("grid_teacher:SmallGrid")})
     assert kit.claimed_scenarios() == list(SCENARIOS[:2])
+
+
+@pytest.mark.parametrize("name", [*TEACHERS.names(), "accel:score=mna"])
+def test_a_teacher_is_tested_with_hyperparameters_of_their_types(name: str) -> None:
+    teacher = make_teacher(name)
+    tested = SCENARIOS[0].started(type(teacher), hyperparameters_of(teacher), KnowledgeLevel.HIGH)
+    assert repr(tested) == repr(teacher)  # text is equal to a member of a StrEnum, but not shown alike
 
 
 @pytest.mark.slow

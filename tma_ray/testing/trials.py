@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.hyperparameters import parse_settings
 from tma_ray.tasks import (
     MASTERY_RETURN,
     Episode,
@@ -119,10 +120,13 @@ class Scenario:
     def started(
         self, teacher: type[Teacher], hyperparameters: Mapping[str, Any], level: KnowledgeLevel, seed: int = 0
     ) -> Teacher:
-        """Return a new teacher of this space; the knowledge depends on `level` alone."""
+        """Return a new teacher of this space; the knowledge depends on `level` alone.
+
+        Hyper-parameters are converted to the types of their fields, as for a run: text to enums.
+        """
         easy_task = self.landscape.from_world(self.space.low)
         knowledge = expert_knowledge(level, self.space, np.random.default_rng(7), easy_task)
-        new = teacher(**hyperparameters)
+        new = teacher(**parse_settings(teacher, {}, hyperparameters))
         new.start(self.space, knowledge, np.random.default_rng(seed))
         return new
 
