@@ -31,7 +31,7 @@ LEAST_PERCENT = 5.0
 TOGETHER = 8
 """Number of teachers beside Random in one panel; more of them are drawn in several panels."""
 
-LONGEST_NAME = 30
+LONGEST_NAME = 38
 """Characters of a teacher's name in a chart."""
 
 STEPS, MASTERED = "Environment steps", "Mastered test tasks (%)"

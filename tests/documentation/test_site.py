@@ -49,6 +49,15 @@ def test_the_table_of_a_teacher_has_its_defaults_and_says_what_they_are(name: st
     assert all(len(meaning) > 10 for _, meaning in rows.values())
 
 
+@pytest.mark.parametrize("name", ["untrained", "budget rule"])
+def test_a_table_of_releases_has_each_teacher_once(name: str) -> None:
+    """Two rows alike are of different settings, of which no reader can tell which is which."""
+    lines = tables.GENERATED[name]().splitlines()
+    teachers = [line.split(" | ")[0] for line in lines]
+    assert len(teachers) > 4
+    assert len(set(teachers)) == len(teachers)
+
+
 @pytest.mark.parametrize("name", ["ppo", "sac"])
 def test_the_table_of_a_student_has_its_hyperparameters(name: str) -> None:
     assert set(rows_of(tables.GENERATED[f"student {name}"]())) == set(default_hyperparameters(name))
