@@ -77,6 +77,6 @@ def caveat(smallest: float) -> str:
         return ""
     seeds = f"{smallest:.0f} seed{'s' if smallest > 1 else ''}"
     return (
-        f"With no more than {seeds} only large differences can show, and their size is uncertain; "
+        f"With as few as {seeds} only large differences can show, and their size is uncertain; "
         f"take this as an indication, not as a result."
     )
