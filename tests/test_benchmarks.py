@@ -42,6 +42,7 @@ OTHERS = {
     "lite": (IN_A_MOMENT, STOPPED),
     "locomotion": (f"{SHORT_RUNS} --seeds 1", "climbing_chimpanzee, easy_climbing: mean return by seed"),
     "pairing": (f"{IN_A_MOMENT} --seeds 1", "/1 runs done"),  # its run may be over by then
+    "parkour_pilot": (f"{IN_A_MOMENT} --csv pilot.csv", STOPPED),
     "pilot": (f"{IN_A_MOMENT} --csv pilot.csv", STOPPED),
     "playground": ("--episodes 1 --steps 5 --bodies fish", "fish,stump tracks,1,1,1,1,1,"),
     "precision": (

@@ -34,6 +34,7 @@ NOT_MEASURED = {
     ("docs/benchmark.md", "Protocol"): "what the paper says, and where",
     ("docs/experiments.md", "The experiments of the paper"): "how many runs the matrices have",
     ("docs/gpu.md", "What decides the speed"): "values of settings",
+    ("docs/long_runs.md", "Predictions"): "what was predicted",
     ("docs/pilot.md", "Costs"): "what was planned",
     ("docs/releasing.md", "A batch of runs"): "how many cells and seeds the stages have",
     ("docs/simulated_students.md", "The challenges"): "how they are defined",
