@@ -1,9 +1,10 @@
-"""Runs of the releases lite-1 and lite-2 in processes of one machine, alone or in cohorts, without Ray.
+"""Runs of lite-1, lite-2 and long-1 in processes of one machine, alone or in cohorts, without Ray.
 
     python benchmarks/lite.py --stage core --processes 16 --minutes 9 --results lite
+    python benchmarks/lite.py --experiment long_1 --processes 2 --minutes 170 --results long
     python benchmarks/lite.py --stage core --device cuda --cohort 32 --processes 32 --results lite
 
-Takes the runs in the order of ``experiments/lite_2.py``; each continues what the other leaves.
+Takes the runs in the order of the script of the experiment; each continues what the other leaves.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns
 from tma_ray.runs import Schedule
 
 
-def plan(experiment: Experiment, stage: str) -> Plan:
-    """Return the runs of a stage of `experiment`."""
+def plan(experiment: Experiment, stage: str | None) -> Plan:
+    """Return the runs of a stage of `experiment`, of all stages for None."""
     size = experiment.size
     intervals = size.evaluation_interval, size.probe_interval, size.training_window
     assert all(intervals), "a release has intervals of its own"
@@ -24,14 +25,14 @@ def plan(experiment: Experiment, stage: str) -> Plan:
     schedule = Schedule(evaluation_interval=evaluation, probe_interval=probe, training_window=window)
     matrices = [matrix.taught_by(experiment.teachers) for matrix in experiment.stage(stage)]
     campaigns = matrix_campaigns(matrices, schedule=schedule)
-    return joined_plan(f"{experiment.name}_{stage}", campaigns)
+    return joined_plan("_".join(filter(None, (experiment.name, stage))), campaigns)
 
 
 def main() -> int:
     """Run what is missing."""
     options = parser(str(__doc__))
-    options.add_argument("--experiment", default="lite_2", choices=("lite_1", "lite_2"))
-    options.add_argument("--stage", default="core", help="stage of the experiment")
+    options.add_argument("--experiment", default="lite_2", choices=("lite_1", "lite_2", "long_1"))
+    options.add_argument("--stage", help="stage of the experiment; all of them by default")
     given = options.parse_args()
     execute(plan(find_experiment(given.experiment), given.stage), given)
     return 0

@@ -39,7 +39,7 @@ OTHERS = {
     "familywise_error": ("--experiments 1", "`lite-2`,`mastered_area`,arcsine,22,21,"),
     "interval_coverage": ("--experiments 1", "bimodal,5,32,"),
     "learning": (f"{SHORT_RUNS} --seeds 1", "of 1 seeds walk"),
-    "lite": (IN_A_MOMENT, STOPPED),
+    "lite": (f"--stage core {IN_A_MOMENT}", STOPPED),
     "locomotion": (f"{SHORT_RUNS} --seeds 1", "climbing_chimpanzee, easy_climbing: mean return by seed"),
     "pairing": (f"{IN_A_MOMENT} --seeds 1", "/1 runs done"),  # its run may be over by then
     "parkour_pilot": (f"{IN_A_MOMENT} --csv pilot.csv", STOPPED),

@@ -212,13 +212,13 @@ def _result(row: pd.Series) -> tuple[str, str]:
 
 
 def show_detectable_differences(
-    cell_rows: Sequence[Mapping[str, Any]], steps: int, console: Console | None = None
+    cell_rows: Sequence[Mapping[str, Any]], budgets: Mapping[str, int], console: Console | None = None
 ) -> None:
     """Print `detectable_differences`."""
     table = Table("challenge", box=None, pad_edge=False, header_style="bold")
     for heading in ("seeds", "steadiest", "typical", "most varied", "as in"):
         table.add_column(heading, justify="right")
-    for _, row in detectable_differences(cell_rows, steps).iterrows():
+    for _, row in detectable_differences(cell_rows, budgets).iterrows():
         marks = (number(row[name]) for name in ("steadiest", "typical", "most_varied"))
         table.add_row(f"{row['environment']} {row['challenge']}", str(row["seeds"]), *marks, row["spread_of"])
     console = terminal(console)

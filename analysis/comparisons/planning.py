@@ -23,25 +23,31 @@ PAPER, LITE = "paper", ("lite-1", "lite-2")
 """Results that deviations are taken of: the paper's last evaluations, and areas at a tenth of its budget, of
 the release with a student of the plan, else of the first."""
 
+FLOOR = 5.0
+"""Mastered tasks of the best teacher, in %, under which deviations of a challenge are not used: seeds that
+master nothing have no spread."""
+
 LITE_BUDGET = 6_000_000
 """Steps up to which a budget is nearer, as a ratio, to the 2 million of `LITE` than to the paper's 20."""
 
 
-def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -> pd.DataFrame:
+def detectable_differences(
+    cell_rows: Sequence[Mapping[str, Any]], budgets: Mapping[str, int]
+) -> pd.DataFrame:
     """Return the smallest differences between two teachers that a plan's seeds can detect, by challenge.
 
     Args:
         cell_rows: rows of a plan's table of cells: environment, challenge, teacher, expert_knowledge,
             student.
-        steps: budget of its runs.
+        budgets: largest budget of its runs by environment, in environment steps.
 
     Returns:
         environment, challenge, seeds (of the teacher and level with the fewest, over all bodies and
         students), and the smallest difference of mastered tasks, in points, that Welch's test at 0.05
         finds in 80 of 100 repetitions between two teachers of the smallest, the median and the largest
         standard deviation among the results named in spread_of: up to `LITE_BUDGET` steps those of the
-        headline in one of `LITE`, if it has the challenge, else of the last evaluation in the paper's tables;
-        NaN for a challenge that neither has, or a single seed.
+        headline in one of `LITE`, if a teacher masters `FLOOR` % of the challenge there, else of the last
+        evaluation in the paper's tables; NaN for a challenge that neither has, or a single seed.
     """
     used = ["environment", "challenge", "teacher", "expert_knowledge", "student"]
     rows = pd.DataFrame(list(cell_rows), columns=used)
@@ -49,7 +55,7 @@ def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -
     for (environment, challenge), mine in rows.groupby(["environment", "challenge"], sort=False):
         seeds = int(mine.groupby(["teacher", "expert_knowledge"]).size().min())
         name = next((each for each in LITE if set(mine["student"]) & _lite_students(each)), LITE[0])
-        lite = _lite_deviations(name) if steps <= LITE_BUDGET else {}
+        lite = _lite_deviations(name) if budgets[environment] <= LITE_BUDGET else {}
         spread = lite.get((environment, challenge), [])
         if not spread:
             results = [r for r in paper_results() if (r.environment, r.challenge) == (environment, challenge)]
@@ -71,11 +77,15 @@ def _lite_students(name: str) -> frozenset[str]:
 
 @cache
 def _lite_deviations(name: str) -> dict[Hashable, list[float]]:
-    """Return by environment and challenge a release's standard deviations, of teachers with most seeds."""
+    """Return by environment and challenge a release's standard deviations, of teachers with most seeds.
+
+    Challenges on which no teacher masters `FLOOR` % are missing.
+    """
     table = pooled(runs_after(find_baseline(name).frames(), training=False), [HEADLINE])
     place = ["environment", "challenge"]
     whole = table.groupby(place)["n"].transform("max") == table["n"]
-    groups = table[whole & (table[f"{HEADLINE}_std"] > 0)].groupby(place)[f"{HEADLINE}_std"]
+    learned = table.groupby(place)[f"{HEADLINE}_mean"].transform("max") >= FLOOR
+    groups = table[whole & learned & (table[f"{HEADLINE}_std"] > 0)].groupby(place)[f"{HEADLINE}_std"]
     return {key: stds.tolist() for key, stds in groups}
 
 

@@ -135,7 +135,11 @@ def test_no_number_of_seeds_is_said_where_none_is_known() -> None:
     assert seeds_needed(Comparison(3, 3, 5.0, p=0.1, method=Method.PERMUTATION), 3) is None
 
 
-STEPS = 20_000_000
+def budget(steps: int) -> dict[str, int]:
+    return dict.fromkeys(("stump_tracks", "parkour"), steps)
+
+
+STEPS = budget(20_000_000)
 
 
 def rows(
@@ -191,15 +195,15 @@ def test_a_lite_budget_has_the_spread_of_lite_runs(release: str, student: str) -
     seeds = runs.groupby("teacher")[HEADLINE].transform("size")
     spreads = sorted(runs[seeds == 5].groupby("teacher")[HEADLINE].std())
     planned = [row | {"student": student} for row in rows("mostly_unfeasible", 5, "random", "riac")]
-    (found,) = detectable_differences(planned, 2_000_000).itertuples()
+    (found,) = detectable_differences(planned, budget(2_000_000)).itertuples()
     largest = Description(5, 0.0, spreads[-1])
     assert found.spread_of == release
     assert found.most_varied == pytest.approx(detectable_difference(largest, largest))
-    (longer,) = detectable_differences(planned, 7_000_000).itertuples()
+    (longer,) = detectable_differences(planned, budget(7_000_000)).itertuples()
     assert longer.spread_of == "paper"
     assert longer.typical != found.typical
     parkour = rows("original", 3, "random", environment="parkour")
-    assert detectable_differences(parkour, 2_000_000)["spread_of"].tolist() == ["paper"]
+    assert detectable_differences(parkour, budget(2_000_000))["spread_of"].tolist() == ["paper"]
 
 
 def test_a_plan_says_the_runs_and_hours_that_would_find_the_difference_seen() -> None:

@@ -124,7 +124,7 @@ def test_teachers_of_experiments_are_in_the_registry_and_the_papers_have_no_othe
     for experiment in EXPERIMENTS:
         named = {teacher for matrix in experiment.matrices for teacher in matrix.teachers}
         assert {canonical_teacher(teacher) for teacher in named} == named
-        assert named <= set(TEACHERS) or experiment.name in ("lite_1", "lite_2")
+        assert named <= set(TEACHERS) or experiment.name in ("lite_1", "lite_2", "long_1")
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda experiment: experiment.name)
@@ -132,10 +132,15 @@ def test_tiers_take_away_and_never_add(experiment: Experiment) -> None:
     for matrix in experiment.matrices:
         smoke, lite, paper = (SIZES[tier].of(matrix) for tier in Tier)
         assert paper == matrix
-        assert lite.students == smoke.students == ("ppo",)
+        decisive = "ppo" if matrix.student_grid else "ppo:preset=decisive"
+        assert (lite.students, smoke.students) == ((decisive,), ("ppo",))
         assert lite.seeds == matrix.seeds[:3]
         assert (lite.levels, smoke.levels) == (matrix.levels, matrix.levels[-1:])
-        assert (lite.steps, smoke.steps) == (2_000_000, 4_000)
+        budget = {"stump_tracks": 2_000_000, "parkour": 6_000_000}[matrix.environment]
+        assert (lite.steps, smoke.steps) == (budget, 4_000)
+        climbs = matrix.embodiments == ("climbing_chimpanzee",)
+        assert lite.embodiments == (() if climbs else matrix.embodiments)
+        assert smoke.embodiments == paper.embodiments == matrix.embodiments
         assert len(smoke.points()) <= 2
         assert len(lite.points()) <= 12
         assert smoke.points()[0] == matrix.points()[0]
@@ -193,6 +198,23 @@ def test_stages_are_all_of_an_experiment(name: str, student: str) -> None:
     assert {(m.students, m.steps) for m in lite.matrices} == {((student,), 2_000_000)}
     for stage in ("core", "seeds"):
         assert {m.levels for m in lite.stage(stage)} == {(KnowledgeLevel.HIGH,)}
+
+
+def test_long_runs_have_the_papers_budget_and_its_knowledge() -> None:
+    long = find_experiment("long_1")
+    assert long.stage(None) == tuple(matrix for stage in long.stages for matrix in long.stage(stage))
+    assert {(m.students, m.steps, m.test_every) for m in long.matrices} == {
+        (("ppo:preset=decisive",), 20_000_000, 2)
+    }
+    sizes = {
+        stage: sum(len(m.teachers) * len(m.embodiments) * len(m.seeds) for m in matrices)
+        for stage, matrices in long.stages.items()
+    }
+    assert sizes == {"parkour": 60 + 4, "stump_tracks": 60, "more_seeds": 200}
+    for matrix in long.matrices:
+        parkour = matrix.environment == "parkour"
+        assert matrix.levels == ((KnowledgeLevel.LOW,) if parkour else (KnowledgeLevel.HIGH,))
+    assert {m.challenge for m in long.stage("stump_tracks")} == {"original", "mostly_unfeasible"}
 
 
 def test_stages_are_found_by_name() -> None:

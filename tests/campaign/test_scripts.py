@@ -66,7 +66,7 @@ def test_flags_choose_from_an_experiment() -> None:
     assert values(plan, "expert_knowledge") == {"low"}
     assert len(plan.runs) == 2 * (1 + 2) * 2
     assert {(s.student, s.schedule.steps, s.schedule.evaluation_interval) for s in plan.runs} == {
-        ("ppo", 1_000_000, 250_000)
+        ("ppo:preset=decisive", 1_000_000, 250_000)
     }
 
 
@@ -121,7 +121,31 @@ def test_seeds_are_places_in_each_matrixs_own() -> None:
         ("classic_bipedal", 1), ("classic_bipedal", 2), ("fish", 17), ("fish", 18),
         ("climbing_chimpanzee", 33), ("climbing_chimpanzee", 34),
     }  # fmt: skip
-    assert len(planned("parkour", "--seeds", "5", "--tier", "lite", "--teachers", "random").runs) == 15
+    assert len(planned("parkour", "--seeds", "5", "--tier", "lite", "--teachers", "random").runs) == 10
+
+
+def test_a_tiers_budget_is_the_environments_and_climbers_are_left_out_of_lite(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    plan = planned("full_benchmark", "--tier", "lite", "--teachers", "random")
+    assert {(spec.environment, spec.schedule.steps) for spec in plan.runs} == {
+        ("stump_tracks", 2_000_000),
+        ("parkour", 6_000_000),
+    }
+    assert {spec.embodiment for spec in plan.runs if spec.environment == "parkour"} == {
+        "classic_bipedal",
+        "fish",
+    }
+    assert plan.budgets == {"stump_tracks": 2_000_000, "parkour": 6_000_000}
+    shorter = planned("full_benchmark", "--tier", "lite", "--teachers", "random", "--steps", "1M")
+    assert {spec.schedule.steps for spec in shorter.runs} == {1_000_000}
+    arguments = ["--tier", "lite", "--results", str(tmp_path), "--teachers", "random"]
+    assert main(["plan", "parkour", *arguments]) == 0
+    assert "Climbers are left out of this tier" in capsys.readouterr().out
+    assert main(["plan", "parkour", *arguments, "--embodiments", "fish"]) == 0
+    assert "Climbers" not in capsys.readouterr().out
+    assert main(["plan", "parkour", *arguments, "--embodiments", "climbing_chimpanzee"]) == 2
+    assert "'climbing_chimpanzee': Climbers are left out of this tier" in capsys.readouterr().err
 
 
 def test_teachers_select_where_the_experiment_names_its_own() -> None:

@@ -21,8 +21,10 @@ from tma_ray.campaign.costs import (
 from tma_ray.campaign.plan import QUICKSTART
 from tma_ray.campaign.settings import Settings
 from tma_ray.embodiments import embodiment_names
+from tma_ray.part_names import base_name
 from tma_ray.runs import RunSpec, Schedule
 from tma_ray.students import STUDENTS
+from tma_ray.students.catalogue import canonical_student
 
 
 def spec_of(student: str = "ppo", body: str = "classic_bipedal") -> RunSpec:
@@ -46,7 +48,8 @@ def test_the_table_names_students_and_bodies_that_ship() -> None:
     table = costs._table()
     assert {("ppo", costs.DEFAULT_BODY), ("sac", costs.DEFAULT_BODY)} <= set(table)
     assert {body for _, body in table} <= set(embodiment_names())
-    assert {student for student, _ in table} <= set(STUDENTS.names())
+    assert {base_name(student) for student, _ in table} <= set(STUDENTS.names())
+    assert {canonical_student(student) for student, _ in table} == {student for student, _ in table}
     assert all(min(each.playing, each.training) > 0 for each in table.values())
 
 

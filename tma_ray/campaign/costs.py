@@ -263,7 +263,10 @@ def measure(spec: RunSpec, settings: Settings) -> Throughput:
 
 @cache
 def _table() -> Mapping[tuple[str, str], Throughput]:
-    """Return the speeds of students with their default hyper-parameters on one core, by student and body."""
+    """Return the speeds of students on one core, by student and body.
+
+    Steps of ``ppo:preset=decisive`` take 1.03 times as long as those of ``ppo`` (``docs/pilot.md``).
+    """
     text = resources.files("tma_ray.campaign").joinpath("speeds.csv").read_text()
     return {
         (row["student"], row["embodiment"]): Throughput(

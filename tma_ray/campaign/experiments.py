@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from rich.table import Table
 
-from tma_ray.benchmark import Experiment, Matrix, Size, select
+from tma_ray.benchmark import Experiment, Matrix, Size, Tier, select
 from tma_ray.campaign.costs import Cost, estimate
 from tma_ray.campaign.options import ExperimentOptions, parse_levels
 from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns, planned_experiments
@@ -19,6 +19,8 @@ def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> in
 
     See `run_plan` for the exit code and errors.
     """
+    for reason in exclusions(experiment, options):
+        say(reason)
     return run_plan(experiment_plan(experiment, options), str(options.results), options, told=True)
 
 
@@ -52,19 +54,40 @@ def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
     )
 
 
+def exclusions(experiment: Experiment, options: ExperimentOptions) -> list[str]:
+    """Return the reasons why the tier leaves out bodies that the options choose."""
+    reasons = experiment.size_at(options.tier).excluded_bodies
+    bodies = {body for matrix in selected_matrices(experiment, options) for body in matrix.embodiments}
+    return [reason for body, reason in reasons.items() if body in bodies & set(options.embodiments or bodies)]
+
+
+def selected_matrices(experiment: Experiment, options: ExperimentOptions) -> tuple[Matrix, ...]:
+    """Return the matrices of the chosen stage and challenges.
+
+    Raises:
+        ValueError: a stage or challenge that the experiment does not have.
+    """
+    matrices = experiment.stage(options.stage)
+    return select(matrices, options.challenges) if options.challenges else matrices
+
+
 def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptions) -> tuple[Matrix, ...]:
     """Return the experiment's matrices at a size, narrowed by the options.
 
     Raises:
-        ValueError: a stage, challenge, body, level or seed that none of them has.
+        ValueError: a stage, challenge, body, level or seed that none of them has, or a body that the size
+            leaves out.
     """
-    matrices = experiment.stage(options.stage)
-    matrices = select(matrices, options.challenges) if options.challenges else matrices
+    matrices = selected_matrices(experiment, options)
     known = dict.fromkeys(body for matrix in matrices for body in matrix.embodiments)
     for body in options.embodiments or ():
         if body not in known:
             hint = nearest(body, known)
             raise ValueError(f"no embodiment {body!r} in this experiment: {hint}known: {', '.join(known)}")
+        if reason := size.excluded_bodies.get(body):
+            raise ValueError(
+                f"embodiment {body!r}: {reason} Use --tier {Tier.PAPER}, with --steps for fewer."
+            )
     levels = parse_levels(options.expert_knowledge or ())
     narrowed = []
     for whole in matrices:
@@ -77,7 +100,7 @@ def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptio
         narrowed.append(
             replace(
                 small,
-                embodiments=tuple(body for body in whole.embodiments if body in bodies),
+                embodiments=tuple(body for body in small.embodiments if body in bodies),
                 levels=tuple(level for level in whole.levels if level in levels) if levels else small.levels,
                 students=options.students or small.students,
                 seeds=tuple(whole.seeds[place] for place in places) if places else small.seeds,

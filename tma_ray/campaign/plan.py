@@ -44,9 +44,12 @@ class Plan:
         return sum(spec.schedule.steps for spec in self.runs)
 
     @property
-    def largest_budget(self) -> int:
-        """Environment steps of its longest run; 0 without runs."""
-        return max((spec.schedule.steps for spec in self.runs), default=0)
+    def budgets(self) -> dict[str, int]:
+        """Environment steps of the longest run in each environment."""
+        longest: dict[str, int] = {}
+        for spec in self.runs:
+            longest[spec.environment] = max(spec.schedule.steps, longest.get(spec.environment, 0))
+        return longest
 
     def describe(self) -> str:
         """Return the size of the campaign in one sentence."""

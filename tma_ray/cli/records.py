@@ -180,7 +180,7 @@ def plan_record(experiment: str, tier: str, plan: Plan, cost: Cost) -> dict[str,
                 *("disk_gib", "checkpoint_gib", "memory_gib"),
             )
         },
-        "detectable": detectable_differences(plan.cell_rows, plan.largest_budget).to_dict("records"),
+        "detectable": detectable_differences(plan.cell_rows, plan.budgets).to_dict("records"),
     }
 
 

@@ -107,8 +107,9 @@ def plan(
     machine, and the differences that its seeds can detect.
     """
     from analysis.commands.rankings import show_detectable_differences
-    from tma_ray.campaign.experiments import plan_and_cost, show_plan
+    from tma_ray.campaign.experiments import exclusions, plan_and_cost, show_plan
     from tma_ray.results import Store, check_usable
+    from tma_ray.terminal import say
 
     found = find_experiment(experiment)
     check_usable(Store.open(options.results))
@@ -117,7 +118,9 @@ def plan(
         print_json("plan", plan_record(found.name, options.tier, plan, cost))
         return 0
     show_plan(f"{found.title}, tier {options.tier}", plan, cost)
-    show_detectable_differences(plan.cell_rows, plan.largest_budget)
+    for reason in exclusions(found, options):
+        say(reason)
+    show_detectable_differences(plan.cell_rows, plan.budgets)
     return 0
 
 
