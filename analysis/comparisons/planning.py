@@ -55,7 +55,7 @@ def detectable_differences(
     for (environment, challenge), mine in rows.groupby(["environment", "challenge"], sort=False):
         seeds = int(mine.groupby(["teacher", "expert_knowledge"]).size().min())
         name = next((each for each in LITE if set(mine["student"]) & _lite_students(each)), LITE[0])
-        lite = _lite_deviations(name) if budgets[environment] <= LITE_BUDGET else {}
+        lite = _lite_deviations(name) if budgets[str(environment)] <= LITE_BUDGET else {}
         spread = lite.get((environment, challenge), [])
         if not spread:
             results = [r for r in paper_results() if (r.environment, r.challenge) == (environment, challenge)]
