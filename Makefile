@@ -15,7 +15,7 @@ PYTEST := $(BIN)/python -m pytest --costs 10 --randomly-seed $(SEED)
 SIDE_BY_SIDE := --numprocesses $(PROCESSES) --dist loadscope --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install quickstart test test-slow test-chaos test-clusters attack static docs docs-version check bench lock
+.PHONY: help install quickstart test test-slow test-chaos test-clusters attack static pages docs docs-version check bench lock
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/:/' | column -t -s ':'
@@ -58,7 +58,11 @@ static: $(INSTALLED) ## format, lint, types, layers
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-docs: $(INSTALLED) ## build the documentation site into site/, strictly: a warning is an error
+pages: $(INSTALLED) ## renew the generated tables of the pages, and print the names of those that were stale
+	$(BIN)/python docs/making/write_generated.py
+
+docs: $(INSTALLED) ## check the generated tables, and build the site into site/, strictly: a warning is an error
+	$(BIN)/python docs/making/write_generated.py --check
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 docs-version: $(INSTALLED) ## add the site of this version to the branch gh-pages, beside those of earlier versions

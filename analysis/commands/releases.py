@@ -5,7 +5,7 @@ What is shown goes to `console`, by default the terminal. A release that does no
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -14,6 +14,7 @@ from rich.table import Table
 from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines, find_baseline
 from analysis.baselines.catalogue import SHIPPED, Baseline, read
 from analysis.baselines.verification import verify
+from analysis.charts.base import Chart
 from analysis.charts.intervals import rank_chart
 from analysis.claims.judging import Agreement, agreements, root_verdicts
 from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
@@ -114,26 +115,38 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
             console.print(_caveat(board), style="dim", highlight=False)
 
 
-def markdown(names: Sequence[str] = ()) -> str:
-    """Return the leaderboards of releases, by default of all known ones, as Markdown."""
-    from analysis.charts.paper.drawing import draw  # matplotlib
-    from analysis.charts.paper.style import svg
+def rank_charts(names: Sequence[str] = ()) -> Iterator[tuple[str, Chart]]:
+    """Yield file name and chart of each picture of `markdown`, of releases, by default of all known ones."""
+    for name, place, _ in _places(names):
+        for position, board in enumerate(leaderboards(read(place)), start=1):
+            yield _picture(name, position), rank_chart({board.title: [entry.rank for entry in board.entries]})
 
+
+def _picture(release: str, position: int) -> str:
+    return f"{Path(release).name}-ranks-{position}.svg"
+
+
+def markdown(names: Sequence[str] = (), pictures: str = ".") -> str:
+    """Return the leaderboards of releases as Markdown.
+
+    Args:
+        names: names, folders or addresses of releases; all known ones by default.
+        pictures: folder of the charts of `rank_charts`, from the folder of the page.
+    """
     parts = []
     for name, place, partial in _places(names):
         parts.append(f"## {name}")
         parts += [f"*This release is not complete: {partial}.*"] if partial else []
         parts += ceilings_in_words(frames := read(place))
-        for board in leaderboards(frames):
+        for position, board in enumerate(leaderboards(frames), start=1):
             parts.append(f"### {board.title[0].upper()}{board.title[1:]}")
-            drawn = rank_chart({board.title: [entry.rank for entry in board.entries]})
-            parts.append(f'<figure class="ranks">{svg(draw(drawn))}</figure>')
+            parts.append(f"![Ranks, {board.title}]({pictures}/{_picture(name, position)})")
             heads = f"{MEASURES[HEADLINE]}, % [95 %]", f"{MEASURES[FINAL]}, %"
             head = ["teacher", "rank", *heads, *map(_short_title, board.challenges), "runs", *_further(board)]
             rows = []
             for entry in board.entries:
-                rank, name, *others = _cells(board, entry)
-                rows.append([name, *(text.replace(" ", NO_BREAK) for text in (rank, *others))])
+                rank, teacher, *others = _cells(board, entry)
+                rows.append([teacher, *(text.replace(" ", NO_BREAK) for text in (rank, *others))])
             parts.append(pipe_table(head, rows, numbers=range(1, len(head))))
             parts += [text] if (text := _caveat(board)) else []
     return "\n\n".join([EXPLANATION, *(parts or ["No release with runs ships with this version."])])

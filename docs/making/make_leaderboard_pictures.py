@@ -1,8 +1,9 @@
-"""Draws the curricula of a release for the leaderboard: for each challenge a film strip and films.
+"""Draws the pictures of a release for the leaderboard: ranks, and for each challenge a film strip and films.
 
 python docs/making/make_leaderboard_pictures.py lite-2 --output docs/images/leaderboard
 
-Each teacher is shown by its run with the first seed, so that pictures stay true while a release grows.
+``--ranks`` draws the ranks alone. In curricula, each teacher is shown by its run with the first seed, so that
+pictures stay true while a release grows.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ from PIL import Image
 from analysis.baselines import find_baseline
 from analysis.charts.base import PAGE_WIDTH
 from analysis.charts.curricula import sheets
+from analysis.charts.paper.drawing import draw
+from analysis.charts.paper.style import svg
+from analysis.commands.releases import rank_charts
 from analysis.data.curricula import curricula_of_runs, task_axes
 from analysis.data.frames import Frames
 from analysis.figures import Shot, animation, film_strip
@@ -28,12 +32,17 @@ FRAMES, DPI, COLOURS = 9, 90, 64
 
 
 def main() -> None:
-    """Write NAME-CHALLENGE.png and NAME-CHALLENGE-1.gif, -2.gif, …, each of a part of the teachers."""
+    """Write NAME-ranks-1.svg, …, and NAME-CHALLENGE.png, NAME-CHALLENGE-1.gif, …, films of some teachers."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("release", help="name, folder or address of a release with curricula")
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="made if missing")
+    parser.add_argument("--ranks", action="store_true", help="draw the ranks alone")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
+    for name, chart in rank_charts([options.release]):
+        (options.output / name).write_text(f"{svg(draw(chart))}\n", encoding="utf-8")
+    if options.ranks:
+        return
     baseline = find_baseline(options.release)
     frames = baseline.frames()
     for challenge, runs in first_runs(frames):

@@ -47,7 +47,7 @@ ALIKE = "\N{MIDDLE DOT}"
 
 def leaderboard() -> str:
     """Return the leaderboards of the releases that ship, and the curricula of their teachers."""
-    parts = [leaderboards()]
+    parts = [leaderboards(pictures="images/leaderboard")]
     for name in (each.manifest.name for each in baselines()):
         for strip in sorted(PICTURES.glob(f"{name}-*.png")):
             challenge = strip.stem.removeprefix(f"{name}-")

@@ -1,13 +1,9 @@
-"""What mkdocs does besides: the version, pages from outside of docs/, their links, and tables of the code.
-
-A line ``<!-- generated: NAME -->`` of a page is replaced by what `tables.GENERATED` has for NAME.
-"""
+"""What mkdocs does besides: the version, pages from outside of docs/, and their links."""
 
 from __future__ import annotations
 
 import posixpath
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +11,6 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[2]
 DOCS = "docs/"
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-import tables  # noqa: E402 - beside this file, which mkdocs loads by its path
 
 PAGES = {
     "CONTRIBUTING.md": "contributing.md",
@@ -38,7 +30,6 @@ FILES = (
 """Files that pages link to or run, at the same place in the site."""
 
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
-MARK = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
 
 
 def on_config(config: Any) -> Any:
@@ -69,7 +60,7 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Make links between files of the repository links of the site, and write the generated tables."""
+    """Make links between files of the repository links of the site."""
     place = page.file.src_uri
     sources = {there: here for here, there in PAGES.items()}
     folder = posixpath.dirname(sources.get(place, DOCS + place))
@@ -79,4 +70,4 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
         there = PAGES.get(target, target.removeprefix(DOCS))
         return posixpath.relpath(there, posixpath.dirname(place) or ".") + (match[2] or "")
 
-    return LINK.sub(linked, MARK.sub(lambda mark: tables.GENERATED[mark[1]](), markdown))
+    return LINK.sub(linked, markdown)

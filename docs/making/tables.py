@@ -1,4 +1,4 @@
-"""Tables of the site that are made from the code when it is built, so that they cannot be out of date."""
+"""Tables of pages that are made from the code and from releases, which `write_generated` writes."""
 
 from __future__ import annotations
 

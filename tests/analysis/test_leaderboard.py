@@ -19,8 +19,10 @@ import analysis
 from analysis.baselines import BaselineError, add_to_release, find_baseline, release
 from analysis.baselines.verification import lacking
 from analysis.charts.base import Curve
+from analysis.charts.paper.drawing import draw
+from analysis.charts.paper.style import svg
 from analysis.claims.judging import agreements, pairs_in_both, tau_interval
-from analysis.commands.releases import findings, markdown, show_leaderboards
+from analysis.commands.releases import findings, markdown, rank_charts, show_leaderboards
 from analysis.comparisons.boards import leaderboards
 from analysis.comparisons.measured import measure
 from analysis.data.frames import Frames, load
@@ -177,11 +179,13 @@ def test_a_stalled_run_leaves_the_hours_of_a_run_as_they_are(
 
 
 def test_ranks_are_explained_and_drawn_before_the_first_table(released: Path) -> None:
-    page = markdown([str(released)])
+    page = markdown([str(released)], pictures="images")
     first_table = page.index("| teacher | rank |")
-    assert page.index("1 [1 to 8]") < page.index("<svg") < first_table
     (board,) = leaderboards(load(released))
-    drawn = ElementTree.fromstring(page[page.index("<svg") : page.index("</svg>") + len("</svg>")])
+    ((name, chart),) = rank_charts([str(released)])
+    picture = f"![Ranks, {board.title}](images/{name})"
+    assert page.index("1 [1 to 8]") < page.index(picture) < first_table
+    drawn = ElementTree.fromstring(svg(draw(chart)))
     shown = [text.text for text in drawn.iter("{http://www.w3.org/2000/svg}text")]
     assert [text for text in shown if text in map(label, TEACHERS)] == [
         label(entry.rank.teacher) for entry in board.entries

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+
+from write_generated import FILE, PART
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,7 +30,7 @@ PAGES = tuple(
 
 FENCE = re.compile(r"^( *)```(\w*)[^\n]*\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
 INLINE = re.compile(r"`((?:tma-ray|python|pytest|make|ray|sbatch|pip) [^`]+)`")
-SNIPPET = re.compile(r'^--8<-- "(.+)"$')
+SHOWN_FILE = re.compile(r"<!-- generated: file (\S+) -->\n+$")
 IN_A_FILE = re.compile(r"[Ii]n a\s+file\s+`([\w./]+)`[^\n]*\n\s*$")
 
 
@@ -55,23 +58,33 @@ class Block:
         return f"{self.page}:{self.line}"
 
 
+def without_generated(text: str, kept: Callable[[str], bool]) -> str:
+    """Return a page's text with empty lines in place of generated parts whose names are not kept."""
+    return PART.sub(lambda part: part[0] if kept(part["name"]) else "\n" * part[0].count("\n"), text)
+
+
+def written_by_hand(page: str) -> str:
+    """Return the text of a page without generated parts but for the files that it shows."""
+    return without_generated((ROOT / page).read_text(), lambda name: name.startswith(FILE))
+
+
 def blocks_of(page: str) -> list[Block]:
-    """Return the blocks of a page, in order."""
-    text = (ROOT / page).read_text()
+    """Return the blocks of a page that are not generated, in order."""
+    text = written_by_hand(page)
     found = []
     for match in FENCE.finditer(text):
         before = text[: match.start()]
         named = IN_A_FILE.search(before)
         content, file = textwrap.dedent(match[3]), named[1] if named else ""
-        if shown := SNIPPET.match(content.strip()):
-            content, file = (ROOT / shown[1]).read_text(), Path(shown[1]).name
+        if shown := SHOWN_FILE.search(before):
+            file = Path(shown[1]).name
         found.append(Block(page, before.count("\n") + 1, match[2], content, file))
     return found
 
 
 def inline_commands(page: str) -> list[str]:
     """Return the commands with arguments that stand within the sentences and tables of a page."""
-    prose = FENCE.sub("", (ROOT / page).read_text())
+    prose = FENCE.sub("", written_by_hand(page))
     return [re.sub(r"\s+", " ", command) for command in INLINE.findall(prose)]
 
 

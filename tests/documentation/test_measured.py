@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import pytest
 import tables
-from blocks import ROOT
+from blocks import ROOT, without_generated
 
 from tma_ray.benchmark import BENCHMARK_VERSION
 from tma_ray.envs import ENVIRONMENTS
@@ -51,10 +51,8 @@ MARK = re.compile(
     r"(?:; kept for the record: (?P<reason>[^*]+))?)\.\*$"
 )
 
-DATA = re.compile(
-    r"^<!-- generated: ((?:" + "|".join(tables.DATA) + r"|sensitivity|trials)\b.*?) -->$", re.MULTILINE
-)
-"""Marks of tables that the site makes from files of measurements."""
+DATA = re.compile(r"(?:" + "|".join(tables.DATA) + r"|sensitivity|trials)\b")
+"""Names of generated tables of files of measurements."""
 
 BEFORE = "before 1"
 
@@ -83,8 +81,9 @@ def current() -> dict[str, set[str]]:
 
 
 def text_of(page: str) -> str:
-    """A page with the tables that the site makes from files of measurements."""
-    return DATA.sub(lambda mark: tables.GENERATED[mark[1]](), (ROOT / page).read_text())
+    """A page without generated parts but for tables of files of measurements."""
+    text = (ROOT / page).read_text()
+    return without_generated(text, lambda name: bool(DATA.match(name)))
 
 
 def measured_tables(page: str, text: str) -> Iterator[Table]:

@@ -11,6 +11,7 @@ import pytest
 import tables
 import yaml
 from blocks import PAGES, ROOT
+from write_generated import FILE, PART, renewed, text_of
 
 from tma_ray import cli
 from tma_ray.embodiments import embodiment_names
@@ -19,6 +20,9 @@ from tma_ray.students import default_hyperparameters
 from tma_ray.teachers import TEACHERS, make_teacher
 
 MARK = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
+
+SLOW = ("leaderboard", "findings", "simulated students", "later teachers")
+"""Generated parts that take seconds."""
 
 
 def rows_of(text: str) -> dict[str, list[str]]:
@@ -31,9 +35,34 @@ def test_the_front_page_is_short() -> None:
     assert len((ROOT / "README.md").read_text().splitlines()) <= 150
 
 
-def test_pages_ask_for_every_table_and_for_no_other() -> None:
-    asked = [name for page in PAGES for name in MARK.findall((ROOT / page).read_text())]
-    assert sorted(asked) == sorted(tables.GENERATED)
+def generated_parts() -> dict[str, str]:
+    """The text of each generated part, by its name."""
+    texts = [(ROOT / page).read_text() for page in PAGES]
+    parts = [(part["name"], part["text"]) for text in texts for part in PART.finditer(text)]
+    assert len(parts) == sum(len(MARK.findall(text)) for text in texts), "a part has no end"
+    return dict(parts)
+
+
+def test_pages_have_every_table_and_no_other() -> None:
+    names = [name for name in generated_parts() if not name.startswith(FILE)]
+    assert sorted(names) == sorted(tables.GENERATED)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in sorted(generated_parts())],
+)
+def test_generated_parts_are_current(name: str) -> None:
+    assert generated_parts()[name] == text_of(name), "'make pages' renews it"
+
+
+def test_a_stale_part_is_found_and_renewed() -> None:
+    page = "# Page\n\n<!-- generated: test sets -->\nold\n<!-- end of generated -->\n\nText.\n"
+    text, stale = renewed(page)
+    assert stale == ["test sets"]
+    assert f"-->\n\n{tables.test_sets()}\n\n<!--" in text
+    assert text.endswith("<!-- end of generated -->\n\nText.\n")
+    assert renewed(text) == (text, [])
 
 
 @pytest.mark.parametrize("name", TEACHERS.names())

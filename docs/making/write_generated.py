@@ -1,0 +1,74 @@
+"""Generated parts of pages: tables of the code and of releases, and files that pages show.
+
+    python docs/making/write_generated.py           # renew stale parts, and print their names
+    python docs/making/write_generated.py --check   # print their names, and exit with 1 if there are any
+
+A part stands between two marks, ``<!-- generated: NAME -->`` and ``<!-- end of generated -->``. NAME is in
+`tables.GENERATED`, or ``file PATH`` for a file in a code block, with its path from the root.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import tables
+
+ROOT = Path(__file__).parents[2]
+
+PART = re.compile(
+    r"^<!-- generated: (?P<name>.+?) -->\n(?P<text>.*?)^<!-- end of generated -->$", re.MULTILINE | re.DOTALL
+)
+
+LANGUAGES = {".py": "python", ".toml": "toml", ".txt": "console"}
+"""Language of the code block of a file, by its ending."""
+
+FILE = "file "
+
+
+def pages() -> list[Path]:
+    """Return the pages that may have generated parts."""
+    return sorted((ROOT / "docs").rglob("*.md"))
+
+
+def text_of(name: str) -> str:
+    """Return what a generated part has between its marks.
+
+    Raises:
+        KeyError: nothing of that name is generated.
+    """
+    if name.startswith(FILE):
+        path = ROOT / name.removeprefix(FILE)
+        return f"\n```{LANGUAGES[path.suffix]}\n{path.read_text(encoding='utf-8')}```\n\n"
+    return f"\n{tables.GENERATED[name]()}\n\n"
+
+
+def renewed(page: str) -> tuple[str, list[str]]:
+    """Return a page's text with all parts as generated now, and the names of those that were stale."""
+    stale = []
+
+    def part(match: re.Match[str]) -> str:
+        name, text = match["name"], text_of(match["name"])
+        if text != match["text"]:
+            stale.append(name)
+        return f"<!-- generated: {name} -->\n{text}<!-- end of generated -->"
+
+    return PART.sub(part, page), stale
+
+
+def main() -> int:
+    """Renew the pages, or check them."""
+    check, count = "--check" in sys.argv[1:], 0
+    for path in pages():
+        text, stale = renewed(path.read_text(encoding="utf-8"))
+        count += len(stale)
+        for name in stale:
+            print(f"{path.relative_to(ROOT)}: {name}")
+        if stale and not check:
+            path.write_text(text, encoding="utf-8")
+    return int(check and count > 0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
