@@ -29,6 +29,7 @@ STOPPED = "0/1 runs done, 1 stopped"
 """Last line of a run that leaves with a checkpoint when its time is up."""
 
 OTHERS = {
+    "agreement_coverage": ("--experiments 2", "4,5,2,0.95,"),
     "claim_standings": ("--experiments 1", "In Parkour ADR is worse than Random.,supported,1 of 1"),
     "cluster_scale": ("--runs 4", "driver_kilobytes_per_run"),
     "cohort": (

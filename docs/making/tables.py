@@ -41,6 +41,7 @@ ROOT = Path(__file__).parents[2]
 MEASURED = (
     *("pairs_decided", "false_findings", "pairing_of_measurements", "pairing_of_releases"),
     *("interval_coverage", "statements_decided", "paper_claims", "playground", "teacher_trials"),
+    "agreement_coverage",
 )
 """Tables of `benchmarks/measured`; its other files have evaluations."""
 
