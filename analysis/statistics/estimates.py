@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from analysis.statistics.samples import TAIL, Estimate
+from analysis.statistics.samples import TAIL, Estimate, deviations, negligible
 
 TRIMMED = 0.25
 """Share of the runs that an interquartile mean leaves out at each end, rounded down to whole runs."""
@@ -80,7 +80,7 @@ def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
     if reason or not n:
         return Estimate(math.nan, math.nan, math.nan, n, reason or "no results")
     pairs = [(ours[name].to_numpy(), theirs[name].to_numpy()) for name in sorted(ours)]
-    shares = [float(((x[:, None] > y[None, :]) + 0.5 * (x[:, None] == y[None, :])).mean()) for x, y in pairs]
+    shares = [_share_of_wins(x[:, None], y[None, :]) for x, y in pairs]
     value = float(np.mean(shares))
     if min(len(part) for pair in pairs for part in pair) < 2:
         return Estimate(value, math.nan, math.nan, n, "needs 2 seeds")
@@ -109,9 +109,9 @@ def signal_to_noise(strata: Sequence[Mapping[str, ArrayLike]]) -> Estimate:
     if min(map(len, samples), default=0) < 2 or min(map(len, each)) < 2 or within < 3:
         return Estimate(math.nan, math.nan, math.nan, sum(map(len, each)), "needs 2 teachers and 2 seeds")
     n = len(each) / sum(1 / len(values) for values in each)
-    noise = sum(float(((values - values.mean()) ** 2).sum()) for values in each) / within
+    noise = sum(float((deviations(values) ** 2).sum()) for values in each) / within
     means = [np.array([values.mean() for values in stratum]) for stratum in samples]
-    signal = sum(float(((row - row.mean()) ** 2).sum()) for row in means) / between
+    signal = sum(float((deviations(row) ** 2).sum()) for row in means) / between
     ratio = n * signal / noise if noise else math.inf
     ends = (ratio / special.fdtri(between, within, share) for share in (TAIL, 1 - TAIL))
     value, low, high = (
@@ -154,7 +154,7 @@ def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) ->
     """Return half the width of Student's interval of the mean over all values of `parts`."""
     n = sum(map(len, parts))
     freedoms = freedoms or [len(part) - 1.0 for part in parts]
-    variances = [len(part) / n**2 * float(part.var(ddof=1)) for part in parts]
+    variances = [len(part) / n**2 * float((deviations(part) ** 2).sum()) / (len(part) - 1) for part in parts]
     total = sum(variances)
     if total == 0:
         return 0.0
@@ -168,13 +168,19 @@ def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept
     `names` are the clusters of all values, in the same order; `kept` is the share of them that count as
     degrees of freedom.
     """
-    residuals = np.concatenate([part - part.mean() for part in parts])
+    residuals = np.concatenate([deviations(part) for part in parts])
     _, places = np.unique(np.array(list(map(str, names))), return_inverse=True)
     sums = np.bincount(places, residuals)
     if len(sums) < 2:
         return math.nan
     error = math.sqrt(len(sums) / (len(sums) - 1) * float(sums @ sums)) / len(residuals)
     return float(special.stdtrit(max(len(sums) * kept - 1, 1.0), TAIL)) * error
+
+
+def _share_of_wins(first: Floats, second: Floats) -> float:
+    """Return the share of pairs in which `first` is greater, ties up to rounding errors counting half."""
+    ties = negligible(first - second, np.maximum(np.abs(first), np.abs(second)))
+    return float(np.where(ties, 0.5, first > second).mean())
 
 
 def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:

@@ -17,6 +17,29 @@ SIGNIFICANCE = 0.05
 """Two samples differ significantly when p is strictly under this (paper, appendix on results)."""
 
 
+EQUAL = 1e-9
+"""Share of the values up to which a difference or a deviation is a rounding error."""
+
+
+def negligible(deviations: ArrayLike, values: ArrayLike) -> NDArray[np.bool_]:
+    """Return a mask of the deviations that are rounding errors of `values`, such as their mean.
+
+    This alone decides which samples have no spread between seeds and which means are equal.
+
+    Args:
+        deviations: differences or standard deviations of any shape.
+        values: values that they are measured against, of a shape that broadcasts; NaN makes none negligible.
+    """
+    return np.asarray(np.abs(deviations) <= EQUAL * np.abs(values))
+
+
+def deviations(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the deviations of values (..., n) from their means over n, 0 in place of rounding errors."""
+    means = values.mean(axis=-1, keepdims=True)
+    differences = values - means
+    return np.where(negligible(differences, means), 0.0, differences)
+
+
 @dataclass(frozen=True)
 class Description:
     """A sample in four numbers; NaN where the sample is too small for one.
@@ -24,7 +47,8 @@ class Description:
     Attributes:
         n: finite values in the sample.
         mean: arithmetic mean.
-        std: standard deviation with n - 1 degrees of freedom; needs two values.
+        std: standard deviation with n - 1 degrees of freedom; needs two values. 0 in place of a rounding
+            error of the mean.
     """
 
     n: int
@@ -34,6 +58,8 @@ class Description:
     def __post_init__(self) -> None:
         if self.n < 0 or self.std < 0:
             raise ValueError(f"{self}: expected a number of values and a deviation of at least 0")
+        if negligible(self.std, self.mean):
+            object.__setattr__(self, "std", 0.0)
 
     @property
     def standard_error(self) -> float:

@@ -15,7 +15,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.statistics.samples import SIGNIFICANCE, TAIL, Description, Estimate, describe, finite
+from analysis.statistics.samples import (
+    EQUAL,
+    SIGNIFICANCE,
+    TAIL,
+    Description,
+    Estimate,
+    describe,
+    deviations,
+    finite,
+    negligible,
+)
 from tma_ray.arguments import check_kind
 
 MOST = 20_000
@@ -26,9 +36,6 @@ DRAWN = 9_999
 
 SEED = 0
 """Of the draws: the same samples always have the same p."""
-
-EQUAL = 1e-9
-"""Differences closer than this share of the largest value are equal."""
 
 Floats = NDArray[np.float64]
 
@@ -72,7 +79,7 @@ def _share(differences: Floats, found: float, scale: float) -> float:
 
 
 ROUNDING = 1e-9
-"""Share by which rounding may take a percentage beyond 0 or 100."""
+"""Share by which rounding may take a percentage of 0 or 100 away from there, to either side."""
 
 ALL_EQUAL = "no spread between seeds"
 """Why two samples are not tested whose values are all the same."""
@@ -111,6 +118,9 @@ class Scale(StrEnum):
     def of(self, percentages: pd.Series) -> pd.Series:
         """Return `percentages` on this scale; arcsines are in radians, from 0 to half of pi.
 
+        Shares within `ROUNDING` of 0 or 1 count as these: the arcsine is so steep there that equal values
+        would differ by more than a rounding error.
+
         Raises:
             ValueError: a value is not a percentage.
         """
@@ -120,7 +130,8 @@ class Scale(StrEnum):
         wrong = shares[(shares < -ROUNDING) | (shares > 1 + ROUNDING)]
         if len(wrong):
             raise ValueError(f"{100 * wrong.iloc[0]:g}: expected percentages, in [0, 100], to test arcsines")
-        return pd.Series(np.arcsin(np.sqrt(shares.clip(0.0, 1.0).to_numpy())), index=percentages.index)
+        exact = shares.mask(shares < ROUNDING, 0.0).mask(shares > 1 - ROUNDING, 1.0)
+        return pd.Series(np.arcsin(np.sqrt(exact.to_numpy())), index=percentages.index)
 
 
 @dataclass(frozen=True)
@@ -198,7 +209,7 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
         reason = "needs 2 seeds"
     elif not (math.isfinite(first.std) and math.isfinite(second.std)):
         reason = "no standard deviation"
-    elif first.std == second.std == 0 and first.mean == second.mean:
+    elif first.std == second.std == 0 and _same_mean(first, second):
         reason = ALL_EQUAL
     if reason:
         return Comparison(first.n, second.n, difference, reason=reason)
@@ -206,6 +217,11 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
         p = permutation_p([([first.mean] * first.n, [second.mean] * second.n)])
         return Comparison(first.n, second.n, difference, p=p, method=Method.PERMUTATION)
     return t_test(first.n, second.n, difference, *standard_error_of_difference(first, second))
+
+
+def _same_mean(first: Description, second: Description) -> bool:
+    """True if two means differ by a rounding error at most."""
+    return bool(negligible(first.mean - second.mean, max(abs(first.mean), abs(second.mean))))
 
 
 def standard_error_of_difference(first: Description, second: Description) -> tuple[float, float]:
@@ -249,7 +265,7 @@ def stratified(
         reason = "same runs"
     elif min(sample.n for pair in samples for sample in pair) < 2:
         reason = "needs 2 seeds"
-    elif constant and all(first.mean == second.mean for first, second in samples):
+    elif constant and all(_same_mean(first, second) for first, second in samples):
         reason = ALL_EQUAL
     if reason:
         return Comparison(n, reference_n, difference, reason=reason)
@@ -339,8 +355,8 @@ FEW_PAIRS = "fewer than 2 seeds in common"
 def paired(sample: pd.Series, reference: pd.Series) -> Comparison:
     """Compare the means of two samples whose values belong together in pairs, by Student's t-test.
 
-    Where all differences are equal, p is that of the sign-flip test, and the interval is missing; where all
-    are 0, nothing is tested.
+    Where all differences are equal up to rounding errors of the values, p is that of the sign-flip test, and
+    the interval is missing; where all are 0, nothing is tested.
 
     Args:
         sample: one value a seed, indexed by seed.
@@ -354,9 +370,10 @@ def paired(sample: pd.Series, reference: pd.Series) -> Comparison:
     if found.n < 2:
         reason = FEW_PAIRS if min(sample.count(), reference.count()) > 1 else "needs 2 seeds"
         return Comparison(found.n, found.n, found.mean, reason=reason)
-    if found.std == found.mean == 0:
+    largest = max(sample[differences.index].abs().max(), reference[differences.index].abs().max())
+    if negligible([found.std, found.mean], largest).all():
         return Comparison(found.n, found.n, found.mean, reason=ALL_EQUAL)
-    if found.std == 0:
+    if negligible(found.std, largest):
         p = sign_flip_p(differences)
         return Comparison(found.n, found.n, found.mean, p=p, method=Method.SIGN_FLIP)
     return t_test(found.n, found.n, found.mean, found.standard_error, found.n - 1, Method.PAIRED)
@@ -419,8 +436,9 @@ def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Estimate:
     (k,) = sizes
     between = within = 0.0
     for table in tables:
-        spreads = table.std(axis=0, ddof=1)
-        scaled = (table - table.mean(axis=0)) / np.where(spreads > 0, spreads, 1.0)
+        residuals = deviations(table.T).T
+        spreads = np.sqrt((residuals**2).sum(axis=0) / (len(table) - 1))
+        scaled = residuals / np.where(spreads > 0, spreads, 1.0)
         seeds = scaled.mean(axis=1, keepdims=True)
         between += k * float((seeds**2).sum())
         within += float(((scaled - seeds) ** 2).sum())

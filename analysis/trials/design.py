@@ -17,6 +17,7 @@ from analysis.data.reference import BASELINE, is_baseline
 from analysis.measures.run_measures import NOT_FINITE, run_measures
 from analysis.statistics import Scale
 from analysis.statistics.power import POWER
+from analysis.statistics.samples import negligible
 from analysis.trials import rules
 from analysis.trials.boundaries import crossing
 from tma_ray.commands.texts import counted
@@ -217,8 +218,8 @@ def make_design(
         looks: seeds of every cell at each look.
 
     Raises:
-        ValueError: an unknown cell, too few runs of Random or of others to compare with, or verdicts that
-            would be wrong too often.
+        ValueError: an unknown cell, too few runs of Random or of others to compare with, no spread between
+            seeds, or verdicts that would be wrong too often.
     """
     released, core = released_runs(frames), baseline.manifest.core
     released = released[released["teacher"] != teacher]
@@ -229,6 +230,8 @@ def make_design(
     seeds = tuple(range(first, first + looks[-1]))
     chosen = _cells(places, released, frames)
     name = baseline.manifest.name
+    if not any(cell.deviation for cell in chosen):
+        raise ValueError(f"{name} has no spread between seeds in these cells: choose others or more of them")
     design = Design(teacher, name, "", best, candidates, chosen, seeds, margin, looks=looks)
     design = design.renewed(released)
     for error in ERRORS:
@@ -276,14 +279,16 @@ def _cells(
         rows = in_cell(released, place)
         groups = rows.groupby("teacher")["angle"]
         sizes, means = groups.size(), groups.mean()
-        deviation = float(np.sqrt((groups.var() * (sizes - 1)).sum() / (sizes - 1).sum()))
+        variances = groups.var().mask(negligible(groups.std(), means), 0.0)
+        deviation = float(np.sqrt((variances * (sizes - 1)).sum() / (sizes - 1).sum()))
         hours = frames.run_hours.reindex(rows["run_id"].unique()).median()
         hours = 0.0 if np.isnan(hours) else float(hours)
         noise, slope = deviation**2, 100 * float(np.sin(2 * means.mean()))
         signal = max(float(means.var()) - noise * float((1 / sizes).mean()), 0.0)
         known = dict(zip(PLACE, place, strict=True))
         cell = TrialCell(name, **known, slope=slope, deviation=deviation, hours=hours)
-        found.append((signal / noise / (hours or 1.0), cell))
+        ratio = signal / noise if noise else np.inf
+        found.append((ratio / (hours or 1.0), cell))
     return tuple(cell for _, cell in sorted(found, key=itemgetter(0), reverse=True))
 
 
@@ -319,7 +324,9 @@ def setting_of(design: Design, released: pd.DataFrame) -> rules.Setting:
         rows = in_cell(released, place)
         groups = rows.groupby("teacher")["angle"]
         sizes = groups.transform("size")
-        each = (rows["angle"] - groups.transform("mean")) * np.sqrt(sizes / (sizes - 1))
+        means = groups.transform("mean")
+        differences = rows["angle"] - means
+        each = differences.mask(negligible(differences, means), 0.0) * np.sqrt(sizes / (sizes - 1))
         residuals.append(each[sizes >= needed].to_numpy(float))
     both = tuple(design.rule(reference, runs) for reference in design.references)
     return rules.Setting(both, design.slopes, tuple(residuals), runs)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from analysis.statistics.samples import negligible
 from analysis.trials.boundaries import boundaries
 
 LOOKS = (3, 5, 10, 20)
@@ -52,13 +53,17 @@ class Moments:
 
     Attributes:
         mean: means (..., cells), rad.
-        variance: variances of one run (..., cells), rad².
+        variance: variances of one run (..., cells), rad²; 0 in place of rounding errors of the means.
         runs: number of runs of each (cells,).
     """
 
     mean: Floats
     variance: Floats
     runs: Floats
+
+    def __post_init__(self) -> None:
+        spread = ~negligible(np.sqrt(self.variance), self.mean)
+        object.__setattr__(self, "variance", np.where(spread, self.variance, 0.0))
 
     @classmethod
     def of(cls, values: Floats) -> "Moments":

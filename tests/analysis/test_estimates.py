@@ -209,6 +209,19 @@ def test_without_results_there_is_no_number_and_runs_without_a_value_do_not_coun
     assert (some.value, some.n, some.reason) == (2, 2, "")
 
 
+def test_rounding_errors_are_no_spread_and_no_wins() -> None:
+    constant = {"a": pd.Series([0.1] * 3, list("xyz")), "b": pd.Series([0.1] * 3, list("uvw"))}
+    mean = interquartile_mean_of(constant)
+    assert mean.low == mean.value == mean.high
+    clusters = dict(zip("xyzuvw", [1, 2, 3] * 2, strict=True))
+    assert interquartile_mean_of(constant, clusters).low == mean.value
+    nearly = {"a": pd.Series([0.3] * 3, list("xyz"))}, {"a": pd.Series([0.1 * 3] * 3, list("uvw"))}
+    assert nearly[0]["a"].iloc[0] < nearly[1]["a"].iloc[0]
+    assert probability_of_improvement(*nearly).value == 0.5
+    found = signal_to_noise([{"a": [0.1] * 3, "b": [0.7] * 3}])
+    assert found.value == math.inf
+
+
 def test_signal_to_noise_of_one_stratum_is_that_of_fishers_f() -> None:
     draws = np.random.default_rng(2).normal(size=(5, 6)) + np.array([0, 1, 2, 3, 4])[:, None]
     found = signal_to_noise([dict(enumerate(draws))])

@@ -13,12 +13,16 @@ from hypothesis import strategies as st
 from scipy import stats
 from synthetic_pools import cells, pool
 
-from analysis.comparisons.frame import pairwise, pairwise_from_statistics
+from analysis.comparisons.boards import ranks
+from analysis.comparisons.frame import pairwise, pairwise_from_statistics, verdict
+from analysis.comparisons.sentences import ranked
 from analysis.data.reference import paper_frame
 from analysis.measures.pooling import pooled
+from analysis.measures.tested import compared, compared_over_strata
 from analysis.statistics import (
     Description,
     Method,
+    Scale,
     describe,
     holm,
     least_variance,
@@ -131,6 +135,60 @@ def test_samples_without_any_spread_have_a_p_and_no_interval() -> None:
         assert result.p == pytest.approx(2 / math.comb(10, 5))
         assert (result.reason, result.significant) == ("", True)
         assert np.isnan([result.low, result.high]).all()
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_rounding_errors_are_no_spread(scale: float) -> None:
+    """Even the mean of three equal values can differ from each of them in the last bit."""
+    assert np.full(3, 0.1).std(ddof=1) > 0
+    rounded = scale * np.array([1 - 1e-15, 1.0, 1 + 1e-15])
+    low, high, same = (
+        sample(list(value * rounded), prefix) for prefix, value in (("a", 0.1), ("b", 0.7), ("c", 0.1))
+    )
+    assert describe(low).std == 0
+    assert least_variance([low, high]) == 0
+    for result in (welch(low, high), stratified([(low, high)], [1.0])):
+        assert (result.method, result.p) == (Method.PERMUTATION, pytest.approx(2 / math.comb(6, 3)))
+        assert np.isnan([result.low, result.high]).all()
+    for result in (welch(low, same), stratified([(low, same)], [1.0])):
+        assert (result.method, result.reason) == (Method.NONE, "no spread between seeds")
+    published = [Description(3, each.mean(), each.to_numpy().std(ddof=1)) for each in (low, high)]
+    assert welch_from_statistics(*published).p == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_rounding_errors_of_pairs_are_no_spread(scale: float) -> None:
+    first, second = pd.Series([0.3, 0.5, 0.2]), pd.Series([0.2, 0.4, 0.1])
+    assert (first - second).std() > 0
+    result = paired(scale * first, scale * second)
+    assert (result.method, result.p) == (Method.SIGN_FLIP, pytest.approx(2 / 2**3))
+    again = paired(scale * first, scale * (second + 0.1))
+    assert (again.method, again.reason) == (Method.NONE, "no spread between seeds")
+
+
+@pytest.mark.parametrize("percent", [(18.0, 21.0), (99.9, 100.0), (0.0, 0.1)])
+def test_equal_seeds_have_no_spread_on_the_arcsine_scale(percent: tuple[float, float]) -> None:
+    """Near 0 and 100 the arcsine magnifies rounding errors of percentages."""
+    first, second = (
+        sample(value * (1 + np.array([-1e-15, 0.0, 1e-15])), prefix)
+        for prefix, value in zip("ab", percent, strict=True)
+    )
+    for result in (
+        compared(first, second, {}, Scale.ARCSINE),
+        compared_over_strata([(first, second)], [1.0], {}, Scale.ARCSINE),
+    ):
+        assert (result.method, result.p) == (Method.PERMUTATION, pytest.approx(0.1))
+    equal = compared(first, first.rename("c{}".format), {}, Scale.ARCSINE)
+    assert equal.reason == "no spread between seeds"
+
+
+def test_ranking_and_ranks_agree_on_equal_seeds() -> None:
+    runs = pool(*cells({"adr": [21.0] * 3, "alp_gmm": [18.0] * 3, "random": [18.0] * 3}))
+    verdicts = ranked(runs).set_index("teacher").apply(verdict, axis=1)
+    assert verdicts[["adr", "alp_gmm"]].tolist() == ["not distinguishable", "no spread between seeds"]
+    for rank in ranks(runs):
+        assert (rank.better, rank.worse, rank.best, rank.worst) == ((), (), 1, 3)
+        assert "as the tests confirm" not in rank.describe()
 
 
 def test_strata_without_any_spread_are_permuted_within_themselves() -> None:

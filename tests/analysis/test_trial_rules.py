@@ -77,6 +77,17 @@ def test_boundaries_that_nothing_reaches_leave_the_estimate_as_it_is() -> None:
     assert median_unbiased(2.5, (300.0, np.inf), (1.0, 1.5, 2.0)) == pytest.approx(2.5 / math.sqrt(2.0))
 
 
+@pytest.mark.parametrize("values", [(0.1, 0.7), (0.1, 0.1), (0.7, 0.1)])
+def test_constant_samples_decide_nothing(values: tuple[float, float]) -> None:
+    """The standard deviation of equal values is a rounding error, by which any difference is large."""
+    rule = Rule(LOOKS, planned_fractions(LOOKS, np.ones(2), np.full(2, 3.0)), 2.5)
+    teacher, reference = (Moments.of(np.full((2, 3), value)) for value in values)
+    found = difference(teacher, reference, np.full(2, 90.0))
+    assert found.error == 0
+    assert rule.verdicts(found, 0) == Verdict.OPEN
+    assert np.isinf(rule.interval(found, 0)).all()
+
+
 def test_one_look_is_the_stratified_test_of_the_project() -> None:
     rng = np.random.default_rng(2)
     new, old = rng.normal(0.5, 0.1, (3, 6)), rng.normal(0.4, 0.2, (3, 5))
