@@ -19,6 +19,12 @@ OURS = "tma_ray"
 MAIN_GUARDS = ("__name__ == '__main__'", "'__main__' == __name__")
 """Conditions of what runs only when a file is started as a script, as `ast.unparse` writes them."""
 
+PACKAGES = frozenset({OURS, "analysis"})
+"""Top-level packages of the distribution `OURS`, installed or in a checkout."""
+
+OUR_FOLDER = Path(__file__).resolve().parent.parent
+"""Folder that `PACKAGES` are imported from; a package of the same name elsewhere is the user's."""
+
 INSTALLED = frozenset({"site-packages", "dist-packages"})
 """Folders that hold installed packages, wherever they lie."""
 
@@ -28,9 +34,9 @@ class PluginSource:
     """The code behind a plug-in, as it was when it was looked up.
 
     It is the module itself, the packages around it, and in turn every module that one of these imports
-    anywhere in its text, unless that is installed or part of Python. What runs only when a file is
-    started as a script, under ``if __name__ == "__main__":``, does not belong to it: a script may hold
-    both a teacher and the campaign that tries it.
+    anywhere in its text, unless that is installed, part of Python or in one of `PACKAGES`. What runs only
+    when a file is started as a script, under ``if __name__ == "__main__":``, does not belong to it: a script
+    may hold both a teacher and the campaign that tries it.
 
     Attributes:
         module: name to import for the plug-in; for a script the name of its file.
@@ -142,13 +148,14 @@ class _Collector:
         """Return the followed folders with a top-level module or package: several for a namespace."""
         if top not in self.roots:
             found = None
-            if top != OURS:
-                with suppress(ImportError, ValueError):  # no such module, or one without a spec
-                    found = importlib.util.find_spec(top)
+            with suppress(ImportError, ValueError):  # no such module, or one without a spec
+                found = importlib.util.find_spec(top)
             places = list(found.submodule_search_locations or ()) if found else []
             if found and not places and found.has_location and found.origin:
                 places = [found.origin]
             folders = [Path(place).absolute().parent for place in places]
+            if top in PACKAGES:
+                folders = [folder for folder in folders if folder.resolve() != OUR_FOLDER]
             self.roots[top] = [folder for folder in folders if top == self._top or not _is_installed(folder)]
         return self.roots[top]
 

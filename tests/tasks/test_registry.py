@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.plugin_source import PluginSource
+from tma_ray.plugin_source import OUR_FOLDER, PACKAGES, PluginSource
 from tma_ray.registry import Registry, UnknownNameError
 
 
@@ -172,6 +173,25 @@ def test_an_installed_plugin_is_followed_within_its_own_package_only() -> None:
     assert source.installed
     assert "pluggy/_hooks.py" in source.files
     assert all(path.startswith("pluggy/") for path in source.files)
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGES))
+def test_our_packages_are_no_part_of_a_plugin(write: Write, package: str) -> None:
+    """In a checkout they are not installed, and from a wheel they are: the digest must be the same."""
+    number = write(
+        {"plug_N.py": f"import {package}\nfrom {package} import statistics\nimport own_N", "own_N.py": ""}
+    )
+    assert set(PluginSource.of(f"plug_{number}").files) == {f"plug_{number}.py", f"own_{number}.py"}
+
+
+def test_a_package_of_the_users_own_with_our_name_is_part_of_it(write: Write, tmp_path: Path) -> None:
+    """Imports find `analysis` beside the plug-in first."""
+    number = write({"analysis/__init__.py": "", "plug_N.py": "import analysis"})
+    code = f"from tma_ray.plugin_source import PluginSource; print(*PluginSource.of('plug_{number}').files)"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(OUR_FOLDER)])}
+    command = [sys.executable, "-c", code]
+    found = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, check=True)
+    assert set(found.stdout.decode().split()) == {f"plug_{number}.py", "analysis/__init__.py"}
 
 
 def test_what_has_no_python_file_is_refused() -> None:
