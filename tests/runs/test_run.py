@@ -62,6 +62,27 @@ def test_a_shorter_run_is_a_prefix_and_looking_changes_nothing(finished: Path, t
         assert row == expected
 
 
+@pytest.mark.parametrize("view", [False, True])
+def test_an_environment_may_overwrite_the_observation_that_it_returned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, view: bool
+) -> None:
+    """The student learns the same from one array as from new ones, and SPDL keeps first observations."""
+    import corridor
+
+    spec = small_spec(tmp_path, student="sac", teacher="spdl", steps=1_000)
+    run(spec, tmp_path / "new")
+    observe = corridor.Corridor._observe
+
+    def overwrite(world: corridor.Corridor) -> np.ndarray:
+        array: np.ndarray = vars(world).setdefault("array", np.zeros(3, np.float32))
+        array[:] = observe(world)
+        return array[:] if view else array
+
+    monkeypatch.setattr(corridor.Corridor, "_observe", overwrite)
+    run(spec, tmp_path / "overwritten")
+    assert data_files(tmp_path / "overwritten") == data_files(tmp_path / "new")
+
+
 def test_seeds_differ_and_zero_is_one(tmp_path: Path) -> None:
     first = small_spec(tmp_path, seed=0)
     draws = {

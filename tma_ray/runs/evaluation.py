@@ -151,7 +151,7 @@ class Trials:
 
 
 class Recorder:
-    """Recorder of one episode, in copies, since an environment may reuse its arrays.
+    """Recorder of one episode, in copies, since a student may reuse its arrays.
 
     Args:
         initial_observation: observation of `reset` (o,).
@@ -160,14 +160,14 @@ class Recorder:
 
     def __init__(self, initial_observation: NDArray[np.float32], gamma: float) -> None:
         self._gamma = gamma
-        self._observations = [initial_observation.copy()]
+        self._observations = [initial_observation]
         self._actions: list[NDArray[np.float32]] = []
         self._rewards: list[float] = []
         self._terminated = False
 
     def add(self, step: Transition) -> None:
         """Append a step."""
-        self._observations.append(step.next_observation.copy())
+        self._observations.append(step.next_observation)
         self._actions.append(step.action.copy())
         self._rewards.append(step.reward)
         self._terminated = step.terminated

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tma_ray.envs import make_environment
+from tma_ray.envs import ENVIRONMENTS, make_environment
 from tma_ray.part_names import base_name
 from tma_ray.results import RunWriter, Table
 from tma_ray.runs.evaluation import Evaluation, Recorder, Trials
@@ -70,6 +70,8 @@ class Run:
         self.progress = Progress()
         import_plugins(spec, "environment", "student")
         self.environment = make_environment(spec.environment, **arguments(spec, "environment"))
+        # Environments of users may return the same array every step, those that ship with tma_ray do not.
+        self._copies = ENVIRONMENTS.origin(spec.environment) is not None
         streams = Streams.of(spec)
         self._episode_seeds = np.random.default_rng(streams.environment)
         placement = placement or Placement()
@@ -150,12 +152,17 @@ class Run:
         act = student.act if trains else partial(self._trials.act, student)
         seed = int(self._episode_seeds.integers(2**31))
         initial, _ = environment.reset(seed=seed, options={"task": self._world_task(task)})
+        copies = self._copies
+        if copies:
+            initial = np.array(initial)
         recorder = Recorder(initial, student.gamma) if self.progress.record_next else None
         observation = initial
         so_far, discounted_return, discount = EpisodeSoFar(), 0.0, 1.0
         while self.progress.step < self.spec.schedule.steps:
             action = act(observation)
             next_observation, reward, terminated, truncated, _ = environment.step(action)
+            if copies:
+                next_observation = np.array(next_observation)
             reward = float(reward)
             step = Transition(observation, action, reward, next_observation, terminated, truncated)
             if recorder is not None:
