@@ -26,6 +26,9 @@ from tma_ray.testing import TeacherConformance
 STEPS = 200
 """Random steps of a play."""
 
+KEPT = 10
+"""Observations of a play that are kept, to see whether later steps change them."""
+
 FASTEST = 100.0
 """Speed of the head over which a body counts as torn apart by its joints, in m/s."""
 
@@ -159,6 +162,9 @@ class EnvironmentConformance:
             assert observation in made.observation_space, f"task {task.tolist()}: {observation} is not in it"
             assert "task" in info, "info of reset must hold the task, under 'task'"
             np.testing.assert_array_equal(np.float32(info["task"]), np.float32(task))
+            assert not np.shares_memory(info["task"], task), (
+                "info['task'] is the array given to reset: copy it"
+            )
 
     def test_tasks_outside_its_domain_are_refused(self) -> None:
         """Check that a ValueError names the dimension, also for NaN."""
@@ -188,6 +194,23 @@ class EnvironmentConformance:
         np.random.seed(3)  # noqa: NPY002  (what an environment must not depend on)
         assert self._play(made, 1) == first, "a seed gives another episode the second time"
         assert self._play(self._made(), 1) == first, "a new instance gives another episode"
+
+    def test_what_it_returned_does_not_change_later(self) -> None:
+        """Observations are new arrays every step, of which a student may keep several."""
+        made, rng = self._made(), np.random.default_rng(0)
+        kept = [made.reset(seed=0)[0]]
+        values = [kept[0].tobytes()]
+        for step in range(1, KEPT):
+            observation, _, terminated, truncated, _ = made.step(_action(made, rng))
+            changed = any(
+                np.shares_memory(observation, earlier) or earlier.tobytes() != before
+                for earlier, before in zip(kept, values, strict=True)
+            )
+            assert not changed, f"step {step} changes an earlier observation: return a new array each time"
+            kept.append(observation)
+            values.append(observation.tobytes())
+            if terminated or truncated:
+                made.reset()
 
     def test_global_random_numbers_are_left_alone(self) -> None:
         """All randomness comes from `self.np_random`."""

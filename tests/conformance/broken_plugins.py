@@ -16,12 +16,15 @@ class BrokenSwingUp(SwingUp):
     def __init__(self, fault: str = "") -> None:
         super().__init__()
         self.fault = fault
+        self.array = np.zeros(3, np.float32)
 
     def reset(self, *, seed=None, options=None):
         if self.fault == "accepts anything" and options:
             options = {"task": np.clip(options["task"], self.valid_domain.low, self.valid_domain.high)}
             options["task"] = np.nan_to_num(options["task"], nan=1.0)
         observation, info = super().reset(seed=seed, options=options)
+        if self.fault == "keeps the task" and options:
+            info["task"] = options["task"]
         if self.fault == "hides the task":
             info = {}
         if self.fault == "global randomness":
@@ -32,6 +35,9 @@ class BrokenSwingUp(SwingUp):
         observation, reward, terminated, truncated, info = super().step(action)
         if self.fault == "endless":
             truncated = False
+        if self.fault == "one array":
+            self.array[:] = observation
+            observation = self.array[:]
         if self.fault == "no number":
             reward = float("nan")
         return observation, reward, terminated, truncated, info

@@ -48,6 +48,8 @@ def outcome(kit, test: str) -> str:
         ("hides the task", "test_it_builds_every_task_of_its_domain", "info of reset must hold the task"),
         ("global randomness", "test_global_random_numbers_are_left_alone", "use self.np_random"),
         ("global randomness", "test_seed_and_actions_determine_what_it_gives", "gives another episode"),
+        ("keeps the task", "test_it_builds_every_task_of_its_domain", "copy it"),
+        ("one array", "test_what_it_returned_does_not_change_later", "return a new array each time"),
         ("endless", "test_episodes_end", "truncate it"),
         ("no number", "test_values_are_finite_and_in_their_spaces", "a reward is not finite"),
     ],

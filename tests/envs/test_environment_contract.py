@@ -1,7 +1,10 @@
 """Every environment keeps the contract of the conformance kit with every body, and can be drawn."""
 
+import copy
 import hashlib
 import os
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +16,7 @@ from suite.processes import python
 from tma_ray.conformance import EnvironmentConformance
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs import ENVIRONMENTS, Environment, make_environment
+from tma_ray.physics.selection import EngineChoice
 
 CATALOGUE = [(name, each) for name in ENVIRONMENTS.names() for each in embodiment_names()]
 every_one = pytest.mark.parametrize(("name", "body"), [body(*pair) for pair in CATALOGUE])
@@ -68,6 +72,27 @@ def test_what_it_returned_does_not_change_later(name: str, body: str) -> None:
     kept = first.copy(), second.copy()
     walk(env, 5)
     np.testing.assert_array_equal((first, second), kept)
+
+
+@pytest.mark.parametrize("engine", ["compiled", "pymunk"])
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_can_be_played_or_is_refused(
+    monkeypatch: pytest.MonkeyPatch, engine: str, copied: Callable[[Environment], Environment]
+) -> None:
+    """A world in an episode cannot be copied; before and after one there is none."""
+    monkeypatch.setattr("tma_ray.physics.selection.engine_in_use", lambda: EngineChoice(engine, "chosen"))
+    env = make_environment("stump_tracks")
+    first = copied(env)
+    walk(env, 5)
+    with pytest.raises(TypeError, match=r"in an episode cannot be copied or pickled.*copy it before reset"):
+        copied(env)
+    env.max_episode_steps = 1
+    env.reset(seed=1)
+    env.step(np.zeros(env.action_space.shape, np.float32))
+    for other in (first, copied(env)):
+        np.testing.assert_array_equal(other.reset(seed=2)[0], env.reset(seed=2)[0])
+        action = env.action_space.sample()
+        np.testing.assert_array_equal(other.step(action)[0], env.step(action)[0])
 
 
 @every_one

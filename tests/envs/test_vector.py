@@ -79,11 +79,13 @@ def test_each_world_is_truncated_by_its_own_counter(monkeypatch: pytest.MonkeyPa
 
 
 def test_every_world_has_the_task_that_it_is_given() -> None:
-    worlds, tasks = make_vector_environment("stump_tracks", 3), np.array([[0, 6], [1.5, 3], [3, 0]])
+    worlds, tasks = make_vector_environment("stump_tracks", 3), np.array([[0, 6], [0.1, 3], [3, 0]])
     observations, info = worlds.reset(seed=1, options={"task": tasks})
     np.testing.assert_array_equal(info["task"], tasks.astype(np.float32))
+    assert info["task"].dtype == np.float32
     for row, task in enumerate(tasks):
-        alone, _ = make_environment("stump_tracks").reset(seed=1 + row, options={"task": task})
+        alone, single = make_environment("stump_tracks").reset(seed=1 + row, options={"task": task})
+        np.testing.assert_array_equal(info["task"][row], single["task"], strict=True)
         assert observations[row].tobytes() == alone.tobytes()
     others = tasks[::-1].copy()
     after, info = worlds.reset(
@@ -247,6 +249,10 @@ def test_copies_have_worlds_of_their_own_once_they_are_reset() -> None:
     worlds = gymnasium.make_vec(IDS["stump_tracks"], num_envs=2, threads=2)
     still = np.zeros((2, 4), np.float32)
     worlds.reset(seed=0)
+    for copied_by in (copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match="in an episode cannot be copied or pickled"):
+            copied_by(worlds)
+    worlds.close()
     for copied in (copy.deepcopy(worlds), pickle.loads(pickle.dumps(worlds))):
         with pytest.raises(gymnasium.error.ResetNeeded):
             copied.step(still)

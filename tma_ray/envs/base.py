@@ -36,6 +36,12 @@ MAX_EPISODE_STEPS = 2000
 
 PUSH = 5.0  # largest random push on the head in the first step, in N
 
+NO_COPY = (
+    "an environment in an episode cannot be copied or pickled, since the state of its world cannot: copy it "
+    "before reset() or after the episode, or play the same seed, task and actions in another one"
+)
+"""Refusal of copies during an episode."""
+
 Observation = NDArray[np.float32]
 
 
@@ -45,7 +51,8 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
     An action is one value in [-1, 1] per motor, whose sign is the direction and whose size the share of the
     torque, then one per grip sensor: over 0 closes it. `reset` takes a task (``options={"task": [...]}``) or
     draws one uniformly from `task_space`. `info` holds "success", an episodic return over 230, and after
-    `reset` also the "task". Seed and actions determine a trajectory bit for bit.
+    `reset` also the "task". Seed and actions determine a trajectory bit for bit. In an episode an environment
+    can be neither copied nor pickled.
 
     A subclass says what its tasks are and builds their worlds.
 
@@ -175,6 +182,11 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        if self._running:
+            raise TypeError(NO_COPY)
+        return {name: value for name, value in vars(self).items() if name != "_engine"} | {"_renderer": None}
 
     def _chosen_task(self, options: dict[str, Any]) -> Task:
         unknown = sorted(options.keys() - {"task"})

@@ -10,6 +10,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.arguments import check_whole
+from tma_ray.envs.base import NO_COPY
 from tma_ray.envs.registration import Environment, make_environment, mastery_return
 from tma_ray.physics import Engine, engine_in_use
 from tma_ray.tasks import Task, TaskSpace
@@ -87,7 +88,7 @@ class LockStep:
             tasks: tasks of the episodes, each (d,); None draws one.
 
         Returns:
-            Observations (k, o) and tasks (k, d).
+            Observations (k, o) and tasks (k, d), float32 as those of single worlds.
         """
         given = list(tasks)
         resets = [
@@ -96,7 +97,8 @@ class LockStep:
         ]
         observations = np.stack([observation for observation, _ in resets]).astype(np.float32, copy=False)
         played = [
-            task if task is not None else info["task"] for task, (_, info) in zip(given, resets, strict=True)
+            info["task"] if task is None else np.asarray(task, np.float32)
+            for task, (_, info) in zip(given, resets, strict=True)
         ]
         self.episodic_returns[rows] = 0.0
         return observations, np.stack(played)
@@ -169,7 +171,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     ``options["reset_mask"]`` (n,) names, on the tasks ``options["task"]`` (n, d) or, without any, on tasks
     drawn uniformly from `task_space`. `info` holds "success" (n,), a return over the one at which a task is
     mastered, and after `reset` also "task" (n, d), each with its mask. A copy or a pickle has copies of the
-    environments, and must be reset before its first step, as after `close`.
+    environments, and must be reset before its first step, as after `close`; during episodes it is refused.
 
     Args:
         environments: new environments of one kind.
@@ -286,6 +288,8 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._running[:] = False
 
     def __reduce__(self) -> tuple[type["VectorEnvironment"], tuple[Any, ...], dict[str, Any]]:
+        if self._running.any():
+            raise TypeError(NO_COPY)
         return VectorEnvironment, (self._environments, self._threads), {"spec": self.spec}
 
     def _mask(self, mask: Any) -> Flags:

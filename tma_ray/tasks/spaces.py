@@ -150,12 +150,12 @@ class TaskSpace:
 
 
 def check_task(task: ArrayLike, domain: TaskSpace) -> Task:
-    """Return `task` as float32 (d,) if an environment with this valid domain can build it.
+    """Return a copy of `task` as float32 (d,) if an environment with this valid domain can build it.
 
     Raises:
         ValueError: wrong shape, not finite, or outside `domain`; the message names the dimension.
     """
-    values = np.asarray(task, dtype=np.float32)
+    values = np.array(task, dtype=np.float32)
     if values.shape != (domain.size,):
         raise ValueError(f"a task has shape ({domain.size},) ({', '.join(domain.names)}), got {values.shape}")
     for value, dimension in zip(values, domain.dimensions, strict=True):
