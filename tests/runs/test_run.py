@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_runs import data_files, one_episode, rows, run, small_spec, stump_tracks_spec
+from small_runs import TEACHERS, data_files, new_run, one_episode, rows, run, small_spec, stump_tracks_spec
 
 from tma_ray.envs import make_environment
 from tma_ray.results import Committer, RunStatus, Table
@@ -81,6 +81,26 @@ def test_an_environment_may_overwrite_the_observation_that_it_returned(
     monkeypatch.setattr(corridor.Corridor, "_observe", overwrite)
     run(spec, tmp_path / "overwritten")
     assert data_files(tmp_path / "overwritten") == data_files(tmp_path / "new")
+
+
+@pytest.mark.parametrize("teacher", sorted(TEACHERS))
+def test_no_teacher_is_given_a_return_that_is_not_finite(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, teacher: str
+) -> None:
+    """The run names the episode and its task, in the same words for all teachers."""
+    import corridor
+
+    step = corridor.Corridor.step
+
+    def rewarded(world: corridor.Corridor, action: np.ndarray) -> tuple:
+        observation, _, *rest = step(world, action)
+        return observation, float("nan"), *rest
+
+    monkeypatch.setattr(corridor.Corridor, "step", rewarded)
+    short = new_run(small_spec(tmp_path, teacher=teacher), tmp_path / "root")
+    message = r"episode .* at step \d+, on task \[[-\d., e]+\], has the return nan: expected a finite number"
+    with pytest.raises(ValueError, match=message):
+        short.advance()
 
 
 def test_seeds_differ_and_zero_is_one(tmp_path: Path) -> None:

@@ -10,10 +10,10 @@ from simulated_play import SPACES, ended, play, started
 from sklearn.mixture import GaussianMixture
 from threadpoolctl import threadpool_limits
 
-from tma_ray.tasks import KnowledgeLevel
+from tma_ray.tasks import KnowledgeLevel, TaskSpace
 from tma_ray.teachers.alp_gmm import ALPGMM, AbsoluteLearningProgress, NearestReturn
 from tma_ray.teachers.covar_gmm import CovarGMM
-from tma_ray.teachers.mixtures import Mixture, fit_mixture
+from tma_ray.teachers.mixtures import Mixture, fit_mixture, units_of
 
 STUMP_TRACKS = SPACES["stump_tracks"]
 
@@ -39,6 +39,25 @@ def test_rows_that_coincide_are_fitted_and_can_be_drawn_from() -> None:
     mixture = fit_mixture(rows, 10, seed=0)
     drawn = [mixture.draw(index, np.random.default_rng(0)) for index in range(len(mixture))]
     assert any(np.allclose(point, rows[0], atol=0.01) for point in drawn)
+
+
+@pytest.mark.parametrize("name", ["alp_gmm", "covar_gmm"])
+def test_the_width_of_the_space_does_not_matter(name: str) -> None:
+    """Beyond the widths of units of 1, tasks of a space that is 2^k times as wide are 2^k times as large."""
+    probes = []
+    for power in (-30, -10, 20, 40):
+        space = TaskSpace.from_bounds({"a": (0, 3 * 2.0**power), "b": (0, 5 * 2.0**power)})
+        teacher = started(name, space, level=KnowledgeLevel.LOW, fit_every=30)
+        play(teacher, 200)
+        probes.append(teacher.probe(50) / np.float32(2.0**power))
+    for probe in probes:
+        np.testing.assert_array_equal(probe, probes[0])
+        assert np.all(probe.std(axis=0) < 0.4 * np.array([3, 5]))  # 0.5 if all lie in corners
+
+
+def test_units_are_one_between_the_widths_of_the_benchmark() -> None:
+    widths = np.array([0.0, 2.0**-6, 0.5, 1000.0, 2.0**12, 1e6, 1e-4])
+    np.testing.assert_array_equal(units_of(widths), [1, 1, 1, 1, 1, 2.0**20, 2.0**-13])
 
 
 def test_nearest_return_equals_a_search_through_everything() -> None:

@@ -16,7 +16,16 @@ from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec, Streams, landscape_of, placement_generator
 from tma_ray.runs.teaching import Reply, TeacherLink
 from tma_ray.students import Student, Transition, make_player, make_student
-from tma_ray.tasks import Answer, Episode, EpisodeSoFar, Query, QueryKind, Task, TeacherUpdate
+from tma_ray.tasks import (
+    Answer,
+    Episode,
+    EpisodeSoFar,
+    Query,
+    QueryKind,
+    Task,
+    TeacherUpdate,
+    check_return,
+)
 
 
 @dataclass
@@ -231,7 +240,13 @@ class Run:
             left = self.spec.schedule.steps - self.progress.step
             tasks = np.stack([self._world_task(task) for task in query.tasks])
             outcomes = self._trials.evaluate(self.student, tasks, query.greedy, left)
-            self.progress.step += left if outcomes is None else int(outcomes.lengths.sum())
+            if outcomes is None:
+                self.progress.step += left
+                return None
+            for task, episodic_return in zip(query.tasks, outcomes.episodic_returns, strict=True):
+                where = f"an episode that the teacher asked for at step {self.progress.step}"
+                check_return(episodic_return, task, where)
+            self.progress.step += int(outcomes.lengths.sum())
             return outcomes
         if recorder is None:
             raise ValueError(

@@ -12,6 +12,7 @@ from tma_ray.tasks.episodes import (
     TeacherUpdate,
     Trajectory,
     WeightedGaussian,
+    check_return,
 )
 from tma_ray.tasks.knowledge import (
     MASTERY_RETURN,
@@ -44,6 +45,7 @@ __all__ = [
     "TestSet",
     "Trajectory",
     "WeightedGaussian",
+    "check_return",
     "check_task",
     "expert_knowledge",
 ]

@@ -1,5 +1,6 @@
 """Messages between a run and its teacher: proposals, episodes, queries and answers, logged updates."""
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TypeAlias
@@ -42,9 +43,31 @@ class EpisodeSoFar:
         self.episodic_return += reward
 
 
+def check_return(episodic_return: float, task: Task, episode: str) -> None:
+    """Refuse an episodic return that is not a finite number: no teacher can learn from one.
+
+    Args:
+        episodic_return: return of an episode.
+        task: task of the episode (d,).
+        episode: the episode in words, for the message.
+
+    Raises:
+        ValueError: the return is infinite or NaN.
+    """
+    if not math.isfinite(episodic_return):
+        raise ValueError(
+            f"{episode}, on task {np.asarray(task).tolist()}, has the return {episodic_return}: expected a "
+            f"finite number; check the rewards of the environment on this task, and that the student has not "
+            f"diverged (a smaller learning rate helps)"
+        )
+
+
 @dataclass(frozen=True)
 class Episode:
     """One finished training episode.
+
+    Raises:
+        ValueError: its return is not finite.
 
     Attributes:
         task: the task as the teacher chose it, float32 (d,).
@@ -65,6 +88,10 @@ class Episode:
     discounted_return: float
     step: int
     trains: bool = True
+
+    def __post_init__(self) -> None:
+        episode = f"the episode of {self.length} steps that ended at step {self.step}"
+        check_return(self.episodic_return, self.task, episode)
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,21 @@ class Mixture:
         return drawn
 
 
-def fit_mixture(rows: Array, most_components: int, seed: int) -> Mixture:
+NARROWEST, WIDEST = 2.0**-6, 2.0**12
+"""Widths of dimensions within which a mixture is fitted in their own units. scikit-learn adds 1e-6 to every
+variance, which is more than narrower ones have and is rounded away in wider ones."""
+
+
+def units_of(widths: Array) -> Array:
+    """Return the units (d,) in which the dimensions of a space with `widths` (d,) are fitted.
+
+    These are 1, and of a narrower or wider dimension the power of two next to its width, which is exact.
+    """
+    scaled = (widths > 0) & ((widths < NARROWEST) | (widths > WIDEST))
+    return np.exp2(np.round(np.log2(widths, out=np.zeros_like(widths), where=scaled)))
+
+
+def fit_mixture(rows: Array, most_components: int, seed: int, units: Array | float = 1.0) -> Mixture:
     """Return the full-covariance mixture of 2 to `most_components` components with the lowest AIC.
 
     One EM initialisation each, without warm start. One thread, so that where a teacher runs does
@@ -57,18 +71,20 @@ def fit_mixture(rows: Array, most_components: int, seed: int) -> Mixture:
         rows: data (n, c); sizes beyond n - 1 components are not tried.
         most_components: largest number of components, included.
         seed: seed of scikit-learn's initialisation.
+        units: units (c,) in which the columns are fitted; the mixture is in those of `rows`.
     """
     # Imported here: drivers and workers that name a teacher and fit nothing start sooner without it.
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import GaussianMixture
 
-    sizes = range(2, min(most_components, len(rows) - 1) + 1)
+    sizes, rows = range(2, min(most_components, len(rows) - 1) + 1), rows / units
     with threadpool_limits(limits=1), warnings.catch_warnings():
         # Twin rows and few episodes leave components empty: EM then stops early, which is fine here.
         warnings.simplefilter("ignore", ConvergenceWarning)
         fits = [GaussianMixture(size, covariance_type="full", random_state=seed).fit(rows) for size in sizes]
         best = min(fits, key=lambda fit: float(fit.aic(rows)))
-    return Mixture(best.weights_, best.means_, best.covariances_)
+    scales = np.broadcast_to(units, rows.shape[1:])
+    return Mixture(best.weights_, best.means_ * scales, best.covariances_ * np.outer(scales, scales))
 
 
 @dataclass
@@ -129,7 +145,10 @@ class MixtureTeacher(Teacher):
         self.recent_.append(np.array([*episode.task, *self.measure(episode)], dtype=np.float64))
         self.episodes_ += 1
         if self.episodes_ % self.fit_every == 0:
-            self.mixture_ = fit_mixture(np.array(self.recent_), self.most_components, self.fit_seed_)
+            rows = np.array(self.recent_)
+            measured = np.ones(rows.shape[1] - self.space.size)
+            units = np.concatenate([units_of(self.space.width), measured])
+            self.mixture_ = fit_mixture(rows, self.most_components, self.fit_seed_, units)
             # components are logged with the share of tasks that is drawn from each
             mixture, size, progress = self.mixture_, self.space.size, self.progress_of(self.mixture_)
             parts = zip(shares_of(progress), mixture.means, mixture.covariances, strict=True)
