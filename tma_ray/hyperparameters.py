@@ -12,17 +12,32 @@ import json
 import math
 import types
 from collections.abc import Callable, Mapping
-from enum import StrEnum
+from contextlib import suppress
+from enum import Enum, Flag
 from functools import cache
 from numbers import Integral, Real
-from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+from pathlib import PurePath
+from typing import Any, Literal, NamedTuple, NewType, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from tma_ray.arguments import check_kind
-from tma_ray.part_names import LIST_SEPARATOR, nearest
+from tma_ray.part_names import LIST_SEPARATOR, nearest, text_of
 
 PRESET = "preset"  # key that stands for several values at once, as a part's attribute `presets` has them
 
-_LISTS = (tuple, list, collections.abc.Sequence)
+_LISTS: Mapping[Any, Callable[..., Any]] = {
+    tuple: tuple,
+    list: list,
+    collections.abc.Sequence: tuple,
+    set: set,
+    frozenset: frozenset,
+    collections.abc.Set: frozenset,
+}
+"""Types of several values, each with the one that is made for it."""
+
+_MAPPINGS = (dict, collections.abc.Mapping)
+_UNFIT = object()  # returned for a value of another type than its annotation
 _ANYTHING = (Any, inspect.Parameter.empty)
 _CONSTANTS = {"true": True, "false": False, "none": None}
 
@@ -127,48 +142,114 @@ def identifying(part: Any) -> dict[str, Any]:
 
     Fields that its attribute `absent_at_default` names, those that came after the first runs, are left out
     where they have their default: runs keep the identity that they had before.
+
+    Raises:
+        ValueError: an argument that is no field, or a value that JSON does not have, by its name.
     """
     later: frozenset[str] = getattr(part, "absent_at_default", frozenset())
+    fields = {field.name: field for field in dataclasses.fields(part) if field.init}
+    for name in parameters_of(type(part)):
+        if name not in fields:
+            raise ValueError(
+                f"{type(part).__name__}: hyper-parameter {name} is no field of the dataclass, and would not "
+                f"be kept with results: declare it as a field"
+            )
     return {
-        field.name: plain(getattr(part, field.name))
-        for field in dataclasses.fields(part)
-        if field.init and not (field.name in later and getattr(part, field.name) == field.default)
+        name: json_value(name, getattr(part, name), f"{type(part).__name__}: hyper-parameter")
+        for name, field in fields.items()
+        if not (name in later and getattr(part, name) == field.default)
     }
 
 
 def plain(value: Any) -> Any:
-    """Return a value in the types of JSON: enums as text, tuples as lists."""
-    if isinstance(value, StrEnum):
-        return value.value
+    """Return a value in the types of JSON as far as it has them.
+
+    Enums become their value if that is text or a number, else their name; paths become text, numpy's scalars
+    Python's, tuples and sets lists.
+    """
+    if isinstance(value, Enum):
+        scalar = Flag, str, int, float
+        return value.value if issubclass(type(value), scalar) else value.name
+    if isinstance(value, PurePath):
+        return str(value)
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, (set, frozenset)):
+        return sorted(map(plain, value), key=repr)
+    if isinstance(value, collections.abc.Mapping):
+        return {name: plain(item) for name, item in value.items()}
     return [plain(item) for item in value] if isinstance(value, (tuple, list)) else value
 
 
 def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter") -> Any:
-    """Return `value` as its annotation has it.
+    """Return `value`, or a value of JSON that stands for it, as its annotation has it.
 
     Raises:
         ValueError: a value of another type, or a number that is not finite.
     """
-    if get_origin(annotation) in (Union, types.UnionType):
+    origin = get_origin(annotation) or annotation
+    if origin in (Union, types.UnionType):
         return _one_of(key, value, get_args(annotation), kind)
+    if isinstance(annotation, NewType):
+        return converted(key, value, annotation.__supertype__, kind)
     if annotation in _ANYTHING:
-        return _json_value(key, value, kind)
-    if get_origin(annotation) in _LISTS and isinstance(value, (list, tuple)):
-        made = list if get_origin(annotation) is list else tuple
-        return made(converted(key, item, get_args(annotation)[0], kind) for item in value)
-    if annotation in (int, float):
-        fits = isinstance(value, Integral if annotation is int else Real) and not isinstance(value, bool)
-        if not (fits and math.isfinite(value)):
-            raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
-        return annotation(value)
-    if isinstance(annotation, type) and issubclass(annotation, StrEnum) and isinstance(value, str):
-        if value in list(annotation):
-            return annotation(value)
-        hint = nearest(value, annotation)
-        raise ValueError(f"{kind} {key} = {value!r}: {hint}expected one of {', '.join(annotation)}")
-    if isinstance(annotation, type) and isinstance(value, annotation):
+        json_value(key, value, kind)
         return value
-    raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
+    if choices := _choices(annotation):
+        return _chosen(key, value, choices, kind)
+    several = origin in (*_LISTS, *_MAPPINGS)
+    made = _collection(key, value, annotation, kind) if several else _scalar(value, annotation)
+    if made is _UNFIT:
+        raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
+    return made
+
+
+def _choices(annotation: Any) -> dict[str, Any]:
+    """Return the values of a literal or an enum by their text; empty for other types."""
+    if get_origin(annotation) is Literal:
+        return {text_of(plain(choice)): choice for choice in get_args(annotation)}
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return {text_of(plain(choice)): choice for choice in annotation}
+    return {}
+
+
+def _chosen(key: str, value: Any, choices: Mapping[str, Any], kind: str) -> Any:
+    """Return the one of `choices` that is `value`, or that it stands for in JSON."""
+    for choice in choices.values():
+        if value is choice or (type(plain(choice)) is type(value) and plain(choice) == value):
+            return choice
+    hint = nearest(str(value), choices)
+    raise ValueError(f"{kind} {key} = {value!r}: {hint}expected one of {', '.join(choices)}")
+
+
+def _collection(key: str, value: Any, annotation: Any, kind: str) -> Any:
+    """Return a list, tuple, set or mapping with items as annotated; `_UNFIT` if `value` is none such."""
+    origin = get_origin(annotation) or annotation
+    if origin in _MAPPINGS and isinstance(value, collections.abc.Mapping):
+        of_keys, of_values = get_args(annotation) or (Any, Any)
+        pairs = [(name, converted(key, item, of_values, kind)) for name, item in value.items()]
+        return {converted(key, name, of_keys, kind): item for name, item in pairs}
+    if origin in _LISTS and isinstance(value, (list, tuple, set, frozenset)):
+        annotations = _item_annotations(annotation, len(value))
+        if len(annotations) == len(value):
+            items = zip(value, annotations, strict=True)
+            return _LISTS[origin](converted(key, item, each, kind) for item, each in items)
+    return _UNFIT
+
+
+def _scalar(value: Any, annotation: Any) -> Any:
+    """Return a number, text, path or other object as annotated; `_UNFIT` if `value` is none such."""
+    number = _number_kind(annotation)
+    if number is not None:
+        fits = isinstance(value, Integral if number is int else Real) and not isinstance(value, bool)
+        made = number if inspect.isabstract(annotation) else annotation
+        return made(value) if fits and math.isfinite(value) else _UNFIT
+    if not isinstance(annotation, type):
+        return _UNFIT
+    from_text = issubclass(annotation, (PurePath, np.str_)) and isinstance(value, str)
+    if from_text or (issubclass(annotation, np.bool_) and isinstance(value, bool)):
+        return annotation(value)
+    return value if isinstance(value, annotation) else _UNFIT
 
 
 def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
@@ -184,22 +265,62 @@ def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
     raise ValueError(f"{kind} {key} = {value!r}: expected {expected}")
 
 
+def _item_annotations(annotation: Any, count: int) -> tuple[Any, ...]:
+    """Return the annotations of `count` items of a list; as many as a tuple of fixed length has."""
+    arguments = get_args(annotation)
+    if get_origin(annotation) is tuple and arguments[1:] != (Ellipsis,):
+        return arguments
+    return (arguments[:1] or (Any,)) * count
+
+
+def _number_kind(annotation: Any) -> type | None:
+    """Return int or float for the type of a number, one of numpy's among them, else None."""
+    if annotation in (int, float, Integral, Real):
+        return int if annotation in (int, Integral) else float
+    if isinstance(annotation, type) and issubclass(annotation, (np.integer, np.floating)):
+        return int if issubclass(annotation, np.integer) else float
+    return None
+
+
 def _from_text(text: str, annotation: Any) -> Any:
     """Return the value of the type `annotation` that `text` names; `text` itself if it names none."""
-    if get_origin(annotation) in (Union, types.UnionType):
-        wanted = [choice for choice in get_args(annotation) if choice is not type(None)]
-        if text.lower() == "none" and len(wanted) < len(get_args(annotation)):
-            return None
-        said = (_from_text(text, choice) for choice in wanted)
-        return next((value for value in said if not isinstance(value, str)), text)
-    if get_origin(annotation) in _LISTS:
-        return [_from_text(item, get_args(annotation)[0]) for item in text.split(LIST_SEPARATOR)]
+    origin = get_origin(annotation) or annotation
+    if origin in (Union, types.UnionType):
+        return _one_from_text(text, get_args(annotation))
+    if isinstance(annotation, NewType):
+        return _from_text(text, annotation.__supertype__)
+    if origin in (*_LISTS, *_MAPPINGS):
+        return _items_from_text(text, annotation)
+    if choices := _choices(annotation):
+        return choices.get(text, choices.get(text.lower(), text))
     constants = _CONSTANTS if annotation in _ANYTHING else {}
-    if annotation is bool:
+    if annotation in (bool, np.bool_):
         constants = {"true": True, "false": False}
     if text.lower() in constants:
         return constants[text.lower()]
-    return _number(text) if annotation in (int, float, *_ANYTHING) else text
+    return _number(text) if annotation in _ANYTHING or _number_kind(annotation) else text
+
+
+def _one_from_text(text: str, annotations: tuple[Any, ...]) -> Any:
+    """Return the value of the first of several types that `text` names."""
+    if text.lower() == "none" and type(None) in annotations:
+        return None
+    said = (_from_text(text, choice) for choice in annotations if choice is not type(None))
+    return next((value for value in said if not isinstance(value, str)), text)
+
+
+def _items_from_text(text: str, annotation: Any) -> Any:
+    """Return the list or mapping that `text` names; `text` itself for a mapping that is no JSON."""
+    if text[:1] in ("[", "{"):
+        with suppress(ValueError):
+            return json.loads(text)
+    if (get_origin(annotation) or annotation) in _MAPPINGS:
+        return text
+    items = text.split(LIST_SEPARATOR)
+    annotations = _item_annotations(annotation, len(items))
+    if len(annotations) != len(items):
+        return items
+    return [_from_text(item, each) for item, each in zip(items, annotations, strict=True)]
 
 
 def _number(text: str) -> Any:
@@ -223,9 +344,18 @@ def _expected(annotation: Any) -> str:
     return {"float": "finite float"}.get(name := getattr(annotation, "__name__", str(annotation)), name)
 
 
-def _json_value(key: str, value: Any, kind: str) -> Any:
+def json_value(key: str, value: Any, kind: str = "hyper-parameter") -> Any:
+    """Return a value in the types of JSON, by which results are identified.
+
+    Raises:
+        ValueError: JSON does not have it.
+    """
+    made = plain(value)
     try:
-        json.dumps(value, allow_nan=False)
+        json.dumps(made, allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{kind} {key} = {value!r}: expected a value that JSON has") from error
-    return value
+        raise ValueError(
+            f"{kind} {key} = {value!r}: expected a value that JSON has: text, finite numbers, booleans, "
+            f"none, enums, paths, and lists or mappings of these"
+        ) from error
+    return made

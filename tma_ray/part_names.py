@@ -1,13 +1,15 @@
 """The grammar of names with settings, ``name:key=value``.
 
 Settings follow the name of a part, as in ``alp_gmm:fit_every=100``, ``stock:sac:learning_rate=3e-4`` or
-``module:Name:key=value``. Lists are written with "x" between their entries (``hidden_units=64x64``), booleans
-as ``true`` and ``false``, no value as ``none``; ":", "=", "," and "%" within a value are escaped as in
-addresses (``%3A``). The canonical name of a part holds what differs from its
-defaults and nothing else, with sorted keys, so that equal parts have equal names wherever they are compared.
+``module:Name:key=value``. Lists are written with "x" between their entries (``hidden_units=64x64``), or as
+JSON where an entry is a list or has an "x" itself; mappings as JSON, booleans as ``true`` and ``false``, no
+value as ``none``; ":", "=", "," and "%" within a value are escaped as in addresses (``%3A``). The canonical
+name of a part holds what differs from its defaults and nothing else, with sorted keys, so that equal parts
+have equal names wherever they are compared.
 """
 
 import difflib
+import json
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -80,13 +82,22 @@ def text_of(value: Any) -> str:
     """Return a value as it is written in a name.
 
     Examples:
-        >>> [text_of(value) for value in (1.0, 3e-4, True, None, (64, 64))]
-        ['1', '0.0003', 'true', 'none', '64x64']
+        >>> [text_of(value) for value in (1.0, 3e-4, True, None, (64, 64), ["box"])]
+        ['1', '0.0003', 'true', 'none', '64x64', '["box"]']
     """
     if value is None or isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
         return repr(value).removesuffix(".0")
+    if isinstance(value, dict) or (isinstance(value, (tuple, list)) and any(map(_needs_quotes, value))):
+        return json.dumps(value, separators=(",", ":"))
     if isinstance(value, (tuple, list)):
         return LIST_SEPARATOR.join(map(text_of, value))
     return str(value)
+
+
+def _needs_quotes(item: Any) -> bool:
+    """True if an entry of a list would not be read again between separators."""
+    if isinstance(item, str):
+        return not item or LIST_SEPARATOR in item or item.startswith(("[", "{"))
+    return isinstance(item, (tuple, list, dict))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass
-from enum import StrEnum
-from typing import Any, ClassVar
+from dataclasses import InitVar, dataclass, field, make_dataclass
+from datetime import datetime
+from enum import Enum, IntEnum, StrEnum
+from pathlib import Path
+from typing import Any, ClassVar, Literal, NewType, Optional
 
+import numpy as np
 import pytest
 
-from tma_ray.hyperparameters import differing, parse_settings
+from tma_ray.hyperparameters import differing, identifying, parse_settings
 from tma_ray.part_names import base_name, join_name, split_name
 
 
@@ -33,6 +37,126 @@ class Part:
     shuffle: bool = False
     file: str | None = None
     anything: Any = 1
+
+
+class Plain(Enum):
+    FAST = 1
+    SLOW = ("a", 2)
+
+
+class Level(IntEnum):
+    LOW = 1
+    HIGH = 2
+
+
+class Word(str, Enum):  # noqa: UP042 - as written before Python 3.11
+    ONE = "one"
+    TWO = "two"
+
+
+Metres = NewType("Metres", float)
+
+
+@dataclass(frozen=True)
+class Annotations:
+    schedule: Literal["linear", "cosine"] = "linear"
+    power: Literal[1, 2, None] = 1
+    pair: tuple[int, float] = (1, 0.5)
+    bare: tuple = (1, "a")
+    bare_list: list = field(default_factory=lambda: [1, 2])
+    names: tuple[str, ...] = ("box", "")
+    nested: tuple[tuple[int, int], ...] = ((1, 2), (3, 4))
+    rate: np.float64 = np.float64(0.1)  # noqa: RUF009 - numpy's scalars are immutable
+    small: np.float32 = np.float32(0.1)  # noqa: RUF009 - numpy's scalars are immutable
+    count: np.int64 = np.int64(3)  # noqa: RUF009 - numpy's scalars are immutable
+    flag: np.bool_ = np.bool_(True)  # noqa: RUF009 - numpy's scalars are immutable
+    plain: Plain = Plain.FAST
+    level: Level = Level.LOW
+    word: Word = Word.ONE
+    file: Path = Path("weights/a.npz")
+    length: Metres = Metres(1.5)
+    weights: dict[str, float] = field(default_factory=lambda: {"a": 1.0})
+    chosen: frozenset[str] = frozenset({"b", "a"})
+    modes: tuple[Plain, ...] = (Plain.FAST,)
+    optional: Optional[Plain] = None  # noqa: UP045
+
+
+OTHERS: dict[str, Any] = {
+    "schedule": "cosine",
+    "power": None,
+    "pair": (2, 1.0),
+    "bare": (3,),
+    "bare_list": [3],
+    "names": ("max", "b"),
+    "nested": ((5, 6),),
+    "rate": np.float64(0.3),
+    "small": np.float32(0.7),
+    "count": np.int64(7),
+    "flag": np.bool_(False),
+    "plain": Plain.SLOW,
+    "level": Level.HIGH,
+    "word": Word.TWO,
+    "file": Path("b=c.npz"),
+    "length": 2.5,
+    "weights": {"b": 2.0, "c": 3.0},
+    "chosen": frozenset({"c"}),
+    "modes": (Plain.SLOW, Plain.FAST),
+    "optional": Plain.SLOW,
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_what_is_annotated_is_read_shown_and_hashed(name: str) -> None:
+    """Values come back from the JSON of a run and from a name, the default and another one."""
+    assert OTHERS.keys() == Annotations.__dataclass_fields__.keys()
+    default = getattr(Annotations(), name)
+    for value in (default, OTHERS[name]):
+        part = Annotations(**{name: value})
+        stored = json.loads(json.dumps(identifying(part)))
+        shown = join_name("part", differing(Annotations, stored))
+        assert (shown == "part") is (value is default)
+        for given in (
+            parse_settings(Annotations, {}, {name: value}),
+            parse_settings(Annotations, {}, stored),
+            {name: default} | parse_settings(Annotations, split_name(shown)[1]),
+        ):
+            assert given[name] == value
+            assert type(given[name]) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("schedule", "cosin", "schedule = 'cosin': did you mean 'cosine'[?] expected one of linear, cosine"),
+        ("power", True, "power = True: .*expected one of 1, 2, none"),
+        ("pair", [1, 2, 3], r"pair = \[1, 2, 3\]: expected tuple\[int, float\]"),
+        ("pair", [1.5, 2], r"pair = 1\.5: expected int"),
+        ("rate", float("nan"), "rate = nan: expected"),
+        ("plain", "FASTER", "did you mean 'FAST'[?] expected one of FAST, SLOW"),
+        ("weights", {"a": "b"}, "weights = 'b': expected finite float"),
+    ],
+)
+def test_other_values_than_annotated_are_refused(name: str, value: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        parse_settings(Annotations, {}, {name: value})
+
+
+@dataclass
+class Unfit:
+    when: datetime = datetime(2026, 1, 1)
+    limit: float = float("inf")
+    given: InitVar[int] = 3
+
+
+def test_what_json_does_not_have_is_refused_by_name() -> None:
+    for name in ("when", "limit"):
+        kept = make_dataclass("Kept", [(name, Any, getattr(Unfit, name))])
+        with pytest.raises(
+            ValueError, match=f"Kept: hyper-parameter {name} = .*expected a value that JSON has"
+        ):
+            identifying(kept())
+    with pytest.raises(ValueError, match="Unfit: hyper-parameter given is no field of the dataclass"):
+        identifying(Unfit())
 
 
 def parsed(name: str, **given: Any) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 from tma_ray.arguments import check_fields, check_kind
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
 from tma_ray.envs import ENVIRONMENTS, make_environment, mastery_return
-from tma_ray.hyperparameters import differing, identifying, parameters_of, parse_settings, plain
+from tma_ray.hyperparameters import differing, identifying, json_value, parameters_of, parse_settings
 from tma_ray.part_names import base_name, join_name, nearest, split_name, text_of
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.runs.inputs import algorithm_versions_of, captured, named, plugins_of
@@ -55,7 +55,9 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
         values = differing(environment, parse_settings(environment, text, options, "option"))
     except ValueError as error:
         raise ValueError(f"environment {base!r}: {error}") from error
-    return join_name(base, values), {option: plain(value) for option, value in values.items()}
+    return join_name(base, values), {
+        option: json_value(option, value, "option") for option, value in values.items()
+    }
 
 
 def check_body(environment: str, embodiment: str) -> None:
