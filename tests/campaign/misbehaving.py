@@ -10,7 +10,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from tma_ray.tasks import Episode, Task
+import numpy as np
+
+from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
 from tma_ray.teachers.random import Random
 from tma_ray.teachers.riac import RIAC
 
@@ -21,6 +23,14 @@ class Raising(Random):
 
     def sample(self) -> Task:
         raise ZeroDivisionError("a teacher's own mistake")
+
+
+@dataclass
+class Unstartable(Random):
+    """Raises before its first task."""
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        raise ZeroDivisionError("a teacher's own mistake at its start")
 
 
 @dataclass

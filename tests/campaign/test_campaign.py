@@ -19,7 +19,7 @@ from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.progress import ProgressView, Snapshot, overview
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
-from tma_ray.results import Committer, Lease, RootInUseError, Store, Table
+from tma_ray.results import Committer, Lease, Results, RootInUseError, Store, Table
 from tma_ray.runs import Cell, run_locally
 from tma_ray.tasks import KnowledgeLevel
 
@@ -90,6 +90,15 @@ def test_actors_give_the_files_of_a_run_in_one_process(tmp_path: Path, cells: li
     attempts = rows(tmp_path / "actors", Table.ATTEMPTS)
     assert [(row["outcome"], row["attempt"]) for row in attempts] == [("done", 0)] * count
     assert all(row["env_steps_per_second"] > 0 and row["host"] for row in attempts)
+
+
+def test_a_teacher_that_cannot_start_is_no_loss(tmp_path: Path) -> None:
+    """An actor whose constructor raises counts as dead: its run was repeated three times."""
+    ended = execute(campaign(idle("misbehaving:Unstartable")), tmp_path)
+    assert (ended.done, ended.failed) == (0, 1)
+    assert [row["outcome"] for row in rows(tmp_path, Table.ATTEMPTS)] == ["failed"]
+    (failed,) = Results.open(tmp_path).runs()
+    assert "a teacher's own mistake at its start" in str(failed.error)
 
 
 @pytest.mark.slow

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from simulated_play import started
 
-from tma_ray.teachers import TEACHERS
+from tma_ray.tasks import TaskSpace
+from tma_ray.teachers import TEACHERS, check_limits
 from tma_ray.testing import TeacherConformance
 from tma_ray.testing.trials import SCENARIOS
 
@@ -60,3 +62,19 @@ for _place, _name in enumerate(TEACHERS.names()):
         _members["hyperparameters"] = {}
     _kept = type(f"Test_{_name}_everywhere", (TeacherConformance,), _members)
     globals()[_kept.__name__] = pytest.mark.slow(_kept)
+
+
+SINGLE = TaskSpace.from_bounds({"stump_height": (1, 1), "obstacle_spacing": (4, 4)})
+
+
+@pytest.mark.parametrize("name", TEACHERS.names())
+def test_a_space_of_a_single_task_is_taught_or_declined_beforehand(name: str) -> None:
+    """A limit is declared exactly where a teacher refuses to start."""
+    teacher = TEACHERS.get(name)
+    if teacher.refusal(SINGLE):
+        with pytest.raises(ValueError, match=r"teacher .* does not teach in a space of a single task"):
+            check_limits(teacher, name, SINGLE)
+        with pytest.raises(ValueError, match="nothing to choose"):
+            started(name, SINGLE)
+    else:
+        assert started(name, SINGLE).propose().task.tolist() == [1, 4]

@@ -67,6 +67,7 @@ class Teacher(ABC):
             evaluations of tasks; it runs only with students that can play without learning.
         most_dimensions: dimensions of a task space up to which it can teach; None for any number.
         constant_dimensions: True if it can teach in a space one of whose dimensions has a single value.
+        single_task: True if it can teach in a space all of whose dimensions have a single value.
         space: the box to choose tasks from.
         knowledge: expert knowledge of the task space.
         rng: the only source of randomness.
@@ -80,6 +81,7 @@ class Teacher(ABC):
     wants_evaluations: ClassVar[bool] = False
     most_dimensions: ClassVar[int | None] = None
     constant_dimensions: ClassVar[bool] = True
+    single_task: ClassVar[bool] = True
 
     space: TaskSpace = field(init=False, repr=False)
     knowledge: ExpertKnowledge = field(init=False, repr=False)
@@ -97,6 +99,10 @@ class Teacher(ABC):
             return f"{cls.__name__} teaches in {cls.most_dimensions} dimensions at most, not {space.size}"
         if not cls.constant_dimensions and (space.width == 0).any():
             return f"{cls.__name__} does not teach in spaces with a constant dimension"
+        if not cls.single_task and not (space.width > 0).any():
+            return (
+                f"{cls.__name__} does not teach in a space of a single task, where there is nothing to choose"
+            )
         return ""
 
     @abstractmethod

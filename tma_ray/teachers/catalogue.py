@@ -90,7 +90,7 @@ def check_limits(teacher: type[Teacher], name: str, space: TaskSpace) -> None:
     """Refuse a task space beyond the limits that `teacher` declares.
 
     Raises:
-        ValueError: it has too many dimensions, or a constant one.
+        ValueError: it has too many dimensions, a constant one, or a single task.
     """
     if refusal := teacher.refusal(space):
         raise ValueError(f"teacher {name!r}: {refusal}; choose another teacher, or another challenge")

@@ -201,6 +201,7 @@ class CURROT(Teacher):
     """
 
     algorithm_version: ClassVar[int | None] = 1
+    single_task: ClassVar[bool] = False
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)
 
     least_return: float = 180.0

@@ -213,6 +213,7 @@ class DORAEMON(Teacher):
     """
 
     algorithm_version: ClassVar[int | None] = 1
+    single_task: ClassVar[bool] = False
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)
 
     absent_at_default: ClassVar[frozenset[str]] = frozenset(("start_from_wide_uniform", "budget"))

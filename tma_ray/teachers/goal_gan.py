@@ -49,6 +49,7 @@ class GoalGAN(Teacher):
     """
 
     algorithm_version: ClassVar[int | None] = 1
+    single_task: ClassVar[bool] = False
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"release": {"noise": 0.1, "old_share": 0.1}}
 

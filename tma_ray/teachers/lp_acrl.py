@@ -47,6 +47,7 @@ class LPACRL(Teacher):
     """
 
     algorithm_version: ClassVar[int | None] = 1
+    single_task: ClassVar[bool] = False
 
     cells: int = 36
     stage_episodes: int = 500

@@ -108,6 +108,7 @@ class PERM(Teacher):
     """
 
     algorithm_version: ClassVar[int | None] = 1
+    single_task: ClassVar[bool] = False
 
     window_episodes: int = 150
     windows: int = 10

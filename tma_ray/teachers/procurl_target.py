@@ -72,6 +72,7 @@ class ProCuRLTarget(Teacher):
     """
 
     algorithm_version: ClassVar[int | None] = 1
+    single_task: ClassVar[bool] = False
 
     beta: float = 110.0
     pool_size: int = 1000

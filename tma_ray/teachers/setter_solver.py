@@ -53,6 +53,7 @@ class SetterSolver(Teacher):
     """
 
     algorithm_version: ClassVar[int | None] = 1
+    single_task: ClassVar[bool] = False
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW,)
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "release": {"update_every": 50, "noise": 0.1, "hidden_units": 64}

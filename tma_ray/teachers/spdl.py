@@ -190,6 +190,7 @@ class SPDL(Teacher):
     """
 
     algorithm_version: ClassVar[int | None] = 1
+    single_task: ClassVar[bool] = False
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE, KnowledgeLevel.HIGH)
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "release": {

@@ -60,12 +60,23 @@ SEED_CALLS = 4
 
 
 class TeacherActor(InlineTeacher):
-    """A teacher in a process of its own; it imports torch only if its algorithm does."""
+    """A teacher in a process of its own; it imports torch only if its algorithm does.
 
-    def __init__(self, spec: dict[str, Any], inputs: Mapping[str, bytes]) -> None:
+    It is made by `start`: an actor whose constructor raises counts as dead, and its run as lost.
+    """
+
+    def __init__(self) -> None:
+        """Wait for `start`."""
+
+    def start(self, spec: dict[str, Any], inputs: Mapping[str, bytes]) -> None:
+        """Make the teacher of a run and start it.
+
+        Raises:
+            Exception: any error of the teacher.
+        """
         use_shipped()
         provide(inputs)
-        super().__init__(RunSpec.from_dict(spec))
+        InlineTeacher.__init__(self, RunSpec.from_dict(spec))
 
 
 def _remote(
@@ -74,6 +85,9 @@ def _remote(
     """Return a method of `RemoteTeacher` that calls `method` of its actor: one message each way."""
 
     def call(self: RemoteTeacher, /, *arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
+        if self.starting is not None:
+            ray.get(self.starting)
+            self.starting = None
         return cast("Result", ray.get(getattr(self.actor, method.__name__).remote(*arguments, **options)))
 
     call.__doc__ = method.__doc__
@@ -87,7 +101,8 @@ class RemoteTeacher:
         here = node_strategy(ray.get_runtime_context().get_node_id())
         remote: Any = ray.remote(TeacherActor)
         options = {"num_cpus": 0, "max_restarts": 0, "scheduling_strategy": here}
-        self.actor = remote.options(**options).remote(spec.to_dict(), contents([spec]))
+        self.actor = remote.options(**options).remote()
+        self.starting: Any = self.actor.start.remote(spec.to_dict(), contents([spec]))
 
     exchange = _remote(InlineTeacher.exchange)
     answer = _remote(InlineTeacher.answer)
