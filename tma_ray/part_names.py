@@ -16,6 +16,7 @@ from typing import Any
 from urllib.parse import unquote
 
 SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")  # the settings at the end of a name
+FILE = re.compile(r"\.py:(\w+)$")  # the end of a plug-in that is named by its file, before its settings
 LIST_SEPARATOR = "x"  # between the entries of a list; commas separate names
 
 ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":=,%"})
@@ -34,8 +35,8 @@ def split_name(text: str) -> tuple[str, dict[str, str]]:
         >>> split_name("module:Name")
         ('module:Name', {})
     """
-    base = base_name(text)
-    pairs = [setting.split("=") for setting in text[len(base) + 1 :].split(":")] if base != text else []
+    base, settings = _parted(text)
+    pairs = [setting.split("=") for setting in settings.split(":")[1:]]
     keys = [key for key, _ in pairs]
     for key in keys:
         if keys.count(key) > 1:
@@ -44,16 +45,22 @@ def split_name(text: str) -> tuple[str, dict[str, str]]:
 
 
 def base_name(text: str) -> str:
-    """Return the name of a part without its settings.
+    """Return the name of a part without its settings; a file ``module.py:Name`` as its module.
 
     Examples:
-        >>> base_name("alp_gmm:fit_every=10"), base_name("module:Name")
-        ('alp_gmm', 'module:Name')
+        >>> base_name("alp_gmm:fit_every=10"), base_name("module:Name"), base_name("module.py:Name")
+        ('alp_gmm', 'module:Name', 'module:Name')
     """
+    return _parted(text)[0]
+
+
+def _parted(text: str) -> tuple[str, str]:
+    """Return the name of a part and the text of its settings, with the colon before it."""
     if not isinstance(text, str):
         raise TypeError(f"{text!r:.60}: expected the name of a part, as 'random'")
     match = SETTINGS.search(text)
-    return text if match is None else text[: match.start()]
+    end = len(text) if match is None else match.start()
+    return FILE.sub(r":\1", text[:end]), text[end:]
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -38,6 +38,21 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "elsewhere"
 
 
+def test_a_state_that_cannot_be_pickled_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    start = Random.start
+
+    def start_with(teacher: Random, *arguments: object) -> None:
+        start(teacher, *arguments)
+        teacher.count_, teacher.stream_ = 3, iter(lambda: 0, 1)
+
+    monkeypatch.setattr(Random, "start", start_with)
+    teacher = InlineTeacher(small_spec(tmp_path))
+    with pytest.raises(
+        ValueError, match=r"teacher 'random': what it learned cannot be pickled .*: stream_ \("
+    ):
+        teacher.save()
+
+
 def planned(folder: Path, name: str, plugin: Plugin) -> RunSpec:
     return replace(small_spec(folder), teacher=name, plugins={"teacher": plugin})
 

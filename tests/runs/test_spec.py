@@ -14,6 +14,7 @@ from small_runs import small_spec
 
 from tma_ray.benchmark import challenges_of
 from tma_ray.decoding import DamagedFileError
+from tma_ray.results.layout import LONGEST_ID
 from tma_ray.runs import Cell, Plugin, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers import TEACHERS
@@ -135,6 +136,40 @@ def test_parkour_tests_bodies_where_they_live(embodiment: str, locomotion: str) 
     spec = spec_of(environment="parkour", embodiment=embodiment)
     assert spec.test_set.name == f"parkour_{locomotion}"
     assert len(spec.test_set) == 100
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"environment": "swing_up:SwingUp"},
+            "'swing_up:SwingUp' has no bodies, and cannot be given 'spider'",
+        ),
+        (
+            {"teacher": "sobol", "space": {"stump_height": (1, 1), "obstacle_spacing": (4, 4)}},
+            "teacher 'sobol': Sobol does not teach in a space of a single task",
+        ),
+    ],
+)
+def test_what_would_fail_when_it_starts_is_refused_when_it_is_planned(
+    changes: dict[str, object], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        effective_spec(Cell(**{"student": "ppo", "embodiment": "spider", **changes}), 0, Schedule())
+
+
+def test_names_too_long_for_file_names_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    import odd_teachers
+
+    for length, fits in ((LONGEST_ID - 40, True), (LONGEST_ID + 16, False)):
+        name = "A" * length
+        monkeypatch.setattr(odd_teachers, name, odd_teachers.Inquisitive, raising=False)
+        cell = Cell(student="ppo", teacher=f"odd_teachers:{name}")
+        if fits:
+            assert effective_spec(cell, 0, Schedule()).run_id.startswith("ppo_odd_teachers_AAA")
+        else:
+            with pytest.raises(ValueError, match=r"characters, which are part of file names: .*shorten"):
+                effective_spec(cell, 0, Schedule())
 
 
 def test_a_test_set_outside_the_valid_domain_is_refused(tmp_path: Path) -> None:

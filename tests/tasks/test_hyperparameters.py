@@ -242,6 +242,13 @@ def test_equal_parts_have_equal_names(name: str, expected: str) -> None:
     assert complete | parsed(expected) == complete | parsed(name)
 
 
+def test_a_plugin_may_be_named_by_its_file_everywhere() -> None:
+    assert base_name("part.py:Part") == "part:Part"
+    assert split_name("part.py:Part:rate=0.5") == ("part:Part", {"rate": "0.5"})
+    assert canonical("part.py:Part:rate=0.5") == canonical("part:Part:rate=0.5")
+    assert base_name("weights.py") == "weights.py"
+
+
 def test_explicit_values_take_precedence_over_a_preset() -> None:
     assert parsed("part:preset=release:rate=0.2") == {"rate": 0.2, "count": 7}
 

@@ -55,7 +55,7 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
 
     store = Store.open(options.results)
     check_usable(store)
-    teacher = canonical_teacher(name.replace(".py:", ":"))
+    teacher = canonical_teacher(name)
     kept = TrialFile.load(store)
     before = Design.of(kept.design, str(store)) if kept else None
     against = options.against or (before.release if before else REHEARSED if options.simulated else "")

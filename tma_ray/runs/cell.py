@@ -1,5 +1,6 @@
 """Cells of an experiment, and the effective spec of a cell and a seed."""
 
+import inspect
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ from tma_ray.envs import ENVIRONMENTS, make_environment, mastery_return
 from tma_ray.hyperparameters import differing, identifying, json_value, parameters_of, parse_settings
 from tma_ray.part_names import base_name, join_name, nearest, split_name, text_of
 from tma_ray.physics import PHYSICS_VERSION
+from tma_ray.results.layout import LONGEST_ID
 from tma_ray.runs.inputs import algorithm_versions_of, captured, named, plugins_of
 from tma_ray.runs.spec import RunSpec, Schedule
 from tma_ray.students import STUDENTS, Student, canonical_student, check_hyperparameters
@@ -61,16 +63,26 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
 
 
 def check_body(environment: str, embodiment: str) -> None:
-    """Check that an environment with bodies is given one: its results would not show its own choice.
+    """Check that an environment is given a body if it has any, and none if it has not.
+
+    Results would not show its own choice of a body.
 
     Raises:
         UnknownNameError: no such environment.
-        ValueError: none is given.
+        ValueError: none is given to one with bodies, or one to an environment without.
     """
     base = base_name(environment)
-    if not embodiment and "embodiment" in parameters_of(ENVIRONMENTS.get(base)):
+    made = ENVIRONMENTS.get(base)
+    parameters = inspect.signature(made).parameters.values()
+    if not embodiment and "embodiment" in parameters_of(made):
         raise ValueError(
             f"environment {base!r} has bodies: choose one with {_ELSEWHERE['embodiment']}, not ''"
+        )
+    any_option = any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters)
+    if embodiment and not any_option and "embodiment" not in parameters_of(made):
+        raise ValueError(
+            f"environment {base!r} has no bodies, and cannot be given {embodiment!r}: choose none, '', with "
+            f"{_ELSEWHERE['embodiment']}"
         )
 
 
@@ -212,7 +224,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     options, inputs = captured("environment", options | (body and {"embodiment": canonical_body}))
     student_values, student_inputs = captured("student", identifying(student))
     teacher_values, teacher_inputs = captured("teacher", hyperparameters_of(teacher))
-    return RunSpec(
+    spec = RunSpec(
         environment=named("environment", environment),
         environment_options=options,
         student=named("student", canonical_student(cell.student, cell.student_hyperparameters)),
@@ -230,6 +242,13 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         inputs=inputs | student_inputs | teacher_inputs,
         **world,
     )
+    if len(spec.run_id) > LONGEST_ID:
+        raise ValueError(
+            f"student {cell.student!r:.60} and teacher {cell.teacher!r:.60} give run ids of "
+            f"{len(spec.run_id)} characters, which are part of file names: expected at most {LONGEST_ID}; "
+            f"shorten their names"
+        )
+    return spec
 
 
 def _world(cell: Cell, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:

@@ -1,5 +1,6 @@
 """The teacher's side of a run, wherever it lives: one message an episode each way."""
 
+import copy
 import pickle
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -51,6 +52,14 @@ class TeacherLink(Protocol):
         """Restore a state that `save` returned."""
 
 
+def _can_be_pickled(value: object) -> bool:
+    try:
+        pickle.dumps(copy.deepcopy(value))
+    except (TypeError, AttributeError, pickle.PicklingError):
+        return False
+    return True
+
+
 class InlineTeacher:
     """The teacher of `spec`, in this process.
 
@@ -95,8 +104,21 @@ class InlineTeacher:
         return tasks
 
     def save(self) -> bytes:
-        """Return the teacher's complete state."""
-        return pickle.dumps(self._teacher.state())
+        """Return the teacher's complete state.
+
+        Raises:
+            ValueError: an attribute that cannot be pickled, by its name.
+        """
+        try:
+            return pickle.dumps(self._teacher.state())
+        except (TypeError, AttributeError, pickle.PicklingError) as error:
+            learned = {name: value for name, value in vars(self._teacher).items() if name.endswith("_")}
+            names = ", ".join(name for name, value in learned.items() if not _can_be_pickled(value))
+            raise ValueError(
+                f"teacher {self._name!r}: what it learned cannot be pickled for a checkpoint: "
+                f"{names or 'its state'} ({error}); rename what is no state, so that it has no underscore at "
+                f"the end, or keep it in another form"
+            ) from error
 
     def load(self, state: bytes) -> None:
         """Restore a state that `save` returned."""
