@@ -17,6 +17,7 @@ from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
 from tma_ray.command_line import read
 from tma_ray.physics import engine_in_use
+from tma_ray.results import Results, RunStatus
 from tma_ray.runs import Status
 
 CAMPAIGN = Campaign("small", cells_of(("random", "alp_gmm"), ("ppo",)), seeds=(0, 1))
@@ -69,6 +70,24 @@ def test_refusals_leave_no_files_and_exit_2(tmp_path: Path, capsys: pytest.Captu
     assert main(["run", "--steps", "10", "--results", str(tmp_path)]) == 2
     assert "precious.txt" in capsys.readouterr().err
     assert main(["status", str(tmp_path)]) == 2
+
+
+def test_a_run_that_diverges_says_so_and_exits_with_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is no refusal: it has trained, and its run is marked as failed."""
+    corridor = ["run", "--environment", "corridor.py:Corridor", "--embodiment", "", "--steps", "1k"]
+    student = "ppo:hidden_units=8x8:steps_per_update=400:batch_size=100:learning_rate=1e30"
+    assert main([*corridor, "--student", student, "--results", str(tmp_path / "diverged")]) == 1
+    error = capsys.readouterr().err
+    assert "failed: ValueError: student 'ppo:" in error
+    assert "has diverged by step" in error
+    assert "Traceback" not in error
+    (failed,) = Results.open(tmp_path / "diverged").runs()
+    assert failed.status is RunStatus.FAILED
+    raising = ["--student", "ppo", "--teacher", "misbehaving.py:Raising"]
+    assert main([*corridor, *raising, "--results", str(tmp_path / "raised")]) == 1
+    assert "failed: ZeroDivisionError: a teacher's own mistake" in capsys.readouterr().err
 
 
 def test_a_campaign_of_nothing_is_refused() -> None:

@@ -21,7 +21,7 @@ from tma_ray.campaign.options import (
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot
 from tma_ray.campaign.settings import Resources, Settings
-from tma_ray.commands.exits import FAILED, RAY_LOST
+from tma_ray.commands.exits import FAILED, RAY_LOST, sentence
 from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.commands.texts import counted
 from tma_ray.results import AttemptOutcome, Committer, HeartbeatWriter, Lease, Store, check_usable, start_from
@@ -175,9 +175,18 @@ def run_single(options: RunOptions) -> int:
 
     with Lease(committer.store, holder) as lease, stop_signals() as stop:
         committer.write_cells(SINGLE_RUNS, plan.cell_rows)
-        outcome = run_locally(
-            spec, committer, placement, lambda: stop.is_set() or lease.asked_to_stop(), show
-        )
+        try:
+            outcome = run_locally(
+                spec, committer, placement, lambda: stop.is_set() or lease.asked_to_stop(), show
+            )
+        except Exception as error:
+            view.close(Snapshot(1, 0, 1, 0, 0, 0, schedule.steps, []))
+            sys.stderr.write(f"{spec.run_id} failed: {type(error).__name__}: {sentence(error)}\n")
+            say(
+                f"Next: 'tma-ray logs {options.results} {spec.run_id}' has the traceback, and the same "
+                f"command continues from the last checkpoint."
+            )
+            return FAILED
     done = outcome is AttemptOutcome.DONE
     view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, schedule.steps, []))
     say(f"{spec.run_id}: {outcome} in {options.results}")

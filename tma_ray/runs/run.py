@@ -1,6 +1,7 @@
 """One training run, without Ray: student x teacher x environment, an episode at a time."""
 
 import pickle
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -106,11 +107,23 @@ class Run:
 
         Returns:
             The episode; None if the budget ended before it did.
+
+        Raises:
+            ValueError: a student that has diverged, a return that is not finite, or a refusal of a part.
         """
-        if self.progress.next_task is None:
-            self._events(0)
-            self._receive(self.teacher.exchange(None))
-        episode = self._play()
+        try:
+            if self.progress.next_task is None:
+                self._events(0)
+                self._receive(self.teacher.exchange(None))
+            episode = self._play()
+        except ValueError as error:
+            if self._diverged():
+                raise ValueError(
+                    f"student {self.spec.student!r} has diverged by step {self.progress.step}: its "
+                    f"actions or values are not finite ({error}); try a smaller learning rate, and check "
+                    f"observations and rewards"
+                ) from error
+            raise
         if self.finished:
             self._record_window(self.progress.step)
         return episode
@@ -195,6 +208,17 @@ class Run:
             if episode is not None:
                 return episode
         return None
+
+    def _diverged(self) -> bool:
+        """True if the student's action, or the value of a state, is not a finite number."""
+        space = self.environment.observation_space
+        assert space.shape is not None, "students learn from boxes"
+        observations = np.zeros((1, *space.shape), np.float32)
+        for answer in (self.student.act_greedily, self.student.state_values):
+            with suppress(Exception):  # whatever a student with such weights raises
+                if not np.isfinite(answer(observations)).all():
+                    return True
+        return False
 
     def _end(self, episode: Episode, recorder: Recorder | None) -> None:
         if episode.trains:
