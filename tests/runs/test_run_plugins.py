@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -9,10 +10,11 @@ from pathlib import Path
 import pytest
 from small_runs import small_spec
 
+from tma_ray.envs import make_environment
 from tma_ray.registry import PluginImportError, UnknownNameError
-from tma_ray.runs import InlineTeacher, Plugin, RunSpec
-from tma_ray.runs.inputs import import_plugins, importing_plugins, plugin_sources
-from tma_ray.teachers import TEACHERS
+from tma_ray.runs import Cell, InlineTeacher, Plugin, RunSpec, Schedule, effective_spec
+from tma_ray.runs.inputs import arguments, import_plugins, importing_plugins, plugin_sources
+from tma_ray.teachers import TEACHERS, make_teacher
 from tma_ray.teachers.random import Random
 
 MODULE = """
@@ -25,6 +27,50 @@ imported_as_plugin = importing_plugins()
 @register_teacher("of_elsewhere")
 class OfElsewhere(Random): ...
 """
+
+
+SETTINGS = """
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Literal
+
+from corridor import Corridor
+from tma_ray.teachers.random import Random
+
+class Mode(Enum):
+    CALM = 1
+    STORM = 2
+
+class Windy(Corridor):
+    def __init__(self, mode: Mode = Mode.CALM, pair: tuple[int, float] = (1, 0.5), file: Path = Path("a")):
+        self.seen = mode, pair, file
+
+@dataclass
+class Choosy(Random):
+    mode: Mode = Mode.CALM
+    pair: tuple[int, float] = (1, 0.5)
+    file: Path = Path("a")
+    schedule: Literal["linear", "cosine"] = "linear"
+"""
+
+
+def test_settings_reach_plugins_as_annotated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that differ from the defaults, and the others, by way of the JSON of a run."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "choosy.py").write_text(SETTINGS)
+    for settings in ("", ":mode=STORM:pair=2x0.25:file=b"):
+        cell = Cell(f"choosy.py:Windy{settings}", "original", "", "ppo", f"choosy.py:Choosy{settings}")
+        planned = effective_spec(cell, 0, Schedule())
+        spec = RunSpec.from_dict(json.loads(json.dumps(planned.to_dict())))
+        assert spec.environment == f"choosy:Windy{settings and ':file=b:mode=STORM:pair=2x0.25'}"
+        choosy = sys.modules["choosy"]
+        expected = (
+            (choosy.Mode.STORM, (2, 0.25), Path("b")) if settings else (choosy.Mode.CALM, (1, 0.5), Path("a"))
+        )
+        environment = make_environment(spec.environment, **arguments(spec, "environment"))
+        teacher = make_teacher("choosy:Choosy", arguments(spec, "teacher"))
+        assert environment.seen == (teacher.mode, teacher.pair, teacher.file) == expected
 
 
 @pytest.fixture

@@ -169,7 +169,7 @@ def test_names_too_long_for_file_names_are_refused(monkeypatch: pytest.MonkeyPat
             assert effective_spec(cell, 0, Schedule()).run_id.startswith("ppo_odd_teachers_AAA")
         else:
             with pytest.raises(ValueError, match=r"characters, which are part of file names: .*shorten"):
-                effective_spec(cell, 0, Schedule())
+                _ = effective_spec(cell, 0, Schedule()).run_id
 
 
 def test_a_test_set_outside_the_valid_domain_is_refused(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium
 
 from tma_ray.envs.catalogue import ENVIRONMENTS
-from tma_ray.hyperparameters import parse_settings
+from tma_ray.hyperparameters import converted, parameters_of, parse_settings
 from tma_ray.part_names import split_name
 from tma_ray.tasks import MASTERY_RETURN, TaskSpace
 
@@ -17,6 +17,9 @@ Environment = gymnasium.Env[Any, Any]
 takes ``options={"task": …}``. It may have an attribute `mastery_return`, the episodic return over which a
 task counts as mastered, and `observation_signals` and `action_signals`, which tell what the values mean
 (sequences of `Signal`)."""
+
+JSON_TYPES = (str, int, float, list, dict)
+"""Types in which the options of a run are kept, whatever their annotations."""
 
 GYMNASIUM_IDS = {
     "tma_ray/StumpTracks-v0": ("tma_ray.envs.stump_tracks:StumpTracks", "tma_ray.envs.vector:stump_tracks"),
@@ -39,7 +42,7 @@ def make_environment(name: str, **kwargs: Any) -> Environment:
         name: a name in ENVIRONMENTS, or ``module:Name``, with options if wanted
             (``parkour:swinging_creepers=true``).
         kwargs: for its constructor, such as `embodiment` and `render_mode`; they take precedence over options
-            after the name.
+            after the name. Values of JSON stand for those of their annotations, as a text for an enum.
 
     Raises:
         UnknownNameError: nothing answers to `name`.
@@ -49,7 +52,14 @@ def make_environment(name: str, **kwargs: Any) -> Environment:
     base, text = split_name(name)
     kind: Callable[..., Environment] = ENVIRONMENTS.get(base)
     options = {option: value for option, value in text.items() if option not in kwargs}
-    environment = kind(**parse_settings(kind, options, kind="option"), **kwargs)
+    known = parameters_of(kind)
+    given = {
+        option: converted(option, value, known[option].annotation, "option")
+        if option in known and isinstance(value, JSON_TYPES)
+        else value
+        for option, value in kwargs.items()
+    }
+    environment = kind(**parse_settings(kind, options, kind="option"), **given)
     for attribute in ("task_space", "valid_domain"):
         declared = environment.has_wrapper_attr(attribute)
         if not declared or not isinstance(environment.get_wrapper_attr(attribute), TaskSpace):

@@ -16,7 +16,6 @@ from tma_ray.envs import ENVIRONMENTS, make_environment, mastery_return
 from tma_ray.hyperparameters import differing, identifying, json_value, parameters_of, parse_settings
 from tma_ray.part_names import base_name, join_name, nearest, split_name, text_of
 from tma_ray.physics import PHYSICS_VERSION
-from tma_ray.results.layout import LONGEST_ID
 from tma_ray.runs.inputs import algorithm_versions_of, captured, named, plugins_of
 from tma_ray.runs.spec import RunSpec, Schedule
 from tma_ray.students import STUDENTS, Student, canonical_student, check_hyperparameters
@@ -54,12 +53,11 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
         if option in _ELSEWHERE:
             raise ValueError(f"environment {base!r}: {option} cannot be set here; use {_ELSEWHERE[option]}")
     try:
-        values = differing(environment, parse_settings(environment, text, options, "option"))
+        chosen = differing(environment, parse_settings(environment, text, options, "option"))
+        values = {option: json_value(option, value, "option") for option, value in chosen.items()}
     except ValueError as error:
         raise ValueError(f"environment {base!r}: {error}") from error
-    return join_name(base, values), {
-        option: json_value(option, value, "option") for option, value in values.items()
-    }
+    return join_name(base, values), values
 
 
 def check_body(environment: str, embodiment: str) -> None:
@@ -224,7 +222,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     options, inputs = captured("environment", options | (body and {"embodiment": canonical_body}))
     student_values, student_inputs = captured("student", identifying(student))
     teacher_values, teacher_inputs = captured("teacher", hyperparameters_of(teacher))
-    spec = RunSpec(
+    return RunSpec(
         environment=named("environment", environment),
         environment_options=options,
         student=named("student", canonical_student(cell.student, cell.student_hyperparameters)),
@@ -242,13 +240,6 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         inputs=inputs | student_inputs | teacher_inputs,
         **world,
     )
-    if len(spec.run_id) > LONGEST_ID:
-        raise ValueError(
-            f"student {cell.student!r:.60} and teacher {cell.teacher!r:.60} give run ids of "
-            f"{len(spec.run_id)} characters, which are part of file names: expected at most {LONGEST_ID}; "
-            f"shorten their names"
-        )
-    return spec
 
 
 def _world(cell: Cell, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:

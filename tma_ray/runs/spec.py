@@ -16,6 +16,7 @@ from tma_ray.commands.values import COUNT, SEED
 from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.part_names import base_name
 from tma_ray.results import RunRecord, SpecFacts, input_path, spec_digest
+from tma_ray.results.layout import LONGEST_ID
 from tma_ray.tasks import Dimension, KnowledgeLevel, ShuffledSpace, TaskSpace, TestSet
 
 ABSENT_IF_EMPTY = ("resets", "cuts", "algorithm_versions", "inputs")
@@ -149,10 +150,21 @@ class RunSpec:
 
     @cached_property
     def run_id(self) -> str:
-        """Readable prefix and hash of everything in the spec; part of file names."""
+        """Readable prefix and hash of everything in the spec; part of file names.
+
+        Raises:
+            ValueError: the names of student and teacher make it too long for a file name.
+        """
         parts = f"{base_name(self.student)}-{base_name(self.teacher)}"
         readable = re.sub(r"[^0-9a-zA-Z]+", "_", parts).strip("_")
-        return f"{readable}-s{self.seed}-{_digest(self.to_dict())[:12]}"
+        run_id = f"{readable}-s{self.seed}-{_digest(self.to_dict())[:12]}"
+        if len(run_id) > LONGEST_ID:
+            raise ValueError(
+                f"student {self.student!r:.60} and teacher {self.teacher!r:.60} give run ids of "
+                f"{len(run_id)} characters, which are part of file names: expected at most {LONGEST_ID}; "
+                f"shorten their names"
+            )
+        return run_id
 
     @cached_property
     def entropy(self) -> int:

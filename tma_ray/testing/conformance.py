@@ -256,7 +256,8 @@ class TeacherConformance:
         except (MemoryError, ValueError) as error:
             raise AssertionError(
                 f"{self._name} does not start in {scenario.space.size} dimensions ({error}): declare its "
-                f"limits in its class, most_dimensions or constant_dimensions, or let it do without them"
+                f"limits in its class, most_dimensions, constant_dimensions or single_task, or let it do "
+                f"without them"
             ) from error
         else:
             if all(name in vars(teacher) for name in SET_BY_START):
@@ -310,7 +311,7 @@ def check_quickly(name: str) -> None:
                 box = ", ".join(f"{dimension} {low:g}..{high:g}" for dimension, low, high in bounds)
                 raise ValueError(
                     f"{name} fails in the task space {box} ({error!r}): correct it, or declare its limits in "
-                    f"its class, most_dimensions or constant_dimensions; --debug shows where"
+                    f"its class, most_dimensions, constant_dimensions or single_task; --debug shows where"
                 ) from error
     except AssertionError as error:
         raise ValueError(f"{name} breaks the contract of teachers: {error}") from error
