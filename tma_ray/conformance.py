@@ -162,9 +162,8 @@ class EnvironmentConformance:
             assert observation in made.observation_space, f"task {task.tolist()}: {observation} is not in it"
             assert "task" in info, "info of reset must hold the task, under 'task'"
             np.testing.assert_array_equal(np.float32(info["task"]), np.float32(task))
-            assert not np.shares_memory(info["task"], task), (
-                "info['task'] is the array given to reset: copy it"
-            )
+            shared = np.shares_memory(np.asarray(info["task"]), task)
+            assert not shared, "info['task'] is the array that reset was given: copy it"
 
     def test_tasks_outside_its_domain_are_refused(self) -> None:
         """Check that a ValueError names the dimension, also for NaN."""

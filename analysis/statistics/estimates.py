@@ -154,7 +154,8 @@ def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) ->
     """Return half the width of Student's interval of the mean over all values of `parts`."""
     n = sum(map(len, parts))
     freedoms = freedoms or [len(part) - 1.0 for part in parts]
-    variances = [len(part) / n**2 * float((deviations(part) ** 2).sum()) / (len(part) - 1) for part in parts]
+    squares = [float((deviations(part) ** 2).sum()) / (len(part) - 1) for part in parts]
+    variances = [len(part) / n**2 * square for part, square in zip(parts, squares, strict=True)]
     total = sum(variances)
     if total == 0:
         return 0.0

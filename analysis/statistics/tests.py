@@ -370,7 +370,7 @@ def paired(sample: pd.Series, reference: pd.Series) -> Comparison:
     if found.n < 2:
         reason = FEW_PAIRS if min(sample.count(), reference.count()) > 1 else "needs 2 seeds"
         return Comparison(found.n, found.n, found.mean, reason=reason)
-    largest = max(sample[differences.index].abs().max(), reference[differences.index].abs().max())
+    largest = max(side.loc[differences.index].abs().max() for side in (sample, reference))
     if negligible([found.std, found.mean], largest).all():
         return Comparison(found.n, found.n, found.mean, reason=ALL_EQUAL)
     if negligible(found.std, largest):

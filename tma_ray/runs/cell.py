@@ -61,9 +61,9 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
 
 
 def check_body(environment: str, embodiment: str) -> None:
-    """Check that an environment is given a body if it has any, and none if it has not.
+    """Check that an environment with bodies is given one, and one without bodies none.
 
-    Results would not show its own choice of a body.
+    Results would not show an environment's own choice of a body.
 
     Raises:
         UnknownNameError: no such environment.

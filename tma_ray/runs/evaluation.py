@@ -151,7 +151,7 @@ class Trials:
 
 
 class Recorder:
-    """Recorder of one episode, in copies, since a student may reuse its arrays.
+    """Recorder of one episode; actions are copied, since a student may reuse its arrays.
 
     Args:
         initial_observation: observation of `reset` (o,).
