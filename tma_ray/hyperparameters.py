@@ -151,7 +151,7 @@ def identifying(part: Any) -> dict[str, Any]:
     for name in parameters_of(type(part)):
         if name not in fields:
             raise ValueError(
-                f"{type(part).__name__}: hyper-parameter {name} is no field of the dataclass, and would not "
+                f"{type(part).__name__}: hyper-parameter {name} is not a field of the dataclass, and would not "
                 f"be kept with results: declare it as a field"
             )
     return {

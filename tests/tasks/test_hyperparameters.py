@@ -155,7 +155,7 @@ def test_what_json_does_not_have_is_refused_by_name() -> None:
             ValueError, match=f"Kept: hyper-parameter {name} = .*expected a value that JSON has"
         ):
             identifying(kept())
-    with pytest.raises(ValueError, match="Unfit: hyper-parameter given is no field of the dataclass"):
+    with pytest.raises(ValueError, match="Unfit: hyper-parameter given is not a field of the dataclass"):
         identifying(Unfit())
 
 

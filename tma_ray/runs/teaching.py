@@ -116,8 +116,8 @@ class InlineTeacher:
             names = ", ".join(name for name, value in learned.items() if not _can_be_pickled(value))
             raise ValueError(
                 f"teacher {self._name!r}: what it learned cannot be pickled for a checkpoint: "
-                f"{names or 'its state'} ({error}); rename what is no state, so that it has no underscore at "
-                f"the end, or keep it in another form"
+                f"{names or 'its state'} ({error}); keep it in another form, or under a name without an "
+                f"underscore at its end if it need not be saved"
             ) from error
 
     def load(self, state: bytes) -> None:
