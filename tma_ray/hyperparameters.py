@@ -144,15 +144,15 @@ def identifying(part: Any) -> dict[str, Any]:
     where they have their default: runs keep the identity that they had before.
 
     Raises:
-        ValueError: an argument that is no field, or a value that JSON does not have, by its name.
+        ValueError: an argument that is not a field, or a value that JSON does not have, by its name.
     """
     later: frozenset[str] = getattr(part, "absent_at_default", frozenset())
     fields = {field.name: field for field in dataclasses.fields(part) if field.init}
     for name in parameters_of(type(part)):
         if name not in fields:
             raise ValueError(
-                f"{type(part).__name__}: hyper-parameter {name} is not a field of the dataclass, and would not "
-                f"be kept with results: declare it as a field"
+                f"{type(part).__name__}: hyper-parameter {name} is not a field of the dataclass, and would "
+                f"not be kept with results: declare it as a field"
             )
     return {
         name: json_value(name, getattr(part, name), f"{type(part).__name__}: hyper-parameter")
@@ -310,7 +310,7 @@ def _one_from_text(text: str, annotations: tuple[Any, ...]) -> Any:
 
 
 def _items_from_text(text: str, annotation: Any) -> Any:
-    """Return the list or mapping that `text` names; `text` itself for a mapping that is no JSON."""
+    """Return the list or mapping that `text` names; `text` itself for a mapping that is not JSON."""
     if text[:1] in ("[", "{"):
         with suppress(ValueError):
             return json.loads(text)
