@@ -301,10 +301,10 @@ class RootSource:
         table, keys = pooling.pooled(runs, [PAPERS], by=by), [*PLACE, "pool", "steps", "teacher", *by]
         members: dict[Any, Any] = runs.groupby(keys, observed=True).indices
         places: dict[tuple[str, ...], dict[str, Sample]] = {}
-        for _, row in table[table["missing"] == ""].sort_values("n", kind="stable").iterrows():
-            mine = runs.take(members[tuple(row[keys])])
+        for row in table[table["missing"] == ""].sort_values("n", kind="stable").to_dict("records"):
+            mine = runs.take(members[tuple(row[key] for key in keys)])
             values = pd.Series(mine[PAPERS].to_numpy(float), mine["run_id"].to_numpy(object)).dropna()
-            place = tuple(map(str, row[[*PLACE, *by]]))
+            place = tuple(str(row[column]) for column in (*PLACE, *by))
             if row["engine"] == BOX2D and place[-1] == pooling.RELEASED_BIPEDAL:
                 place = (*place[:-1], pooling.BIPEDAL)
             sample = Sample(describe(values), values, seeds_to_pair(mine))

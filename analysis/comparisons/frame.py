@@ -317,18 +317,23 @@ def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
 
     Rows are some of `stratified_runs`; those without the measure do not count.
     """
-    rows = rows[rows[measure].notna()]
-    values, run_ids = rows[measure].to_numpy(float), rows["run_id"].to_numpy(object)
-    names, numbers = rows["stratum_name"].to_numpy(object), rows["stratum"].to_numpy()
-    order = np.argsort(numbers, kind="stable")
-    parts = np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1) if len(order) else []
-    return {names[part[0]]: pd.Series(values[part], index=run_ids[part]) for part in parts}
+    return by_challenge(rows.assign(place=0), measure).get(0, {})
 
 
 def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
     """Return the samples of each body and student by challenge, of rows of `stratified_runs`."""
-    counted = rows[rows[measure].notna()]
-    return {place: strata_of(part, measure) for place, part in counted.groupby("place", sort=True)}
+    counted = rows[measure].notna().to_numpy()
+    values, run_ids = rows[measure].to_numpy(float)[counted], rows["run_id"].to_numpy(object)[counted]
+    names, strata, places = (
+        rows[column].to_numpy()[counted] for column in ("stratum_name", "stratum", "place")
+    )
+    order = np.lexsort((strata, places))
+    changes = np.diff(strata[order]).astype(bool) | np.diff(places[order]).astype(bool)
+    samples: dict[Hashable, dict[str, pd.Series]] = {}
+    for part in np.split(order, np.flatnonzero(changes) + 1) if len(order) else ():
+        sample = pd.Series(values[part], index=pd.Index(run_ids[part], dtype=object))
+        samples.setdefault(int(places[part[0]]), {})[names[part[0]]] = sample
+    return samples
 
 
 def _numbered(runs: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.int64]:

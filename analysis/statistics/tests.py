@@ -126,12 +126,12 @@ class Scale(StrEnum):
         """
         if self is Scale.PERCENT:
             return percentages
-        shares = percentages.astype(float) / 100
+        shares = percentages.to_numpy(float) / 100  # arrays: a board has thousands of these samples
         wrong = shares[(shares < -ROUNDING) | (shares > 1 + ROUNDING)]
         if len(wrong):
-            raise ValueError(f"{100 * wrong.iloc[0]:g}: expected percentages, in [0, 100], to test arcsines")
-        exact = shares.mask(shares < ROUNDING, 0.0).mask(shares > 1 - ROUNDING, 1.0)
-        return pd.Series(np.arcsin(np.sqrt(exact.to_numpy())), index=percentages.index)
+            raise ValueError(f"{100 * wrong[0]:g}: expected percentages, in [0, 100], to test arcsines")
+        exact = np.where(shares < ROUNDING, 0.0, np.where(shares > 1 - ROUNDING, 1.0, shares))
+        return pd.Series(np.arcsin(np.sqrt(exact)), index=percentages.index)
 
 
 @dataclass(frozen=True)
