@@ -369,8 +369,8 @@ def with_plain_texts(frame: pd.DataFrame) -> pd.DataFrame:
     Names are few and short, and tables are grouped by a dozen of them again and again: pandas takes and
     groups Arrow's strings several times more slowly than objects, and merging unequal categories is fragile.
     """
-    texts = frame.select_dtypes(["category", "str"]).columns
-    return frame.astype(dict.fromkeys(texts, object))
+    kinds = pd.CategoricalDtype | pd.StringDtype  # pandas 2 has no "str" to select by
+    return frame.astype({name: object for name, dtype in frame.dtypes.items() if isinstance(dtype, kinds)})
 
 
 def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
