@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 RESULTS ?= results
 # One more than the cores, since tests wait for Ray, a store and a browser, too.
-PROCESSES ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
+PROCESSES ?= $(shell $(PYTHON) -c 'import os; print(len(os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(os.cpu_count())) + 1)')
 SEED ?= 1
 INJECTIONS ?= 20
 VERSION = $(shell $(BIN)/python -c 'import tma_ray; print(tma_ray.__version__)')

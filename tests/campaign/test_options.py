@@ -104,7 +104,7 @@ def test_the_doctor_says_which_engine_simulates(
     assert main(["doctor"]) == 0
     shown = capsys.readouterr().out
     assert f"{engine_in_use().name}: {engine_in_use().reason}" in shown
-    for topic in ("pymunk 7", "cores", "GPU", "no RAY_ADDRESS", "GiB at"):
+    for topic in ("pymunk 7", "usable core", "GPU", "no RAY_ADDRESS", "GiB at"):
         assert topic in shown
 
 

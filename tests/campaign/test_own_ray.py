@@ -113,3 +113,14 @@ def test_a_ray_that_dies_while_it_starts_ends_the_driver_with_a_message(tmp_path
     finally:
         driver.kill()
     assert list((tmp_path / "root").rglob("*.parquet")) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system has no CPU affinity")
+def test_has_the_cores_of_this_process_alone() -> None:
+    script = (
+        "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "import ray; from tma_ray.campaign.cluster.heads import LocalHead; LocalHead({})\n"
+        "print(ray.cluster_resources()['CPU'])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == ["1.0"], done.stderr

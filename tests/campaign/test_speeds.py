@@ -131,7 +131,7 @@ def test_a_cohort_is_bound_by_its_learner_or_by_its_players_cores(
 
     The core's seconds: 8 for the start, 450 of training, 104.5 for two evaluations of 100 tasks.
     """
-    monkeypatch.setattr("os.cpu_count", lambda: cores)
+    monkeypatch.setattr("tma_ray.campaign.settings.usable_cores", lambda: cores)
     schedule = Schedule(steps=900_000, evaluation_interval=900_000)
     plan = Campaign("shared", cells_of(("random",), ("ppo",)), (0, 1, 2, 3), schedule).plan()
     each = Throughput("ppo", 2_000, 200_000 / 104.5, 100, learner=learner)

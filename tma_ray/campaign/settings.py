@@ -1,6 +1,5 @@
 """Settings of a campaign's execution, which do not change its results."""
 
-import os
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +8,7 @@ from typing import Final
 
 from tma_ray.arguments import check_fields
 from tma_ray.commands.values import CORES, GPUS, LOSSES, MEMORY, SECONDS, WIDTH
-from tma_ray.runs.placement import Placement, check_device
+from tma_ray.runs.placement import Placement, check_device, usable_cores
 from tma_ray.students.players import CohortSettings
 
 GIB = 2**30
@@ -78,8 +77,8 @@ class Nodes:
 
 
 def this_machine() -> Nodes:
-    """Return this machine with its cores, one GPU, and as much memory as needed."""
-    own = {"CPU": float(os.cpu_count() or 1), "GPU": 1.0, "memory": PLENTY}
+    """Return this machine with its usable cores, one GPU, and as much memory as needed."""
+    own = {"CPU": float(usable_cores()), "GPU": 1.0, "memory": PLENTY}
     return Nodes((own,), "as on this machine")
 
 

@@ -149,7 +149,7 @@ def doctor(*, results: Folder = Path("results"), json: Json = False) -> int:
     from tma_ray.benchmark import BENCHMARK_VERSION
     from tma_ray.physics import PHYSICS_VERSION, engine_in_use
     from tma_ray.results import SCHEMA_VERSION
-    from tma_ray.runs.placement import LIBRARIES, cpu_model
+    from tma_ray.runs.placement import LIBRARIES, cpu_model, usable_cores
     from tma_ray.terminal import terminal
 
     description, features = Path("/proc/cpuinfo"), "features unknown"
@@ -168,7 +168,7 @@ def doctor(*, results: Folder = Path("results"), json: Json = False) -> int:
         "benchmark": f"version {BENCHMARK_VERSION}, physics {PHYSICS_VERSION}, schema {SCHEMA_VERSION}",
         "libraries": ", ".join(libraries),
         "physics engine": f"{engine.name}: {engine.reason}",
-        "CPU": f"{cpu_model()}, {os.cpu_count()} cores, {features}",
+        "CPU": f"{cpu_model()}, {counted(usable_cores(), 'usable core')}, {features}",
         "memory": f"{memory:.1f} GiB",
         "GPU": ", ".join(map(torch.cuda.get_device_name, gpus)) or "none that torch can use",
         "Ray": f"would join {address} (RAY_ADDRESS)"

@@ -139,6 +139,47 @@ def gpu(device: str) -> dict[str, str]:
     return {"gpu": torch.cuda.get_device_name(device)}
 
 
+def usable_cores(root: Path = Path("/")) -> int:
+    """Return the number of cores that this process may use, at least 1.
+
+    These are the cores of its CPU affinity, as set by `taskset` or a batch system, within the quota of its
+    control groups, as set for a container. A fraction of a core counts for nothing.
+
+    Args:
+        root: folder of `proc` and `sys`.
+    """
+    affine = getattr(os, "sched_getaffinity", None)  # missing on macOS and Windows
+    cores = len(affine(0)) if affine else os.cpu_count() or 1
+    return max(1, int(min([cores, *_quotas(root)])))
+
+
+def _quotas(root: Path) -> list[float]:
+    """Return the quotas of this process's control groups and of those around them, in cores (Linux)."""
+    groups, quotas = root / "proc/self/cgroup", []
+    for line in groups.read_text().splitlines() if groups.exists() else []:
+        _, controllers, path = line.split(":", 2)
+        if controllers and "cpu" not in controllers.split(","):
+            continue
+        mount = root / "sys/fs/cgroup" / ("cpu" if controllers else "")  # version 1 or 2
+        group = mount / path.lstrip("/")
+        # Within a container the path may be the host's, which is not mounted there.
+        for folder in [folder for folder in (group, *group.parents) if folder.is_relative_to(mount)]:
+            quotas += _quota(folder)
+    return quotas
+
+
+def _quota(folder: Path) -> list[float]:
+    """Return the quota of one control group, in cores, of version 2 or 1; nothing if it has none."""
+    try:
+        if (limit := folder / "cpu.max").exists():
+            quota, period = limit.read_text().split()
+        else:
+            quota, period = ((folder / f"cpu.cfs_{name}_us").read_text() for name in ("quota", "period"))
+        return [int(quota) / int(period)] if int(quota) > 0 else []
+    except (OSError, ValueError):  # no file of a quota, or the quota "max"
+        return []
+
+
 def cpu_model() -> str:
     """Return the name of the processor."""
     description = Path("/proc/cpuinfo")

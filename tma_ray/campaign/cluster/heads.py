@@ -40,6 +40,7 @@ from tma_ray.campaign.failures import LOG_SECONDS, HeadLostError
 from tma_ray.campaign.settings import PLENTY, Nodes
 from tma_ray.commands.texts import counted
 from tma_ray.plugin_source import PluginSource
+from tma_ray.runs.placement import usable_cores
 
 OBJECT_STORE_BYTES: Final = 100_000_000
 """Next to nothing travels through the object store: results go to files."""
@@ -155,6 +156,7 @@ class LocalHead:
         try:
             ray.init(
                 address="local",
+                num_cpus=usable_cores(),  # Ray counts the machine's, whatever this process's affinity
                 include_dashboard=False,
                 object_store_memory=OBJECT_STORE_BYTES,
                 _system_config={"enable_metrics_collection": False},

@@ -1,0 +1,88 @@
+"""Cores that a process may use: its affinity, and the quotas of its control groups."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tma_ray.campaign.settings import Resources, this_machine
+from tma_ray.cli import main
+from tma_ray.runs.placement import usable_cores
+
+
+def give(monkeypatch: pytest.MonkeyPatch, cores: int) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)), raising=False)
+
+
+def write(root: Path, files: dict[str, str]) -> Path:
+    for name, text in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    return root
+
+
+def test_are_those_of_the_affinity(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    give(monkeypatch, 3)
+    monkeypatch.setattr(os, "cpu_count", lambda: 128)
+    assert usable_cores(tmp_path) == 3
+
+
+def test_are_all_where_there_is_no_affinity(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 10)
+    assert usable_cores(tmp_path) == 10
+
+
+@pytest.mark.parametrize(
+    ("files", "cores"),
+    [
+        ({"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/cpu.max": "250000 100000\n"}, 2),
+        ({"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/cpu.max": "20000 100000\n"}, 1),
+        ({"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/cpu.max": "max 100000\n"}, 8),
+        ({"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/cpu.max": "1600000 100000\n"}, 8),
+        (
+            {
+                "proc/self/cgroup": "0::/jobs/one\n",
+                "sys/fs/cgroup/jobs/cpu.max": "300000 100000\n",
+                "sys/fs/cgroup/jobs/one/cpu.max": "max 100000\n",
+            },
+            3,
+        ),
+        (
+            {
+                "proc/self/cgroup": "5:cpuset:/docker/a\n4:cpu,cpuacct:/docker/a\n0::/\n",
+                "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "400000\n",
+                "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
+                "sys/fs/cgroup/cpuset/cpu.cfs_quota_us": "100000\n",
+                "sys/fs/cgroup/cpuset/cpu.cfs_period_us": "100000\n",
+            },
+            4,
+        ),
+        (
+            {
+                "proc/self/cgroup": "4:cpu:/\n",
+                "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "-1\n",
+                "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
+            },
+            8,
+        ),
+    ],
+    ids=["v2", "v2 under a core", "v2 without", "v2 above", "v2 around", "v1", "v1 without"],
+)
+def test_are_within_the_quota_of_the_control_groups(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, files: dict[str, str], cores: int
+) -> None:
+    give(monkeypatch, 8)
+    assert usable_cores(write(tmp_path, files)) == cores
+
+
+def test_are_what_the_doctor_shows_and_a_plan_counts_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    give(monkeypatch, 1)
+    monkeypatch.setenv("COLUMNS", "500")
+    assert main(["doctor"]) == 0
+    assert ", 1 usable core, " in capsys.readouterr().out
+    assert this_machine().at_once(Resources()) == 1
