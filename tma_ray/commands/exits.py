@@ -4,12 +4,12 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from tma_ray.commands.interrupts import INTERRUPTED, raised_interrupts
-from tma_ray.commands.texts import VisibleStream
+from tma_ray.commands.streams import standard_streams
 
 FAILED = 1  # exit code of an error, or of a check that failed
 REFUSED = 2  # exit code of a refusal: nothing was done, and a sentence on standard error says why
@@ -30,7 +30,7 @@ def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> 
     raised; `debug` prints the traceback of a refusal, too.
     """
     interrupts: list[int] = []
-    with redirect_stdout(VisibleStream(sys.stdout)), redirect_stderr(VisibleStream(sys.stderr)):
+    with standard_streams():
         try:
             with raised_interrupts(interrupts):
                 code = command()

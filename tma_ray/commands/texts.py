@@ -1,8 +1,7 @@
 """Texts at a terminal, without the control characters of names and errors that come from outside."""
 
 import re
-from collections.abc import Iterable
-from typing import Any, Final
+from typing import Final
 
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*m")
 OBEYED: Final = re.compile(
@@ -27,23 +26,3 @@ def visible(text: str) -> str:
         'red �]0;title� �abc'
     """
     return OBEYED.sub("�", _COLOURS.sub("", text))
-
-
-class VisibleStream:
-    """Stream that writes texts as `visible` returns them; rich writes, in colours, to the stream within."""
-
-    def __init__(self, stream: Any) -> None:
-        self.rich_proxied_file = stream
-
-    def write(self, text: str) -> int:
-        """Write a text; return its length."""
-        self.rich_proxied_file.write(visible(text))
-        return len(text)
-
-    def writelines(self, lines: Iterable[str]) -> None:
-        """Write texts one after the other."""
-        for line in lines:
-            self.write(line)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.rich_proxied_file, name)
