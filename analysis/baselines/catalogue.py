@@ -24,9 +24,6 @@ BASELINE_FILE: Final = "baseline.json"
 FORMAT: Final = "tma_ray baseline"
 FORMAT_VERSION: Final = 1
 
-FOREIGN_FILES: Final = frozenset({".gitattributes"})
-"""Files that a place may keep next to those of a baseline: the hub's data sets have one from the start."""
-
 
 class BaselineError(ValueError):
     """Missing or unusable baseline; the message says why and what to do."""

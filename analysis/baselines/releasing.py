@@ -309,16 +309,24 @@ def add_to_release(
 
 
 def _copied(folder: Path, aside: Path) -> BaselineManifest:
-    """Copy a release, and return its manifest; refuse a damaged one, and other files in its folder."""
+    """Copy a release, and return its manifest; refuse a damaged one, and other files in its folder.
+
+    Files whose names begin with a dot, such as .DS_Store, are copied, too; folders of such names, such as
+    .git, are refused.
+    """
     manifest = Baseline.open(folder).manifest
     known = {*(file.path for file in manifest.files), BASELINE_FILE}
+    hidden = set()
     for path in sorted(folder.rglob("*")):
-        file = path.relative_to(folder).as_posix()
-        if file not in known and (path.is_symlink() or not path.is_dir()):
+        file = path.relative_to(folder)
+        if file.as_posix() in known or (path.is_dir() and not path.is_symlink()):
+            continue
+        if not file.name.startswith(".") or any(name.startswith(".") for name in file.parts[:-1]):
             raise BaselineError(f"{path} is not of the release, which is replaced as a whole: move it first")
-    for file in sorted(known):
-        (aside / file).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(folder / file, aside / file)
+        hidden.add(file.as_posix())
+    for name in sorted(known | hidden):
+        (aside / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(folder / name, aside / name, follow_symlinks=False)
     return manifest
 
 

@@ -9,7 +9,6 @@ import pyarrow as pa
 
 from analysis.baselines.catalogue import (
     BASELINE_FILE,
-    FOREIGN_FILES,
     Baseline,
     BaselineError,
     BaselineKind,
@@ -70,7 +69,7 @@ def verify(name: str | Path) -> Verification:
 
 def _damaged_files(store: results.Store, baseline: Baseline) -> Iterator[results.Damage]:
     files = {file.path: file for file in baseline.manifest.files}
-    for path in sorted(set(store.files()) - set(files) - {BASELINE_FILE} - FOREIGN_FILES):
+    for path in sorted(set(store.files()) - set(files) - {BASELINE_FILE}):
         yield results.Damage(path, "it is not of this baseline")
     for file in files.values():
         if not file.path.endswith(ENDINGS) and not file.path.startswith(f"{results.INPUTS}/"):
@@ -198,7 +197,7 @@ def check_address(address: str, paths: Collection[str] | None = None) -> None:
         raise BaselineError(
             f"{address} exists: a release is never overwritten; choose another name or address"
         )
-    others = set(target.files()) - set(paths) - FOREIGN_FILES if paths is not None else ()
+    others = set(target.files()) - set(paths) if paths is not None else ()
     if others:
         raise BaselineError(
             f"{address} holds {len(others)} files of something else, such as {min(others)}: choose another"

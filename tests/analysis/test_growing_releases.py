@@ -174,7 +174,9 @@ def test_a_release_that_would_lose_files_of_others_does_not_grow(grown: Path, mo
             add_to_release(more, "growing", "batch-2", grown.parent)
         assert files(grown) == before
         (grown / name).unlink()
+    (grown / "tables/.DS_Store").write_text("mine")
     add_to_release(more, "growing", "batch-2", grown.parent)
+    assert (grown / "tables/.DS_Store").read_text() == "mine"
     assert verify(grown).whole
 
 

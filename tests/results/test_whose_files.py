@@ -24,6 +24,7 @@ from tma_ray.results import (
     compact,
     create_root,
     start_from,
+    verify_root,
 )
 from tma_ray.results.committer import TEMPORARY_SECONDS
 from tma_ray.results.layout import CHECKPOINTS, FOLDERS, STAGING
@@ -98,7 +99,6 @@ def root(tmp_path: Path) -> Path:
         "tmp/0123456789abcdef0123456789abcdef",
         "tmp/folder/",
         "empty/",
-        ".hidden",
         "lease.json",
         "tmp",
     ],
@@ -117,6 +117,38 @@ def test_a_folder_that_holds_anything_of_others_does_not_become_a_root(
     ):
         make(Store.open(tmp_path))
     assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "theirs", [".DS_Store", "._results", ".Trashes/file", "lost+found/", "tmp/.DS_Store"]
+)
+@pytest.mark.parametrize("make", [MAKERS[name] for name in MAKERS if name != "Lease"])
+def test_a_folder_with_nothing_but_files_of_its_system_becomes_a_root(
+    tmp_path: Path, theirs: str, make: Callable[[Store], object]
+) -> None:
+    if theirs.endswith("/"):
+        (tmp_path / theirs).mkdir()
+    else:
+        aged(tmp_path / theirs, "theirs")
+    before = contents(tmp_path)
+    make(Store.open(tmp_path))
+    assert contents(tmp_path).items() >= before.items()
+
+
+def test_files_of_the_system_in_a_root_are_nothing_of_ours(tmp_path: Path) -> None:
+    """macOS writes .DS_Store into folders that are looked at, and ._NAME beside files that are copied."""
+    root = shutil.copytree(OLD_ROOT, tmp_path / "root")
+    store = Store.open(root)
+    before, rows = verify_root(store), Results(store).table(Table.EVALUATIONS).num_rows
+    paths = [path for path in sorted(root.rglob("*")) if path.is_file()]
+    for path in paths:
+        path.with_name(f"._{path.name}").write_bytes(b"\x00\x05\x16\x07")
+    for folder in {path.parent for path in paths}:
+        (folder / ".DS_Store").write_bytes(b"Bud1")
+    assert verify_root(store) == before
+    assert Results(store).table(Table.EVALUATIONS).num_rows == rows
+    compact(root)
+    assert not verify_root(store).damage
 
 
 def test_a_link_that_leads_nowhere_is_something(tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ class AddressStore(Store, schemes=("*",)):
     def exists(self, path: str) -> bool:
         return self._kind(self.full_path(path), path) == "file"
 
-    def stamps(self, folder: str = "") -> dict[str, Stamp]:
+    def _stamps(self, folder: str = "") -> dict[str, Stamp]:
         found = {
             path.removeprefix(self._prefix): (
                 fs.FileInfo(path, mtime=info.get("mtime")).mtime_ns,

@@ -37,6 +37,12 @@ TEMPORARY: Final = "tmp"
 Others may keep files in it: ours have names that `Store.temporary` returns.
 """
 
+_NOT_OURS: Final = re.compile(r"(^|/)\.|^lost\+found(/|$)")
+"""Names that nothing of ours has, at any depth: those that begin with a dot, and the folder of recovered files.
+
+File managers, archives and network file systems write such files beside all others (.DS_Store, ._name, .nfs).
+"""
+
 FIRST_PAUSE: Final = 1.0  # pause before the first retry, s; doubled with every other refusal
 LONGEST_PAUSE: Final = 60.0  # longest pause between two tries, s
 
@@ -162,19 +168,26 @@ class Store(ABC):
         return read(pa.BufferReader(self._last[1]))
 
     def names(self, folder: str = "") -> set[str]:
-        """Return the names of files, folders and links directly in `folder`; none if it does not exist."""
+        """Return the names of files, folders and links directly in `folder`; none if it does not exist.
+
+        Names that begin with a dot are never ours and left out, as is a file system's folder lost+found.
+        """
         if self._recorded is None:
-            return self._names(folder)
+            return {name for name in self._names(folder) if not _NOT_OURS.search(name)}
         prefix = f"{folder}/" if folder else ""
         return {path[len(prefix) :].split("/")[0] for path in self._recorded if path.startswith(prefix)}
 
     def files(self, folder: str = "") -> tuple[str, ...]:
-        """Return the paths of all files below `folder`, sorted; none if it does not exist.
+        """Return the paths of all files below `folder`, sorted; none if it does not exist; see also `names`.
 
         On a disk what lies in the place of a file is among them, so that whoever reads it names it: pipes,
         links that lead nowhere or out of the root, folders with the name of a file or that cannot be listed.
         """
         return tuple(self.stamps(folder))
+
+    def stamps(self, folder: str = "") -> dict[str, Stamp]:
+        """Return the `Stamp` of each of `files` below `folder`, by path, sorted."""
+        return {path: stamp for path, stamp in self._stamps(folder).items() if not _NOT_OURS.search(path)}
 
     def temporary(self) -> str:
         """Return a new path for a temporary file, with a name that says that the file is ours."""
@@ -255,8 +268,8 @@ class Store(ABC):
         """True if there is a file at `path`."""
 
     @abstractmethod
-    def stamps(self, folder: str = "") -> dict[str, Stamp]:
-        """Return the `Stamp` of each of `files` below `folder`, by path, sorted."""
+    def _stamps(self, folder: str = "") -> dict[str, Stamp]:
+        """Return the `Stamp` of each file below `folder`, by path, sorted, whatever its name."""
 
     @abstractmethod
     def _read(self, path: str, most_bytes: int) -> bytes:

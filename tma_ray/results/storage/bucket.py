@@ -163,7 +163,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
             return False
         return True
 
-    def stamps(self, folder: str = "") -> dict[str, Stamp]:
+    def _stamps(self, folder: str = "") -> dict[str, Stamp]:
         with _explained(self.where(folder)):
             found = {each["path"]: each for each in self._listed(folder)}
         parents = {path.rpartition("/")[0] for path in found} | {self._prefix_of(folder)}

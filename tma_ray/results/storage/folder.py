@@ -110,7 +110,7 @@ class FolderStore(Store, schemes=("", "file")):
     def holds(self, path: str) -> bool:
         return os.path.lexists(self.full_path(path))
 
-    def stamps(self, folder: str = "") -> dict[str, Stamp]:
+    def _stamps(self, folder: str = "") -> dict[str, Stamp]:
         full = self.full_path(folder) if folder else self.base
         self._refuse_links_out(folder)
         with explained_disk(self.where(folder)), suppress(FileNotFoundError):
