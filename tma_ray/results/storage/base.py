@@ -38,7 +38,7 @@ Others may keep files in it: ours have names that `Store.temporary` returns.
 """
 
 _NOT_OURS: Final = re.compile(r"(^|/)\.|^lost\+found(/|$)")
-"""Names that nothing of ours has, at any depth: those that begin with a dot, and the folder of recovered files.
+"""Names that nothing of ours has: those that begin with a dot, at any depth, and lost+found.
 
 File managers, archives and network file systems write such files beside all others (.DS_Store, ._name, .nfs).
 """
