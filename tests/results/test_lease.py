@@ -7,6 +7,7 @@ import fcntl
 import json
 import math
 import multiprocessing
+import os
 import subprocess
 import sys
 import time
@@ -303,15 +304,17 @@ def ask(place: str, barrier: Barrier, answers: Any) -> None:
             answers.put((root.name, "got it"))
 
 
-@pytest.mark.parametrize("left", [*LEFT_BEHIND, "no locks"])
+@pytest.mark.parametrize("left", [*LEFT_BEHIND, "no locks", "no links", "no locks, no links"])
 def test_exactly_one_of_several_processes_gets_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, left: str
 ) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(errno.ENOLCK, "no locks available")
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOTSUP, "not supported")
 
-    if left == "no locks":  # which a new lease does not need
+    if "no locks" in left:  # which a new lease does not need
         monkeypatch.setattr(fcntl, "flock", refuse)
+    if "no links" in left:
+        monkeypatch.setattr(os, "link", refuse)
     content = LEFT_BEHIND.get(left)
     for number in range(ROUNDS):
         root = tmp_path / f"root-{number:02d}"

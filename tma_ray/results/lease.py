@@ -192,6 +192,9 @@ class StopRequest:
 LEASE_SECONDS: Final = 120.0
 """Age over which a lease that nobody renewed is taken to be that of a killed process, s."""
 
+MAKING_SECONDS: Final = 0.2
+"""Time in which another process finishes the lease that it makes, where the disk has no hard links, s."""
+
 STOP_CHECK_SECONDS: Final = 3.0  # time between two looks for a request to stop, s
 
 logger = logging.getLogger(__name__)
@@ -282,6 +285,9 @@ class Lease:
         else:
             silent = None
         found, version = _look(self.store)
+        if isinstance(found, DamagedFileError):
+            self._sleep(MAKING_SECONDS)
+            found, version = _look(self.store)
         if isinstance(found, DamagedFileError):
             heartbeat = _beating(self.store, self._clock())
             if heartbeat is not None:

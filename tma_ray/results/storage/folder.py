@@ -42,6 +42,12 @@ _ADVICE: Final = {
     errno.ENAMETOOLONG: "a name in it is too long",
 }
 
+_LACKS: Final = frozenset({errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EPERM})
+"""Error numbers of a file system that lacks an operation, or forbids it for good."""
+
+_NO_SYNC: Final = (_LACKS | {errno.EACCES, errno.EBADF, errno.EISDIR}) - {errno.EPERM}
+"""Error numbers of a file system whose folders cannot be opened or synced; PostgreSQL ignores them, too."""
+
 CHECKOUT: Final = (".git", "pyproject.toml")  # names of which the top folder of a source checkout has one
 
 LOCK_SECONDS: Final = 5.0
@@ -88,7 +94,10 @@ class FolderStore(Store, schemes=("", "file")):
             write_file(target, self._aside(), data)
 
     def create(self, path: str, data: bytes) -> bool:
-        """Write a new file by an exclusive link, which needs no locks; return False if it exists."""
+        """Write a new file by an exclusive link, which needs no locks; return False if it exists.
+
+        Where the file system has no links, the file is empty for an instant; see `_name_exclusively`.
+        """
         target = self._own_path(path)
         with explained_disk(self.where(path)):
             return write_file(target, self._aside(), data, exclusive=True)
@@ -217,6 +226,11 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
     except OSError as error:
         if kinds is not None and error.errno not in kinds:
             raise
+        if error.errno in _LACKS:  # the same command would fail again
+            raise StorageError(
+                f"{where}: its file system lacks an operation that results need ({error}); use a folder on "
+                f"another one"
+            ) from error
         advice = _ADVICE.get(error.errno or 0, "the disk refuses it")
         raise StorageError(f"{where}: {advice} ({error}); {CONTINUES}") from error
 
@@ -230,7 +244,7 @@ def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = 
             file.flush()
             os.fsync(file.fileno())
         if exclusive:
-            target.hardlink_to(temporary)
+            _name_exclusively(temporary, target)
         else:
             temporary.replace(target)
     except FileExistsError:
@@ -239,6 +253,30 @@ def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = 
         temporary.unlink(missing_ok=True)
     sync_folder(target.parent)
     return True
+
+
+def _name_exclusively(temporary: Path, target: Path) -> None:
+    """Give a file the name `target` that nothing has yet, so that one of several processes succeeds.
+
+    Where the file system has no hard links (FAT, exFAT, SMB, many in user space), the name is taken by an
+    empty file, which the other replaces at once. Who replaces files waits for that by the lock of the folder.
+
+    Raises:
+        FileExistsError: something has the name.
+        OSError: the file system refuses both ways.
+    """
+    try:
+        target.hardlink_to(temporary)
+    except FileExistsError:
+        raise
+    except OSError:
+        with locked_folder(target.parent):
+            target.touch(exist_ok=False)
+            try:
+                temporary.replace(target)
+            except OSError:
+                target.unlink()
+                raise
 
 
 @contextmanager
@@ -273,12 +311,16 @@ def make_folder(folder: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in a folder survive a crash of the machine."""
-    descriptor = os.open(folder, os.O_RDONLY)
+    """Make the names in a folder survive a crash of the machine, where its file system can."""
     try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        if error.errno not in _NO_SYNC:
+            raise
 
 
 def links_out(base: str, path: str) -> bool:
