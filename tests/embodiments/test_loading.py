@@ -169,6 +169,16 @@ def test_only_the_old_bodies_are_drawn_stretched() -> None:
     assert stretched == ["old_classic_bipedal", "old_quadrupedal"]
 
 
+def test_a_byte_order_mark_is_ignored(tmp_path: Path) -> None:
+    text = (DATA / "spider.toml").read_text()
+    bodies = []
+    for encoding in ("utf-8", "utf-8-sig"):
+        (tmp_path / encoding).mkdir()
+        (tmp_path / encoding / "mine.toml").write_text(text, encoding=encoding)
+        bodies.append(load_embodiment(tmp_path / encoding / "mine.toml"))
+    assert bodies[0] == bodies[1]
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(EmbodimentError, match=r"nowhere\.toml"):
         load_embodiment(tmp_path / "nowhere.toml")

@@ -96,6 +96,23 @@ def test_a_test_set_survives_its_csv(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeffheight,spacing\r\n1,2\r\n,\r\n",
+        "height, spacing\n1, 2\n",
+        "\ufeff height , spacing \n 1 ,2\n\n",
+    ],
+    ids=["Excel", "blanks after commas", "blanks around all"],
+)
+def test_a_test_set_that_another_program_wrote_is_read(tmp_path: Path, text: str) -> None:
+    (tmp_path / "mine.csv").write_text(text, encoding="utf-8", newline="")
+    loaded = TestSet.from_csv(tmp_path / "mine.csv")
+    expected = TestSet("mine", ("height", "spacing"), np.array([[1, 2]], dtype=np.float32))
+    assert (loaded.dimensions, loaded.digest) == (expected.dimensions, expected.digest)
+    loaded.check(TaskSpace.from_bounds({"height": (0, 3), "spacing": (0, 6)}))
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("height,spacing\n1,x\n", "line 2"),

@@ -248,7 +248,7 @@ def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
     try:
         if isinstance(path, Path):
             check_file(path, MOST_TEXT_BYTES)
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         body = _variant(data, settings)
         different = {
             name: value

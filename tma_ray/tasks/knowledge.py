@@ -66,12 +66,15 @@ class TestSet:
     def from_csv(cls, path: str | Path, name: str | None = None) -> "TestSet":
         """Read a test set: a header of dimension names, then one task a line.
 
+        A byte order mark, as Excel writes it, and blanks around names and numbers are ignored.
+
         Raises:
             ValueError: a line that does not hold a task, or no text; the message names the file.
         """
         path = Path(path)
-        text = read_file(path, MOST_TEXT_BYTES).decode()
-        rows = [row for row in csv.reader(io.StringIO(text, newline="")) if row]
+        text = read_file(path, MOST_TEXT_BYTES).decode("utf-8-sig")
+        table = csv.reader(io.StringIO(text, newline=""))
+        rows = [row for row in ([cell.strip() for cell in row] for row in table) if any(row)]
         if len(rows) < 2:
             raise ValueError(f"{path}: a test set has a header of dimension names and at least one task")
         tasks, size = [], len(rows[0])
