@@ -19,7 +19,7 @@ from synthetic_results import SyntheticCampaign
 from views import Told
 
 from analysis.charts.base import END
-from analysis.charts.paper.style import Vector, png, save
+from analysis.charts.paper.style import Vector, png, save, svg
 from analysis.commands.figures import write_figures
 from analysis.data.curricula import Axis
 from analysis.data.frames import GROUP
@@ -136,6 +136,21 @@ def test_drawing_leaves_settings_alone_and_repeats_itself() -> None:
     first, second = (png(learning_curve(table, "mastered_percent", "y")) for _ in range(2))
     assert first == second
     assert dict(mpl.rcParams) == before
+
+
+def test_a_figure_is_the_same_whatever_the_users_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With ``text.usetex`` it would need LaTeX."""
+    monkeypatch.setenv("PATH", str(tmp_path))  # without LaTeX
+    others = {"text.usetex": True, "axes.grid": True, "savefig.bbox": "tight", "lines.linestyle": "--"}
+    found = []
+    for settings in ({}, others):
+        with mpl.rc_context(settings):
+            figure = learning_curve(curves(("a", 0, 1.0), ("a", 1000, 2.0)), "mastered_percent", "y")
+            files = save(figure, tmp_path / "figure")
+            found.append([png(figure), svg(figure), *(file.read_bytes() for file in files)])
+    assert found[0] == found[1]
 
 
 @pytest.mark.parametrize(

@@ -230,3 +230,27 @@ def test_evaluations_see_the_exponential_average_of_the_weights(tmp_path):
 def flat(student) -> np.ndarray:
     """Return the parameters of the network (p,)."""
     return student._network.parameters.detach().numpy().copy()
+
+
+@pytest.mark.parametrize("name", [*SMALL, "stock:ppo", "stock:sac"])
+def test_torchs_default_type_changes_nothing(name, tmp_path):
+    """A plug-in of the same process may set it, and keeps what it has set."""
+    found, outside = [], torch.get_default_dtype()
+    for dtype in (torch.float32, torch.float64):
+        torch.set_default_dtype(dtype)
+        try:
+            student = small_student(name)
+            train(student, Drift(), 130)
+            student.reset()
+            train(student, Drift(), 30)
+            student.save_policy(tmp_path)
+            policy = load_policy(name, tmp_path)
+            layers = student.policy_layers(tmp_path)(torch.from_numpy(OBSERVATIONS)).detach().numpy()
+            found.append([student.act_greedily(OBSERVATIONS), policy(OBSERVATIONS), layers])
+            found[-1] += [student.state_values(OBSERVATIONS), student.entropy_bonuses(OBSERVATIONS)]
+            assert torch.get_default_dtype() == dtype
+        finally:
+            torch.set_default_dtype(outside)
+    for single, double in zip(*found, strict=True):
+        assert single.dtype == double.dtype
+        np.testing.assert_array_equal(single, double)

@@ -72,7 +72,7 @@ def onnx_model(
             warnings.simplefilter("ignore")
             program = torch.onnx.export(
                 layers,
-                (torch.zeros(2, sizes[0]),),
+                (torch.zeros(2, sizes[0], dtype=torch.float32),),
                 dynamo=True,
                 verbose=False,
                 opset_version=OPSET,

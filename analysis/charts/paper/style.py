@@ -2,7 +2,7 @@
 
 import functools
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar
@@ -60,11 +60,17 @@ R = TypeVar("R")
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Wrap `draw` so that it uses `STYLE` and leaves the caller's settings of matplotlib unchanged."""
+    """Wrap `draw` so that it uses `STYLE`, and neither uses nor changes the caller's settings of matplotlib.
+
+    A figure is the same for everybody: settings of a user's, such as ``text.usetex``, may ask for programs that
+    are not there, or for other letters and lines.
+    """
 
     @functools.wraps(draw)
     def draw_in_style(*args: P.args, **kwargs: P.kwargs) -> R:
-        with mpl.rc_context(STYLE):
+        with mpl.rc_context():
+            mpl.rcdefaults()
+            mpl.rcParams.update(STYLE)
             return draw(*args, **kwargs)
 
     return draw_in_style
@@ -84,8 +90,7 @@ def png(figure: Figure) -> bytes:
 
 def svg(figure: Figure) -> str:
     """Return `figure` as an SVG element whose text can be searched and read aloud."""
-    with mpl.rc_context({"svg.fonttype": "none"}):
-        text = _file(figure, "svg", DPI).decode()
+    text = _file(figure, "svg", DPI, {"svg.fonttype": "none"}).decode()
     return " ".join(text[text.index("<svg") :].split())  # no line is empty, which would end it in Markdown
 
 
@@ -117,8 +122,9 @@ def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple
 
 
 @styled
-def _file(figure: Figure, ending: str, dpi: int) -> bytes:
+def _file(figure: Figure, ending: str, dpi: int, settings: Mapping[str, str] | None = None) -> bytes:
     buffer = io.BytesIO()
+    mpl.rcParams.update(settings or {})
     FigureCanvasAgg(figure)
     # Without these entries nothing in the file tells when it was written.
     metadata = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}[ending]

@@ -86,7 +86,7 @@ class StackedPPO(StackedLearner):
         # compiled part by part: autograd runs between them, through what the compiler derived
         self._parts = [compile_if(compiled, part) for part in (self._outputs, self._losses, self._step)]
         self._train: Callable[[Steps, torch.Tensor], torch.Tensor] = self._learn
-        self._memory = torch.zeros(width, steps, sum(self._split), device=device)
+        self._memory = torch.zeros(width, steps, sum(self._split), dtype=torch.float32, device=device)
         self._orders = torch.zeros(width, hyper.epochs * steps, dtype=torch.int32, device=device)
         self._positions = torch.zeros(width, dtype=torch.int64, device=device)
         self._sums = like.new_zeros(width, len(FIGURES))

@@ -35,7 +35,7 @@ from tma_ray.students.mlp.network import as_batch
 from tma_ray.students.players.ppo import Rollout
 from tma_ray.students.policy_files import read_policy, write_policy
 from tma_ray.students.replay import ReplayBuffer
-from tma_ray.students.sb3.base import StableBaselinesStudent
+from tma_ray.students.sb3.base import StableBaselinesStudent, single_precision
 
 NOT_OURS = frozenset(
     {
@@ -254,7 +254,11 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
             model: Any = make_model(cls.algorithm, *boxes, hyperparameters, torch.device("cpu"))
             if isinstance(model, OffPolicyAlgorithm):
                 model.replay_buffer = object()  # type: ignore[assignment]  # it only acts
-            with torch.random.fork_rng(), _bounded():  # networks are initialised before they are filled
+            with (
+                single_precision(),
+                torch.random.fork_rng(),
+                _bounded(),
+            ):  # networks are initialised before they are filled
                 model._setup_model()
         except Exception as error:  # whatever a constructor makes of values that nobody checked
             name = cls.algorithm.__name__

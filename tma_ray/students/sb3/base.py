@@ -19,6 +19,17 @@ from tma_ray.students.base import checked_spaces
 from tma_ray.students.players.base import ActingStudent
 
 
+@contextmanager
+def single_precision() -> Iterator[None]:
+    """Make float32 torch's default type inside the block, whatever plug-ins of this process have made it."""
+    outside = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float32)
+    try:
+        yield
+    finally:
+        torch.set_default_dtype(outside)
+
+
 class TorchStream:
     """A state of torch's global generator, swapped in only while stable-baselines3 runs.
 
@@ -39,9 +50,9 @@ class TorchStream:
 
     @contextmanager
     def active(self) -> Iterator[None]:
-        """Make torch draw from this stream inside the block, and as before after it."""
+        """Make torch draw from this stream inside the block, in `single_precision`, and as before after it."""
         kind = self._gpus[0].type if self._gpus else "cuda"
-        with torch.random.fork_rng(self._gpus, device_type=kind):
+        with single_precision(), torch.random.fork_rng(self._gpus, device_type=kind):
             torch.set_rng_state(self.state[0])
             for device, state in zip(self._gpus, self.state[1:], strict=True):
                 torch.get_device_module(device).set_rng_state(state, device)
