@@ -62,8 +62,8 @@ R = TypeVar("R")
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
     """Wrap `draw` so that it uses `STYLE`, and neither uses nor changes the caller's settings of matplotlib.
 
-    A figure is the same for everybody: settings of a user's, such as ``text.usetex``, may ask for programs that
-    are not there, or for other letters and lines.
+    A figure is the same for everybody: a user's settings, such as ``text.usetex``, may ask for programs that
+    are not installed, or for other letters and lines.
     """
 
     @functools.wraps(draw)

@@ -50,7 +50,7 @@ class TorchStream:
 
     @contextmanager
     def active(self) -> Iterator[None]:
-        """Make torch draw from this stream inside the block, in `single_precision`, and as before after it."""
+        """Make torch draw from this stream in the block, in `single_precision`, and as before after it."""
         kind = self._gpus[0].type if self._gpus else "cuda"
         with single_precision(), torch.random.fork_rng(self._gpus, device_type=kind):
             torch.set_rng_state(self.state[0])
