@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import PurePosixPath
 from typing import Any, Final
 
 from analysis.baselines.catalogue import BaselineKind, BaselineManifest
@@ -24,6 +25,7 @@ def card(
     tables: Iterable[Table],
     citation: str = "",
     ceilings: Sequence[str] = (),
+    paths: Iterable[str] = (),
 ) -> str:
     """Return the card of a baseline.
 
@@ -33,6 +35,7 @@ def card(
         tables: its results.
         citation: text that others cite; empty for name, software and date of the baseline itself.
         ceilings: bounds of its results, a sentence each.
+        paths: paths of its tables' files that have rows; each table is a configuration of the data set.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # reading a baseline does without
 
@@ -48,12 +51,19 @@ def card(
         published=manifest.kind is BaselineKind.PUBLISHED,
         holds=[(name.replace("_", " "), _plain(name, value)) for name, value in manifest.holds.items()],
         planned=", ".join(f"{_safe(name)} {count:,}" for name, count in sorted(manifest.planned.items())),
+        configurations=_configurations(paths),
         made=made,
         citation=citation or manifest.citation,
         ceilings=ceilings,
         tables="\n".join(render(table, TableFormat.MARKDOWN) for table in tables),
     )
     return re.sub(r"\n{3,}", "\n\n", text.rstrip()) + "\n"
+
+
+def _configurations(paths: Iterable[str]) -> dict[str, str]:
+    """Return the pattern of the files of each table by its name, since libraries load one table at a time."""
+    folders = sorted({PurePosixPath(path).parent for path in paths})
+    return {folder.name: f"{folder}/*.parquet" for folder in folders}
 
 
 def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:

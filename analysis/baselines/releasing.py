@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Final
 from uuid import uuid4
 
+import pyarrow.parquet as pq
+
 from analysis.baselines.card import CARD_FILE, card, holdings, origin
 from analysis.baselines.catalogue import (
     BASELINE_FILE,
@@ -156,7 +158,8 @@ def _complete(draft: BaselineManifest, place: Path, copied: results.Copy | resul
     manifest = _with_contents(draft, frames, copied)
     made = origin(frames, manifest.physics_versions)
     tables = (table for found in table_results(frames) for table in result_tables(found))
-    text = card(manifest, made, tables, ceilings=ceilings_in_words(frames))
+    filled = [path for path in store.files(results.TABLES) if pq.read_metadata(place / path).num_rows]
+    text = card(manifest, made, tables, ceilings=ceilings_in_words(frames), paths=filled)
     (place / CARD_FILE).write_text(text, encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
     described = json.dumps(croissant(manifest, files, made), indent=1, ensure_ascii=False)

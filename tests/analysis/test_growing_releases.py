@@ -9,7 +9,9 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
+import yaml
 from synthetic_results import SMALL, SyntheticCampaign
 from views import Told
 
@@ -103,6 +105,24 @@ def test_what_it_holds_of_its_runs_is_what_their_root_holds(first: Path, grown: 
     assert "It holds no policies" in card
     assert "The final policies are in" not in card
     assert "## Known gaps\n\nThe campaign `more` has not begun.\n" in card
+
+
+def test_the_card_has_a_configuration_for_each_table_that_has_rows(grown: Path) -> None:
+    """A library that loads data sets, such as the hub's, would show one table for all."""
+    _, matter, text = (grown / "README.md").read_text().split("---\n", 2)
+    assert text.startswith("\n# growing\n")
+    configurations = {each["config_name"]: each["data_files"] for each in yaml.safe_load(matter)["configs"]}
+    files = [path for path in grown.glob("tables/*/*.parquet") if pq.read_metadata(path).num_rows]
+    assert configurations.keys() == {path.parent.name for path in files}
+    assert {path for each in configurations.values() for path in grown.glob(each)} >= {*files}
+
+
+@pytest.mark.parametrize("name", ["lite-1", "lite-2"])
+def test_the_cards_that_ship_have_configurations(name: str) -> None:
+    folder = Path(find_baseline(name).place)
+    _, matter, _ = (folder / "README.md").read_text().split("---\n", 2)
+    configurations = [each["config_name"] for each in yaml.safe_load(matter)["configs"]]
+    assert configurations == sorted(path.name for path in (folder / "tables").iterdir())
 
 
 @pytest.mark.parametrize("threshold", [0.0, 0.1, 0.7, MASTERY_RETURN])

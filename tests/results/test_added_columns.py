@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -122,3 +123,21 @@ def test_a_column_that_has_always_been_there_is_missed(old_root: Path) -> None:
         DamagedFileWarning, match=r"cells/.*no column 'experiment', which cells has always had"
     ):
         assert len(Results(store).table(Table.CELLS)) == 0
+
+
+def test_the_threshold_of_mastery_is_a_column_of_runs(old_root: Path, tmp_path: Path) -> None:
+    """Old files do not have it, and stay as they are; what is written from their runs has it."""
+    old = sorted((old_root / "tables/runs").iterdir())
+    assert not any("mastery_threshold" in pq.read_schema(path).names for path in old)
+    assert set(Results.open(old_root).table(Table.RUNS)["mastery_threshold"].to_pylist()) == {230.0}
+    store = ResultsStore.open(tmp_path / "new")
+    committer = Committer(store)
+    for run_id, spec, threshold in (("silent", "{}", 230.0), ("told", '{"mastery_threshold": -12.5}', -12.5)):
+        record = replace(make_record(run_id), spec=spec)
+        writer = RunWriter(store, run_id, committer.start(record))
+        committer.finish(record, writer.attempt, writer.finish())
+        row = pq.read_table(tmp_path / f"new/tables/runs/{run_id}.parquet", columns=["mastery_threshold"])
+        assert row["mastery_threshold"].to_pylist() == [threshold]
+    copy_merged(Results.open(old_root), ResultsStore.open(tmp_path / "copy"))
+    for path in (tmp_path / "copy/tables/runs").iterdir():
+        assert set(pq.read_table(path)["mastery_threshold"].to_pylist()) == {230.0}

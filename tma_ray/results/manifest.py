@@ -25,7 +25,7 @@ from tma_ray.decoding import (
 )
 from tma_ray.results.layout import INDEX_FILE, TABLES, check_path, manifest_path, staging_folder, table_path
 from tma_ray.results.parquet import decode, decode_rows, unreadable_rows
-from tma_ray.results.records import RunRecord, RunStatus, check_spec
+from tma_ray.results.records import RunRecord, RunStatus, check_spec, mastery_threshold
 from tma_ray.results.schema import Table
 from tma_ray.results.storage import Store
 
@@ -146,7 +146,8 @@ class Manifest:
 
     def row(self) -> dict[str, Any]:
         """Return the row of the table of runs."""
-        return {**vars(self.run), "status": self.status.value, "error": self.error}
+        added = {"error": self.error, "mastery_threshold": mastery_threshold(self.run)}
+        return {**vars(self.run), "status": self.status.value, **added}
 
 
 def load_manifest(store: Store, path: str) -> Manifest:

@@ -17,17 +17,16 @@ from safetensors.numpy import load as parse_tensors
 from safetensors.numpy import save as serialise_tensors
 
 import tma_ray.results.layout as at
-from tma_ray.decoding import DamagedFileError, DamagedFileWarning, decode_json
+from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results.inputs import kept_files
 from tma_ray.results.lease import Lease
 from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile, write_index
 from tma_ray.results.parquet import decode, decode_rows, encode, encode_together, same_rows
 from tma_ray.results.reader import Results
-from tma_ray.results.records import RunRecord, RunStatus, SpecFacts
+from tma_ray.results.records import RunRecord, RunStatus, mastery_threshold
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
 from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.verification import Inspector
-from tma_ray.tasks import MASTERY_RETURN
 
 SINGLE_RUNS = "single_runs"  # name of the files of runs that belong to no experiment
 
@@ -153,8 +152,7 @@ def _rounded(rows: pa.Table, table: Table, run: RunRecord) -> pa.Table:
     if table is Table.CURRICULUM:
         fewer = pa.ListArray.from_arrays(values.offsets, fewer).cast(values.type)
     else:
-        threshold = decode_json(run.spec, SpecFacts, f"the spec of run {run.run_id}").mastery_threshold
-        threshold = MASTERY_RETURN if threshold is None else threshold
+        threshold = mastery_threshold(run)
         fewer = pa.array(np.where((fewer > threshold) == (exact > threshold), fewer, exact))
     return rows.set_column(place, rows.schema.field(place), fewer)
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from tma_ray.decoding import Natural, SmallNatural, decode_json
 from tma_ray.results.storage import Store
+from tma_ray.tasks import MASTERY_RETURN
 
 HASHED_ID: Final = re.compile(r".*-s\d+-([0-9a-f]{12})")
 """An id that `run_id` of a spec has made: its end is the spec's `digest`."""
@@ -148,6 +149,12 @@ class SpecFacts:
 def spec_digest(spec: str) -> str:
     """Return the hash of a spec, JSON with sorted keys, of which the end of its run's id is made."""
     return hashlib.sha256(spec.encode()).hexdigest()
+
+
+def mastery_threshold(run: RunRecord) -> float:
+    """Return the episodic return over which a task is mastered in a run, also where its spec names none."""
+    threshold = decode_json(run.spec, SpecFacts, f"the spec of run {run.run_id}").mastery_threshold
+    return MASTERY_RETURN if threshold is None else threshold
 
 
 def check_spec(run: RunRecord) -> None:

@@ -94,6 +94,7 @@ _COLUMNS: Final[Mapping[Table, tuple[pa.Field, ...]]] = {
         _column("status", _ID),
         _column("error", pa.string(), nullable=True),
         _column("benchmark_version", pa.int32(), nullable=True),
+        _column("mastery_threshold", pa.float64(), "undiscounted sum of rewards", nullable=True),
     ),
     Table.ATTEMPTS: (
         _RUN_ID,
