@@ -111,7 +111,7 @@ class Drawing:
 
 
 def published_drawings(table: pd.DataFrame) -> Iterator[Drawing]:
-    """Yield the figures of published tables, in the columns of `published.paper_frame`."""
+    """Yield the figures of published tables, in the columns of `reference.paper_frame`."""
     whole = table.groupby(["environment", "challenge"])["n"].transform("max") == table["n"]
     pools = table[whole]
     against, pairs = (pairwise_from_statistics(pools, MEASURE, name) for name in (BASELINE, None))

@@ -212,7 +212,7 @@ class EnvironmentConformance:
                 made.reset()
 
     def test_global_random_numbers_are_left_alone(self) -> None:
-        """All randomness comes from `self.np_random`."""
+        """All randomness comes from ``self.np_random``."""
         before = random.getstate(), np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002
         self._play(self._made(), 1)
         after = random.getstate(), np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002

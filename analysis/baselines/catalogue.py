@@ -199,7 +199,7 @@ class Baseline:
         return frames_of(Results(self.store()))
 
     def published(self) -> pd.DataFrame:
-        """Return its published results, in the columns of `published.paper_frame`.
+        """Return its published results, in the columns of `reference.paper_frame`.
 
         Raises:
             BaselineError: it has runs instead.

@@ -72,7 +72,7 @@ def bars_with_pairs(
     dash stands where a teacher has no result.
 
     Args:
-        table: results of `pooling.pooled` or `published.paper_frame`, with n.
+        table: results of `pooling.pooled` or `reference.paper_frame`, with n.
         tests: all pairs, of `frame.pairwise` or `frame.pairwise_from_statistics`.
         measure: measure that is drawn.
         name: its name, with its unit.

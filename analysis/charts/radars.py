@@ -90,7 +90,7 @@ def radar(
 
     Args:
         table: results of `pooling.pooled` (after `pooling.reuse_random`, since Random needs no knowledge) or
-            `published.paper_frame`; other environments and challenges are left out.
+            `reference.paper_frame`; other environments and challenges are left out.
         tests: tests of `frame.pairwise` or `frame.pairwise_from_statistics` against "random".
         measure: measure that is drawn.
         challenges: axes, clockwise from the top; at least three.

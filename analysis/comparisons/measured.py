@@ -22,7 +22,7 @@ TESTED = tuple(MEASURES)
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Frames of measures, all with the columns of `load.COMPARISON`.
+    """Frames of measures, all with the columns of `frames.COMPARISON`.
 
     Attributes:
         cells: cells of `Frames`.

@@ -55,7 +55,7 @@ class Frames:
             see `identity.named_apart`.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
             is over the threshold of its run.
-        measured: one row per run and evaluation, of `evaluations.evaluation_measures`: computed once.
+        measured: one row per run and evaluation, of `evaluation_measures`: computed once.
         test_tasks: test_set, task_index, task (float32 (d,)).
         told: warnings on cells and evaluations, to be read before trusting a comparison.
         results: source of the long tables.

@@ -107,7 +107,7 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
 def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
     """Return the mean return of recent training episodes of every run at each of `steps`.
 
-    Of runs that got there and did not fail: the last value of `measures.training_curves` at or before it.
+    Of runs that got there and did not fail: the last value of `evaluations.training_curves` at or before it.
 
     Returns:
         step (the one asked for), run_id, training_return.

@@ -51,7 +51,7 @@ def how_tested(measure: str, family: str) -> str:
 SHARED: Final = frozenset({SIMULATED})
 """Engines on which all runs of a seed, on every challenge, train a student with the same pace of learning.
 
-There the rule of `statistics.pairing.pairing_helps` asks for pairs; on all others it does not
+There the rule of `statistics.tests.pairing_helps` asks for pairs; on all others it does not
 (`docs/statistics.md`).
 """
 

@@ -85,7 +85,7 @@ def results_of(frame: pd.DataFrame) -> pd.DataFrame:
     """Return the columns `RESULTS` of pooled results or of published ones.
 
     Args:
-        frame: results of `pooling.pooled`, some by embodiment or not, or of `published.paper_frame`.
+        frame: results of `pooling.pooled`, some by embodiment or not, or of `reference.paper_frame`.
     """
     found = frame.rename(columns={"mastered_percent_mean": "mean", "mastered_percent_std": "std"})
     if "pool" in found:

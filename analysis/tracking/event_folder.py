@@ -57,7 +57,7 @@ def _records(content: bytes) -> Iterator[bytes]:
 class RunEvents:
     """Event files of a run, in a folder that TensorBoard may read meanwhile.
 
-    tensorboardX's own `SummaryWriter` would need a thread and a queue for every file.
+    tensorboardX's own ``SummaryWriter`` would need a thread and a queue for every file.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -39,7 +39,7 @@ static void reset_arrays(void);
   static kind max_of_##kind(kind *p, i64 n) { kind m = *p; while (--n) m = max_##kind(m, *++p); return m; }
 EXTREMES(double) EXTREMES(float) EXTREMES(i64)
 """
-"""Beginning of every translation; `new_array` gives memory that lives until the next exported call."""
+"""Beginning of every translation; ``new_array`` gives memory that lives until the next exported call."""
 
 
 class TranslationError(ValueError):

@@ -142,11 +142,11 @@ def gpu(device: str) -> dict[str, str]:
 def usable_cores(root: Path = Path("/")) -> int:
     """Return the number of cores that this process may use, at least 1.
 
-    These are the cores of its CPU affinity, as set by `taskset` or a batch system, within the quota of its
+    These are the cores of its CPU affinity, as set by ``taskset`` or a batch system, within the quota of its
     control groups, as set for a container. A fraction of a core counts for nothing.
 
     Args:
-        root: folder of `proc` and `sys`.
+        root: folder that holds ``proc`` and ``sys``.
     """
     affine = getattr(os, "sched_getaffinity", None)  # missing on macOS and Windows
     cores = len(affine(0)) if affine else os.cpu_count() or 1

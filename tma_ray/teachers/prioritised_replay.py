@@ -65,8 +65,8 @@ def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float)
     to 0 whenever it exceeds 0, which compares with the highest value met on the way; the sums of all lengths
     are averaged with the weights of lambda, and the result is the mean over the states, with the sign turned.
 
-    Sources: the authors' code (`compute_clipped_gae` of ``minigrid/maze_plr.py``) and the table of metrics of
-    its README, which has the mean over the steps; the code has the sum.
+    Sources: the authors' code (``compute_clipped_gae`` of ``minigrid/maze_plr.py``) and the table of metrics
+    of its README, which has the mean over the steps; the code has the sum.
 
     Arguments as of `positive_value_loss`.
     """

@@ -88,7 +88,7 @@ def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, A
     Installed packages are not shipped; every node needs them by itself.
 
     Returns:
-        The `runtime_env` of `ray.init`, None if there is nothing to ship.
+        The ``runtime_env`` of `ray.init`, None if there is nothing to ship.
 
     Raises:
         ValueError: the files are larger than `MOST_BYTES`.

@@ -97,7 +97,7 @@ class CompiledEngine:
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """Addresses of the present world's memory, as `step_worlds` takes them."""
+        """Addresses of the present world's memory, as `_step_worlds` takes them."""
         if self._release is None:
             raise RuntimeError("this engine has no world yet: call reset first")
         return self._addresses

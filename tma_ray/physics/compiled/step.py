@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 FLOATS, INTEGERS = 8, 21
-"""Single values at the start of a memory's vectors; `body_of`, `world_in` and `simulation_in` name them."""
+"""Single values at the start of a memory's vectors; `body_in`, `world_in` and `simulation_in` name them."""
 
 DURATION, ERROR_BIAS, BEFORE, GOAL_X, WATER_Y, SWAY = 2, 3, 4, 5, 6, 7
 """Places among the floats, after the cost of torques and the weight of being upright."""

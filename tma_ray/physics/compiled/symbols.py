@@ -91,7 +91,7 @@ as_pointer: Any = _as_pointer  # called with the address alone
 def _part(_context: Any, vector: Any, _at: Any, shape: Any) -> Any:
     """Return the view in `shape`, (n,) or (n, m), that begins at an index of a vector, unchecked.
 
-    It is one instruction, where numba's slices and `reshape` check each size and call a function.
+    It is one instruction, where numba's slices and ``reshape`` check each size and call a function.
     """
     kind = types.Array(vector.dtype, shape.count, "C")
 

@@ -170,7 +170,7 @@ class Rollout:
         return self._generator.permutation(len(self.rewards))
 
     def columns(self) -> tuple[NDArray[np.float32], ...]:
-        """Return all that a mini-batch holds of the n steps, in the order of `ppo.losses.Steps`."""
+        """Return all that a mini-batch holds of the n steps, in the order of `ppo.Steps`."""
         return (
             *(self.observations, self.actions, self.values),
             *(self.log_probabilities, self.advantages, self.returns),

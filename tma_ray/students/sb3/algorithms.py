@@ -56,7 +56,7 @@ def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type
 
     Args:
         algorithm: algorithm of stable-baselines3, or one that follows its conventions.
-        off_policy: it learns from a replay buffer. Then the dataclass also has `exploration_deviation`,
+        off_policy: it learns from a replay buffer. Then the dataclass also has ``exploration_deviation``,
             of normal noise on actions scaled to [-1, 1]: 0.1 where the policy is deterministic (TD3's
             paper, arXiv:1802.09477), else 0.
     """
