@@ -103,9 +103,9 @@ def play_a_little(engine: CompiledEngine, seed: int) -> None:
 
 @pytest.mark.parametrize("count", [500, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_resets_leak_nothing(count: int) -> None:
-    """A world takes over 100 kB, its smallest piece 100 bytes."""
+    """A world takes over 100 kB, its smallest piece 100 bytes; other processes make memory grow by 1 MB."""
     engine = CompiledEngine(BODY, RULES)
-    assert growth(lambda seed: play_a_little(engine, seed), count) < 1_000_000
+    assert growth(lambda seed: play_a_little(engine, seed), count) < max(2_000_000, 50 * count)
 
 
 @pytest.mark.slow

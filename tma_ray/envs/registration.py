@@ -25,7 +25,7 @@ GYMNASIUM_IDS = {
     "tma_ray/StumpTracks-v0": ("tma_ray.envs.stump_tracks:StumpTracks", "tma_ray.envs.vector:stump_tracks"),
     "tma_ray/Parkour-v0": ("tma_ray.envs.parkour:Parkour", "tma_ray.envs.vector:parkour"),
 }
-"""Names for `gymnasium.make` and `gymnasium.make_vec`. The environments truncate their episodes themselves."""
+"""Names for `gymnasium.make` and `gymnasium.make_vec`. Environments truncate their episodes themselves."""
 
 
 def register_environments() -> None:
