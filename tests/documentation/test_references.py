@@ -58,7 +58,7 @@ CLASSES = [node for tree in TREES.values() for node in ast.walk(tree) if isinsta
 METHODS = {node.name for each in CLASSES for node in each.body if isinstance(node, ast.FunctionDef)}
 
 SCOPES: dict[str, set[str]] = defaultdict(set)
-"""Names in a module or a class, at any depth, since methods set attributes; a class has those of its bases."""
+"""Names in a module or class, at any depth, since methods set attributes; a class has those of its bases."""
 for _module, _tree in TREES.items():
     _package, _, _name = _module.rpartition(".")
     SCOPES[_name] |= {name for node in ast.walk(_tree) for name in bound(node)}
