@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+LOWEST := .venv-lowest
 INSTALLED := $(VENV)/.installed
 RESULTS ?= results
 # One more than the cores, since tests wait for Ray, a store and a browser, too.
@@ -11,11 +12,14 @@ INJECTIONS ?= 20
 VERSION = $(shell $(BIN)/python -c 'import tma_ray; print(tma_ray.__version__)')
 # Tests start many processes, none of which has to compile our modules again.
 unexport PYTHONDONTWRITEBYTECODE
-PYTEST := $(BIN)/python -m pytest --costs 10 --randomly-seed $(SEED)
+OPTIONS := --costs 10 --randomly-seed $(SEED)
+PYTEST := $(BIN)/python -m pytest $(OPTIONS)
+FAST := "not slow and not chaos and not clusters"
 SIDE_BY_SIDE := --numprocesses $(PROCESSES) --dist loadscope --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install quickstart test test-slow test-chaos test-clusters attack static pages docs docs-version check bench lock
+.PHONY: help install quickstart test test-lowest test-slow test-chaos test-clusters attack static pages docs docs-version \
+	check bench lock
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/:/' | column -t -s ':'
@@ -37,7 +41,16 @@ quickstart: $(INSTALLED) ## train two teachers' students for a few minutes and w
 	@echo "Before that: source $(BIN)/activate   (installing, once, took $$(cat $(INSTALLED)) s)"
 
 test: $(INSTALLED) ## the fast tests, with every contract and closed form (SEED=7 is another order)
-	$(PYTEST) $(SIDE_BY_SIDE) -m "not slow and not chaos and not clusters"
+	$(PYTEST) $(SIDE_BY_SIDE) -m $(FAST)
+
+# All lower bounds of pyproject.toml at once, torch's among them: UV_TORCH_BACKEND=cpu takes its small build.
+test-lowest: $(INSTALLED) ## the fast tests with the lowest versions that pyproject.toml allows, in .venv-lowest
+	$(BIN)/uv pip compile --quiet --no-header --no-annotate --resolution lowest-direct --extra dev \
+		--python $(BIN)/python pyproject.toml --output-file $(VENV)/lowest.txt
+	$(BIN)/uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
+	$(BIN)/uv pip sync --quiet --python $(LOWEST)/bin/python $(VENV)/lowest.txt
+	$(BIN)/uv pip install --quiet --no-deps --python $(LOWEST)/bin/python --editable .
+	$(LOWEST)/bin/python -m pytest $(OPTIONS) $(SIDE_BY_SIDE) -m $(FAST)
 
 test-slow: $(INSTALLED) ## all bodies, long physics, notebooks, pages of commands, journeys, variants on a real Ray
 	$(PYTEST) $(SIDE_BY_SIDE) -m "slow and not chaos and not clusters"

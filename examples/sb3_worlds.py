@@ -23,8 +23,8 @@ class SB3Worlds(VecEnv):
     """
 
     def __init__(self, worlds: VectorEnvironment, next_task: Callable[[], np.ndarray]) -> None:
+        self.worlds, self.next_task = worlds, next_task  # before stable-baselines3 asks for their render_mode
         super().__init__(worlds.num_envs, worlds.single_observation_space, worlds.single_action_space)
-        self.worlds, self.next_task = worlds, next_task
 
     def reset(self):
         seed, self._seeds = self._seeds[0], [None] * self.num_envs

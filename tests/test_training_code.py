@@ -29,6 +29,7 @@ class OnTasks(gymnasium.Wrapper):
         return self.env.reset(seed=seed, options={"task": next(self.tasks)})
 
 
+@pytest.mark.filterwarnings("error")
 def test_the_adapter_gives_what_stable_baselines3s_own_gives() -> None:
     """Also the last observation of an episode, and whether it was truncated."""
     tasks = [np.array([0.0, 6.0])] * 1_000
