@@ -11,7 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from students_support import SMALL, Drift, actions_of, small_student, train, train_episodes
+from suite.processes import python
 
 from tma_ray.students import Learner, make_player
 from tma_ray.students.cohort.server import LearnerServer
@@ -183,7 +185,18 @@ def test_students_without_a_stacked_learner_are_refused(learner):
 
 
 def test_the_hardware_of_a_cohort_is_known(learner):
-    assert ask_learner(learner, "hardware") == {"device": "cpu", "cohort": 3, "compiled": False, "threads": 1}
+    expected = {"device": "cpu", "cohort": 3, "compiled": False, "threads": 1}
+    capability = torch.backends.cpu.get_cpu_capability()
+    assert ask_learner(learner, "hardware") == expected | {"vector_extensions": capability}
+
+
+def test_the_fingerprint_of_a_player_needs_no_torch():
+    code = (
+        "import json, sys; from tma_ray.runs.placement import fingerprint\n"
+        "found = json.loads(fingerprint(1, 'cpu', {'vector_extensions': 'AVX2'}))\n"
+        "print(found['vector_extensions'], 'torch' in found, 'torch' in sys.modules)"
+    )
+    assert python("-c", code).split() == ["AVX2", "True", "False"]
 
 
 @pytest.mark.parametrize("name", ["ppo", "sac"])

@@ -114,17 +114,19 @@ def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = 
         device: torch's name of the device of a student that learns alone.
         hardware: result of `gpu` for that device, or of `tma_ray.students.players.ask_learner` for a cohort.
     """
-    import torch
+    described = dict(hardware or {})
+    if "vector_extensions" not in described:  # a learner names its own: its players do without torch
+        import torch
 
+        described["vector_extensions"] = torch.backends.cpu.get_cpu_capability()
     content = {
         "tma_ray": installed_version("tma_ray"),
         "python": platform.python_version(),
         "system": platform.platform(terse=True),
         "cpu": cpu_model(),
-        "vector_extensions": torch.backends.cpu.get_cpu_capability(),
         "threads": threads,
         "device": device,
-        **(hardware or {}),
+        **described,
         **{library: installed_version(library) for library in LIBRARIES},
     }
     return json.dumps(content, sort_keys=True)

@@ -250,7 +250,8 @@ class LearnerServer:
     def _hardware_for(self, _: Connection) -> Any:
         settings = self._stacks.settings
         names = {"cohort": settings.width, "compiled": settings.compiled, "threads": settings.threads}
-        entries = {"device": settings.device, **names}
+        capability = torch.backends.cpu.get_cpu_capability()
+        entries = {"device": settings.device, "vector_extensions": capability, **names}
         if torch.device(settings.device).type == "cuda":
             entries["gpu"] = torch.cuda.get_device_name(settings.device)
         return entries
