@@ -2,7 +2,7 @@
 
 import functools
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar
@@ -122,7 +122,7 @@ def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple
 
 
 @styled
-def _file(figure: Figure, ending: str, dpi: int, settings: Mapping[str, str] | None = None) -> bytes:
+def _file(figure: Figure, ending: str, dpi: int, settings: Any = None) -> bytes:
     buffer = io.BytesIO()
     mpl.rcParams.update(settings or {})
     FigureCanvasAgg(figure)
