@@ -22,6 +22,7 @@ from typing import Any, TypeAlias
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -54,7 +55,7 @@ def one() -> gymnasium.Env[Any, Any]:
 
 def ours(number: int, threads: int) -> tuple[Step, Callable[[], None]]:
     """Return the functions that step and close a vector of `number` of our environments."""
-    worlds = gymnasium.make_vec(ID, num_envs=number, threads=threads)
+    worlds = gymnasium.make_vec(ID, num_envs=number, threads=threads, autoreset_mode=AutoresetMode.DISABLED)
     tasks = np.tile(TASK, (number, 1))
     worlds.reset(seed=0, options={"task": tasks})
 
@@ -65,6 +66,13 @@ def ours(number: int, threads: int) -> tuple[Step, Callable[[], None]]:
             worlds.reset(options={"reset_mask": over, "task": tasks})
 
     return step, worlds.close
+
+
+def ours_next_step(number: int) -> tuple[Step, Callable[[], None]]:
+    """Return the functions that step and close a vector of ours, which begin episodes themselves."""
+    worlds = gymnasium.make_vec(ID, num_envs=number, next_task=lambda: TASK)
+    worlds.reset(seed=0)
+    return worlds.step, worlds.close
 
 
 def sb3(number: int) -> tuple[Step, Callable[[], None]]:
@@ -90,6 +98,7 @@ def gymnasiums(
 
 REFERENCE = "sb3_dummy"
 OTHERS: dict[str, Maker] = {
+    "tma_ray_next_step": ours_next_step,
     REFERENCE: sb3,
     "gymnasium_sync": gymnasiums(gymnasium.vector.SyncVectorEnv),
     "gymnasium_async": gymnasiums(gymnasium.vector.AsyncVectorEnv),

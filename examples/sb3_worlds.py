@@ -3,73 +3,80 @@
 python examples/sb3_worlds.py
 """
 
-from collections.abc import Callable
-
 import gymnasium
 import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 import tma_ray  # noqa: F401  (registers the environments)
-from tma_ray.envs import VectorEnvironment
 
 
 class SB3Worlds(VecEnv):
-    """Steps all worlds in one call; an episode that is over is followed by one on the next task.
+    """Steps all worlds in one call, and passes on what their `info` holds.
 
     Args:
-        worlds: as `gymnasium.make_vec` makes them.
-        next_task: returns the task of the next episode (d,).
+        worlds: as `gymnasium.make_vec` makes them, with ``autoreset_mode="SameStep"``.
     """
 
-    def __init__(self, worlds: VectorEnvironment, next_task: Callable[[], np.ndarray]) -> None:
-        self.worlds, self.next_task = worlds, next_task  # before stable-baselines3 asks for their render_mode
+    def __init__(self, worlds: VectorEnv) -> None:
+        if worlds.metadata["autoreset_mode"] is not AutoresetMode.SAME_STEP:
+            raise ValueError(
+                f"{worlds.metadata['autoreset_mode']}: make worlds with autoreset_mode='SameStep'"
+            )
+        self.worlds = worlds
         super().__init__(worlds.num_envs, worlds.single_observation_space, worlds.single_action_space)
 
     def reset(self):
         seed, self._seeds = self._seeds[0], [None] * self.num_envs
-        return self.worlds.reset(seed=seed, options={"task": self._tasks()})[0]
+        observations, info = self.worlds.reset(seed=seed)
+        self.reset_infos = self._rows(info)
+        return observations
 
     def step_async(self, actions):
         self.actions = actions
 
     def step_wait(self):
-        observations, rewards, terminated, truncated, _ = self.worlds.step(self.actions)
-        over, infos = terminated | truncated, [{} for _ in range(self.num_envs)]
+        observations, rewards, terminated, truncated, info = self.worlds.step(self.actions)
+        over, final, last = terminated | truncated, info.pop("final_info", {}), info.pop("final_obs", None)
+        infos = self._rows(info)
         for row in np.flatnonzero(over):
-            last = {"terminal_observation": observations[row]}
-            infos[row] = {**last, "TimeLimit.truncated": bool(truncated[row])}
-        if over.any():
-            observations, _ = self.worlds.reset(options={"reset_mask": over, "task": self._tasks(over)})
+            self.reset_infos[row] = infos[row]
+            infos[row] = self._row(final, row) | {"terminal_observation": last[row]}
+            infos[row]["TimeLimit.truncated"] = bool(truncated[row] and not terminated[row])
         return observations, rewards, over, infos
 
     def close(self):
         self.worlds.close()
 
     def get_attr(self, attr_name, indices=None):
-        return [getattr(self.worlds, attr_name)] * len(list(self._get_indices(indices)))
+        values = self.worlds.get_attr(attr_name)
+        return [values[row] for row in self._get_indices(indices)]
 
     def set_attr(self, attr_name, value, indices=None):
-        raise AttributeError(f"worlds that are stepped together have no {attr_name} of their own to set")
+        values = list(self.worlds.get_attr(attr_name))
+        for row in self._get_indices(indices):
+            values[row] = value
+        self.worlds.set_attr(attr_name, values)
 
     def env_method(self, method_name, *args, indices=None, **kwargs):
-        raise AttributeError(f"worlds that are stepped together have no method {method_name} of their own")
+        results = self.worlds.call(method_name, *args, **kwargs)
+        return [results[row] for row in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class, indices=None):
         return [False] * len(list(self._get_indices(indices)))
 
-    def _tasks(self, rows=None):
-        rows = np.ones(self.num_envs, bool) if rows is None else rows
-        tasks = np.zeros((self.num_envs, self.worlds.valid_domain.size))
-        for row in np.flatnonzero(rows):
-            tasks[row] = self.next_task()
-        return tasks
+    def _rows(self, info):
+        return [self._row(info, row) for row in range(self.num_envs)]
+
+    def _row(self, info, row):
+        return {key: info[key][row] for key in info if f"_{key}" in info and info[f"_{key}"][row]}
 
 
 def main(steps: int = 20_000) -> None:
     """Trains PPO on uniformly drawn tasks."""
-    worlds, rng = gymnasium.make_vec("tma_ray/StumpTracks-v0", num_envs=8), np.random.default_rng(0)
-    environment = VecMonitor(SB3Worlds(worlds, lambda: worlds.task_space.sample(rng)))
+    worlds = gymnasium.make_vec("tma_ray/StumpTracks-v0", num_envs=8, autoreset_mode="SameStep")
+    environment = VecMonitor(SB3Worlds(worlds))
     PPO("MlpPolicy", environment, n_steps=256, seed=0, device="cpu", verbose=1).learn(steps)
 
 

@@ -29,15 +29,32 @@ class OnTasks(gymnasium.Wrapper):
         return self.env.reset(seed=seed, options={"task": next(self.tasks)})
 
 
+def same_infos(given, expected) -> bool:
+    """Tell whether infos of several worlds hold the same, whatever their types of truth."""
+    pairs = zip(given, expected, strict=True)
+    return all(
+        one.keys() == other.keys() and all(np.array_equal(one[key], other[key]) for key in one)
+        for one, other in pairs
+    )
+
+
 @pytest.mark.filterwarnings("error")
 def test_the_adapter_gives_what_stable_baselines3s_own_gives() -> None:
     """Also the last observation of an episode, and whether it was truncated."""
     tasks = [np.array([0.0, 6.0])] * 1_000
-    worlds = SB3Worlds(gymnasium.make_vec("tma_ray/StumpTracks-v0", num_envs=COUNT), lambda: tasks[0])
+    worlds = SB3Worlds(
+        gymnasium.make_vec(
+            "tma_ray/StumpTracks-v0",
+            num_envs=COUNT,
+            autoreset_mode="SameStep",
+            next_task=lambda: tasks[0],
+        )
+    )
     expected = DummyVecEnv([lambda: OnTasks(tasks)] * COUNT)
     for environment in (worlds, expected):
         environment.seed(3)
     assert worlds.reset().tobytes() == expected.reset().tobytes()
+    assert same_infos(worlds.reset_infos, expected.reset_infos)
     rng, ends = np.random.default_rng(0), 0
     for _ in range(400):
         actions = rng.uniform(-1, 1, (COUNT, 4)).astype(np.float32)
@@ -48,18 +65,20 @@ def test_the_adapter_gives_what_stable_baselines3s_own_gives() -> None:
         assert observations.tobytes() == wanted[0].tobytes()
         np.testing.assert_allclose(rewards, wanted[1], rtol=1e-6)  # stable-baselines3 keeps them in float32
         assert over.tolist() == wanted[2].tolist()
-        for row in np.flatnonzero(over):
-            ends += 1
-            last, truncated = wanted[3][row]["terminal_observation"], wanted[3][row]["TimeLimit.truncated"]
-            assert infos[row]["terminal_observation"].tobytes() == last.tobytes()
-            assert infos[row]["TimeLimit.truncated"] == truncated
+        ends += int(over.sum())
+        assert same_infos([infos[row] for row in np.flatnonzero(over)], np.array(wanted[3])[over])
+        assert all(info.keys() == {"success", "task"} for info in np.array(infos)[~over])
     assert ends > COUNT
+    assert worlds.get_attr("render_mode", [0, 2]) == [None, None]
+    worlds.set_attr("max_episode_steps", 7, indices=1)
+    assert worlds.get_attr("max_episode_steps") == [2000, 7, 2000]
 
 
 def test_ppo_of_stable_baselines3_trains_on_it() -> None:
-    rng = np.random.default_rng(0)
-    worlds = gymnasium.make_vec("tma_ray/Parkour-v0", num_envs=2, embodiment="fish")
-    environment = SB3Worlds(worlds, lambda: worlds.task_space.sample(rng))
+    worlds = gymnasium.make_vec(
+        "tma_ray/Parkour-v0", num_envs=2, embodiment="fish", autoreset_mode="SameStep"
+    )
+    environment = SB3Worlds(worlds)
     model = PPO("MlpPolicy", environment, n_steps=16, batch_size=16, n_epochs=1, device="cpu").learn(64)
     assert model.num_timesteps == 64
 

@@ -61,15 +61,25 @@ def test_an_episode_is_truncated_after_2000_steps_and_only_then() -> None:
 
 def test_an_end_at_the_last_step_is_a_termination_not_a_truncation() -> None:
     env = scripted([0.0] * 2000, ends=True)
-    *_, last = [env.step(np.zeros(4)) for _ in range(2000)]
+    *before, last = [env.step(np.zeros(4)) for _ in range(2000)]
     assert last[2:4] == (True, False)
+    assert last[4]["is_success"] is False
+    assert all(step[4].keys() == {"success", "task"} for step in before)
+
+
+def test_a_task_may_be_given_by_names() -> None:
+    env = gymnasium.make("tma_ray/StumpTracks-v0")
+    assert env.spec.reward_threshold == MASTERY_RETURN
+    task = {"obstacle_spacing": 3.0, "stump_height": 1.0}
+    assert env.reset(seed=1, options={"task": task})[1]["task"].tolist() == [1.0, 3.0]
+    with pytest.raises(ValueError, match=r"the names \['height'\]: expected exactly stump_height, obstacle"):
+        env.reset(options={"task": {"height": 1.0}})
 
 
 @pytest.mark.parametrize(("extra", "success"), [(0.0, False), (0.01, True), (-0.01, False)])
 def test_success_is_a_return_strictly_over_the_mastery_threshold(extra: float, success: bool) -> None:
     env = scripted([MASTERY_RETURN, extra])
-    assert env.step(np.zeros(4))[4] == {"success": False}
-    assert env.step(np.zeros(4))[4] == {"success": success}
+    assert [env.step(np.zeros(4))[4]["success"] for _ in range(2)] == [False, success]
 
 
 def test_success_is_of_this_episode_only() -> None:

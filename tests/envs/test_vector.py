@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import gc
+import itertools
 import multiprocessing
 import pickle
 import subprocess
@@ -14,6 +15,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import vector as wrappers
 
 import tma_ray  # noqa: F401  (registers the environments)
 from tma_ray.envs import ENVIRONMENTS, make_environment, make_vector_environment
@@ -26,28 +28,41 @@ COUNT = 4
 IDS = {"stump_tracks": "tma_ray/StumpTracks-v0", "parkour": "tma_ray/Parkour-v0"}
 
 
-def one_by_one(name: str) -> SyncVectorEnv:
-    """Gymnasium's own vector environment, which resets what it is told to."""
-    return SyncVectorEnv([lambda: make_environment(name)] * COUNT, autoreset_mode=AutoresetMode.DISABLED)
+DISABLED = AutoresetMode.DISABLED
+
+
+def one_by_one(name: str, mode: AutoresetMode) -> SyncVectorEnv:
+    """Gymnasium's own vector environment of single worlds."""
+    return SyncVectorEnv([lambda: make_environment(name)] * COUNT, autoreset_mode=mode)
 
 
 def same(given, expected) -> bool:
     """Tell whether two results, or dicts of arrays, are the same bits."""
     if isinstance(expected, dict):
         return given.keys() == expected.keys() and all(same(given[key], expected[key]) for key in expected)
+    if expected is None or given is None:
+        return given is expected
+    if expected.dtype == object:
+        return given.dtype == object and all(map(same, given, expected))
     return given.dtype == expected.dtype and given.tobytes() == expected.tobytes()
 
 
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("mode", AutoresetMode)
 @pytest.mark.parametrize("name", IDS)
-def test_worlds_with_a_counter_each_equal_gymnasiums_own(name: str) -> None:
-    """Episodes begin when others are under way: by a mask, since they ended, and by force."""
-    worlds, expected = gymnasium.make_vec(IDS[name], num_envs=COUNT), one_by_one(name)
+def test_worlds_equal_gymnasiums_own_in_every_mode(name: str, mode: AutoresetMode, threads: int) -> None:
+    """Episodes begin when others are under way: since they ended, and by force."""
+    worlds = gymnasium.make_vec(
+        IDS[name], num_envs=COUNT, threads=threads, autoreset_mode=mode, max_episode_steps=100
+    )
     assert isinstance(worlds.unwrapped, VectorEnvironment)
-    rng, mask, begun = np.random.default_rng(0), np.ones(COUNT, np.bool_), 0
+    assert worlds.metadata["autoreset_mode"] is worlds.unwrapped.autoreset_mode is mode
+    expected = one_by_one(name, mode)
+    expected.set_attr("max_episode_steps", 100)
+    rng, mask, ends = np.random.default_rng(0), np.ones(COUNT, np.bool_), 0
     seed: int | None = 7
     for step in range(500):
         if mask.any():
-            begun += int(mask.sum())
             results = (
                 worlds.reset(seed=seed, options={"reset_mask": mask}),
                 expected.reset(seed=seed, options={"reset_mask": mask.copy()}),
@@ -57,13 +72,76 @@ def test_worlds_with_a_counter_each_equal_gymnasiums_own(name: str) -> None:
         actions = rng.uniform(-1, 1, worlds.action_space.shape).astype(np.float32)
         results = worlds.step(actions), expected.step(actions)
         assert all(same(given, wanted) for given, wanted in zip(*results, strict=True)), step
-        mask = results[0][2] | results[0][3] | (rng.random(COUNT) < 0.01)
-    assert begun > 2 * COUNT
+        over = results[0][2] | results[0][3]
+        ends += int(over.sum())
+        mask = rng.random(COUNT) < 0.005
+        if mode is DISABLED:
+            mask |= over
+    assert ends > 2 * COUNT
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_the_function_of_tasks_chooses_those_of_all_episodes_without_a_given_one(mode: AutoresetMode) -> None:
+    tasks = ({"stump_height": 0.1 * number, "obstacle_spacing": 5.0} for number in itertools.count())
+    worlds = make_vector_environment(
+        "stump_tracks", 2, autoreset_mode=mode, next_task=lambda: next(tasks), max_episode_steps=3
+    )
+    still = np.zeros((2, 4), np.float32)
+    heights = [worlds.reset(seed=0)[1]["task"][:, 0]]
+    heights += [worlds.step(still)[4]["task"][:, 0] for _ in range(9)]
+    length = 4 if mode is AutoresetMode.NEXT_STEP else 3
+    expected = [[0.2 * (step // length), 0.2 * (step // length) + 0.1] for step in range(10)]
+    np.testing.assert_allclose(heights, expected, rtol=1e-6)
+    _, info = worlds.reset(options={"task": {"stump_height": [1.0, 2.0], "obstacle_spacing": 4.0}})
+    assert info["task"].tolist() == [[1, 4], [2, 4]]
+
+
+def test_a_refused_task_of_the_function_moves_no_world_and_can_be_tried_again() -> None:
+    tasks = iter([[0, 5], [0, 5], [99, 5], [0, 5], [0, 5], [0, 5]])
+    worlds = make_vector_environment(
+        "stump_tracks", 2, next_task=lambda: next(tasks), max_episode_steps=1, autoreset_mode="NextStep"
+    )
+    still = np.zeros((2, 4), np.float32)
+    worlds.reset(seed=0)
+    assert worlds.step(still)[3].all()
+    with pytest.raises(ValueError, match="stump_height = 99 is outside"):
+        worlds.step(still)
+    assert not worlds.step(still)[3].any()
+
+
+def test_attributes_of_the_worlds_are_read_and_set() -> None:
+    worlds = make_vector_environment("stump_tracks", 2, autoreset_mode=DISABLED)
+    assert worlds.get_attr("max_episode_steps") == worlds.call("get_wrapper_attr", "max_episode_steps")
+    worlds.reset(seed=0)
+    worlds.set_attr("max_episode_steps", [2, 3])
+    still = np.zeros((2, 4), np.float32)
+    assert [worlds.step(still)[3].tolist() for _ in range(2)] == [[False, False], [True, False]]
+    with pytest.raises(ValueError, match="3 values of mastery_return for 2 worlds"):
+        worlds.set_attr("mastery_return", [1, 2, 3])
+    worlds.set_attr("mastery_return", -300)
+    worlds.reset()
+    assert worlds.step(still)[4]["success"].all()
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_gymnasiums_vector_wrappers_accept_the_worlds(mode: AutoresetMode) -> None:
+    worlds = gymnasium.make_vec(IDS["stump_tracks"], num_envs=2, autoreset_mode=mode, max_episode_steps=10)
+    wrapped = wrappers.NormalizeReward(wrappers.ClipAction(wrappers.RecordEpisodeStatistics(worlds)))
+    if mode is AutoresetMode.NEXT_STEP:  # the only one, beside DISABLED, that those of observations accept
+        wrapped = wrappers.NormalizeObservation(wrapped)
+    wrapped.reset(seed=0)
+    ends = []
+    for step in range(35):
+        info = wrapped.step(np.full((2, 4), 2.0, np.float32))[4]
+        if "episode" in info:
+            ends.append((step, info["episode"]["l"].tolist()))
+    period = 11 if mode is AutoresetMode.NEXT_STEP else 10
+    assert ends == [(9 + number * period, [10, 10]) for number in range(3)]
 
 
 def test_each_world_is_truncated_by_its_own_counter(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tma_ray.envs.stump_tracks.StumpTracks.max_episode_steps", 20)
-    worlds = make_vector_environment("stump_tracks", 2)
+    worlds = make_vector_environment("stump_tracks", 2, autoreset_mode=DISABLED)
     still = np.zeros(worlds.action_space.shape, np.float32)
     worlds.reset(seed=0, options={"task": np.zeros((2, 2))})
     ends = []
@@ -102,6 +180,7 @@ def test_every_world_has_the_task_that_it_is_given() -> None:
         ({"task": np.zeros(2)}, r"tasks have shape \(3, 2\), one row for each world; got \(2,\)"),
         ({"task": [[0, 0], [0, 0], [99, 0]]}, "stump_height = 99 is outside its valid domain"),
         ({"tasks": np.zeros((3, 2))}, "unknown reset option 'tasks'"),
+        ({"task": {"stump_height": 1.0}}, "expected exactly stump_height, obstacle_spacing"),
         ({"reset_mask": np.zeros(3, np.bool_)}, "at least one of them true"),
         ({"reset_mask": np.ones(2, np.bool_)}, r"expected \(3,\) of bool"),
         ({"reset_mask": [1, 0, 1]}, "type int64"),
@@ -117,7 +196,7 @@ def test_malformed_resets_are_refused(options: dict[str, object], message: str) 
 
 
 def test_what_cannot_be_stepped_moves_no_world() -> None:
-    worlds = make_vector_environment("stump_tracks", 2)
+    worlds = make_vector_environment("stump_tracks", 2, autoreset_mode=DISABLED)
     with pytest.raises(gymnasium.error.ResetNeeded, match="the first reset begins an episode in every world"):
         worlds.reset(options={"reset_mask": np.array([True, False])})
     still = np.zeros((2, 4), np.float32)
@@ -181,10 +260,8 @@ def test_a_vector_is_not_drawn() -> None:
     ],
 )
 def test_any_number_of_threads_gives_the_same_bits(name: str, body: str) -> None:
-    vectors = [
-        gymnasium.make_vec(IDS[name], num_envs=COUNT, embodiment=body, threads=threads)
-        for threads in (1, 2, COUNT)
-    ]
+    options = {"num_envs": COUNT, "embodiment": body, "autoreset_mode": DISABLED}
+    vectors = [gymnasium.make_vec(IDS[name], threads=threads, **options) for threads in (1, 2, COUNT)]
     rng, mask, seed = np.random.default_rng(0), np.ones(COUNT, np.bool_), 3
     for _ in range(60):
         if mask.any():
@@ -229,6 +306,16 @@ def test_the_interpreter_ends_with_worlds_that_nobody_closed() -> None:
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=120, check=False)
     assert (ended.returncode, ended.stderr) == (0, b"")
+
+
+def test_a_fresh_process_makes_worlds_by_an_id_that_names_the_module() -> None:
+    code = (
+        "import gymnasium, sys\n"
+        "worlds = gymnasium.make_vec('tma_ray:tma_ray/StumpTracks-v0', num_envs=2)\n"
+        "print(worlds.spec.id, worlds.spec.reward_threshold)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=120, check=False)
+    assert ended.stdout.split() == [b"tma_ray/StumpTracks-v0", b"230.0"], ended.stderr
 
 
 @pytest.mark.parametrize("row", [0, 3])

@@ -50,9 +50,10 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     An action is one value in [-1, 1] per motor, whose sign is the direction and whose size the share of the
     torque, then one per grip sensor: over 0 closes it. `reset` takes a task (``options={"task": [...]}``) or
-    draws one uniformly from `task_space`. `info` holds "success", an episodic return over 230, and after
-    `reset` also the "task". Seed and actions determine a trajectory bit for bit. In an episode an environment
-    can be neither copied nor pickled.
+    draws one uniformly from `task_space`. `info` holds "success" (an episodic return over 230) and the "task"
+    (d,), at the end of an episode also "is_success", the same under the name that stable-baselines3 logs.
+    Seed and actions determine a trajectory bit for bit. In an episode an environment can be neither copied
+    nor pickled.
 
     A subclass says what its tasks are and builds their worlds.
 
@@ -115,7 +116,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
         Args:
             seed: number that makes this episode, and those after it, repeatable.
-            options: {"task": one value per dimension of `valid_domain`}.
+            options: {"task": one value per dimension of `valid_domain`, in order or by name}.
 
         Raises:
             ValueError: a task outside `valid_domain`, or an unknown option.
@@ -127,10 +128,10 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._terrain = self.build(task, self.np_random)
         observation = engine.reset(self._terrain, push)
         self._observation = observation
-        self._episode, self._running = EpisodeSoFar(), True
+        self._task, self._episode, self._running = task, EpisodeSoFar(), True
         if self.render_mode == "human":
             self.render()
-        return observation, {"success": False, "task": task}
+        return observation, {"success": False, "task": task.copy()}
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Advance the world by 1/50 s.
@@ -148,7 +149,10 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._running = not (terminated or truncated)
         if self.render_mode == "human":
             self.render()
-        info = {"success": self._episode.episodic_return > MASTERY_RETURN}
+        success = self._episode.episodic_return > MASTERY_RETURN
+        info = {"success": success, "task": self._task.copy()}
+        if not self._running:
+            info["is_success"] = success
         return observation, reward, terminated, truncated, info
 
     def release_engine(self) -> Engine:

@@ -32,7 +32,9 @@ def register_environments() -> None:
     """Register the environments with gymnasium; called when this module is imported."""
     for name, (one, many) in GYMNASIUM_IDS.items():
         if name not in gymnasium.registry:
-            gymnasium.register(id=name, entry_point=one, vector_entry_point=many)
+            gymnasium.register(
+                id=name, entry_point=one, vector_entry_point=many, reward_threshold=MASTERY_RETURN
+            )
 
 
 def make_environment(name: str, **kwargs: Any) -> Environment:

@@ -1,19 +1,21 @@
 """Vector environments: n worlds stepped in one compiled call by one or more threads, each on its own task."""
 
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from gymnasium.wrappers import TimeLimit
 from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.arguments import check_whole
 from tma_ray.envs.base import NO_COPY
 from tma_ray.envs.registration import Environment, make_environment, mastery_return
 from tma_ray.physics import Engine, engine_in_use
-from tma_ray.tasks import Task, TaskSpace
+from tma_ray.tasks import Task, TaskSpace, task_values
 
 if TYPE_CHECKING:
     from tma_ray.physics.compiled.engine import EngineBatch
@@ -77,6 +79,9 @@ class LockStep:
         self._environments = environments
         self.episodic_returns = np.zeros(len(environments))
 
+    def read_limits(self) -> None:
+        """Read the longest episodes of the environments again, which may have changed."""
+
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
@@ -128,7 +133,11 @@ class EngineLockStep(LockStep):
         self._threads = threads
         self._batch: EngineBatch | None = None
         self._steps = np.zeros(len(environments), dtype=np.int64)
-        self._longest = environments[0].max_episode_steps  # type: ignore[attr-defined]
+        self.read_limits()
+
+    def read_limits(self) -> None:
+        """Read the longest episodes of the environments again; see `LockStep`."""
+        self._longest = np.array([environment.max_episode_steps for environment in self._environments])  # type: ignore[attr-defined]
 
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
@@ -155,11 +164,12 @@ class EngineLockStep(LockStep):
             return super()._step(rows, actions)
         observations, rewards, terminated = self._batch.step(rows, actions)
         self._steps[rows] = steps = self._steps[rows] + 1
-        return Outcome(observations, rewards, terminated, ~terminated & (steps >= self._longest))
+        return Outcome(observations, rewards, terminated, ~terminated & (steps >= self._longest[rows]))
 
 
-Observations = NDArray[np.float32]
-Flags = NDArray[np.bool_]
+Observations: TypeAlias = NDArray[np.float32]
+Flags: TypeAlias = NDArray[np.bool_]
+NextTask: TypeAlias = Callable[[], ArrayLike | Mapping[str, float]]
 
 OPTIONS = ("reset_mask", "task")  # options of a reset
 
@@ -167,23 +177,28 @@ OPTIONS = ("reset_mask", "task")  # options of a reset
 class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
     """n environments of one kind, stepped together; they play what each would play alone, bit for bit.
 
-    Episodes that are over are not begun again by themselves: `reset` begins those that
-    ``options["reset_mask"]`` (n,) names, on the tasks ``options["task"]`` (n, d) or, without any, on tasks
-    drawn uniformly from `task_space`. `info` holds "success" (n,), a return over the one at which a task is
-    mastered, and after `reset` also "task" (n, d), each with its mask. A copy or a pickle has copies of the
-    environments, and must be reset before its first step, as after `close`; during episodes it is refused.
+    The episode of a world ends alone, and the next one begins as in Gymnasium's vector environments: in the
+    next step, whose action is ignored (NEXT_STEP), in the same step, with the last observation and info
+    under "final_obs" and "final_info" (SAME_STEP), or by `reset` with ``options["reset_mask"]`` (n,)
+    (DISABLED). Its task is that of ``options["task"]`` (n, d), of `next_task`, or drawn uniformly from
+    `task_space`. `info` holds "success" (n,), a return over the one at which a task is mastered, "task"
+    (n, d) and, where episodes end, "is_success" (n,), each with its mask. A copy or a pickle has copies of
+    the environments, and must be reset before its first step, as after `close`; during episodes it is
+    refused.
 
     Args:
         environments: new environments of one kind.
         threads: number of threads that step them, from the first reset until `close`; the bits are the same.
             A forked process has one.
+        autoreset_mode: when the next episode of a world begins, or the mode's value ("NextStep").
+        next_task: function that returns the task of the next episode, (d,) or a dict of names, such as a
+            teacher's `sample`; called in the order of the worlds.
 
     Raises:
-        ValueError: no environments, or a number of threads that they cannot have.
+        ValueError: no environments, an unknown mode, or a number of threads that they cannot have.
 
     Attributes:
-        task_space: tasks that a teacher may choose; `reset` accepts more.
-        valid_domain: tasks that `reset` accepts.
+        autoreset_mode: when the next episode of a world begins.
 
     Examples:
         >>> import tma_ray  # registers the environments
@@ -193,9 +208,13 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         ((2, 42), [[0.5, 3.0], [1.5, 6.0]])
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.DISABLED, "render_modes": []}  # type: ignore[misc]
-
-    def __init__(self, environments: Sequence[Environment], threads: int = 1) -> None:
+    def __init__(
+        self,
+        environments: Sequence[Environment],
+        threads: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        next_task: NextTask | None = None,
+    ) -> None:
         if not environments:
             raise ValueError("environments is empty: expected at least one")
         first = environments[0]
@@ -203,14 +222,34 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self.single_observation_space, self.single_action_space = first.observation_space, first.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.task_space: TaskSpace = first.get_wrapper_attr("task_space")
-        self.valid_domain: TaskSpace = first.get_wrapper_attr("valid_domain")
-        self._mastery_return = mastery_return(first)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": []}
+        self._next_task = next_task
         self._environments, self._worlds = environments, lock_step(environments, threads)
         self._threads = threads
         self._rows = np.arange(self.num_envs)
-        self._running = np.zeros(self.num_envs, np.bool_)
+        self._everyone = np.ones(self.num_envs, np.bool_)
+        self._running, self._ended = np.zeros((2, self.num_envs), np.bool_)
+        self._tasks = np.zeros((self.num_envs, self.valid_domain.size), np.float32)
         self._observations: Observations | None = None
+        self._read_mastery_returns()
+
+    @property
+    def task_space(self) -> TaskSpace:
+        """Tasks that a teacher may choose; `reset` accepts more."""
+        space: TaskSpace = self._environments[0].get_wrapper_attr("task_space")
+        return space
+
+    @property
+    def valid_domain(self) -> TaskSpace:
+        """Tasks that `reset` accepts."""
+        domain: TaskSpace = self._environments[0].get_wrapper_attr("valid_domain")
+        return domain
+
+    @property
+    def envs(self) -> tuple[Environment, ...]:
+        """The environments (n), for their attributes; their worlds are stepped without them."""
+        return tuple(self._environments)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -219,7 +258,8 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
         Args:
             seed: seeds of the worlds, or that of the first one, whose successors have the next numbers.
-            options: {"task": (n, d), "reset_mask": (n,) of bool}, either of them or both.
+            options: {"task": (n, d) or a dict of names to (n,), "reset_mask": (n,) of bool}, either of them
+                or both.
 
         Returns:
             Observations (n, o), in which the rows of other worlds are as before, and `info`.
@@ -233,31 +273,24 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         if unknown:
             raise ValueError(f"unknown reset option {unknown[0]!r}; known: {', '.join(OPTIONS)}")
         mask = self._mask(given.get("reset_mask"))
-        chosen = self._rows[mask]
-        seeds, tasks = self._seeds(seed), self._tasks(given.get("task"))
-        self._running[chosen] = False  # and stays so where a task is refused
-        observations, played = self._worlds.reset(
-            chosen, [seeds[row] for row in chosen], [tasks[row] for row in chosen]
-        )
-        if self._observations is None:
-            self._observations = np.empty((self.num_envs, observations.shape[1]), np.float32)
-        self._observations[chosen], self._running[chosen] = observations, True
-        shown = np.zeros((self.num_envs, played.shape[1]), played.dtype)
-        shown[chosen] = played
+        seeds, tasks = self._seeds(seed), self._given_tasks(given.get("task"))
+        observations = self._begin(mask, seeds, tasks)
+        shown = np.where(mask[:, None], self._tasks, 0)
         success = {"success": np.zeros(self.num_envs, np.bool_), "_success": mask.copy()}
-        return self._observations.copy(), {**success, "task": shown, "_task": mask.copy()}
+        return observations.copy(), {**success, "task": shown, "_task": mask.copy()}
 
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observations, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Advance every world by one step; see `LockStep.step`.
+        """Advance every world by one step, or begin its next episode; see the class.
 
         Args:
             actions: values (n, a).
 
         Raises:
             ValueError: actions of another shape, or not finite; no world has moved.
-            gymnasium.error.ResetNeeded: an episode is over, or not begun; no world has moved.
+            gymnasium.error.ResetNeeded: an episode is over, or not begun, and does not begin by itself; no
+                world has moved.
         """
         values = np.asarray(actions, dtype=np.float32)
         if values.shape != self.action_space.shape:
@@ -265,32 +298,128 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         if np.count_nonzero(np.isfinite(values)) < values.size:  # several times as fast as `all`
             raise ValueError(f"actions must be finite, got {values[~np.isfinite(values).all(axis=1)][0]}")
         if np.count_nonzero(self._running) < self.num_envs:
-            over = ", ".join(map(str, self._rows[~self._running]))
-            raise gymnasium.error.ResetNeeded(
-                f"the episodes of worlds {over} have ended or not begun; call "
-                f"reset(options={{'reset_mask': terminations | truncations}})"
-            )
-        outcome = self._worlds.step(self._rows, values)
-        self._running[outcome.over] = False
+            outcome, moved = self._step_after_ends(values)
+        else:
+            outcome, moved = self._worlds.step(self._rows, values), self._everyone
+        observations, rewards, terminated, truncated = outcome
+        success = (self._worlds.episodic_returns > self._mastery_returns) & moved
         assert self._observations is not None
-        self._observations[:] = outcome.observations
-        success = {
-            "success": self._worlds.episodic_returns > self._mastery_return,
-            "_success": np.ones(self.num_envs, np.bool_),
-        }
-        return outcome.observations, outcome.rewards, outcome.terminated, outcome.truncated, success
+        self._observations[:] = observations
+        info = self._info(success, self._everyone)
+        over = terminated | truncated
+        if np.count_nonzero(over):
+            self._running[over], self._ended[over] = False, True
+            if self.autoreset_mode is AutoresetMode.SAME_STEP:
+                info = self._begin_same_step(over, success)
+                observations = self._observations.copy()
+            else:
+                info["is_success"], info["_is_success"] = success & over, over.copy()
+        return observations, rewards, terminated, truncated, info
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return an attribute of each environment."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of each environment.
+
+        Args:
+            name: the attribute, such as "max_episode_steps".
+            values: a list or tuple of n values, or one for all.
+
+        Raises:
+            ValueError: another number of values.
+        """
+        several = values if isinstance(values, list | tuple) else [values] * self.num_envs
+        if len(several) != self.num_envs:
+            raise ValueError(f"{len(several)} values of {name} for {self.num_envs} worlds: expected one each")
+        for environment, value in zip(self._environments, several, strict=True):
+            environment.set_wrapper_attr(name, value)
+        self._worlds.read_limits()
+        self._read_mastery_returns()
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Return what a method of each environment returns; the value of an attribute that is no method."""
+        attributes = [environment.get_wrapper_attr(name) for environment in self._environments]
+        return tuple(value(*args, **kwargs) if callable(value) else value for value in attributes)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002  (the signature of the base)
         """Close all worlds, and end the threads."""
         for environment in self._environments:
             environment.close()
         self._worlds, self._observations = lock_step(self._environments, self._threads), None
-        self._running[:] = False
+        self._running[:], self._ended[:] = False, False
 
     def __reduce__(self) -> tuple[type["VectorEnvironment"], tuple[Any, ...], dict[str, Any]]:
         if self._running.any():
             raise TypeError(NO_COPY)
-        return VectorEnvironment, (self._environments, self._threads), {"spec": self.spec}
+        arguments = self._environments, self._threads, self.autoreset_mode, self._next_task
+        return VectorEnvironment, arguments, {"spec": self.spec}
+
+    def _begin(self, mask: Flags, seeds: Sequence[int | None], tasks: Sequence[Task | None]) -> Observations:
+        """Begin episodes in the worlds of `mask`; return the observations of all, not a copy."""
+        chosen = self._rows[mask]
+        self._running[chosen] = False  # and stays so where a task is refused
+        observations, played = self._worlds.reset(
+            chosen, [seeds[row] for row in chosen], [self._chosen_task(tasks[row]) for row in chosen]
+        )
+        if self._observations is None:
+            self._observations = np.empty((self.num_envs, observations.shape[1]), np.float32)
+        self._observations[chosen], self._tasks[chosen] = observations, played
+        self._running[chosen], self._ended[chosen] = True, False
+        return self._observations
+
+    def _step_after_ends(self, actions: NDArray[np.float32]) -> tuple[Outcome, Flags]:
+        """Begin the episodes that follow others, and step the other worlds; return also which were stepped.
+
+        Raises:
+            gymnasium.error.ResetNeeded: a world is not running, and none of its episodes has just ended.
+        """
+        moved, begun = self._running.copy(), self._ended.copy()
+        if self.autoreset_mode is AutoresetMode.DISABLED or not (moved | begun).all():
+            over = ", ".join(map(str, self._rows[~moved]))
+            raise gymnasium.error.ResetNeeded(
+                f"the episodes of worlds {over} have ended or not begun; call "
+                f"reset(options={{'reset_mask': terminations | truncations}})"
+            )
+        nothing = [None] * self.num_envs
+        observations = self._begin(begun, nothing, nothing).copy()
+        rewards, (terminated, truncated) = np.zeros(self.num_envs), np.zeros((2, self.num_envs), np.bool_)
+        if moved.any():
+            outcome = self._worlds.step(self._rows[moved], actions[moved])
+            observations[moved], rewards[moved] = outcome.observations, outcome.rewards
+            terminated[moved], truncated[moved] = outcome.terminated, outcome.truncated
+        return Outcome(observations, rewards, terminated, truncated), moved
+
+    def _begin_same_step(self, over: Flags, success: Flags) -> dict[str, Any]:
+        """Begin the episodes that follow those of the worlds `over`, and return `info` of the step."""
+        assert self._observations is not None
+        last = np.full(self.num_envs, None, dtype=object)
+        for row in self._rows[over]:
+            last[row] = self._observations[row].copy()
+        ended = self._info(success & over, over)
+        ended["task"][~over] = 0
+        ended["is_success"], ended["_is_success"] = success & over, over.copy()
+        nothing = [None] * self.num_envs
+        self._begin(over, nothing, nothing)
+        final = {
+            "final_obs": last,
+            "_final_obs": over.copy(),
+            "final_info": ended,
+            "_final_info": over.copy(),
+        }
+        return {**final, **self._info(success & ~over, self._everyone)}
+
+    def _info(self, success: Flags, mask: Flags) -> dict[str, Any]:
+        return {
+            "success": success,
+            "_success": mask.copy(),
+            "task": self._tasks.copy(),
+            "_task": mask.copy(),
+        }
+
+    def _read_mastery_returns(self) -> None:
+        self._mastery_returns = np.array([mastery_return(environment) for environment in self._environments])
 
     def _mask(self, mask: Any) -> Flags:
         values = np.ones(self.num_envs, np.bool_) if mask is None else np.asarray(mask)
@@ -303,14 +432,20 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             raise gymnasium.error.ResetNeeded("the first reset begins an episode in every world")
         return values
 
-    def _tasks(self, tasks: Any) -> list[Task | None]:
+    def _given_tasks(self, tasks: Any) -> list[Task | None]:
         if tasks is None:
             return [None] * self.num_envs
-        values = np.asarray(tasks)
+        values = task_values(tasks, self.valid_domain)
         expected = self.num_envs, self.valid_domain.size
         if values.shape != expected:
             raise ValueError(f"tasks have shape {expected}, one row for each world; got {values.shape}")
         return list(values)
+
+    def _chosen_task(self, task: Task | None) -> Task | None:
+        """Return `task`, if any, or the next of `next_task`; None to draw one."""
+        if task is not None or self._next_task is None:
+            return task
+        return np.asarray(task_values(self._next_task(), self.valid_domain), np.float32)
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None or isinstance(seed, int):
@@ -321,14 +456,30 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
 
 def make_vector_environment(
-    name: str, num_envs: int = 1, threads: int = 1, **kwargs: Any
+    name: str,
+    num_envs: int = 1,
+    threads: int = 1,
+    *,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    next_task: NextTask | None = None,
+    max_episode_steps: int | None = None,
+    **kwargs: Any,
 ) -> VectorEnvironment:
-    """Return `num_envs` worlds of the environment `name`, stepped by `threads`; see `make_environment`.
+    """Return `num_envs` worlds of the environment `name`, stepped by `threads`; see `VectorEnvironment`.
+
+    Args:
+        name: name of the environment, as for `make_environment`.
+        num_envs: number of worlds.
+        threads: number of threads that step them.
+        autoreset_mode: when the next episode of a world begins.
+        next_task: function that returns the task of the next episode.
+        max_episode_steps: steps after which an episode is truncated; None for the environment's own number.
+        kwargs: options of the environment, as for `make_environment`.
 
     Raises:
         UnknownNameError: nothing answers to `name`.
-        ValueError: no worlds, an option that the environment does not have, a render mode, or a number of
-            threads that the worlds cannot have.
+        ValueError: no worlds, an option that the environment does not have, a render mode, a number of
+            threads that the worlds cannot have, or longer episodes than the environment's.
     """
     check_whole("num_envs", num_envs, least=1)
     if kwargs.get("render_mode") is not None:
@@ -336,14 +487,32 @@ def make_vector_environment(
             f"render_mode = {kwargs['render_mode']!r}: worlds that are stepped together are not drawn; "
             f"make one with gymnasium.make, or with vectorization_mode='sync'"
         )
-    return VectorEnvironment([make_environment(name, **kwargs) for _ in range(num_envs)], threads)
+    environments = [make_environment(name, **kwargs) for _ in range(num_envs)]
+    if max_episode_steps is not None:
+        environments = [_shortened(environment, max_episode_steps) for environment in environments]
+    return VectorEnvironment(environments, threads, autoreset_mode, next_task)
 
 
-def stump_tracks(num_envs: int = 1, **kwargs: Any) -> VectorEnvironment:
-    """Return worlds of Stump Tracks, for `gymnasium.make_vec`."""
-    return make_vector_environment("stump_tracks", num_envs, **kwargs)
+def _shortened(environment: Environment, steps: int) -> Environment:
+    """Return `environment` with episodes of at most `steps`.
+
+    Raises:
+        ValueError: fewer than one step, or more than the environment's own.
+    """
+    check_whole("max_episode_steps", steps, least=1)
+    if not isinstance(environment, EngineEnvironment):
+        return TimeLimit(environment, steps)
+    if steps > environment.max_episode_steps:
+        raise ValueError(
+            f"max_episode_steps = {steps}: expected at most {environment.max_episode_steps}, where the "
+            f"environment itself truncates"
+        )
+    environment.max_episode_steps = steps
+    return environment
 
 
-def parkour(num_envs: int = 1, **kwargs: Any) -> VectorEnvironment:
-    """Return worlds of Parkour, for `gymnasium.make_vec`."""
-    return make_vector_environment("parkour", num_envs, **kwargs)
+stump_tracks = partial(make_vector_environment, "stump_tracks")
+"""Return worlds of Stump Tracks, for `gymnasium.make_vec`."""
+
+parkour = partial(make_vector_environment, "parkour")
+"""Return worlds of Parkour, for `gymnasium.make_vec`."""

@@ -22,7 +22,7 @@ from tma_ray.tasks.knowledge import (
     TestSet,
     expert_knowledge,
 )
-from tma_ray.tasks.spaces import Dimension, ShuffledSpace, Task, TaskSpace, check_task
+from tma_ray.tasks.spaces import Dimension, ShuffledSpace, Task, TaskSpace, check_task, task_values
 
 __all__ = [
     "MASTERY_RETURN",
@@ -48,4 +48,5 @@ __all__ = [
     "check_return",
     "check_task",
     "expert_knowledge",
+    "task_values",
 ]

@@ -1,5 +1,6 @@
 """The box of tasks that a teacher chooses from, and the same box with its regions shuffled."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
@@ -149,13 +150,30 @@ class TaskSpace:
         return values
 
 
-def check_task(task: ArrayLike, domain: TaskSpace) -> Task:
-    """Return a copy of `task` as float32 (d,) if an environment with this valid domain can build it.
+def task_values(tasks: ArrayLike | Mapping[str, ArrayLike], space: TaskSpace) -> NDArray[np.generic]:
+    """Return tasks as an array (..., d).
+
+    Args:
+        tasks: an array, or the values of every dimension by name, of shapes that broadcast to (...,).
+        space: space whose dimensions the names are those of.
 
     Raises:
-        ValueError: wrong shape, not finite, or outside `domain`; the message names the dimension.
+        ValueError: a name that is missing or unknown.
     """
-    values = np.array(task, dtype=np.float32)
+    if not isinstance(tasks, Mapping):
+        return np.asarray(tasks)
+    if tasks.keys() != set(space.names):
+        raise ValueError(f"task has the names {list(tasks)}: expected exactly {', '.join(space.names)}")
+    return np.stack(np.broadcast_arrays(*(tasks[name] for name in space.names)), axis=-1)
+
+
+def check_task(task: ArrayLike | Mapping[str, float], domain: TaskSpace) -> Task:
+    """Return a copy of `task`, values or a dict by name, as float32 (d,) if it lies in `domain`.
+
+    Raises:
+        ValueError: wrong shape or names, not finite, or outside `domain`; the message names the dimension.
+    """
+    values = np.array(task_values(task, domain), dtype=np.float32)
     if values.shape != (domain.size,):
         raise ValueError(f"a task has shape ({domain.size},) ({', '.join(domain.names)}), got {values.shape}")
     for value, dimension in zip(values, domain.dimensions, strict=True):
