@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
+import sb3_pendulum
 from sb3_worlds import SB3Worlds
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 import tma_ray  # noqa: F401  (registers the environments)
+from tma_ray.curriculum import Curriculum, SharedCurriculum
 from tma_ray.envs import make_environment
 
 COUNT = 3
@@ -81,6 +84,26 @@ def test_ppo_of_stable_baselines3_trains_on_it() -> None:
     environment = SB3Worlds(worlds)
     model = PPO("MlpPolicy", environment, n_steps=16, batch_size=16, n_epochs=1, device="cpu").learn(64)
     assert model.num_timesteps == 64
+
+
+def test_a_teacher_chooses_the_tasks_of_stable_baselines3(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert 0 <= sb3_pendulum.train("alp_gmm:fit_every=5", steps=2_048, test_tasks=2) <= 1
+    lines = Path(sb3_pendulum.__file__).read_text().splitlines()
+    assert len(lines) < 40
+    assert len(Curriculum.load("pendulum/alp_gmm-0").episodes) == 10
+
+
+def make_world(handle: SharedCurriculum) -> gymnasium.Env:
+    return handle.wrap(gymnasium.make("tma_ray:tma_ray/StumpTracks-v0"))
+
+
+def test_the_processes_of_stable_baselines3_share_a_teacher() -> None:
+    curriculum = Curriculum("random", make_environment("stump_tracks"), mastery_return=230)
+    worlds = SubprocVecEnv([partial(make_world, curriculum.shared())] * 2, start_method="spawn")
+    PPO("MlpPolicy", worlds, n_steps=256, n_epochs=1, device="cpu").learn(512)
+    worlds.close()
+    assert len(curriculum.episodes) > 0
 
 
 if find_spec("tianshou"):  # no requirement of the project, so that without it there is nothing to skip

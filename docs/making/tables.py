@@ -29,6 +29,7 @@ from analysis.commands.releases import findings
 from tma_ray import cli, command_line
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
 from tma_ray.cli.records import KEYS
+from tma_ray.curriculum import teacher_needs
 from tma_ray.embodiments import embodiment_names, load_embodiment
 from tma_ray.envs import ENVIRONMENTS, make_environment
 from tma_ray.results import SCHEMAS, Table
@@ -109,6 +110,20 @@ def teacher(name: str) -> str:
     line = f"`{name}`, needs at least: {needed}; tells apart: {levels}."
     has_any = any(field.init for field in dataclasses.fields(kind))
     return f"{line}\n\n{hyperparameters(kind)}" if has_any else f"{line} It has no hyper-parameters."
+
+
+def needs_of_teachers() -> str:
+    """Return what each teacher needs of a training loop."""
+    rows = [
+        (
+            f"`{row.teacher}`",
+            ", ".join(f"`{name}`" for name in filter(None, row.needs.split(", "))) or NONE,
+            row.expert_knowledge,
+            "yes" if row.several_worlds else "no",
+        )
+        for row in teacher_needs().itertuples()
+    ]
+    return markdown(("teacher", "functions", "least expert knowledge", "several environments"), rows)
 
 
 def knowledge_requirements() -> str:
@@ -300,6 +315,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "student ppo": lambda: hyperparameters(PPOHyperparameters),
     "student sac": lambda: hyperparameters(SACHyperparameters),
     "knowledge requirements": knowledge_requirements,
+    "teacher needs": needs_of_teachers,
     **{f"challenges {name}": lambda name=name: challenges(name) for name in ENVIRONMENTS.names()},
     **{f"task space {name}": lambda name=name: task_space(name) for name in ENVIRONMENTS.names()},
     "embodiments": embodiments,

@@ -27,6 +27,7 @@ LONG = (
     "docs/add_embodiment.md",
     "docs/baselines.md",
     "docs/training_code.md",
+    "docs/curriculum.md",
     "docs/get_started.md",
     "docs/add_student.md",
     "docs/add_teacher.md",

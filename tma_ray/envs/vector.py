@@ -199,6 +199,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     Attributes:
         autoreset_mode: when the next episode of a world begins.
+        next_task: function that returns the task of the next episode; may be replaced between two calls.
 
     Examples:
         >>> import tma_ray  # registers the environments
@@ -224,7 +225,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": []}
-        self._next_task = next_task
+        self.next_task = next_task
         self._environments, self._worlds = environments, lock_step(environments, threads)
         self._threads = threads
         self._rows = np.arange(self.num_envs)
@@ -339,7 +340,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._read_mastery_returns()
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Return what a method of each environment returns; the value of an attribute that is no method."""
+        """Return the results of a method of each environment, or the values of an attribute."""
         attributes = [environment.get_wrapper_attr(name) for environment in self._environments]
         return tuple(value(*args, **kwargs) if callable(value) else value for value in attributes)
 
@@ -353,7 +354,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     def __reduce__(self) -> tuple[type["VectorEnvironment"], tuple[Any, ...], dict[str, Any]]:
         if self._running.any():
             raise TypeError(NO_COPY)
-        arguments = self._environments, self._threads, self.autoreset_mode, self._next_task
+        arguments = self._environments, self._threads, self.autoreset_mode, self.next_task
         return VectorEnvironment, arguments, {"spec": self.spec}
 
     def _begin(self, mask: Flags, seeds: Sequence[int | None], tasks: Sequence[Task | None]) -> Observations:
@@ -443,9 +444,9 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     def _chosen_task(self, task: Task | None) -> Task | None:
         """Return `task`, if any, or the next of `next_task`; None to draw one."""
-        if task is not None or self._next_task is None:
+        if task is not None or self.next_task is None:
             return task
-        return np.asarray(task_values(self._next_task(), self.valid_domain), np.float32)
+        return np.asarray(task_values(self.next_task(), self.valid_domain), np.float32)
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None or isinstance(seed, int):

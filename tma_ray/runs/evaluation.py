@@ -1,4 +1,4 @@
-"""Episodes without learning: tests, trials that a teacher asks for, and the recording of steps."""
+"""Episodes without learning: tests, and trials that a teacher asks for."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -13,8 +13,8 @@ from tma_ray.envs import make_environment
 from tma_ray.envs.vector import LockStep, lock_step
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.spec import RunSpec, evaluation_seeds
-from tma_ray.students import Student, Transition
-from tma_ray.tasks import Outcomes, Task, Trajectory
+from tma_ray.students import Student
+from tma_ray.tasks import Outcomes, Task
 
 Environment = gymnasium.Env[Any, Any]
 
@@ -148,36 +148,3 @@ class Trials:
         """Close all worlds."""
         for environment in self._environments:
             environment.close()
-
-
-class Recorder:
-    """Recorder of one episode; actions are copied, since a student may reuse its arrays.
-
-    Args:
-        initial_observation: observation of `reset` (o,).
-        gamma: the student's discount factor.
-    """
-
-    def __init__(self, initial_observation: NDArray[np.float32], gamma: float) -> None:
-        self._gamma = gamma
-        self._observations = [initial_observation]
-        self._actions: list[NDArray[np.float32]] = []
-        self._rewards: list[float] = []
-        self._terminated = False
-
-    def add(self, step: Transition) -> None:
-        """Append a step."""
-        self._observations.append(step.next_observation)
-        self._actions.append(step.action.copy())
-        self._rewards.append(step.reward)
-        self._terminated = step.terminated
-
-    def trajectory(self) -> Trajectory:
-        """Return the steps so far, at least one."""
-        return Trajectory(
-            observations=np.stack(self._observations).astype(np.float32, copy=False),
-            actions=np.stack(self._actions).astype(np.float32, copy=False),
-            rewards=np.array(self._rewards, dtype=np.float64),
-            terminated=self._terminated,
-            gamma=self._gamma,
-        )

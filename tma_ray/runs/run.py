@@ -11,22 +11,13 @@ import numpy as np
 from tma_ray.envs import ENVIRONMENTS, make_environment
 from tma_ray.part_names import base_name
 from tma_ray.results import RunWriter, Table
-from tma_ray.runs.evaluation import Evaluation, Recorder, Trials
+from tma_ray.runs.evaluation import Evaluation, Trials
 from tma_ray.runs.inputs import arguments, import_plugins
 from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec, Streams, landscape_of, placement_generator
 from tma_ray.runs.teaching import Reply, TeacherLink
 from tma_ray.students import Student, Transition, make_player, make_student
-from tma_ray.tasks import (
-    Answer,
-    Episode,
-    EpisodeSoFar,
-    Query,
-    QueryKind,
-    Task,
-    TeacherUpdate,
-    check_return,
-)
+from tma_ray.tasks import Answer, Episode, EpisodeSoFar, Query, QueryKind, Recorder, Task, TeacherUpdate, check_return
 
 
 @dataclass
@@ -188,7 +179,7 @@ class Run:
             reward = float(reward)
             step = Transition(observation, action, reward, next_observation, terminated, truncated)
             if recorder is not None:
-                recorder.add(step)
+                recorder.add(action, reward, next_observation, terminated)
             if trains:
                 student.observe(step)
             observation = next_observation

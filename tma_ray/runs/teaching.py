@@ -10,8 +10,17 @@ import numpy as np
 from tma_ray.part_names import base_name
 from tma_ray.runs.inputs import arguments, import_plugins
 from tma_ray.runs.spec import RunSpec, Streams, landscape_of, placement_generator
-from tma_ray.tasks import Answer, Episode, Query, QueryKind, Task, TeacherUpdate, expert_knowledge
-from tma_ray.teachers import make_teacher
+from tma_ray.tasks import (
+    Answer,
+    Episode,
+    Proposal,
+    Query,
+    QueryKind,
+    Task,
+    TeacherUpdate,
+    expert_knowledge,
+)
+from tma_ray.teachers import Teacher, make_teacher
 
 
 @dataclass(frozen=True)
@@ -60,6 +69,62 @@ def _can_be_pickled(value: object) -> bool:
     return True
 
 
+class CheckedTeacher:
+    """A started teacher whose tasks and queries are checked.
+
+    Every method raises ValueError where the teacher returns something else than it declares.
+
+    Args:
+        teacher: the teacher, after `start`.
+        name: its name, for messages.
+    """
+
+    def __init__(self, teacher: Teacher, name: str) -> None:
+        self._teacher, self._name = teacher, name
+
+    def propose(self) -> Proposal:
+        """Return the next task."""
+        proposal = self._teacher.propose()
+        self._check(proposal.task, (self._teacher.space.size,))
+        return proposal
+
+    def observe(self, episode: Episode) -> Query | None:
+        """Report a finished episode."""
+        return self._checked(self._teacher.observe(episode))
+
+    def answer(self, answer: Answer) -> Query | None:
+        """Answer the last query."""
+        return self._checked(self._teacher.answer(answer))
+
+    def probe(self, count: int) -> Task:
+        """Return tasks (count, d) without exploration; leave no trace."""
+        tasks = self._teacher.probe(count)
+        self._check(tasks, (count, self._teacher.space.size))
+        return tasks
+
+    def _checked(self, query: Query | None) -> Query | None:
+        if query is not None and query.kind is QueryKind.EVALUATION:
+            if not self._teacher.wants_evaluations:
+                raise ValueError(
+                    f"teacher {self._name!r} asked for an evaluation: declare wants_evaluations = True in "
+                    f"its class"
+                )
+            assert query.tasks is not None, "a query for an evaluation holds tasks"
+            self._check(query.tasks, (max(len(query.tasks), 1), self._teacher.space.size))
+        return query
+
+    def _check(self, tasks: Any, shape: tuple[int, ...]) -> None:
+        if not isinstance(tasks, np.ndarray) or tasks.shape != shape or tasks.dtype != np.float32:
+            got = f"{tasks.dtype} {tasks.shape}" if isinstance(tasks, np.ndarray) else repr(tasks)
+            raise ValueError(f"teacher {self._name!r} gave {got}; expected float32 tasks of shape {shape}")
+        space = self._teacher.space
+        if not space.contains(tasks):
+            raise ValueError(
+                f"teacher {self._name!r} left its task space with {tasks.tolist()}: bounds are "
+                f"{space.low.tolist()} to {space.high.tolist()}; clip with space.clip"
+            )
+
+
 class InlineTeacher:
     """The teacher of `spec`, in this process.
 
@@ -69,8 +134,6 @@ class InlineTeacher:
 
     def __init__(self, spec: RunSpec) -> None:
         import_plugins(spec, "teacher")
-        self._space = spec.task_space
-        self._name = spec.teacher
         self._teacher = make_teacher(base_name(spec.teacher), arguments(spec, "teacher"))
         placement = placement_generator(spec)
         landscape = landscape_of(spec, placement)  # the first draw of `placement`
@@ -83,6 +146,8 @@ class InlineTeacher:
             landscape,
         )
         self._teacher.start(spec.task_space, knowledge, np.random.default_rng(Streams.of(spec).teacher))
+        self._name = spec.teacher
+        self._checked = CheckedTeacher(self._teacher, spec.teacher)
 
     def exchange(self, episode: Episode | None) -> Reply:
         """Report a finished episode (none before the first) and ask for the next task.
@@ -90,18 +155,16 @@ class InlineTeacher:
         Raises:
             ValueError: the teacher proposes something else than a task of its space.
         """
-        query = None if episode is None else self._teacher.observe(episode)
+        query = None if episode is None else self._checked.observe(episode)
         return self._reply(query)
 
     def answer(self, answer: Answer) -> Reply:
         """Answer the query of the last reply."""
-        return self._reply(self._teacher.answer(answer))
+        return self._reply(self._checked.answer(answer))
 
     def probe(self, count: int) -> Task:
         """Return tasks (count, d) without exploration; leave no trace."""
-        tasks = self._teacher.probe(count)
-        self._check(tasks, (count, self._space.size))
-        return tasks
+        return self._checked.probe(count)
 
     def save(self) -> bytes:
         """Return the teacher's complete state.
@@ -127,26 +190,7 @@ class InlineTeacher:
     def _reply(self, query: Query | None) -> Reply:
         task, trains = None, True
         if query is None:
-            proposal = self._teacher.propose()
+            proposal = self._checked.propose()
             task, trains = proposal.task, proposal.trains
-            self._check(task, (self._space.size,))
-        elif query.kind is QueryKind.EVALUATION:
-            if not self._teacher.wants_evaluations:
-                raise ValueError(
-                    f"teacher {self._name!r} asked for an evaluation: declare wants_evaluations = True in "
-                    f"its class"
-                )
-            assert query.tasks is not None, "a query for an evaluation holds tasks"
-            self._check(query.tasks, (max(len(query.tasks), 1), self._space.size))
         updates = tuple(self._teacher.drain_updates())
         return Reply(task, query, updates, self._teacher.wants_trajectory, trains)
-
-    def _check(self, tasks: Any, shape: tuple[int, ...]) -> None:
-        if not isinstance(tasks, np.ndarray) or tasks.shape != shape or tasks.dtype != np.float32:
-            got = f"{tasks.dtype} {tasks.shape}" if isinstance(tasks, np.ndarray) else repr(tasks)
-            raise ValueError(f"teacher {self._name!r} gave {got}; expected float32 tasks of shape {shape}")
-        if not self._space.contains(tasks):
-            raise ValueError(
-                f"teacher {self._name!r} left its task space with {tasks.tolist()}: bounds are "
-                f"{self._space.low.tolist()} to {self._space.high.tolist()}; clip with space.clip"
-            )

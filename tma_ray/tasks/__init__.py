@@ -22,6 +22,7 @@ from tma_ray.tasks.knowledge import (
     TestSet,
     expert_knowledge,
 )
+from tma_ray.tasks.recording import Recorder
 from tma_ray.tasks.spaces import Dimension, ShuffledSpace, Task, TaskSpace, check_task, task_values
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "Proposal",
     "Query",
     "QueryKind",
+    "Recorder",
     "ScoredBox",
     "ShuffledSpace",
     "Task",

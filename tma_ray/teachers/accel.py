@@ -28,6 +28,7 @@ class ACCEL(PrioritisedReplay):
         edit_step: largest step of an edit, as a share of the dimension's range.
     """
 
+    withholds_episodes: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE, KnowledgeLevel.HIGH)
     wants_evaluations: ClassVar[bool] = True

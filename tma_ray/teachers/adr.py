@@ -40,6 +40,8 @@ class ADR(Teacher):
         step: step of a boundary, in units of its dimension (paper: Delta).
     """
 
+    overlapping: ClassVar[bool] = True
+    episode_state: ClassVar[tuple[str, ...]] = ("boundary_",)
     algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)
 

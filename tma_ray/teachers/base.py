@@ -65,6 +65,11 @@ class Teacher(ABC):
         wants_trajectory: True if it may ask for trajectories; for others the run does not record them.
         wants_evaluations: True if it may propose episodes from which the student does not learn, or ask for
             evaluations of tasks; it runs only with students that can play without learning.
+        wants_values: True if it may query values of states.
+        withholds_episodes: True if it may propose episodes from which the student does not learn.
+        overlapping: True if it may propose a task while episodes of earlier ones are under way.
+        episode_state: learned attributes that `sample` sets for its episode and `observe` reads; a loop with
+            overlapping episodes restores them before `observe`.
         most_dimensions: dimensions of a task space up to which it can teach; None for any number.
         constant_dimensions: True if it can teach in a space one of whose dimensions has a single value.
         single_task: True if it can teach in a space all of whose dimensions have a single value.
@@ -79,6 +84,10 @@ class Teacher(ABC):
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     wants_trajectory: ClassVar[bool] = False
     wants_evaluations: ClassVar[bool] = False
+    wants_values: ClassVar[bool] = False
+    withholds_episodes: ClassVar[bool] = False
+    overlapping: ClassVar[bool] = False
+    episode_state: ClassVar[tuple[str, ...]] = ()
     most_dimensions: ClassVar[int | None] = None
     constant_dimensions: ClassVar[bool] = True
     single_task: ClassVar[bool] = True

@@ -200,6 +200,7 @@ class CURROT(Teacher):
         kernel_width: standard deviation of the kernel of expected returns, as a share of the radius.
     """
 
+    overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
     single_task: ClassVar[bool] = False
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)

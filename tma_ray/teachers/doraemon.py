@@ -212,6 +212,7 @@ class DORAEMON(Teacher):
         budget: environment steps of the run, to which `for_budget` fits update_every.
     """
 
+    overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
     single_task: ClassVar[bool] = False
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)

@@ -46,6 +46,7 @@ class LPACRL(Teacher):
         budget: environment steps of the run, to which `for_budget` fits stage_episodes.
     """
 
+    overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
     single_task: ClassVar[bool] = False
 

@@ -105,6 +105,8 @@ class MixtureTeacher(Teacher):
         explore: share of uniform tasks after the first fit, in [0, 1] (paper: r_p).
     """
 
+    overlapping: ClassVar[bool] = True
+
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE, KnowledgeLevel.HIGH)
 
     fit_every: int = 150

@@ -107,6 +107,7 @@ class PERM(Teacher):
         budget: environment steps of the run, to which `for_budget` fits window_episodes.
     """
 
+    overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
     single_task: ClassVar[bool] = False
 

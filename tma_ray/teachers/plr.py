@@ -23,6 +23,7 @@ class RobustPLR(PrioritisedReplay):
     Source: Jiang et al. 2021b, algorithm 1. It halves the steps that train, of the same budget.
     """
 
+    withholds_episodes: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
     wants_evaluations: ClassVar[bool] = True
     new_tasks_train: ClassVar[bool] = False

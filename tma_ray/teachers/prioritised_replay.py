@@ -215,6 +215,9 @@ class PrioritisedReplay(Teacher):
         budget: environment steps of the run, to which `for_budget` fits the buffer.
     """
 
+    wants_values: ClassVar[bool] = True
+    overlapping: ClassVar[bool] = True
+    episode_state: ClassVar[tuple[str, ...]] = ("replayed_",)
     wants_trajectory: ClassVar[bool] = True
     absent_at_default: ClassVar[frozenset[str]] = frozenset(("budget",))
     new_tasks_train: ClassVar[bool] = True
@@ -262,6 +265,8 @@ class PrioritisedReplay(Teacher):
     def observe(self, episode: Episode) -> Query:
         """Request the trajectory for the score."""
         self.episode_, self.episodes_ = episode, self.episodes_ + 1
+        if self.replayed_ is not None and (self.buffer_.tasks[self.replayed_] != episode.task).any():
+            self.replayed_ = None  # replaced by an overlapping episode
         return Query(QueryKind.TRAJECTORY)
 
     def answer(self, answer: Trajectory | Array) -> Query | None:

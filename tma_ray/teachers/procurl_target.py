@@ -71,6 +71,7 @@ class ProCuRLTarget(Teacher):
         budget: environment steps of the run, to which `for_budget` fits first_update and update_every.
     """
 
+    overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
     single_task: ClassVar[bool] = False
 

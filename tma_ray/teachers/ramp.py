@@ -34,6 +34,7 @@ class Ramp(Teacher):
         steps: environment steps of the way; by default half of the paper's budget.
     """
 
+    overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.HIGH,)
 

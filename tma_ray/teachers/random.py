@@ -11,6 +11,7 @@ from tma_ray.teachers.base import Teacher
 class Random(Teacher):
     """Uniform tasks of the task space (paper, appendix A); no expert knowledge changes them."""
 
+    overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
 
     def sample(self) -> Task:

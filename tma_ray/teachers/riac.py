@@ -192,6 +192,7 @@ class RIAC(Teacher):
         mutation_std: standard deviation of a mutation, in units of each dimension.
     """
 
+    overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
 
     region_capacity: int = 150

@@ -43,6 +43,7 @@ class SFL(Teacher):
         buffer_share: share of tasks from the buffer, in [0, 1]; the others are uniform (paper: rho).
     """
 
+    overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW,)
     wants_evaluations: ClassVar[bool] = True

@@ -189,6 +189,8 @@ class SPDL(Teacher):
         most_divergence: bound on KL(old || new) of an update, in nats (paper: epsilon).
     """
 
+    wants_values: ClassVar[bool] = True
+    overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
     single_task: ClassVar[bool] = False
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE, KnowledgeLevel.HIGH)

@@ -156,6 +156,7 @@ class SPGL(SPDL):
         budget: environment steps of the run, to which `for_budget` fits first_update and update_every.
     """
 
+    wants_values: ClassVar[bool] = False
     algorithm_version: ClassVar[int | None] = 1
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
 

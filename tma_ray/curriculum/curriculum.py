@@ -1,0 +1,390 @@
+"""A teacher for someone else's training loop."""
+
+import copy
+import os
+import pickle
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import RLock
+from typing import Any, TypeAlias
+
+import numpy as np
+import pandas as pd
+from gymnasium.vector import VectorEnv
+
+from tma_ray.arguments import check_finite
+from tma_ray.commands.values import SEED
+from tma_ray.curriculum.episodes import Apply, Array, Assignment, Environment, PlayedEpisode
+from tma_ray.curriculum.needs import needs_of, without_needs
+from tma_ray.curriculum.record import EpisodeRow, write_record
+from tma_ray.curriculum.shared import CurriculumServer, SharedCurriculum
+from tma_ray.curriculum.wrappers import CurriculumEnvironment, wrap_vector
+from tma_ray.runs.run import teacher_log_row
+from tma_ray.runs.teaching import CheckedTeacher
+from tma_ray.tasks import (
+    Answer,
+    Episode,
+    Gaussian,
+    KnowledgeLevel,
+    Outcomes,
+    Query,
+    QueryKind,
+    Task,
+    TaskSpace,
+    Trajectory,
+)
+from tma_ray.tasks import (
+    expert_knowledge as knowledge_of,
+)
+from tma_ray.teachers import Teacher, check_limits, effective_level, make_teacher
+
+Values: TypeAlias = Callable[[Array], Array]
+Act: TypeAlias = Callable[[Array], Array]
+Evaluate: TypeAlias = Callable[[Task, bool], Outcomes]
+Space: TypeAlias = TaskSpace | Mapping[str, tuple[float, float]] | Environment
+
+STATE = "curriculum.pickle"  # file of a saved curriculum, beside its record
+
+
+@dataclass(frozen=True)
+class Open:
+    """An assigned episode: its assignment, and what the teacher's `sample` set for it."""
+
+    assignment: Assignment
+    state: Mapping[str, Any]
+
+
+class Curriculum:
+    """A teacher that chooses the tasks of a training loop of any kind.
+
+    Wrap the loop's environments: each `reset` takes the teacher's next task, and each end of an episode goes
+    back to the teacher, truncated ones, too. Episodes from which the student must not learn (those of robust
+    PLR, ACCEL and TRACED) never reach the loop: the wrapper plays them with `act`. `teacher_needs` lists
+    which teacher needs which argument.
+
+    A pickle or a copy is a handle of the same curriculum, as `shared` returns it.
+
+    Args:
+        teacher: name with settings ("alp_gmm:fit_every=100", "file:Class"), a class, or a teacher that has
+            not been started.
+        space: the tasks: a task space, a dict of names to bounds, or an environment with a `task_space`.
+        mastery_return: episodic return over which a task is mastered.
+        seed: seed of the teacher.
+        expert_knowledge: level of expert knowledge; the teacher may use less.
+        easy_task: an easy task (d,), mean of the initial distribution at the level high.
+        initial: the initial distribution, None for the benchmark's.
+        target: the target distribution, None for the benchmark's.
+        gamma: the student's discount factor.
+        values: function that returns values (n,) of observations (n, o) under the present student.
+        act: function that returns actions (n, a) of the exploring policy for observations (n, o).
+        evaluate: function (tasks (n, d), greedy) that returns the `Outcomes` of one episode of each, such as
+            a `TaskEvaluation`.
+
+    Raises:
+        UnknownNameError: no such teacher.
+        ValueError: a setting, level or space that the teacher does not have, or a missing function.
+
+    Attributes:
+        space: the task space.
+        gamma: the student's discount factor.
+        mastery_return: episodic return over which a task is mastered.
+        steps: environment steps of the episodes so far.
+
+    Examples:
+        >>> curriculum = Curriculum("alp_gmm", {"mass": (0.5, 2.0)}, mastery_return=-300, seed=1)
+        >>> curriculum.begin().task.shape
+        (1,)
+    """
+
+    def __init__(  # noqa: PLR0913 - one for each thing that the benchmark's runs have, with its name
+        self,
+        teacher: str | type[Teacher] | Teacher,
+        space: Space,
+        *,
+        mastery_return: float,
+        seed: int = 0,
+        expert_knowledge: KnowledgeLevel | str = KnowledgeLevel.NONE,
+        easy_task: Task | None = None,
+        initial: Gaussian | None = None,
+        target: Gaussian | None = None,
+        gamma: float = 0.99,
+        values: Values | None = None,
+        act: Act | None = None,
+        evaluate: Evaluate | None = None,
+    ) -> None:
+        check_finite("mastery_return", mastery_return)
+        check_finite("gamma", gamma)
+        SEED.check("seed", seed)
+        self.space, self.gamma, self.mastery_return = _task_space(space), gamma, mastery_return
+        self.seed, self.steps = seed, 0
+        self._teacher, self._name = _new_teacher(teacher)
+        check_limits(type(self._teacher), self._name, self.space)
+        self._answers: dict[str, Callable[..., Any] | None] = {
+            "values": values,
+            "act": act,
+            "evaluate": evaluate,
+        }
+        self._check_needs()
+        level = effective_level(type(self._teacher), self._name, KnowledgeLevel(expert_knowledge))
+        placement, teaching = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(2))
+        knowledge = knowledge_of(level, self.space, placement, easy_task, mastery_return)
+        knowledge = replace(
+            knowledge, initial=initial or knowledge.initial, target=target or knowledge.target
+        )
+        self._teacher.start(self.space, knowledge, teaching)
+        self._checked = CheckedTeacher(self._teacher, self._name)
+        self._open: dict[int, Open] = {}
+        self._assigned = 0
+        self._rows: list[EpisodeRow] = []
+        self._log: list[dict[str, object]] = []
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Set what belongs to this process and is not saved."""
+        self._lock, self._process = RLock(), os.getpid()
+        self._server: CurriculumServer | None = None
+
+    @property
+    def episodes(self) -> pd.DataFrame:
+        """The reported episodes: step, task by name ("task_mass"), return, length, success, trains."""
+        tasks = [f"task_{name}" for name in self.space.names]
+        columns = ["episode", "step", *tasks, "episodic_return", "length", "success", "trains"]
+        with self._lock:
+            rows = [
+                (
+                    index,
+                    row.step,
+                    *map(float, row.task),
+                    row.episodic_return,
+                    row.length,
+                    row.success,
+                    row.trains,
+                )
+                for index, row in enumerate(self._rows)
+            ]
+        return pd.DataFrame(rows, columns=columns)
+
+    def wrap(self, environment: Environment, apply: Apply | None = None) -> CurriculumEnvironment:
+        """Return `environment` with the tasks of the curriculum.
+
+        Args:
+            environment: the environment; its `reset` takes ``options={"task": …}``, or `apply` is given.
+            apply: function (environment, task by name) that prepares any other for a task, before each
+                `reset`.
+        """
+        return CurriculumEnvironment(environment, self, apply)
+
+    def wrap_vector(
+        self, worlds: VectorEnv[Any, Any, Any], apply: Apply | None = None
+    ) -> VectorEnv[Any, Any, Any]:
+        """Return vector environments with the tasks of the curriculum, in any autoreset mode.
+
+        Args:
+            worlds: worlds of `gymnasium.make_vec` for our environments, or a `SyncVectorEnv` of any, whose
+                environments are wrapped in place. With the mode SAME_STEP our worlds take the next task
+                before the teacher observes the episode that ends in the step.
+            apply: as for `wrap`.
+
+        Raises:
+            TypeError: the environments are in other processes: see `shared`.
+            ValueError: the teacher cannot teach several worlds.
+        """
+        if worlds.num_envs > 1 and not self._teacher.overlapping:
+            raise ValueError(f"num_envs = {worlds.num_envs}: expected 1, {self._needs_one_world()}")
+        return wrap_vector(worlds, self, apply)
+
+    def shared(self, host: str | None = None) -> SharedCurriculum:
+        """Return a handle for other processes, which can be pickled.
+
+        Args:
+            host: name or address of this machine, for processes of others; None for this machine alone. The
+                first call decides.
+        """
+        self._check_process()
+        with self._lock:
+            if self._server is None:
+                self._server = CurriculumServer(self, host)
+        server = self._server
+        return SharedCurriculum(server.address, server.key, self.space, self.gamma, self.mastery_return)
+
+    def begin(self) -> Assignment:
+        """Return the task of the next episode of a world, for loops without a wrapper.
+
+        Raises:
+            ValueError: an episode is under way, and the teacher teaches one world only.
+        """
+        self._check_process()
+        with self._lock:
+            if self._open and not self._teacher.overlapping:
+                raise ValueError(f"an episode is under way: end or abandon it, {self._needs_one_world()}")
+            proposal = self._checked.propose()
+            wanted = self._teacher.wants_trajectory
+            assignment = Assignment(self._assigned, proposal.task, proposal.trains, wanted)
+            state = {name: getattr(self._teacher, name) for name in self._teacher.episode_state}
+            self._open[self._assigned] = Open(assignment, state)
+            self._assigned += 1
+            self._drain()
+            return assignment
+
+    def end(self, played: PlayedEpisode) -> None:
+        """Report an episode to the teacher, and answer what it asks.
+
+        Raises:
+            ValueError: the episode was not assigned, or was reported or abandoned before.
+        """
+        with self._lock:
+            opened = self._open.pop(played.number, None)
+            if opened is None:
+                raise ValueError(f"episode {played.number} is not under way: report each once")
+            vars(self._teacher).update(opened.state)
+            self.steps += played.length
+            mastered = played.episodic_return > self.mastery_return
+            episode = Episode(
+                opened.assignment.task,
+                played.episodic_return,
+                mastered,
+                played.length,
+                played.initial_observation,
+                played.discounted_return,
+                self.steps,
+                opened.assignment.trains,
+            )
+            self._rows.append(EpisodeRow.of(episode))
+            query = self._checked.observe(episode)
+            while query is not None:
+                query = self._checked.answer(self._answer(query, played.trajectory))
+            self._drain()
+
+    def abandon(self, number: int) -> None:
+        """Drop an episode that will not be reported."""
+        with self._lock:
+            self._open.pop(number, None)
+
+    def act(self, observations: Array) -> Array:
+        """Return actions (n, a) of the exploring policy for observations (n, o)."""
+        return np.asarray(self._function("act", "proposed an episode that must not train")(observations))
+
+    def probe(self, count: int) -> Task:
+        """Return tasks (count, d) of the teacher without exploration; leave no trace."""
+        with self._lock:
+            return self._checked.probe(count)
+
+    def save(self, folder: str | Path) -> None:
+        """Write the curriculum, and its record as a results root; episodes under way are not part of it.
+
+        A curriculum that was saved there before is replaced.
+
+        Raises:
+            FileExistsError: the folder has something else.
+        """
+        with self._lock:
+            self._check_process()
+            state = {name: value for name, value in vars(self).items() if name not in _UNSAVED}
+            write_record(Path(folder), self, STATE, pickle.dumps(state))
+
+    @classmethod
+    def load(
+        cls,
+        folder: str | Path,
+        *,
+        values: Values | None = None,
+        act: Act | None = None,
+        evaluate: Evaluate | None = None,
+    ) -> "Curriculum":
+        """Return the curriculum that `save` wrote, which continues bit for bit.
+
+        It is a pickle: load only what you trust. The functions are not saved; see the class.
+        """
+        loaded = cls.__new__(cls)
+        vars(loaded).update(pickle.loads((Path(folder) / STATE).read_bytes()))
+        loaded._answers = {"values": values, "act": act, "evaluate": evaluate}
+        loaded._check_needs()
+        loaded._checked, loaded._open = CheckedTeacher(loaded._teacher, loaded._name), {}
+        loaded._prepare()
+        return loaded
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return self.shared().__reduce__()
+
+    def _check_process(self) -> None:
+        if os.getpid() != self._process:
+            raise RuntimeError(
+                "this process has a forked copy of the curriculum, which would teach alone: use the handle "
+                "that curriculum.shared() returns, made before the fork"
+            )
+
+    def _check_needs(self) -> None:
+        missing = [name for name in needs_of(type(self._teacher)) if self._answers[name] is None]
+        if missing:
+            raise ValueError(
+                f"teacher {self._name!r} needs {', '.join(f'{name}=' for name in missing)}: see Curriculum; "
+                f"teachers without such needs: {', '.join(without_needs())}"
+            )
+
+    def _needs_one_world(self) -> str:
+        return (
+            f"since teacher {self._name!r} proposes the next task after the end of the last episode; choose "
+            f"a teacher with several_worlds in teacher_needs()"
+        )
+
+    def _function(self, name: str, reason: str) -> Callable[..., Any]:
+        function = self._answers[name]
+        if function is None:
+            raise ValueError(f"teacher {self._name!r} {reason}: give {name}= to its Curriculum")
+        return function
+
+    def _answer(self, query: Query, trajectory: Trajectory | None) -> Answer:
+        if query.kind is QueryKind.TRAJECTORY:
+            if trajectory is None:
+                raise ValueError(
+                    f"teacher {self._name!r} asked for a trajectory that was not recorded: declare "
+                    f"wants_trajectory = True in its class"
+                )
+            return trajectory
+        if query.kind is QueryKind.EVALUATION:
+            evaluate = self._function("evaluate", "asked for an evaluation")
+            outcomes: Outcomes = evaluate(query.tasks, query.greedy)
+            self.steps += int(outcomes.lengths.sum())
+            return outcomes
+        assert query.observations is not None, "a query for values holds observations"
+        values = self._function("values", "asked for values of states")(query.observations)
+        answer = np.asarray(values, dtype=np.float64)
+        if answer.shape != (len(query.observations),) or not np.isfinite(answer).all():
+            raise ValueError(
+                f"values= returned shape {answer.shape} for {len(query.observations)} observations: expected "
+                f"one finite number each"
+            )
+        return answer
+
+    def _drain(self) -> None:
+        updates = self._teacher.drain_updates()
+        self._log += [teacher_log_row(self.steps, len(self._rows), update) for update in updates]
+
+
+_UNSAVED = ("_answers", "_checked", "_open", "_lock", "_process", "_server")
+
+
+def _task_space(space: Space) -> TaskSpace:
+    if isinstance(space, TaskSpace):
+        return space
+    if isinstance(space, Mapping):
+        return TaskSpace.from_bounds(dict(space))
+    declared = space.get_wrapper_attr("task_space") if hasattr(space, "get_wrapper_attr") else None
+    if not isinstance(declared, TaskSpace):
+        raise TypeError(
+            f"space = {space!r:.60}: expected a TaskSpace, a dict of names to bounds, or an environment with "
+            f"a task_space"
+        )
+    return declared
+
+
+def _new_teacher(teacher: str | type[Teacher] | Teacher) -> tuple[Teacher, str]:
+    """Return a teacher that has not been started, and its name."""
+    if isinstance(teacher, str):
+        return make_teacher(teacher), teacher
+    if isinstance(teacher, type) and issubclass(teacher, Teacher):
+        return teacher(), teacher.__name__
+    if isinstance(teacher, Teacher):
+        return copy.deepcopy(teacher), type(teacher).__name__
+    raise TypeError(f"teacher = {teacher!r:.60}: expected a name, a class or an instance of Teacher")

@@ -1,0 +1,165 @@
+"""Episodes under a curriculum: the task that a world is assigned, and what it reports at the end."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeAlias
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.tasks import EpisodeSoFar, Recorder, Task, TaskSpace, Trajectory
+
+Environment: TypeAlias = gymnasium.Env[Any, Any]
+Array: TypeAlias = NDArray[Any]
+
+Apply: TypeAlias = Callable[[Any, Mapping[str, float]], object]
+"""Function (environment, task by name) that prepares an environment for a task, before its `reset`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Assignment:
+    """A task for one episode of one world.
+
+    Attributes:
+        number: number of the episode, in the order of assignment.
+        task: the task, float32 (d,).
+        trains: True if the student learns from the episode.
+        records: True if the teacher wants its steps.
+    """
+
+    number: int
+    task: Task
+    trains: bool
+    records: bool
+
+
+@dataclass(frozen=True, eq=False)
+class PlayedEpisode:
+    """An episode that ended; fields as of `tma_ray.tasks.Episode`, and the number of its assignment."""
+
+    number: int
+    episodic_return: float
+    discounted_return: float
+    length: int
+    initial_observation: Array
+    trajectory: Trajectory | None
+
+
+class Link(Protocol):
+    """Interface of a world to its curriculum, in this process or another."""
+
+    space: TaskSpace
+    gamma: float
+    mastery_return: float
+
+    def begin(self) -> Assignment:
+        """Return the task of the next episode of a world."""
+
+    def end(self, played: PlayedEpisode) -> None:
+        """Report an episode."""
+
+    def abandon(self, number: int) -> None:
+        """Drop an episode that will not be reported."""
+
+    def act(self, observations: Array) -> Array:
+        """Return actions (n, a) of the exploring policy for observations (n, o)."""
+
+
+@dataclass
+class EpisodeUnderWay:
+    """Totals, and steps if wanted, of an episode under way.
+
+    Args:
+        assignment: the task.
+        initial_observation: observation of `reset` (o,).
+        gamma: the student's discount factor.
+    """
+
+    assignment: Assignment
+    initial_observation: Array
+    gamma: float
+    _so_far: EpisodeSoFar = field(default_factory=EpisodeSoFar)
+    _discounted_return: float = 0.0
+    _discount: float = 1.0
+
+    def __post_init__(self) -> None:
+        self.initial_observation = np.array(self.initial_observation, dtype=np.float32)
+        self._recorder = Recorder(self.initial_observation, self.gamma) if self.assignment.records else None
+
+    @property
+    def episodic_return(self) -> float:
+        """Sum of the rewards so far."""
+        return self._so_far.episodic_return
+
+    def add(self, action: Any, reward: float, observation: Array, terminated: bool) -> None:
+        """Count a step."""
+        self._so_far.add(reward)
+        self._discounted_return += self._discount * reward
+        self._discount *= self.gamma
+        if self._recorder is not None:
+            self._recorder.add(np.atleast_1d(action), reward, np.array(observation), terminated)
+
+    def played(self) -> PlayedEpisode:
+        """Return the episode, which has ended."""
+        return PlayedEpisode(
+            self.assignment.number,
+            self._so_far.episodic_return,
+            self._discounted_return,
+            self._so_far.steps,
+            self.initial_observation,
+            None if self._recorder is None else self._recorder.trajectory(),
+        )
+
+
+def by_name(space: TaskSpace, task: Task) -> dict[str, float]:
+    """Return a task (d,) as a dict of names to values."""
+    return dict(zip(space.names, map(float, task), strict=True))
+
+
+def reset_to(
+    environment: Environment, task: Mapping[str, float], apply: Apply | None, **kwargs: Any
+) -> tuple[Any, dict[str, Any]]:
+    """Return what `reset` of `environment` returns for a task.
+
+    Args:
+        environment: the environment.
+        task: the task by name.
+        apply: function that prepares the environment; None for one whose `reset` takes the option "task".
+        kwargs: further arguments of `reset`.
+    """
+    if apply is not None:
+        apply(environment, task)
+        return environment.reset(**kwargs)
+    options = {**(kwargs.pop("options", None) or {}), "task": np.array(list(task.values()), np.float32)}
+    return environment.reset(options=options, **kwargs)
+
+
+def next_assignment(
+    environment: Environment, link: Link, apply: Apply | None, seed: int | None = None
+) -> tuple[Assignment, int | None]:
+    """Return the next task to train on, after episodes on those from which the student does not learn.
+
+    These are played here, in `environment`, by the policy of the link, and reported.
+
+    Args:
+        environment: the environment, for these episodes.
+        link: the curriculum.
+        apply: function that prepares the environment for a task.
+        seed: seed of the next `reset`.
+
+    Returns:
+        The assignment, and `seed` if no episode has used it.
+    """
+    assignment = link.begin()
+    while not assignment.trains:
+        observation, _ = reset_to(environment, by_name(link.space, assignment.task), apply, seed=seed)
+        episode, over, seed = EpisodeUnderWay(assignment, observation, link.gamma), False, None
+        while not over:
+            action = link.act(np.asarray(observation)[None])[0]
+            observation, reward, terminated, truncated, _ = environment.step(action)
+            episode.add(action, float(reward), observation, terminated)
+            over = terminated or truncated
+        link.end(episode.played())
+        assignment = link.begin()
+    return assignment, seed

@@ -1,0 +1,122 @@
+"""One curriculum for several processes: a server, and handles that can be pickled."""
+
+import os
+import secrets
+from collections.abc import Callable
+from multiprocessing import AuthenticationError
+from multiprocessing.connection import Client, Connection, Listener
+from threading import Lock, Thread
+from typing import Any
+
+from tma_ray.curriculum.episodes import Apply, Array, Assignment, Environment, Link, PlayedEpisode
+from tma_ray.curriculum.wrappers import CurriculumEnvironment
+from tma_ray.tasks import TaskSpace
+
+BACKLOG = 256  # processes that may connect at the same time
+
+
+class CurriculumServer:
+    """Answers the handles of other processes, each in a thread of its own, as long as this process lives.
+
+    Episodes of a process that dies are dropped.
+
+    Args:
+        link: the curriculum.
+        host: name or address under which processes of other machines reach this one; None for a socket of
+            this machine alone.
+    """
+
+    def __init__(self, link: Link, host: str | None = None) -> None:
+        self._link = link
+        self.key = secrets.token_bytes(32)
+        address = None if host is None else (host, 0)
+        self._listener = Listener(address, backlog=BACKLOG, authkey=self.key)
+        self.address = self._listener.address
+        Thread(target=self._accept, name="tma_ray curriculum", daemon=True).start()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                connection = self._listener.accept()
+            except (OSError, EOFError, AuthenticationError):  # of one process alone
+                continue
+            Thread(target=self._serve, args=(connection,), name="tma_ray curriculum", daemon=True).start()
+
+    def _serve(self, connection: Connection) -> None:
+        begun: set[int] = set()
+        try:
+            while True:
+                method, arguments = connection.recv()
+                try:
+                    result = getattr(self._link, method)(*arguments)
+                except Exception as error:  # handed to the process that asked
+                    connection.send((False, f"{type(error).__name__}: {error}"))
+                    continue
+                if method == "begin":
+                    begun.add(result.number)
+                elif method in ("end", "abandon"):
+                    begun.discard(getattr(arguments[0], "number", arguments[0]))
+                connection.send((True, result))
+        except (EOFError, OSError):
+            for number in begun:
+                self._link.abandon(number)
+        finally:
+            connection.close()
+
+
+class SharedCurriculum:
+    """A handle of a curriculum that other processes can have, pickled or forked.
+
+    The process that has the curriculum must live; the handle connects to it when it is first used.
+
+    Args:
+        address: address of the server.
+        key: secret that both sides know.
+        space: space of the tasks.
+        gamma: the student's discount factor.
+        mastery_return: episodic return over which a task is mastered.
+    """
+
+    def __init__(
+        self, address: Any, key: bytes, space: TaskSpace, gamma: float, mastery_return: float
+    ) -> None:
+        self._address, self._key = address, key
+        self.space, self.gamma, self.mastery_return = space, gamma, mastery_return
+        self._lock, self._connections = Lock(), dict[int, Connection]()
+
+    def wrap(self, environment: Environment, apply: Apply | None = None) -> CurriculumEnvironment:
+        """Return `environment` with the tasks of the curriculum; see `Curriculum.wrap`."""
+        return CurriculumEnvironment(environment, self, apply)
+
+    def begin(self) -> Assignment:
+        """Return the task of the next episode of a world."""
+        assignment: Assignment = self._call("begin")
+        return assignment
+
+    def end(self, played: PlayedEpisode) -> None:
+        """Report an episode."""
+        self._call("end", played)
+
+    def abandon(self, number: int) -> None:
+        """Drop an episode that will not be reported."""
+        self._call("abandon", number)
+
+    def act(self, observations: Array) -> Array:
+        """Return actions (n, a) of the exploring policy for observations (n, o)."""
+        actions: Array = self._call("act", observations)
+        return actions
+
+    def _call(self, method: str, *arguments: Any) -> Any:
+        with self._lock:
+            connection = self._connections.get(os.getpid())
+            if connection is None:
+                connection = self._connections[os.getpid()] = Client(self._address, authkey=self._key)
+            connection.send((method, arguments))
+            succeeded, result = connection.recv()
+        if not succeeded:
+            raise RuntimeError(f"the curriculum refused this: {result}")
+        return result
+
+    def __reduce__(self) -> tuple[Callable[..., "SharedCurriculum"], tuple[Any, ...]]:
+        arguments = self._address, self._key, self.space, self.gamma, self.mastery_return
+        return SharedCurriculum, arguments
