@@ -5,8 +5,12 @@ Importing it makes the environments known to `gymnasium.make`.
 
 from importlib import import_module
 from sys import orig_argv
+from typing import Any
 
 from tma_ray.commands.interrupts import expect_early, is_command
+
+LIBRARY = ("RunsFailedError", "TrainedRun", "run_campaign", "train")
+"""Names of `tma_ray.library` that this package has, too."""
 
 __version__ = "0.1.0"
 
@@ -14,3 +18,14 @@ if is_command(orig_argv):  # starts at once; what it does with environments make
     expect_early()
 else:
     import_module("tma_ray.envs.registration")
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of `LIBRARY` when it is first asked for: it loads all that a run needs."""
+    if name not in LIBRARY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module("tma_ray.library"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *LIBRARY})

@@ -14,6 +14,10 @@ from tma_ray.cli.records import KEYS, json_value
 from tma_ray.results import RunStatus
 
 ARGUMENTS: dict[str, list[str]] = {
+    "run": [
+        *("--student", "ppo:hidden_units=16x16", "--teacher", "random", "--steps", "300"),
+        *("--test-set", "stump_tracks:every=25", "--results", "{root}-of-one-run"),
+    ],
     "status": ["{root}"],
     "verify": ["{root}"],
     "ranking": ["{root}"],

@@ -94,6 +94,7 @@ EXEMPTIONS = (
         "import gymnasium\nimport numpy as np\nfrom tianshou",
         "tests/test_training_code.py runs it where Tianshou is installed",
     ),
+    Exemption("docs/optuna.md", "import optuna", "tests/test_library.py runs it where Optuna is installed"),
     Exemption("docs/object_stores.md", "polars.scan_parquet", "neither polars nor DuckDB is installed"),
     Exemption("docs/results.md", "duckdb.sql", "DuckDB is not installed"),
     Exemption("docs/results.md", "runs, evaluations =", "polars is not installed"),

@@ -120,6 +120,16 @@ class View(Protocol):
         """Show the last snapshot."""
 
 
+class Unseen:
+    """View that shows nothing."""
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Show nothing."""
+
+    def close(self, snapshot: Snapshot) -> None:
+        """Show nothing."""
+
+
 class PublishedProgress:
     """View that passes snapshots to another one, and writes them as heartbeats into the results root."""
 

@@ -19,7 +19,7 @@ from tma_ray.campaign.options import (
     parse_levels,
 )
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
-from tma_ray.campaign.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot
+from tma_ray.campaign.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.commands.exits import FAILED, RAY_LOST, sentence
 from tma_ray.commands.interrupts import INTERRUPTED
@@ -137,8 +137,8 @@ SINGLE_RUNS = "single_runs"
 """Name of the campaign of single runs, and of the experiment of runs that belong to none."""
 
 
-def run_single(options: RunOptions) -> int:
-    """Execute the run of ``tma-ray run``; return the exit code.
+def confirmed_single(options: RunOptions) -> tuple[Plan, Placement]:
+    """Return the plan of the run of ``tma-ray run``, and its placement.
 
     Raises:
         ValueError: the run is impossible, or takes over an hour and was not confirmed.
@@ -154,24 +154,52 @@ def run_single(options: RunOptions) -> int:
         test_set=options.test_set,
         space=options.space or {},
     )
-    schedule = options.schedule(Schedule())
-    plan = CampaignSpec(SINGLE_RUNS, (cell,), (options.seed,), schedule).plan()
+    plan = CampaignSpec(SINGLE_RUNS, (cell,), (options.seed,), options.schedule(Schedule())).plan()
     placement = Placement(options.device, options.threads, options.checkpoint_seconds)
     check_available(options.device)
     resources = Resources(placement.threads, gpus=float(placement.device != "cpu"))
     cost = long_cost(plan, str(options.results), Settings(resources, placement.device))
     if cost is not None:
         confirm("the run", cost, yes=options.yes)
-    committer = Committer.open(options.results)
+    return plan, placement
+
+
+def run_single(options: RunOptions) -> int:
+    """Execute the run of ``tma-ray run``; return the exit code.
+
+    Raises:
+        ValueError: the run is impossible, or takes over an hour and was not confirmed.
+    """
+    plan, placement = confirmed_single(options)
     (spec,) = plan.runs
-    holder = lease_holder(SINGLE_RUNS)
-    view = PublishedProgress(ProgressView(), HeartbeatWriter(committer.store, holder))
+    outcome = execute_single(plan, options.results, placement, ProgressView())
+    done = outcome is AttemptOutcome.DONE
+    say(f"{spec.run_id}: {outcome} in {options.results}")
+    following = f"'tma-ray report {options.results}' writes a page" if done else "the same command continues"
+    say(f"Next: {following}.")
+    return 0 if done else INTERRUPTED
+
+
+def execute_single(plan: Plan, results: str | Path, placement: Placement, view: View) -> AttemptOutcome:
+    """Execute the only run of a plan in this process; return its outcome.
+
+    Args:
+        plan: plan of one run.
+        results: results root.
+        placement: device, threads, time between checkpoints.
+        view: display of its progress.
+
+    Raises:
+        RootInUseError: another campaign is running on the root.
+        Exception: errors of the run's parts.
+    """
+    committer, (spec,) = Committer.open(results), plan.runs
+    steps, holder = spec.schedule.steps, lease_holder(SINGLE_RUNS)
+    progress = PublishedProgress(view, HeartbeatWriter(committer.store, holder))
 
     def show(status: Status) -> None:
         lease.keep()
-        view.update(
-            Snapshot(1, 0, 0, 0, 0, 0, schedule.steps, [ActiveRun(spec.run_id, schedule.steps, status)])
-        )
+        progress.update(Snapshot(1, 0, 0, 0, 0, 0, steps, [ActiveRun(spec.run_id, steps, status)]))
 
     with Lease(committer.store, holder) as lease, stop_signals() as stop:
         committer.write_cells(SINGLE_RUNS, plan.cell_rows)
@@ -188,8 +216,5 @@ def run_single(options: RunOptions) -> int:
             )
             return FAILED
     done = outcome is AttemptOutcome.DONE
-    view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, schedule.steps, []))
-    say(f"{spec.run_id}: {outcome} in {options.results}")
-    following = f"'tma-ray report {options.results}' writes a page" if done else "the same command continues"
-    say(f"Next: {following}.")
-    return 0 if done else INTERRUPTED
+    progress.close(Snapshot(1, int(done), 0, int(not done), 0, 0, steps, []))
+    return outcome

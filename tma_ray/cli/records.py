@@ -11,13 +11,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tma_ray.commands.texts import OBEYED
+from tma_ray.results import policy_folder
 
 if TYPE_CHECKING:
     from tma_ray.campaign.costs import Cost
     from tma_ray.campaign.plan import Plan
     from tma_ray.campaign.progress import Overview
+    from tma_ray.library import TrainedRun
 
 KEYS: Mapping[str, Mapping[str, str]] = {
+    "run": {
+        "run_id": "id of the run",
+        "results": "results root",
+        "mastered_area": "mean share of mastered test tasks over the budget, in percent",
+        "last_three": "mean share of mastered test tasks at the last three evaluations, in percent",
+        "curve": "list of step and mastered_percent, one for each evaluation",
+        "policy": "folder of the policy, in the results root",
+    },
     "status": {
         "root": "results root",
         "heartbeat": "sign of life of the last campaign: holder, at (s since 1970), alive; null without one",
@@ -93,6 +103,18 @@ def json_value(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value
+
+
+def run_record(run: TrainedRun, results: str | Path) -> dict[str, Any]:
+    """Return a run that is done."""
+    return {
+        "run_id": run.run_id,
+        "results": results,
+        "mastered_area": run.mastered_area,
+        "last_three": run.last_three,
+        "curve": run.curve.to_dict(orient="records"),
+        "policy": policy_folder(run.run_id),
+    }
 
 
 def status_record(root: str | Path, found: Overview, now: float) -> dict[str, Any]:

@@ -24,9 +24,10 @@ from tma_ray.campaign.options import (
 )
 from tma_ray.campaign.plan import QUICKSTART
 from tma_ray.cli.options import Count, Json, Name, NewFile, Root
-from tma_ray.cli.records import plan_record, print_json
+from tma_ray.cli.records import plan_record, print_json, run_record
 from tma_ray.command_line import command, value
 from tma_ray.commands.exits import FAILED
+from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.commands.texts import counted
 from tma_ray.commands.values import PROCESSES, named
 from tma_ray.runs import Cell, Schedule
@@ -47,19 +48,30 @@ ONE_CELL = Campaign("campaign", cells=(Cell(),))
 
 
 @command(defaults=schedule_defaults(Schedule()))
-def run(*, options: RunOptions = RunOptions()) -> int:
+def run(*, options: RunOptions = RunOptions(), json: Json = False) -> int:
     """Train one student under one teacher, without Ray.
 
     The results go where those of campaigns go, and the same command continues a run that was interrupted.
+    In Python, `tma_ray.train` does the same.
 
     Examples:
         tma-ray run --teacher alp_gmm --student ppo --steps 200k
         tma-ray run --student ppo:learning_rate=1e-4:hidden_units=64x64 --steps 200k
         tma-ray run --student ppo --space stump_height=0:0.3 --steps 200k
     """
-    from tma_ray.campaign.script import run_single
+    from tma_ray.campaign.script import confirmed_single, run_single
 
-    return run_single(options)
+    if not json:
+        return run_single(options)
+    from tma_ray.library import trained_run
+
+    plan, placement = confirmed_single(options)
+    try:
+        trained = trained_run(plan, options.results, placement)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    print_json("run", run_record(trained, options.results))
+    return 0
 
 
 @command(defaults=campaign_defaults(ONE_CELL))
