@@ -115,3 +115,80 @@ if find_spec("tianshou"):  # no requirement of the project, so that without it t
         seen: dict[str, object] = {}
         exec(compile(block, "training_code.md", "exec"), seen)
         assert np.shape(seen["observations"]) == (4, 24)
+
+
+def taught_worlds(**options: object) -> gymnasium.vector.VectorEnv:
+    """Return worlds with a teacher that counts their episodes."""
+    worlds = gymnasium.make_vec("tma_ray:tma_ray/StumpTracks-v0", num_envs=2, max_episode_steps=10, **options)
+    return Curriculum("random", make_environment("stump_tracks"), mastery_return=230).wrap_vector(worlds)
+
+
+if find_spec("skrl"):
+
+    @pytest.mark.slow
+    def test_skrl_steps_worlds_with_a_teacher() -> None:
+        import torch
+        from skrl.envs.wrappers.torch import wrap_env
+
+        worlds = taught_worlds()
+        wrapped = wrap_env(worlds, verbose=False)
+        wrapped.reset()
+        for _ in range(25):
+            observations, *_ = wrapped.step(torch.zeros(2, 4))
+        assert observations.shape == (2, 24)
+        assert len(worlds._link.episodes) == 4
+
+
+if find_spec("torchrl"):
+
+    @pytest.mark.slow
+    def test_torchrl_rolls_out_worlds_and_a_teachers_environment() -> None:
+        from torchrl.envs import GymWrapper, check_env_specs
+
+        worlds = GymWrapper(
+            gymnasium.make_vec(
+                "tma_ray:tma_ray/StumpTracks-v0", num_envs=2, max_episode_steps=10, autoreset_mode="SameStep"
+            )
+        )
+        check_env_specs(worlds)
+        assert int(worlds.rollout(25, break_when_any_done=False)["next", "done"].sum()) == 4
+        curriculum = Curriculum("random", make_environment("stump_tracks"), mastery_return=230)
+        taught = GymWrapper(curriculum.wrap(gymnasium.make("tma_ray/StumpTracks-v0", max_episode_steps=10)))
+        taught.rollout(25, break_when_any_done=False)
+        assert len(curriculum.episodes) == 2
+
+
+if find_spec("tianshou"):
+
+    @pytest.mark.slow
+    def test_tianshou_steps_a_teachers_environments() -> None:
+        from tianshou.env import DummyVectorEnv
+
+        curriculum = Curriculum("random", make_environment("stump_tracks"), mastery_return=230)
+        worlds = DummyVectorEnv(
+            [lambda: curriculum.wrap(gymnasium.make("tma_ray/StumpTracks-v0", max_episode_steps=10))] * 2
+        )
+        worlds.reset()
+        for _ in range(10):
+            *_, truncated, _ = worlds.step(np.zeros((2, 4), np.float32))
+        assert truncated.all()
+        assert len(curriculum.episodes) == 2
+
+
+if find_spec("tree"):  # of RLlib's requirements, the one that nothing else has
+
+    @pytest.mark.slow
+    def test_rllib_trains_in_our_vector_environments() -> None:
+        from ray.rllib.algorithms.ppo import PPOConfig
+
+        config = (
+            PPOConfig()
+            .environment("tma_ray:tma_ray/StumpTracks-v0")
+            .env_runners(
+                num_env_runners=0, num_envs_per_env_runner=2, gym_env_vectorize_mode="vector_entry_point"
+            )
+            .training(train_batch_size_per_learner=100, minibatch_size=50, num_epochs=1)
+        )
+        algorithm = config.build_algo()
+        assert algorithm.train()["num_env_steps_sampled_lifetime"] >= 100
+        algorithm.stop()
