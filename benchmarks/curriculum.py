@@ -81,7 +81,7 @@ def step_microseconds(steps: int, teaches: bool) -> float:
     if teaches:
         curriculum = Curriculum(SlowTeacher, SPACE, mastery_return=-300.0)
         environment = curriculum.wrap(environment, set_task)
-    model = PPO("MlpPolicy", environment, seed=0, device="cpu")
+    model = PPO("MlpPolicy", environment, n_steps=512, seed=0, device="cpu")
     model.learn(model.n_steps)
     start = time.process_time()
     model.learn(steps)

@@ -57,10 +57,11 @@ class CurriculumServer:
                 elif method in ("end", "abandon"):
                     begun.discard(getattr(arguments[0], "number", arguments[0]))
                 connection.send((True, result))
-        except (EOFError, OSError):
+        except (EOFError, OSError):  # the process ended, or died
+            pass
+        finally:
             for number in begun:
                 self._link.abandon(number)
-        finally:
             connection.close()
 
 
