@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tma_ray.commands.texts import OBEYED
-from tma_ray.results import policy_folder
 
 if TYPE_CHECKING:
     from tma_ray.campaign.costs import Cost
@@ -107,6 +106,8 @@ def json_value(value: Any) -> Any:
 
 def run_record(run: TrainedRun, results: str | Path) -> dict[str, Any]:
     """Return a run that is done."""
+    from tma_ray.results import policy_folder  # deferred: pyarrow
+
     return {
         "run_id": run.run_id,
         "results": results,
