@@ -81,7 +81,7 @@ def train(
         UnknownNameError: no such part.
         ValueError: an impossible cell or schedule.
         KeyboardInterrupt: the run was stopped; with a results root the same call continues.
-        Exception: errors of the run's parts.
+        tma_ray.campaign.script.SingleRunError: the run failed.
 
     Examples:
         >>> import tma_ray

@@ -137,6 +137,10 @@ SINGLE_RUNS = "single_runs"
 """Name of the campaign of single runs, and of the experiment of runs that belong to none."""
 
 
+class SingleRunError(RuntimeError):
+    """A single run failed; the cause is the error of one of its parts."""
+
+
 def confirmed_single(options: RunOptions) -> tuple[Plan, Placement]:
     """Return the plan of the run of ``tma-ray run``, and its placement.
 
@@ -172,7 +176,15 @@ def run_single(options: RunOptions) -> int:
     """
     plan, placement = confirmed_single(options)
     (spec,) = plan.runs
-    outcome = execute_single(plan, options.results, placement, ProgressView())
+    try:
+        outcome = execute_single(plan, options.results, placement, ProgressView())
+    except SingleRunError as error:
+        sys.stderr.write(f"{error}\n")
+        say(
+            f"Next: 'tma-ray logs {options.results} {spec.run_id}' has the traceback, and the same "
+            f"command continues from the last checkpoint."
+        )
+        return FAILED
     done = outcome is AttemptOutcome.DONE
     say(f"{spec.run_id}: {outcome} in {options.results}")
     following = f"'tma-ray report {options.results}' writes a page" if done else "the same command continues"
@@ -191,7 +203,7 @@ def execute_single(plan: Plan, results: str | Path, placement: Placement, view: 
 
     Raises:
         RootInUseError: another campaign is running on the root.
-        Exception: errors of the run's parts.
+        SingleRunError: the run failed.
     """
     committer, (spec,) = Committer.open(results), plan.runs
     steps, holder = spec.schedule.steps, lease_holder(SINGLE_RUNS)
@@ -208,13 +220,10 @@ def execute_single(plan: Plan, results: str | Path, placement: Placement, view: 
                 spec, committer, placement, lambda: stop.is_set() or lease.asked_to_stop(), show
             )
         except Exception as error:
-            view.close(Snapshot(1, 0, 1, 0, 0, 0, schedule.steps, []))
-            sys.stderr.write(f"{spec.run_id} failed: {type(error).__name__}: {sentence(error)}\n")
-            say(
-                f"Next: 'tma-ray logs {options.results} {spec.run_id}' has the traceback, and the same "
-                f"command continues from the last checkpoint."
-            )
-            return FAILED
+            progress.close(Snapshot(1, 0, 1, 0, 0, 0, steps, []))
+            raise SingleRunError(
+                f"{spec.run_id} failed: {type(error).__name__}: {sentence(error)}"
+            ) from error
     done = outcome is AttemptOutcome.DONE
     progress.close(Snapshot(1, int(done), 0, int(not done), 0, 0, steps, []))
     return outcome

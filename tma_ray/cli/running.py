@@ -59,7 +59,7 @@ def run(*, options: RunOptions = RunOptions(), json: Json = False) -> int:
         tma-ray run --student ppo:learning_rate=1e-4:hidden_units=64x64 --steps 200k
         tma-ray run --student ppo --space stump_height=0:0.3 --steps 200k
     """
-    from tma_ray.campaign.script import confirmed_single, run_single
+    from tma_ray.campaign.script import SingleRunError, confirmed_single, run_single
 
     if not json:
         return run_single(options)
@@ -70,6 +70,9 @@ def run(*, options: RunOptions = RunOptions(), json: Json = False) -> int:
         trained = trained_run(plan, options.results, placement)
     except KeyboardInterrupt:
         return INTERRUPTED
+    except SingleRunError as error:
+        sys.stderr.write(f"{error}\n")
+        return FAILED
     print_json("run", run_record(trained, options.results))
     return 0
 

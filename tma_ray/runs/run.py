@@ -17,7 +17,17 @@ from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec, Streams, landscape_of, placement_generator
 from tma_ray.runs.teaching import Reply, TeacherLink
 from tma_ray.students import Student, Transition, make_player, make_student
-from tma_ray.tasks import Answer, Episode, EpisodeSoFar, Query, QueryKind, Recorder, Task, TeacherUpdate, check_return
+from tma_ray.tasks import (
+    Answer,
+    Episode,
+    EpisodeSoFar,
+    Query,
+    QueryKind,
+    Recorder,
+    Task,
+    TeacherUpdate,
+    check_return,
+)
 
 
 @dataclass
