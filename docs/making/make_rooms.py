@@ -30,9 +30,9 @@ FLOORS: Final = (
     (Room("Campaigns", ("tma_ray.campaign",), "plans, scheduler, executors: the only user of Ray"),),
     (
         Room(
-            "Viewing and export",
-            ("tma_ray.viewing", "tma_ray.export", "tma_ray.playground"),
-            "videos, ONNX, worlds in the browser; contracts of plug-ins",
+            "Viewing, export, curriculum",
+            ("tma_ray.viewing", "tma_ray.export", "tma_ray.playground", "tma_ray.curriculum"),
+            "videos, ONNX, worlds in the browser; teachers in others' loops",
         ),
     ),
     (Room("Runs", ("tma_ray.runs", "tma_ray.testing"), "one run without Ray; simulated students"),),
