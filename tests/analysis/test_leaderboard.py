@@ -42,12 +42,15 @@ NAMES = {"student": "ppo", "benchmark_version": 1}
 
 def mean_of(teacher: str, challenge: str) -> float:
     """What the paper has for a teacher."""
-    place = ("stump_tracks", challenge, "high", teacher)
-    return (
-        paper_frame()
-        .set_index(["environment", "challenge", "expert_knowledge", "teacher"])
-        .loc[place, "mastered_percent_mean"]
-    )
+    paper = paper_frame()
+    place = {
+        "environment": "stump_tracks",
+        "challenge": challenge,
+        "expert_knowledge": "high",
+        "teacher": teacher,
+    }
+    (mean,) = paper.loc[paper[list(place)].eq(place).all(axis=1), "mastered_percent_mean"]
+    return float(mean)
 
 
 def write(root: Path, seeds: dict[str, int], sign: int = 1, name: str = "core") -> Path:
