@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import importlib.metadata
 import re
 from pathlib import Path
 from typing import Any
@@ -173,7 +172,7 @@ def test_groups_hold_what_the_nodes_on_aws_hold() -> None:
         assert (group["minReplicas"], group["replicas"]) == (0, 0)
         assert container["resources"]["limits"].get("nvidia.com/gpu", "0") == params.get("num-gpus", "0")
     assert CLUSTER["headGroupSpec"]["rayStartParams"]["num-cpus"] == "0"
-    assert CLUSTER["rayVersion"] == locked("cluster.lock")["ray"] == importlib.metadata.version("ray")
+    assert CLUSTER["rayVersion"] == locked("cluster.lock")["ray"]
 
 
 def test_pods_are_not_root_ask_for_the_token_and_see_the_results() -> None:

@@ -107,6 +107,7 @@ def test_the_root_may_be_that_of_the_file_system(tmp_path: Path) -> None:
     store.move("a/b", "c/d")
     assert store.files() == store.files("c") == ("c/d",)
     assert store.read_bytes("c/d") == b"x"
+    assert store.read_parts("c/d", lambda file: (file.size(), file.read())) == (1, b"x")
 
 
 def test_a_uri_may_name_a_folder(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ class AddressStore(Store, schemes=("*",)):
 
     def _read(self, path: str, most_bytes: int) -> bytes:
         with self._opened(path) as file, _reached(self.where(path)):
-            check_size(self.where(path), file.size, most_bytes)
+            check_size(self.where(path), _size(file), most_bytes)
             return cast("bytes", file.read())
 
     def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
@@ -81,7 +81,7 @@ class AddressStore(Store, schemes=("*",)):
                     file.seek(start)
                     return cast("bytes", file.read(size))
 
-            return read(opened_ranges(fetch, file.size))
+            return read(opened_ranges(fetch, _size(file)))
 
     def _opened(self, path: str) -> Any:
         if not self.exists(path):
@@ -168,6 +168,12 @@ class AddressStore(Store, schemes=("*",)):
         if not self.is_object_store:  # which has no folders to make
             with _reached(self.where(path)):
                 self.filesystem.makedirs(str(PurePosixPath(self.full_path(path)).parent), exist_ok=True)
+
+
+def _size(file: Any) -> int:
+    """Return the size of an opened file, bytes."""
+    # With pyarrow's file systems it is a method before fsspec 2025.12, which not all libraries allow yet.
+    return cast("int", file.size() if callable(file.size) else file.size)
 
 
 @contextmanager
