@@ -12,6 +12,7 @@ import pytest
 import yaml
 from kuberay_schema import JOB, KUBERAY
 from ray.autoscaler._private.util import prepare_config, validate_config
+from suite.locked import locked
 
 import tma_ray
 from tma_ray import cli
@@ -27,12 +28,6 @@ TYPES: dict[str, dict[str, Any]] = CONFIG["available_node_types"]
 WORKERS = {name: each for name, each in TYPES.items() if name != CONFIG["head_node_type"]}
 STARTS = {kind: " ".join(CONFIG[f"{kind}_start_ray_commands"]) for kind in ("head", "worker")}
 LOCAL: dict[str, Any] = yaml.safe_load((FILE.parent / "cluster-local.yaml").read_text())
-
-
-def locked(name: str) -> dict[str, str]:
-    """Return the versions of a lock file by package."""
-    lines = (FILE.parent / name).read_text().splitlines()
-    return dict(line.split("==") for line in lines if "==" in line)
 
 
 def test_ray_finds_the_file_valid_and_would_find_a_slip() -> None:
@@ -110,7 +105,7 @@ def test_exactly_this_version_is_installed_from_mounted_files(config: dict[str, 
         "--no-deps --requirement ~/tma_ray/cluster.lock",
         f"--no-deps --force-reinstall ~/tma_ray/{wheel}",
         "$build --requirement ~/tma_ray/torch.lock",
-        *(["boto3==" + locked("requirements.lock")["boto3"]] if config is CONFIG else []),
+        *(["boto3==" + locked()["boto3"]] if config is CONFIG else []),
     ]
 
 

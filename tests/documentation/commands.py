@@ -17,6 +17,7 @@ from pathlib import Path
 import click
 from blocks import ROOT
 from packaging.requirements import Requirement
+from suite.locked import locked
 
 from tma_ray import cli
 from tma_ray.command_line import read
@@ -125,12 +126,13 @@ def _sbatch(arguments: list[str]) -> int:
 
 
 def _pip(arguments: list[str]) -> int:
-    """Check what would be installed against what is."""
+    """Check what would be installed against the versions that the project is tested with."""
     command, *packages = [word for word in arguments if not word.startswith("-")]
     assert command == "install", command
+    tested = locked() | {"tma_ray": version("tma_ray")}
     for package in packages:
         needed = Requirement(package)
-        assert needed.specifier.contains(version(needed.name)), package
+        assert needed.specifier.contains(tested[needed.name]), package
         assert needed.extras <= set(metadata(needed.name).get_all("Provides-Extra") or ()), package
     return 0
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import subprocess
-from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from suite.locked import locked
 
 from tma_ray.playground.compiling import WASM, CompilerMissingError, build, digest, kernels_in_c, require_zig
 from tma_ray.playground.page import SCRIPTS, SOURCES
@@ -23,7 +23,7 @@ BUILT = json.loads((DOCS / "built.json").read_text())
 def test_the_engine_is_of_the_present_kernels_and_pymunk() -> None:
     advice = "run docs/making/make_playground.py: the engine of the page is of other sources"
     assert digest(kernels_in_c().encode()) == BUILT["sources"]["kernels_sha256"], advice
-    assert version("pymunk") == BUILT["sources"]["pymunk"], advice
+    assert locked()["pymunk"] == BUILT["sources"]["pymunk"], advice
 
 
 @pytest.mark.parametrize(("name", "file"), [("engine", WASM), ("page", DOCS / "index.html")])

@@ -1,0 +1,11 @@
+"""Versions of the lock files: what the project is built and documented with, whatever is installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def locked(name: str = "requirements.lock") -> dict[str, str]:
+    """Return the versions of a lock file by package."""
+    lines = (Path(__file__).parents[2] / name).read_text(encoding="utf-8").splitlines()
+    return dict(line.split("==") for line in lines if "==" in line)
