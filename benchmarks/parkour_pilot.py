@@ -107,7 +107,7 @@ def tables(evaluations: pd.DataFrame) -> str:
                     (
                         f"`{student}`",
                         millions,
-                        *(f"{means[body]:.1f}" for body in BODIES),
+                        *(f"{means.get(body, math.nan):.1f}" for body in BODIES),
                         *signals,
                         len(runs),
                     )

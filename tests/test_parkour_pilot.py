@@ -63,6 +63,14 @@ def test_a_student_whose_walkers_master_under_half_is_not_chosen(pilot: ModuleTy
     assert pilot.chosen_student(curves(pilot, levels(name, 20, 10))) == other
 
 
+def test_tables_show_what_is_done_so_far(pilot: ModuleType) -> None:
+    evaluations = curves(pilot, levels(DECISIVE, 20, 40))
+    first = evaluations[(evaluations["embodiment"] == "fish") & (evaluations["seed"] == 1000)]
+    table = pilot.tables(first)
+    assert "| classic_bipedal |" not in table
+    assert f"| `{DECISIVE}` | 6 | nan | 60.0 |" in table
+
+
 def test_without_any_signal_the_student_of_lite_2_and_6_million_steps(pilot: ModuleType) -> None:
     flat = curves(pilot, lambda _student, _body, _teacher, seed, step: 10.0 * (seed - 999) + 0 * step)
     assert pilot.chosen_student(flat) == DECISIVE
