@@ -34,7 +34,7 @@ class Grid(Teacher):
     def observe(self, episode: Any) -> None:
         with np.errstate(divide="ignore", invalid="ignore"):  # the limit that it has, and does not declare
             shares = (episode.task - self.space.low) / self.space.width
-        square = tuple(np.minimum(shares * self.bins, self.bins - 1).astype(int))
+            square = tuple(np.minimum(shares * self.bins, self.bins - 1).astype(int))
         self.change_[square] = 1 + abs(episode.episodic_return - self.last_[square])
         self.last_[square] = episode.episodic_return
 
