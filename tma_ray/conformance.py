@@ -195,7 +195,7 @@ class EnvironmentConformance:
         assert self._play(self._made(), 1) == first, "a new instance gives another episode"
 
     def test_what_it_returned_does_not_change_later(self) -> None:
-        """Observations are new arrays every step, of which a student may keep several."""
+        """Check that every observation is a new array, since a student may keep several."""
         made, rng = self._made(), np.random.default_rng(0)
         kept = [made.reset(seed=0)[0]]
         values = [kept[0].tobytes()]

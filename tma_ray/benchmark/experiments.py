@@ -136,7 +136,7 @@ def _stump_tracks(seeds: int, *levels: KnowledgeLevel) -> tuple[Matrix, ...]:
 
 
 LITE_1_SIZE = Size(evaluation_interval=250_000, probe_interval=250_000, training_window=100_000)
-"""Intervals of its runs, in environment steps."""
+"""Intervals of its runs and of those of long-1, in environment steps."""
 
 LITE_1_STAGES: dict[str, tuple[Matrix, ...]] = {
     "core": _stump_tracks(5, KnowledgeLevel.HIGH),
@@ -190,9 +190,6 @@ LONG_TEACHERS = (
 )
 """The paper's teachers, two with the original release's values, and two that came after it, whose default
 budget is that of these runs."""
-
-LONG_1_SIZE = Size(evaluation_interval=250_000, probe_interval=250_000, training_window=100_000)
-"""Intervals of its runs, in environment steps."""
 
 
 def _long(matrix: Matrix, seeds: int, *teachers: str) -> Matrix:
@@ -309,7 +306,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
         tuple(matrix for stage in LONG_1_STAGES.values() for matrix in stage),
         LONG_TEACHERS,
         stages=LONG_1_STAGES,
-        size=LONG_1_SIZE,
+        size=LITE_1_SIZE,
     ),
 )
 """Sample efficiency is read from the runs of the challenges: where those are done, it runs nothing."""
