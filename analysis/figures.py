@@ -22,6 +22,7 @@ from analysis.charts.tasks import projected
 from analysis.comparisons.boards import leaderboards
 from analysis.comparisons.frame import pairwise, pairwise_from_statistics
 from analysis.comparisons.measured import Measured, curricula_of, examples_of
+from analysis.comparisons.verdicts import AXES
 from analysis.data.curricula import Axis, curriculum_of, task_axes
 from analysis.data.frames import COMPARISON, Frames
 from analysis.data.reference import BASELINE, is_baseline
@@ -171,7 +172,14 @@ def _ranks(frames: Frames) -> Figure:
     boards = leaderboards(frames)
     if not boards:
         raise ValueError("no run has been evaluated")
-    return draw(intervals.rank_chart({board.title: [e.rank for e in board.entries] for board in boards}))
+    ranked = {
+        f"{AXES[axis].capitalize()}: {board.title}": sorted(
+            (entry.ranks[axis] for entry in board.entries), key=lambda rank: -rank.mean
+        )
+        for board in boards
+        for axis in AXES
+    }
+    return draw(intervals.rank_chart(ranked))
 
 
 def _radar(runs: pd.DataFrame) -> Figure:

@@ -9,7 +9,7 @@ from contextvars import ContextVar
 from tma_ray.benchmark import CHALLENGES, challenges_of
 from tma_ray.commands.texts import visible
 from tma_ray.hyperparameters import PRESET
-from tma_ray.part_names import split_name
+from tma_ray.part_names import join_name, split_name
 from tma_ray.tasks import KnowledgeLevel
 
 LONGEST = 80
@@ -152,6 +152,23 @@ def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
         counted = (f"{text} ({number})" for number in itertools.count(2))
         found[teacher] = text if text not in taken else next(each for each in counted if each not in taken)
     return {teacher: found[teacher] + mark_of(teacher) for teacher in sorted(found, key=teacher_order)}
+
+
+def distinct_labels(teachers: Iterable[str]) -> dict[str, str]:
+    """Return the label of each teacher without the settings that all of its name have in common.
+
+    Examples:
+        >>> distinct_labels(["perm:budget=2", "plr:budget=2", "plr:budget=2:score=mna"])
+        {'perm:budget=2': 'PERM', 'plr:budget=2': 'PLR', 'plr:budget=2:score=mna': 'PLR (score=mna)'}
+    """
+    split = {teacher: split_name(teacher) for teacher in dict.fromkeys(teachers)}
+    shared: dict[str, set[tuple[str, str]]] = {}
+    for name, settings in split.values():
+        shared[name] = shared.get(name, set(settings.items())) & set(settings.items())
+    return {
+        teacher: label(join_name(name, dict(item for item in settings.items() if item not in shared[name])))
+        for teacher, (name, settings) in split.items()
+    }
 
 
 def teacher_order(teacher: str) -> tuple[bool, bool, str]:

@@ -2,9 +2,9 @@
 
     python benchmarks/familywise_error.py
 
-Prints the rows of ``measured/pairs_decided.csv`` and ``measured/false_findings.csv``, and coverages.
-Simulated runs are those of the release with the means of their cells taken away, drawn with replacement in
-each cell (a teacher, challenge and body), so that every cell keeps its own spread and skew.
+Prints the rows of ``measured/pairs_decided.csv`` and ``measured/false_findings.csv``. Simulated runs are
+those of the release with the means of their cells taken away, drawn with replacement in each cell (a teacher,
+challenge and body), so that every cell keeps its own spread and skew.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ from scipy import special
 
 from analysis.baselines.catalogue import find_baseline
 from analysis.measures.pooling import runs_after
-from analysis.measures.tested import MEASURES, compared_over_strata, scale_of
-from analysis.statistics import SIGNIFICANCE, Scale, holm
+from analysis.measures.tested import MEASURES
+from analysis.statistics import SIGNIFICANCE, Scale, holm, simultaneous_intervals
 from analysis.statistics.tests import LEAST
 
 SIZES = (3, 5, 10)
-PERMUTATIONS = 299
+PERMUTATIONS = 9_999
+TAIL = 1 - SIGNIFICANCE / 2
 
 Floats = NDArray[np.float64]
 
@@ -46,8 +47,21 @@ class Release(NamedTuple):
     random: int
 
 
+class Tests(NamedTuple):
+    """Welch and Satterthwaite's tests of all pairs of teachers over cells (pairs,)."""
+
+    difference: Floats
+    error: Floats
+    freedom: Floats
+
+    @property
+    def p(self) -> Floats:
+        """Two-sided p-values."""
+        return np.asarray(2 * special.stdtr(self.freedom, -np.abs(self.difference / self.error)), np.float64)
+
+
 class Families(NamedTuple):
-    """Adjusted p-values of all pairs of teachers (pairs,), and of Random's pairs."""
+    """Adjusted p-values of all pairs of the core, and of Random's pairs."""
 
     pairs: Floats
     random: Floats
@@ -68,8 +82,8 @@ def on_scale(values: Floats, scale: Scale) -> Floats:
     return scale.of(pd.Series(values.ravel())).to_numpy(float).reshape(values.shape)
 
 
-def welch(values: Floats, weights: Floats, least: float = 0.0) -> tuple[Floats, Floats]:
-    """Return t and p of Welch and Satterthwaite's test of each pair (..., pairs) over cells.
+def welch(values: Floats, weights: Floats, least: float = 0.0) -> Tests:
+    """Return Welch and Satterthwaite's test of each pair (..., pairs) over cells.
 
     Args:
         values: results of runs (..., cells, teachers, seeds).
@@ -83,24 +97,22 @@ def welch(values: Floats, weights: Floats, least: float = 0.0) -> tuple[Floats, 
     own, squares = parts.sum(-2), (parts**2).sum(-2) / (n - 1)
     variance = own[..., first] + own[..., second]
     errors = np.maximum(parts, least * parts.mean(-1, keepdims=True)).sum(-2)
-    t = np.abs(means[..., first] - means[..., second]) / np.sqrt(errors[..., first] + errors[..., second])
-    return t, 2 * special.stdtr(variance**2 / (squares[..., first] + squares[..., second]), -t)
+    return Tests(
+        means[..., first] - means[..., second],
+        np.sqrt(errors[..., first] + errors[..., second]),
+        variance**2 / (squares[..., first] + squares[..., second]),
+    )
 
 
-def by_holm(values: Floats, release: Release, _: np.random.Generator, least: float = 0.0) -> Families:
-    """Return Welch and Satterthwaite's p with Holm's correction."""
-    p = welch(values, release.weights, least)[1]
-    return Families(holm(p), holm(p[_of_random(release)]))
-
-
-def by_permutation(
-    values: Floats, release: Release, rng: np.random.Generator, permutations: int = PERMUTATIONS
-) -> Families:
+def by_permutation(values: Floats, release: Release) -> Families:
     """Return the step-down max-t p of Westfall and Young (1993): runs change teachers within their cell."""
     cells, teachers, n = values.shape
-    order = np.argsort(rng.random((permutations, cells, teachers * n)), axis=-1)
+    order = np.argsort(np.random.default_rng(0).random((PERMUTATIONS, cells, teachers * n)), axis=-1)
     shuffled = np.take_along_axis(values.reshape(1, cells, -1), order, -1).reshape(-1, cells, teachers, n)
-    found, drawn = welch(values, release.weights)[0], welch(shuffled, release.weights)[0]
+    found, drawn = (
+        np.abs(tests.difference / tests.error)
+        for tests in (welch(each, release.weights) for each in (values, shuffled))
+    )
     mine = _of_random(release)
     return Families(_step_down(found, drawn), _step_down(found[mine], drawn[:, mine]))
 
@@ -114,95 +126,91 @@ def _step_down(found: Floats, drawn: Floats) -> Floats:
     return adjusted
 
 
+def by_holm(values: Floats, release: Release, least: float = 0.0) -> Families:
+    """Return Welch and Satterthwaite's p with Holm's correction."""
+    p = welch(values, release.weights, least).p
+    return Families(holm(p), holm(p[_of_random(release)]))
+
+
 def _of_random(release: Release) -> NDArray[np.bool_]:
     first, second = np.triu_indices(release.values.shape[1], 1)
     return np.asarray((first == release.random) | (second == release.random))
 
 
-METHODS: dict[str, Callable[[Floats, Release, np.random.Generator], Families]] = {
+METHODS: dict[str, Callable[[Floats, Release], Families]] = {
     "Welch": by_holm,
     "least variance": partial(by_holm, least=LEAST),
     "max-t permutation": by_permutation,
 }
 
 
-def simulated(release: Release, scale: Scale, seeds: int, experiments: int, *, half: bool) -> list[str]:
-    """Return for each method and family the share of experiments with a false finding, and the true ones.
+def simulated(release: Release, seeds: int, experiments: int, *, half: bool) -> list[str]:
+    """Return the share of experiments with a false finding, and that in which all intervals hold, in %.
+
+    Of all pairs, of Random's pairs, and of those of a newcomer, the last teacher, whose tests have the least
+    variances of the others.
 
     Args:
         release: runs whose residuals are drawn.
-        scale: scale on which teachers are equal, and tested.
         seeds: number of runs in each cell.
         experiments: number of simulated releases.
         half: True if every second teacher keeps its means; else all are equal.
     """
     rng = np.random.default_rng([seeds, half])
-    values = on_scale(release.values, scale)
-    n = values.shape[-1]
-    means = values.mean(-1, keepdims=True)
-    residuals = (values - means) * np.sqrt(n / (n - 1))
-    others = np.arange(means.shape[1]) % 2 == (release.random + 1) % 2
+    n, teachers = release.values.shape[-1], release.values.shape[1]
+    means = release.values.mean(-1, keepdims=True)
+    residuals = (release.values - means) * np.sqrt(n / (n - 1))
+    others = np.arange(teachers) % 2 == (release.random + 1) % 2
     shift = np.where(others[:, None] & half, means - means[:, ~others].mean(axis=1, keepdims=True), 0.0)
-    first, second = np.triu_indices(means.shape[1], 1)
-    null = ~(others[first] | others[second]) | (not half)
-    nulls = null, null[_of_random(release)]
-    wrong, right = np.zeros((len(METHODS), 2)), np.zeros((len(METHODS), 2))
+    first, second = np.triu_indices(teachers, 1)
+    levels = release.weights @ shift[..., 0]
+    true = levels[first] - levels[second]
+    newest = (first == teachers - 1) | (second == teachers - 1)
+    families = {"pairs": np.ones_like(newest), "random": _of_random(release), "newcomer": newest}
+    counts = {name: np.zeros(3) for name in families}
     for _ in range(experiments):
         drawn = rng.integers(0, n, (*means.shape[:2], seeds))
         runs = shift + np.take_along_axis(residuals, drawn, -1)
-        for row, method in enumerate(METHODS.values()):
-            for column, (p, equal) in enumerate(zip(method(runs, release, rng), nulls, strict=True)):
-                wrong[row, column] += (p[equal] < SIGNIFICANCE).any()
-                right[row, column] += (p[~equal] < SIGNIFICANCE).sum()
-    shares = zip((100 * wrong / experiments).T.ravel(), (right / experiments).T.ravel(), strict=True)
-    return [f"{share:.1f}" + (f" ({true:.1f})" if half else "") for share, true in shares]
-
-
-def coverage(release: Release, scale: Scale, seeds: int, experiments: int) -> float:
-    """Return how often the interval that is shown of a difference holds the true one, in %."""
-    rng, held = np.random.default_rng(seeds), []
-    teachers = release.values.shape[1]
-    for _ in range(experiments):
-        drawn = rng.integers(0, release.values.shape[-1], (*release.values.shape[:2], seeds))
-        runs = np.take_along_axis(release.values, drawn, -1)
-        for pair in itertools.combinations(range(teachers), 2):
-            samples = [
-                tuple(pd.Series(cell[k], index=[f"{k}-{i}" for i in range(seeds)]) for k in pair)
-                for cell in runs
-            ]
-            first, second = (release.weights @ release.values[:, k].mean(-1) for k in pair)
-            test = compared_over_strata([(a, b) for a, b in samples], list(release.weights), {}, scale)
-            held.append(test.low <= first - second <= test.high)
-    return float(100 * np.mean(held))
+        for name, mine in families.items():
+            tests = Tests(*(each[mine] for each in welch(runs, release.weights, LEAST)))
+            adjusted, margin = holm(tests.p), special.stdtrit(tests.freedom, TAIL) * tests.error
+            low, high = simultaneous_intervals(
+                tests.difference,
+                tests.difference - margin,
+                tests.difference + margin,
+                tests.freedom,
+                adjusted,
+            )
+            found, equal = adjusted < SIGNIFICANCE, true[mine] == 0
+            held = (low <= true[mine]) & (true[mine] <= high)
+            counts[name] += (found & equal).any(), (found & ~equal).sum(), held.all()
+    shown = []
+    for wrong, right, held in counts.values():
+        more = f" ({right / experiments:.1f})" if half else ""
+        shown += [f"{100 * wrong / experiments:.1f}{more}", f"{100 * held / experiments:.1f}"]
+    return shown
 
 
 def main() -> None:
-    """Print the pairs that each test decides, its false findings, and the coverage of intervals."""
+    """Print the pairs that each test decides, its false findings, and how often its intervals hold."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--experiments", type=int, default=1_000, help="simulated for each row (%(default)s)")
     parser.add_argument("--release", default="lite-2", help="release whose runs are taken (%(default)s)")
     given = parser.parse_args()
-    baseline = find_baseline(given.release)
-    frames = baseline.frames()
-    core = frames.cells.loc[frames.cells["campaign"].isin(baseline.manifest.core), "run_id"]
+    frames = find_baseline(given.release).frames()
     runs = runs_after(frames, training=False)
+    core = frames.cells.loc[frames.cells["core"], "run_id"]
     runs = runs[runs["run_id"].isin(core)]
     for measure, scale in itertools.product(MEASURES, Scale):
-        release, rng = released(runs, measure), np.random.default_rng(0)
-        values = on_scale(release.values, scale)
-        finer = METHODS | {"max-t permutation": partial(by_permutation, permutations=9_999)}
-        found = [method(values, release, rng) for method in finer.values()]
+        release = released(runs, measure)
+        found = [method(on_scale(release.values, scale), release) for method in METHODS.values()]
         counts = ((p < SIGNIFICANCE).sum() for p in (*(f.pairs for f in found), *(f.random for f in found)))
         print(f"`{given.release}`,`{measure}`,{scale},{','.join(map(str, counts))}", flush=True)
     for measure in ("mastered_area", "last_three"):
-        release, scale = released(runs, measure), scale_of(measure)
         for half, seeds in itertools.product((False, True), SIZES):
-            shares = simulated(release, scale, seeds, given.experiments, half=half)
+            shares = simulated(released(runs, measure), seeds, given.experiments, half=half)
             title = "half" if half else "all"
             print(f"`{given.release}`,`{measure}`,{title},{seeds},{','.join(shares)}", flush=True)
-    for seeds in SIZES:
-        held = coverage(released(runs, "mastered_area"), Scale.ARCSINE, seeds, 1 + given.experiments // 40)
-        print(f"`{given.release}`,{seeds},{held:.1f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -96,7 +96,8 @@ class BaselineManifest:
         holds: values of each column of its cells, and counts, by name.
         files: all other files in its folder.
         benchmark_versions: versions of the benchmark among its runs, rising; 0 for older runs.
-        core: campaigns that ``tma-ray campaign --like`` repeats; empty for all of them.
+        core: campaigns that ``tma-ray campaign --like`` repeats, and whose teachers are compared in a family
+            of their own; empty for all of them.
         planned: runs that each campaign was to have, by its name, of a release that grows by shards.
         done: runs that each of these campaigns has.
         gaps: campaigns that it is to have and that have not begun, in words; empty if nobody named any.
@@ -196,7 +197,7 @@ class Baseline:
         """
         if self.manifest.kind is not BaselineKind.RUNS:
             raise BaselineError(f"{self.manifest.name} has no runs, only published results; use published()")
-        return frames_of(Results(self.store()))
+        return frames_of(Results(self.store())).with_core(self.manifest.core)
 
     def published(self) -> pd.DataFrame:
         """Return its published results, in the columns of `reference.paper_frame`.

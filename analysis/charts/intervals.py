@@ -8,9 +8,12 @@ import numpy as np
 import pandas as pd
 
 from analysis.charts import base
-from analysis.comparisons.boards import Rank
+from analysis.comparisons.against_random import AgainstRandom
+from analysis.comparisons.ranks import Rank
+from analysis.comparisons.verdicts import AXES
 from analysis.formatting import number
 from analysis.looks import look
+from analysis.measures.tested import FINAL, HEADLINE, TRAINED
 from analysis.names import short_labels
 from analysis.statistics import describe, mean_percent_interval
 
@@ -169,3 +172,47 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> bas
     size = 6.2, sum(0.7 + 0.24 * len(panel.y.rows) for panel in panels)
     rows = base.grid(panels, 1)
     return base.Chart(name, rows, "Ranks", caption, note=caption, size=size, letters=7.5)
+
+
+def difference_chart(
+    beside: Sequence[AgainstRandom], names: Mapping[str, str], heading: str, name: str = "differences"
+) -> base.Chart:
+    """Return a row for each teacher: its differences to Random with their intervals, axis by axis.
+
+    Small marks are those per trained step.
+
+    Args:
+        beside: comparisons with Random on the same challenges, in the order of the rows.
+        names: label of each teacher.
+        heading: title of the chart.
+        name: identifier of the chart.
+    """
+    rows = {each.teacher: names[each.teacher] for each in beside}
+    y, panels = base.Scale(kind=base.Kind.TEACHERS, rows=rows), []
+    for axis in (FINAL, HEADLINE):
+        shown = (axis, TRAINED) if axis == HEADLINE else (axis,)
+        marks = [
+            base.Interval(
+                x=round(gap.value, 2),
+                y=place + 0.25 * (measure == TRAINED),
+                low=gap.low,
+                high=gap.high,
+                look=look(each.teacher),
+                teacher=each.teacher,
+                words=[f"{rows[each.teacher]}: {gap}, {gap.verdict}"],
+                hover="{text}",
+                size=4.0 if measure == TRAINED else 7.0,
+                width=1.0 if measure == TRAINED else 2.0,
+            )
+            for place, each in enumerate(beside)
+            for measure in shown
+            if (gap := each.gaps.get(measure))
+        ]
+        x = base.Scale("Points beside Random", grid=True)
+        panels.append(base.Panel(x, y, [base.Rule(x=0.0), *marks], AXES[axis].capitalize()))
+    caption = (
+        "Differences of mastered test tasks to Random over all challenges, with simultaneous intervals. Sooner "
+        "is the mean over training, in the end the last three evaluations. Small marks: for as many trained steps."
+    )
+    size = 7.4, 1.0 + 0.21 * len(rows)
+    return base.Chart(name, [panels], heading, caption, size=size, letters=7.5)

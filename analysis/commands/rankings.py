@@ -4,7 +4,6 @@
 `console`, by default the terminal.
 """
 
-import itertools
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -17,11 +16,13 @@ from rich.text import Text
 
 from analysis.baselines.catalogue import Sources, own_teachers, read
 from analysis.claims.judging import root_verdicts
-from analysis.comparisons.boards import THRESHOLDS, headlines, overall_rows
+from analysis.commands.leaderboards import EXPLANATION, show_board, tell
+from analysis.comparisons.against_random import Gap, against_random, sentences_against_random
+from analysis.comparisons.boards import leaderboards
 from analysis.comparisons.planning import LITE, PAPER, detectable_differences
 from analysis.comparisons.sentences import places, ranked, ranking_sentences
 from analysis.data.reference import NO_BASELINE, is_baseline
-from analysis.formatting import ends, number, p_value, plus_minus
+from analysis.formatting import number, p_value, plus_minus
 from analysis.measures.evaluations import final_evaluations, search_results
 from analysis.measures.pooling import runs_after
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES, how_tested
@@ -31,22 +32,28 @@ from analysis.statistics.power import POWER
 from analysis.statistics.samples import Standing
 from tma_ray.terminal import terminal
 
-NAMES = 14
+NAMES = 22
 """Width of the column of teachers, in characters."""
 
-FAMILIES = "all teachers against Random, on each challenge and over challenges apart"
+FAMILIES = "on each challenge the core against Random, and a newcomer alone"
 
 
 def show_ranking(
-    sources: Sources, share: float = 1.0, console: Console | None = None, measure: str = HEADLINE
+    sources: Sources,
+    share: float = 1.0,
+    console: Console | None = None,
+    measure: str = HEADLINE,
+    *,
+    explain: bool = False,
 ) -> None:
-    """Print the ranking of teachers on each challenge of a root, and its conclusions in sentences.
+    """Print the ranking of teachers over all challenges of a root, and on each.
 
     Args:
         sources: results roots and baselines.
         share: share of the budget after which runs are read.
         console: console to print on; the terminal by default.
-        measure: name in `MEASURES`.
+        measure: name in `MEASURES`, by which teachers are ranked on each challenge.
+        explain: True for conclusions in sentences and for definitions.
 
     Raises:
         ResultsRootError: no results root at that place.
@@ -58,42 +65,28 @@ def show_ranking(
         console.print("No run has been evaluated to its end here.")
         return
     with own_first(own_teachers(sources, frames)):
+        for board in leaderboards(frames, runs):
+            if len(board.challenges) > 1:
+                tell(console, f"Over {len(board.challenges)} challenges: {board.title}", "bold")
+                show_board(board, console)
         for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
-            _tell(console, f"{place}, expert knowledge {level}", "bold")
+            tell(console, f"{place}, expert knowledge {level}", "bold")
             _show_challenge(console, rows, measure)
         gaps = table[table["missing"] != ""].groupby(["environment", "challenge"], sort=False)["missing"]
         notes = [f"* {challenge}: {'; '.join(dict.fromkeys(texts))}" for (_, challenge), texts in gaps]
         for note in (*notes, *frames.told, *frames.left_out):
-            _tell(console, note, "dim")
-        _show_overall(console, runs, measure)
-    if table["p"].notna().any():
-        _tell(console, how_tested(measure, FAMILIES), "dim")
-    for sentence in [*headlines(runs, measure), *ranking_sentences(table)]:
-        _tell(console, sentence)
-
-
-def _tell(console: Console, text: str, style: str | None = None) -> None:
-    console.print(text, style=style, highlight=False, markup=False)
-
-
-def _show_overall(console: Console, runs: pd.DataFrame, measure: str) -> None:
-    """Print estimates over the challenges that teachers share, level by level and budget by budget."""
-    over = "/".join(map(str, THRESHOLDS))
-    heads = [("teacher", NAMES), (MEASURES[measure], 17), (MEASURES[FINAL], 10), ("runs", 4)]
-    heads += [("beats Random", 17), (f">{over}", 11)]
-    blocks = itertools.groupby(overall_rows(runs, measure), lambda row: (row["block"], row["place"]))
-    for (_, place), rows in blocks:
-        _tell(console, f"Over challenges: {place}", "bold")
-        shown = _table(heads)
-        for row in rows:
-            _add(shown, row["name"], [str(row[name]) for name in ("mean", "final", "n", "better", "over")])
-        console.print(shown)
+            tell(console, note, "dim")
+    if explain:
+        for sentence in [*sentences_against_random(against_random(frames, runs)), *ranking_sentences(table)]:
+            tell(console, sentence)
+        for paragraph in (*EXPLANATION, how_tested(FAMILIES)):
+            tell(console, paragraph, "dim")
 
 
 def _show_challenge(console: Console, rows: pd.DataFrame, measure: str) -> None:
-    """Print the results of one challenge at one level, at most 80 columns wide."""
-    heads = [("teacher", NAMES), (MEASURES[measure], 13), (MEASURES[FINAL], 10), ("runs", 4)]
-    shown = _table([*heads, ("beside Random, 95 %", 23), ("Holm p", 7)])
+    """Print the results of one challenge at one level, at most 100 columns wide."""
+    heads = [("teacher", NAMES), (MEASURES[measure], 15), (MEASURES[FINAL], 10), ("runs", 4)]
+    shown = _table([*heads, ("beside Random", 23), ("Holm p", 7)])
     untested: dict[str, list[str]] = {}
     for _, row in rows.iterrows():
         mastered = plus_minus(row[f"{measure}_mean"], row[f"{measure}_std"]) + "*" * bool(row["missing"])
@@ -103,13 +96,13 @@ def _show_challenge(console: Console, rows: pd.DataFrame, measure: str) -> None:
             tested = ["not tested", ""]
             untested.setdefault(row["reason"] or NO_BASELINE, []).append(label(row["teacher"]))
         else:
-            gap = f"{number(row['difference'])} {ends(row['low'], row['high'])}"
+            gap = str(Gap.of(row))
             tested = [gap, p_value(row["holm"]).lstrip("p =\N{NO-BREAK SPACE}")]
         cells = [mastered, number(row[f"{FINAL}_mean"]), str(row["n"]), *tested]
         _add(shown, row["teacher"], cells, "bold" if row["rank"] == 1 else None)
     console.print(shown)
     for reason, teachers in untested.items():
-        _tell(console, f"  not tested: {', '.join(teachers)}: {reason}", "dim")
+        tell(console, f"  not tested: {', '.join(teachers)}: {reason}", "dim")
 
 
 def _table(heads: Sequence[tuple[str, int]]) -> Table:
@@ -158,18 +151,18 @@ def show_claims(sources: Sources, details: bool = False, console: Console | None
             continue
         style = STYLES[verdict.standing]
         console.print(Text.assemble((str(verdict.standing), style), f": {verdict.claim.text}"))
-        _tell(console, f"  {verdict.claim.source}; {verdict.describe()}")
+        tell(console, f"  {verdict.claim.source}; {verdict.describe()}")
         for finding in verdict.findings if details else ():
-            _tell(console, f"    {finding.standing}: {finding.evidence}")
+            tell(console, f"    {finding.standing}: {finding.evidence}")
     missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
     if missing and not details:
         papers = dict.fromkeys(verdict.claim.source for verdict in missing)
         claims = f"{len(missing)} of {len(verdicts)} claims ({', '.join(papers)})"
         needed = "the same command with --details lists what they need"
-        _tell(console, f"{Standing.NO_DATA}: {claims}; {needed}", "dim")
+        tell(console, f"{Standing.NO_DATA}: {claims}; {needed}", "dim")
     measure = "Claims are about the paper's measure: test tasks mastered at the last evaluation."
     for warning in (measure, *frames.notes, *notes):
-        _tell(console, warning, "dim")
+        tell(console, warning, "dim")
 
 
 def show_search(sources: Sources, console: Console | None = None) -> None:
@@ -222,7 +215,7 @@ def show_detectable_differences(
         marks = (number(row[name]) for name in ("steadiest", "typical", "most_varied"))
         table.add_row(f"{row['environment']} {row['challenge']}", str(row["seeds"]), *marks, row["spread_of"])
     console = terminal(console)
-    _tell(
+    tell(
         console,
         f"\nSmallest difference between two teachers, in points of mastered tasks, that Welch's test finds "
         f"with {POWER:.0%} power at p < {SIGNIFICANCE}, for teachers whose seeds scatter as in the results "

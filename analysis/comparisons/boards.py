@@ -1,166 +1,36 @@
-"""Views of the frame over all challenges at once: ranks, leaderboards, and differences to Random.
+"""Views of the frame over all challenges at once: leaderboards, and estimates of each teacher.
 
 `runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them, in per cent.
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
+from analysis.comparisons.against_random import AgainstRandom, against_random
 from analysis.comparisons.aggregates import improvements, profiles, stratified_means
-from analysis.comparisons.frame import ACROSS, CHALLENGES, PLACES, from_both_sides, over_challenges, verdict
+from analysis.comparisons.frame import ACROSS, CHALLENGES, PLACES
+from analysis.comparisons.ranks import Rank, ranks
+from analysis.comparisons.verdicts import AXES
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
-from analysis.formatting import amount, ends, estimate, in_brief, listed, number, p_value
-from analysis.measures.evaluations import NEARLY_ALL, trained_shares
-from analysis.measures.pooling import CONDITIONS, PARTS, condition_words, runs_after, varying
+from analysis.formatting import amount, estimate, number
+from analysis.measures.pooling import PARTS, condition_words, levels_together, runs_after, varying
 from analysis.measures.tested import FINAL, HEADLINE
-from analysis.names import challenge_title, label, title
-from analysis.statistics import SIGNIFICANCE, holm
-
-EQUAL = 1e-9
-"""Difference of means, in points, below which two teachers share a rank."""
-
-VERDICTS = {
-    "better": "better than",
-    "worse": "worse than",
-    "not distinguishable": "not distinguishable from",
-}
-"""Verdicts of `frame.verdict`, and the words before the other teacher."""
+from analysis.measures.trained import NEARLY_ALL, trained_shares
+from analysis.names import challenge_title, distinct_labels, title
 
 THRESHOLDS = (25, 50, 75)
 """Per cent of the test tasks, over which the share of runs is told in tables."""
 
-
 BLOCK = [*ACROSS, "block", "challenges", "of"]
 """Columns that the rows of `overall` have in common that are read together."""
 
-
-@dataclass(frozen=True)
-class Rank:
-    """A teacher's rank among those that have results on all of its challenges.
-
-    Attributes:
-        teacher: name of the teacher.
-        across: values of `ACROSS`, what all that are ranked have in common.
-        challenges: number of challenges.
-        mean: mastered test tasks in per cent, the mean over challenges of equal weight.
-        low: lower end of its 95 % interval; NaN with one run on a challenge.
-        high: upper end of it.
-        n: runs.
-        fewest: runs on one challenge, of this or another ranked teacher, at least.
-        rank: 1 for the highest mean.
-        of: number of teachers that are ranked.
-        better: those that it is better than, with p < 0.05 after Holm's correction.
-        worse: those that it is worse than, with p < 0.05 after the same correction.
-        undecided: the others.
-        left_out: those without results on all of its challenges.
-    """
-
-    teacher: str
-    across: dict[str, Any]
-    challenges: int
-    mean: float
-    low: float
-    high: float
-    n: int
-    fewest: int
-    rank: int
-    of: int
-    better: tuple[str, ...]
-    worse: tuple[str, ...]
-    undecided: tuple[str, ...]
-    left_out: tuple[str, ...]
-
-    @property
-    def best(self) -> int:
-        """The best rank that the tests leave open."""
-        return 1 + len(self.worse)
-
-    @property
-    def worst(self) -> int:
-        """The worst rank that the tests leave open."""
-        return self.of - len(self.better)
-
-    def describe(self) -> str:
-        """Return rank and verdicts in one sentence."""
-        variant = f", {self.across['variant']}" if self.across["variant"] else ""
-        where = f"expert knowledge {self.across['expert_knowledge']}, {amount(self.across['steps'])} steps"
-        over = f"Over {self.challenges} challenge{'s' if self.challenges > 1 else ''} ({where}{variant})"
-        if self.of == 1:
-            return (
-                f"{over} {label(self.teacher)} has no rank: no other teacher has results on the same "
-                f"challenges under the same conditions."
-            )
-        best, worst = self.best, self.worst
-        certain = f"and the tests leave {best} to {worst} open" if best < worst else "as the tests confirm"
-        parts = (
-            ("better than", self.better),
-            ("worse than", self.worse),
-            ("undecided against", self.undecided),
-        )
-        said = "; ".join(f"{words} {_listed(names)}" for words, names in parts if names)
-        lacking = f"; not ranked, lacking challenges: {_listed(self.left_out)}" if self.left_out else ""
-        return (
-            f"{over} {label(self.teacher)} ranks {self.rank} of {self.of} by mean, {certain}: {said} "
-            f"(p < {SIGNIFICANCE} after Holm for all pairs{in_brief(self.fewest)}){lacking}."
-        )
-
-
-def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: str = HEADLINE) -> list[Rank]:
-    """Return the rank of each teacher, or of `teachers` alone, at each level and budget, the best first.
-
-    One family at each, corrected by Holm: the tests of the pairs of which one is looked at, and of which the
-    other has results on all of its challenges. What is not ranked is not in the family.
-    """
-    found: list[Rank] = []
-    for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
-        means = {row["teacher"]: row for row in stratified_means(group, measure).to_dict("records")}
-        looked = [name for name in means if teachers is None or name in teachers]
-        tests = from_both_sides(over_challenges(group, measure))
-        tests = tests[tests["first"].isin(looked)]
-        own = {name: mean["challenges"] for name, mean in means.items()}
-        tests = tests.assign(ranked=tests["challenges"] == tests["first"].map(own))
-        family = tests.loc[tests["ranked"], "p"].astype(float)
-        family = family[~family.index.duplicated()]  # the index of a pair is the same from both sides
-        tests["holm"] = pd.Series(holm(family), family.index).reindex(tests.index).to_numpy(float)
-        here = []
-        for name in looked:
-            mine, others = means[name], tests[tests["first"] == name]
-            alike = others[others["ranked"]]
-            said: dict[str, list[str]] = {word: [] for word in VERDICTS}
-            for row in alike.to_dict("records"):
-                said[verdict({**row, "reason": ""})].append(row["second"])
-            named = (*said.values(), others.loc[~others["ranked"], "second"])
-            better, worse, undecided, left_out = (
-                tuple(sorted(each, key=lambda who: (not is_baseline(who), who))) for each in named
-            )
-            rank = Rank(
-                teacher=str(name),
-                across=dict(zip(ACROSS, key, strict=True)),
-                challenges=int(mine["challenges"]),
-                mean=float(mine["difference"]),
-                low=float(mine["low"]),
-                high=float(mine["high"]),
-                n=int(mine["n"]),
-                fewest=int(alike["fewest"].min()) if len(alike) else int(mine["n"]),
-                rank=1 + int((alike["difference"] < -EQUAL).sum()),
-                of=1 + len(alike),
-                better=better,
-                worse=worse,
-                undecided=undecided,
-                left_out=left_out,
-            )
-            here.append(rank)
-        found += sorted(here, key=lambda rank: (-rank.mean, rank.teacher))
-    return found
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    return f"{len(names)} ({listed(map(label, names))})"
+CREDIBLE = 0.95
+"""Least probability that the best teacher is one of those that `Leaderboard.best` has."""
 
 
 @dataclass(frozen=True)
@@ -168,19 +38,22 @@ class Entry:
     """A teacher of a leaderboard.
 
     Attributes:
-        rank: rank over all of its challenges by the headline, with the ranks that the tests leave open.
-        final: mastered test tasks in per cent at the last three evaluations, the mean over challenges.
+        ranks: rank over all challenges by each of `AXES`, with the ranks that the tests leave open.
+        against: comparison with Random; None for Random, and where Random has no results.
         results: headline in per cent by the title of the challenge: mean, and both ends of its 95 %
             interval; these NaN where runs have no spread.
-        hours: median wall-clock time of a run, all its attempts together; NaN if unknown.
         trained: median share of the steps from which the student learned, in per cent; NaN if unknown.
     """
 
-    rank: Rank
-    final: float
-    results: dict[str, tuple[float, float, float]]
-    hours: float
+    ranks: Mapping[str, Rank]
+    against: AgainstRandom | None
+    results: Mapping[str, tuple[float, float, float]]
     trained: float
+
+    @property
+    def teacher(self) -> str:
+        """Name of the teacher."""
+        return self.ranks[HEADLINE].teacher
 
 
 @dataclass(frozen=True)
@@ -191,36 +64,77 @@ class Leaderboard:
         title: level, budget and engine, environments or further conditions where these alone tell it from
             another, and number of challenges where that is not all.
         challenges: titles, in the order of the columns.
-        entries: teachers, the best first.
+        entries: teachers, the best in the end first.
+        names: shortest distinct label of each teacher; see `names.distinct_labels`.
     """
 
     title: str
     challenges: tuple[str, ...]
     entries: tuple[Entry, ...]
-
-    @property
-    def timed(self) -> bool:
-        """True if the hours of any run are known; those of simulated students are not."""
-        return any(not math.isnan(entry.hours) for entry in self.entries)
+    names: Mapping[str, str]
 
     @property
     def partly_trained(self) -> bool:
-        """True if the student of any teacher does not learn from all steps."""
+        """True if the student of any teacher learns from under `NEARLY_ALL` % of its steps."""
         return any(entry.trained < NEARLY_ALL for entry in self.entries)
 
+    @property
+    def newcomers(self) -> bool:
+        """True if any teacher is none of the core."""
+        return any(entry.ranks[HEADLINE].newcomer for entry in self.entries)
 
-def leaderboards(frames: Frames) -> list[Leaderboard]:
+    def best(self, axis: str) -> dict[str, float]:
+        """Return the fewest teachers that hold the best one with probability `CREDIBLE`, each with its."""
+        chances = {entry.teacher: entry.ranks[axis].chance for entry in self.entries}
+        found: dict[str, float] = {}
+        for teacher in sorted(chances, key=lambda name: -chances[name]):
+            if sum(found.values()) < CREDIBLE:
+                found[teacher] = chances[teacher]
+        return found
+
+    def answer(self) -> str:
+        """Return in two sentences which teachers are the best, sooner and in the end."""
+        if len(self.entries) < 2:
+            return ""
+        leaders = {axis: self.best(axis) for axis in AXES}
+        said = {axis: self._named(chances) for axis, chances in leaders.items()}
+        if leaders[HEADLINE].keys() == leaders[FINAL].keys():
+            first = f"The best teacher, sooner and in the end, is {said[FINAL]}"
+        else:
+            first = f"The best teacher in the end is {said[FINAL]}; the soonest is {said[HEADLINE]}"
+        by_end = {entry.teacher: number(entry.ranks[FINAL].mean) for entry in self.entries}
+        others = [teacher for teacher in by_end if teacher not in leaders[FINAL]]
+        shown = [*leaders[FINAL], *others[:1], *(name for name in others[1:] if is_baseline(name))]
+        means = (f"{self.names[teacher]} {by_end[teacher]} %" for teacher in shown)
+        return f"{first}. Mastered test tasks in the end: {', '.join(means)}."
+
+    def _named(self, chances: Mapping[str, float]) -> str:
+        names = " or ".join(self.names[teacher] for teacher in chances)
+        chance = f"probability {number(min(sum(chances.values()), 0.99), 2)}"
+        return f"{names} ({chance}{', not told apart' if len(chances) > 1 else ''})"
+
+
+def leaderboards(frames: Frames, runs: pd.DataFrame | None = None) -> list[Leaderboard]:
     """Return leaderboards for each level of expert knowledge and budget, those with most runs first.
 
     Next to the leaderboard of the teachers that have results on all challenges there is one for each smaller
-    set, as `on_the_same` has them. Of runs that have not ended nothing counts.
+    set, as `on_the_same` has them. Of runs that have not ended nothing counts. Levels at which the same runs
+    count are one.
+
+    Args:
+        frames: results of `load`.
+        runs: rows of `pooling.runs_after`, after a share of the budget; by default at the ends of runs.
     """
     found: dict[tuple[str, ...], list[Leaderboard]] = {}
-    runs = runs_after(frames).dropna(subset=HEADLINE)
+    conditions = [column for column in ACROSS if column != "expert_knowledge"]
+    runs = runs_after(frames, training=False) if runs is None else runs
+    runs = levels_together(runs.dropna(subset=HEADLINE), conditions)
     for where, part in _blocks(runs, HEADLINE):
         board = _board(where, part, frames, _told_apart(where, part, runs))
         found.setdefault(tuple(str(where[name]) for name in ACROSS), []).append(board)
-    ordered = sorted(found.values(), key=lambda boards: -sum(e.rank.n for b in boards for e in b.entries))
+    ordered = sorted(
+        found.values(), key=lambda boards: -sum(e.ranks[HEADLINE].n for b in boards for e in b.entries)
+    )
     return [board for boards in ordered for board in boards]
 
 
@@ -271,15 +185,17 @@ def _board(
         titles.setdefault(name)
         result = float(row["difference"]), float(row["low"]), float(row["high"])
         results.setdefault(str(row["teacher"]), {})[name] = result
-    final = stratified_means(runs, FINAL).set_index("teacher")["difference"]
-    shares = trained_shares(frames)
-    spent = runs.drop_duplicates(["teacher", "run_id"])
-    spent = spent.assign(hours=spent["run_id"].map(frames.run_hours), trained=spent["run_id"].map(shares))
-    usual = spent.groupby("teacher")[["hours", "trained"]].median()  # a few stalled runs would decide a mean
-    ranked = {rank.teacher: rank for rank in ranks(runs)}
+    shares = runs["run_id"].map(trained_shares(frames)).groupby(runs["teacher"]).median()
+    ranked = {axis: {rank.teacher: rank for rank in ranks(runs, measure=axis)} for axis in AXES}
+    beside = {each.teacher: each for each in against_random(frames, runs)}
     entries = tuple(
-        Entry(rank, float(final[name]), results[name], *map(float, usual.loc[name]))
-        for name, rank in sorted(ranked.items(), key=lambda each: (each[1].rank, each[0]))
+        Entry(
+            ranks={axis: by_name[teacher] for axis, by_name in ranked.items()},
+            against=beside.get(teacher),
+            results=results[teacher],
+            trained=float(shares[teacher]),
+        )
+        for teacher in sorted(ranked[FINAL], key=lambda name: (-ranked[FINAL][name].mean, name))
     )
     version, challenges = where["physics_version"], where["challenges"]
     engine = f"{where['engine']} {version:g}" if version else where["engine"]
@@ -287,34 +203,7 @@ def _board(
     heading = ", ".join([f"expert knowledge {where['expert_knowledge']}", budget, engine, *told_apart])
     if challenges < where["of"]:
         heading += f": the {len(entries)} teachers on {challenges} of {where['of']} challenges"
-    return Leaderboard(heading, tuple(titles), entries)
-
-
-def headlines(
-    runs: pd.DataFrame, measure: str = HEADLINE, teachers: Collection[str] | None = None
-) -> list[str]:
-    """Return the differences of teachers to Random over all challenges, a sentence for each verdict.
-
-    Few seeds of one challenge decide little, all challenges together more. A teacher is better or worse where
-    p is under 0.05 after Holm's correction for all teachers at that level; sentences are on `teachers` alone.
-    """
-    if runs.empty:
-        return []
-    table = over_challenges(runs, measure, BASELINE)
-    table = table[(table["reason"] == "") & (table["challenges"] > 1)]
-    table = table if teachers is None else table[table["first"].isin(teachers)]
-    table = table.sort_values([*ACROSS, "difference"], ascending=[*[True] * len(ACROSS), False])
-    told = {"steps", *varying(table), *(["variant"] if (table["variant"] != "").any() else [])}
-    found: dict[str, list[str]] = {}
-    for _, row in table.iterrows():
-        words = condition_words(row, [name for name in CONDITIONS if name in told])
-        where = ", ".join([f"expert knowledge {row['expert_knowledge']}", *words])
-        than = VERDICTS[verdict(row)]
-        said = f"Over {row['challenges']} challenges ({where}) {than} Random, in points"
-        gap = f"{label(row['first'])} {number(row['difference'])} {ends(row['low'], row['high'])}"
-        few = in_brief(row["fewest"]).replace("; ", ", ")
-        found.setdefault(said, []).append(f"{gap}, {p_value(row['holm'])} after Holm{few}")
-    return [f"{said}: {'; '.join(differences)}." for said, differences in found.items()]
+    return Leaderboard(heading, tuple(titles), entries, distinct_labels(results))
 
 
 def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:

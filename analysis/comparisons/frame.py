@@ -17,16 +17,15 @@ from analysis.data.frames import COMPARISON, GROUP, check_columns, check_measure
 from analysis.data.identity import CONDITIONS as SPEC_CONDITIONS
 from analysis.data.reference import BASELINE, NO_BASELINE, baseline_rows, baseline_runs, is_baseline
 from analysis.measures.pooling import COMPARED, CONDITIONS, PARTS
-from analysis.measures.tested import Seeds, compared, compared_over_strata, scale_of, seeds_to_pair
+from analysis.measures.tested import Seeds, compared, compared_over_strata, seeds_to_pair
 from analysis.statistics import (
-    SIGNIFICANCE,
     Comparison,
     Description,
     Method,
-    Scale,
     describe,
     holm,
     least_variance,
+    simultaneous_intervals,
     welch_from_statistics,
 )
 from analysis.statistics.power import detectable_difference, detectable_in_pairs
@@ -48,8 +47,12 @@ OTHER_PARTS: Final = "other bodies or students"
 TEST = list(Comparison.__dataclass_fields__)
 """Columns of a test, those of `statistics.Comparison`."""
 
-FRAME = ["measure", "first", "second", "challenges", "fewest", *TEST, "uncounted", "detectable"]
-"""Columns of the frame besides those that groups have in common, and holm."""
+FRAME = ["measure", "first", "second", "family", "challenges", "fewest", *TEST, "uncounted", "detectable"]
+"""Columns of the frame besides those that groups have in common, and those of Holm's correction."""
+
+CORE, NEWCOMERS = "core", "newcomers"
+"""Families of tests between teachers of a core, and between teachers that joined later; those of a newcomer
+with the core are a family of its name."""
 
 APART = ("experiment", "expert_knowledge")
 """Columns that tell comparisons of a report apart and make no difference to Random."""
@@ -63,80 +66,90 @@ Randoms: TypeAlias = Mapping[Any, pd.DataFrame]
 def pairwise(
     runs: pd.DataFrame,
     measure: str,
-    reference: str | None = None,
+    reference: str | Collection[str] | None = None,
     within: Sequence[str] = COMPARED,
     between: str = "teacher",
-    strata: Sequence[str] = (),
+    strata: Sequence[str] = PARTS,
     *,
     detectable: bool = True,
 ) -> pd.DataFrame:
     """Return the frame of comparisons between groups of runs, one row a pair.
 
-    Tests are Welch's, or paired by seed where seeds share a student, on the scale of `tested.scale_of`. Runs
-    without the measure do not count. Groups are not tested that share a run or that pool other bodies or
-    students. Over challenges (``within=ACROSS, strata=CHALLENGES``) the difference is that of the challenges
-    that both groups have with the same bodies and students; challenges have equal weight, and within a
-    challenge its bodies and students.
+    Tests are Welch's, over strata with least variances where there are several, or paired by seed where seeds
+    share a student. Runs without the measure do not count. Groups are not tested that share a run or that
+    have other bodies or students. Over challenges (``within=ACROSS, strata=CHALLENGES``) the difference is
+    that of the challenges that both groups have with the same bodies and students; challenges have equal
+    weight, and within a challenge its bodies and students.
+
+    Teachers of a core (column core of the runs) are a family of their own, whose least variances are those of
+    its own runs, so that no newcomer changes a verdict on them.
 
     Args:
         runs: rows of `pooling.pool_runs`; with a step column among `within`, the values of
             `run_measures.evaluations_at`, and so tests along learning curves.
         measure: column of `runs`.
-        reference: group that all others are tested against, such as "random"; None for all pairs.
+        reference: group that all others are tested against, such as "random", or several, which are tested
+            against each other, too; None for all pairs.
         within: columns that groups must have in common to be compared.
         between: column that tells groups apart: teacher, or expert_knowledge (with teacher among `within`).
-        strata: columns within which groups are compared, `CHALLENGES`; none for one sample a group.
+        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
         detectable: True to compute that column, which takes longer than the tests.
 
     Returns:
         `within`, measure, first, second (the reference, if there is one), the columns of
         `statistics.Comparison` for first minus second, and
 
+        - family: tests that are corrected together, `CORE`, `NEWCOMERS` or the name of a newcomer;
         - challenges: number of those that are compared;
         - fewest: runs that either group has of one challenge, at least;
         - uncounted: runs of both without the measure, or not yet at the step; while there are any, the
           test is not the last word;
-        - detectable: smallest difference that so many runs with these standard deviations find with power
-          0.8; NaN without a test, over strata, or if it is not computed;
-        - holm: p adjusted for all tests that have `within` in common, step left out, so that all pairs and
-          steps of a comparison are one family.
+        - detectable: smallest difference that so many runs with these standard deviations within strata
+          find with power 0.8; NaN without a test, over challenges, or if it is not computed;
+        - holm: p adjusted for the tests of a family that have `within` in common, step left out, so that all
+          pairs and steps of a comparison are one family;
+        - simultaneous_low, simultaneous_high: ends of `statistics.simultaneous_intervals`.
     """
     check_names("within", within)
     check_measure("runs", runs, measure, [*within, between, *strata])
-    if between == "teacher":
+    if between == "teacher" and isinstance(reference, str):
         _check_reference(reference, runs)
     within, rows = list(within), []
     family, seeds = [column for column in within if column != "step"], seeds_to_pair(runs)
-    parts = [column for column in PARTS if column not in (*within, between)]
+    strata = [column for column in strata if column not in (*within, between)]
     members = runs.groupby([*family, between], dropna=False)["run_id"].transform("nunique")
-    table = stratified_runs(runs.assign(members=members), measure, [*within, between], strata, parts)
+    table = stratified_runs(runs.assign(members=members), measure, [*within, between], strata)
     table = table[table["step"].notna()] if "step" in within else table
     for key, group in table.groupby(within, dropna=False, sort=True):
         shared = dict(zip(within, key, strict=True)) | {"measure": measure}
-        samples = {
-            str(name): _Sample.of(part, measure, parts) for name, part in group.groupby(between, sort=True)
-        }
-        least = _least_variances(samples.values(), scale_of(measure)) if strata else None
+        samples = {str(name): _Sample.of(part, measure) for name, part in group.groupby(between, sort=True)}
+        core = core_of(group) if between == "teacher" else frozenset(samples)
+        least = _least_variances(samples, core)
         for first, second in pairs_of(list(samples), reference):
-            other = samples.get(second) or _Sample.of(group.head(0), measure, parts)
+            other = samples.get(second) or _Sample.of(group.head(0), measure)
             row: dict[str, Any] = shared | {"first": first, "second": second}
-            row |= _compared(samples[first], other, seeds, scale_of(measure), least)
+            row |= {"family": _family_of(first, second, core)} | _compared(
+                samples[first], other, seeds, least
+            )
             if second not in samples:
                 row["reason"] = nobody(second)
-            elif detectable and not strata:
-                if row["method"] is Method.PAIRED:
-                    margin = (row["high"] - row["low"]) / 2
-                    row["detectable"] = detectable_in_pairs(row["n"], margin)
-                elif not row["reason"] and row["method"] is not Method.SIGN_FLIP:
-                    described = describe(samples[first].pooled), describe(other.pooled)
-                    row["detectable"] = detectable_difference(*described)
+            elif detectable and not row["reason"] and row["challenges"] == 1:
+                row["detectable"] = _detectable(row, samples[first], other)
             rows.append(row)
-    return _with_holm(pd.DataFrame(rows, columns=[*within, *FRAME]), family)
+    return corrected(pd.DataFrame(rows, columns=[*within, *FRAME]), [*family, "family"])
 
 
-def over_challenges(runs: pd.DataFrame, measure: str, reference: str | None = None) -> pd.DataFrame:
+def over_challenges(
+    runs: pd.DataFrame, measure: str, reference: str | Collection[str] | None = None
+) -> pd.DataFrame:
     """Return the frame of comparisons over all challenges that two teachers have, each of equal weight."""
     return pairwise(runs, measure, reference, ACROSS, strata=CHALLENGES, detectable=False)
+
+
+def core_of(runs: pd.DataFrame) -> frozenset[str]:
+    """Return the teachers of the core among runs of a comparison; all of them where they have none."""
+    core = runs["core"].to_numpy(bool) if "core" in runs else np.zeros(len(runs), bool)
+    return frozenset(map(str, runs["teacher"][core if core.any() else ~core]))
 
 
 def from_both_sides(tests: pd.DataFrame) -> pd.DataFrame:
@@ -150,17 +163,10 @@ def from_both_sides(tests: pd.DataFrame) -> pd.DataFrame:
         n=tests["reference_n"],
         reference_n=tests["n"],
         t=-tests["t"],
+        simultaneous_low=-tests["simultaneous_high"],
+        simultaneous_high=-tests["simultaneous_low"],
     )
     return pd.concat([tests, exchanged])
-
-
-def verdict(test: pd.Series | Mapping[str, Any]) -> str:
-    """Return the result of a test in a word or two, after Holm, or the reason why there was none."""
-    if test["reason"]:
-        return str(test["reason"])
-    if not test["holm"] < SIGNIFICANCE:
-        return "not distinguishable"
-    return "better" if test["difference"] > 0 else "worse"
 
 
 def pairwise_from_statistics(
@@ -182,7 +188,7 @@ def pairwise_from_statistics(
 
     Returns:
         `within`, measure, first, second, the columns of `statistics.Comparison` for first minus second, and
-        holm: p adjusted for all tests that have `within` in common.
+        of all tests that have `within` in common `CORRECTED`.
     """
     values = ["n", f"{measure}_mean", f"{measure}_std"]
     check_columns("table", table, ["teacher", *values])
@@ -198,7 +204,7 @@ def pairwise_from_statistics(
             if second in results:
                 test = welch_from_statistics(results[first], results[second])
             rows.append([*key, measure, first, second, *vars(test).values()])
-    return _with_holm(pd.DataFrame(rows, columns=[*within, "measure", "first", "second", *TEST]), within)
+    return corrected(pd.DataFrame(rows, columns=[*within, "measure", "first", "second", *TEST]), within)
 
 
 def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -> pd.DataFrame:
@@ -209,7 +215,7 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
     are of `final_evaluations`, `curves` of `evaluation_curves`, and `measure` is a column of both.
 
     Returns:
-        `GROUP`, measure, step, the columns of `statistics.Comparison`, and holm by comparison.
+        `GROUP`, measure, step, the columns of `statistics.Comparison`, and by comparison `CORRECTED`.
     """
     rows, randoms = [], randoms_of(finals)
     for key, teachers in finals.groupby(COMPARISON, sort=True):
@@ -218,7 +224,7 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
             if not is_baseline(str(name)):
                 step, test = _at_one_step(mine, reference, curves, measure)
                 rows.append([*key, str(name), measure, step, *vars(test).values()])
-    return _with_holm(pd.DataFrame(rows, columns=[*GROUP, "measure", "step", *TEST]), COMPARISON)
+    return corrected(pd.DataFrame(rows, columns=[*GROUP, "measure", "step", *TEST]), COMPARISON)
 
 
 def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
@@ -230,13 +236,13 @@ def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) 
         measure: column of both.
 
     Returns:
-        step, teacher, the columns of `statistics.Comparison`, and holm.
+        step, teacher, measure, the columns of `statistics.Comparison`, and `CORRECTED`.
     """
     others = curves[~curves["teacher"].map(is_baseline)]
     runs = pd.concat([others, reference.assign(teacher=BASELINE)], ignore_index=True)
-    tests = pairwise(runs, measure, BASELINE, ["step"], detectable=False)
-    return _with_holm(tests, ["step"]).rename(columns={"first": "teacher"})[
-        ["step", "teacher", *TEST, "holm"]
+    tests = pairwise(runs.assign(core=True), measure, BASELINE, ["step"], detectable=False)
+    return corrected(tests, ["step"]).rename(columns={"first": "teacher"})[
+        ["step", "teacher", "measure", *TEST, *CORRECTED]
     ]
 
 
@@ -257,7 +263,7 @@ def _at_one_step(
         pd.Series(rows[measure].to_numpy(float), rows["run_id"].to_numpy(object))
         for rows in (mine, reference)
     )
-    test = compared(first, second, seeds_to_pair(mine, reference), scale_of(measure))
+    test = compared(first, second, seeds_to_pair(mine, reference))
     return step, Comparison(test.n, test.reference_n, test.difference, reason=reason) if reason else test
 
 
@@ -272,10 +278,11 @@ def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
     return baseline_runs(teachers, alike, APART).drop_duplicates(["run_id", "step"])
 
 
-def pairs_of(names: Sequence[str], reference: str | None) -> Iterator[tuple[str, str]]:
-    """Yield each name with `reference`, or all pairs if there is none."""
-    if reference is None:
-        yield from itertools.combinations(names, 2)
+def pairs_of(names: Sequence[str], reference: str | Collection[str] | None) -> Iterator[tuple[str, str]]:
+    """Yield each name with `reference`, the pairs that hold one of several, or all pairs if there is none."""
+    if not isinstance(reference, str):
+        pairs = itertools.combinations(names, 2)
+        yield from (pair for pair in pairs if reference is None or not set(pair).isdisjoint(reference))
     else:
         yield from ((name, reference) for name in names if name != reference)
 
@@ -292,17 +299,18 @@ def _check_reference(reference: str | None, table: pd.DataFrame) -> None:
 
 
 def stratified_runs(
-    runs: pd.DataFrame, measure: str, by: Sequence[str], strata: Sequence[str], also: Sequence[str] = ()
+    runs: pd.DataFrame, measure: str, by: Sequence[str], strata: Sequence[str]
 ) -> pd.DataFrame:
     """Return `by`, run_id, the measure, and place (challenge), stratum and stratum_name of each row.
 
     Strata, told apart by the columns `strata`, are numbered here, in order, rather than in each of hundreds
-    of groups. A run that is measured counts once in each group. Columns `also`, members and step are kept.
+    of groups. A run that is measured counts once in each group. Columns members, core and step are kept.
     """
     numbers = _numbered(runs, strata)
     _, first = np.unique(numbers, return_index=True)
     names = [", ".join(map(str, key)) for key in runs[list(strata)].to_numpy(object)[first]]
-    columns = list(dict.fromkeys([*by, *also, "run_id", measure, *({"members", "step"} & {*runs.columns})]))
+    kept = [column for column in ("members", "core", "step") if column in runs]
+    columns = list(dict.fromkeys([*by, "run_id", measure, *kept]))
     rows = runs[columns].assign(
         place=_numbered(runs, [column for column in strata if column in PLACES]),
         stratum=numbers,
@@ -342,10 +350,29 @@ def _numbered(runs: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.int64]:
     return np.asarray(runs.groupby(list(columns), dropna=False, sort=True).ngroup(), dtype=np.int64)
 
 
-def _with_holm(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
-    """Return a table of tests with p adjusted for those that have the columns `family` in common."""
-    groups = table.groupby(list(family), dropna=False)["p"] if family and len(table) else None
-    return table.assign(holm=holm(table["p"]) if groups is None else groups.transform(holm))
+CORRECTED = ["holm", "simultaneous_low", "simultaneous_high"]
+"""Columns of Holm's correction and of the intervals that belong to it."""
+
+
+def corrected(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
+    """Return a table of tests with `CORRECTED`, for those that have the columns `family` in common."""
+    table = table.assign(**dict.fromkeys(CORRECTED, math.nan)).astype(dict.fromkeys(CORRECTED, float))
+    groups = table.groupby(list(family), dropna=False).indices.values() if family else [np.arange(len(table))]
+    columns = ["difference", "low", "high", "degrees_of_freedom"]
+    numbers, found = table[columns].to_numpy(float), table[CORRECTED].to_numpy(float)
+    p_values = table["p"].to_numpy(float)
+    for rows in groups:
+        adjusted = holm(p_values[rows])
+        difference, low, high, freedom = numbers[rows].T
+        intervals = simultaneous_intervals(difference, low, high, freedom, adjusted)
+        found[rows] = np.column_stack([adjusted, *intervals])
+    return table.assign(**dict(zip(CORRECTED, found.T, strict=True)))
+
+
+def _family_of(first: str, second: str, core: frozenset[str]) -> str:
+    """Return the family of a test; see `CORE`."""
+    newcomers = [name for name in (first, second) if name not in core]
+    return NEWCOMERS if len(newcomers) > 1 else newcomers[0] if newcomers else CORE
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,54 +381,71 @@ class _Sample:
 
     Attributes:
         places: values by run id, by challenge and stratum in it.
-        pooled: values of all runs as one sample.
-        parts: bodies and students of the runs.
         uncounted: number of runs without a value.
     """
 
     places: Mapping[Hashable, Mapping[str, pd.Series]]
-    pooled: pd.Series
-    parts: frozenset[tuple[object, ...]]
     uncounted: int
 
     @classmethod
-    def of(cls, rows: pd.DataFrame, measure: str, parts: Sequence[str]) -> "_Sample":
-        there = rows[rows[measure].notna()]
-        values = pd.Series(there[measure].to_numpy(float), index=there["run_id"].to_numpy(object))
-        columns = [there[column].to_numpy(object) for column in parts]
-        uncounted = int(rows["members"].max()) - len(values) if len(rows) else 0
-        return cls(by_challenge(there, measure), values, frozenset(zip(*columns, strict=True)), uncounted)
+    def of(cls, rows: pd.DataFrame, measure: str) -> "_Sample":
+        places = by_challenge(rows, measure)
+        counted = int(rows[measure].notna().sum())
+        return cls(places, int(rows["members"].max()) - counted if len(rows) else 0)
+
+    @property
+    def n(self) -> int:
+        """Number of runs with a value."""
+        return sum(len(sample) for strata in self.places.values() for sample in strata.values())
+
+    @property
+    def described(self) -> Description:
+        """Number of runs, and the deviation that gives the mean over strata of equal size its variance."""
+        parts = [describe(sample) for strata in self.places.values() for sample in strata.values()]
+        std = math.sqrt(sum(part.std**2 for part in parts) / len(parts))
+        return Description(self.n, math.nan, std)
 
 
-def _least_variances(samples: Collection[_Sample], scale: Scale) -> dict[tuple[Hashable, str], float]:
-    """Return the least variance that counts in each stratum, by challenge and name, on a scale."""
-    values: dict[tuple[Hashable, str], list[pd.Series]] = {}
-    for place, own in itertools.chain.from_iterable(sample.places.items() for sample in samples):
-        for stratum, sample in own.items():
-            values.setdefault((place, stratum), []).append(scale.of(sample))
-    return {name: least_variance(there) for name, there in values.items()}
+def _detectable(row: Mapping[str, Any], first: _Sample, second: _Sample) -> float:
+    """Return the smallest difference that a test of the same runs finds; see `pairwise`."""
+    if row["method"] is Method.PAIRED:
+        return detectable_in_pairs(row["n"], (row["high"] - row["low"]) / 2)
+    if row["method"] is Method.SIGN_FLIP:
+        return math.nan
+    return detectable_difference(first.described, second.described)
+
+
+def _least_variances(
+    samples: Mapping[str, _Sample], core: Collection[str]
+) -> dict[tuple[Hashable, str], float]:
+    """Return the least variance that counts in each stratum, by challenge and name.
+
+    It is that of the core's teachers, of all teachers in strata that no teacher of the core has.
+    """
+    values: dict[tuple[Hashable, str], dict[bool, list[pd.Series]]] = {}
+    for name, sample in samples.items():
+        for place, strata in sample.places.items():
+            for stratum, own in strata.items():
+                values.setdefault((place, stratum), {}).setdefault(name in core, []).append(own)
+    return {stratum: least_variance(there.get(True) or there[False]) for stratum, there in values.items()}
 
 
 def _compared(
-    first: _Sample,
-    second: _Sample,
-    seeds: Seeds,
-    scale: Scale,
-    least: Mapping[tuple[Hashable, str], float] | None,
+    first: _Sample, second: _Sample, seeds: Seeds, least: Mapping[tuple[Hashable, str], float]
 ) -> dict[str, object]:
-    """Return the test of two groups, over the strata of `least` or of two samples, and its scope."""
+    """Return the test of two groups over the strata of the challenges that both have, and its scope."""
     mine, theirs = first.places, second.places
     places = [place for place in mine if place in theirs and set(mine[place]) == set(theirs[place])]
-    if least is not None:
-        names = [(place, stratum) for place in places for stratum in sorted(mine[place])]
-        pairs = [(mine[place][stratum], theirs[place][stratum]) for place, stratum in names]
-        weights = [1 / len(mine[place]) for place, _ in names]
-        test = compared_over_strata(pairs, weights, seeds, scale, [least[name] for name in names])
+    names = [(place, stratum) for place in places for stratum in sorted(mine[place])]
+    pairs = [(mine[place][stratum], theirs[place][stratum]) for place, stratum in names]
+    if not pairs:
+        reason = OTHER_PARTS if mine.keys() & theirs.keys() else "nothing in common"
+        test = Comparison(first.n, second.n, math.nan, reason=reason)
+    elif len(pairs) == 1:
+        test = compared(*pairs[0], seeds)
     else:
-        test = compared(first.pooled, second.pooled, seeds, scale)
-        if not test.reason and first.parts != second.parts:
-            sizes = len(first.pooled), len(second.pooled)
-            test = Comparison(*sizes, test.difference, reason=OTHER_PARTS)
+        weights = [1 / len(mine[place]) for place, _ in names]
+        test = compared_over_strata(pairs, weights, seeds, [least[name] for name in names])
     counts = [sum(map(len, side[place].values())) for side in (mine, theirs) for place in places]
     fewest = min(min(counts, default=0), test.n)  # pairs may be fewer than runs
     uncounted = first.uncounted + second.uncounted

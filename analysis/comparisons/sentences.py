@@ -2,9 +2,11 @@
 
 import math
 
+import numpy as np
 import pandas as pd
 
-from analysis.comparisons.frame import TEST, pairwise, verdict
+from analysis.comparisons.frame import CORRECTED, TEST, pairwise
+from analysis.comparisons.verdicts import verdict
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, NO_BASELINE, is_baseline
 from analysis.formatting import amount, caveat, ends, in_brief, listed, number, p_value, plus_minus
@@ -100,7 +102,7 @@ def _against_random(teacher: str, test: pd.Series) -> str:
         return f"{lead}, but a single seed cannot tell skill from luck: nothing can be concluded."
     if test["reason"]:
         return f"{lead}; not tested ({test['reason']})."
-    interval = f"95 % confidence interval {ends(test['low'], test['high'])}"
+    interval = f"simultaneous 95 % interval {ends(test['simultaneous_low'], test['simultaneous_high'])}"
     found = f"{METHODS[Method(test['method'])]}, {p_value(test['holm'])} after Holm"
     if test["holm"] < SIGNIFICANCE:
         return f"{lead} ({interval}), a significant difference ({found})."
@@ -121,17 +123,25 @@ def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.D
     Returns:
         `pooling.POOLED`, runs, n, missing, mean and standard deviation of the measure and of the last three
         evaluations (as mastered_area_mean, last_three_std and so on), worst (of a single run), rank (1 for
-        the highest mean of a comparison), and of the test against Random the columns of
-        `statistics.Comparison` but n, and holm: p adjusted for all teachers of the comparison. Best first.
+        the highest mean of a comparison), and of the test against Random family, the columns of
+        `statistics.Comparison` but n, and `frame.CORRECTED`. Best first. Bodies and students weigh the same,
+        and deviations are those within them.
     """
     return ranked(pooling.runs_after(frames, share, training=False), measure)
 
 
 def ranked(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
     """Return the rows of `ranking`, from runs of `pooling.runs_after`."""
-    table = pooling.pooled(runs, list(dict.fromkeys([measure, FINAL])))
+    measures = list(dict.fromkeys([measure, FINAL]))
+    table = pooling.pooled(runs, measures)
+    parts = runs.groupby([*pooling.POOLED, *pooling.PARTS], dropna=False, sort=True)[measures]
+    pools = list(range(len(pooling.POOLED)))
+    for name, values in parts.mean().groupby(level=pools, dropna=False).mean().items():
+        table[f"{name}_mean"] = values.to_numpy()
+    for name, values in parts.var().groupby(level=pools, dropna=False).mean().items():
+        table[f"{name}_std"] = np.sqrt(values.to_numpy())
     tests = pairwise(runs, measure, BASELINE, detectable=False).rename(columns={"first": "teacher"})
-    columns = [*(name for name in TEST if name != "n"), "holm"]
+    columns = ["measure", "family", *(name for name in TEST if name != "n"), *CORRECTED]
     table = table.merge(tests[[*pooling.POOLED, *columns]], on=pooling.POOLED, how="left")
     table["reason"] = table["reason"].fillna("")
     worst = runs.groupby(pooling.POOLED, dropna=False, sort=True)[measure].min()  # in the order of `table`

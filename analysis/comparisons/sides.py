@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.baselines.catalogue import BaselineKind, as_baseline, read
-from analysis.comparisons.frame import from_both_sides, pairwise
+from analysis.comparisons.frame import corrected, from_both_sides, pairwise
 from analysis.data.frames import Frames, joined
 from analysis.data.identity import NAMED, named_apart
 from analysis.data.reference import is_baseline
@@ -18,7 +18,6 @@ from analysis.measures.pooling import COMPARED, POOLED, parts_of, pooled, result
 from analysis.measures.run_measures import evaluations_at, run_measures
 from analysis.measures.tested import HEADLINE, PAPERS
 from analysis.names import label
-from analysis.statistics import holm
 from tma_ray.benchmark import MATRICES, TEACHERS
 from tma_ray.part_names import base_name
 from tma_ray.results import CHIPMUNK, SIMULATED
@@ -103,15 +102,23 @@ def baseline_side(place: str) -> Side:
     return Side(name, ", ".join(sorted(frame["engine"].unique())), frame[whole].reset_index(drop=True))
 
 
-def together(mine: Side, baselines: Sequence[Side], *, along: bool = False) -> pd.DataFrame:
+def frames_together(mine: Side, baselines: Sequence[Side]) -> Frames:
+    """Return the results of all sides that have runs, as those of one root."""
+    return joined([side.frames for side in (mine, *baselines) if side.frames is not None])
+
+
+def together(
+    mine: Side, baselines: Sequence[Side], frames: Frames | None = None, *, along: bool = False
+) -> pd.DataFrame:
     """Return the runs that may be compared with each other: mine, and those of baselines of the same kind.
 
     A baseline's teacher that I have run under the same conditions is left out: mine replaces it. Random
     counts at every level, whoever ran it: it uses no expert knowledge. They are rows of `pooling.pool_runs`
-    with source, the name of the side; `along` every evaluation, or at their ends.
+    with source, the name of the side; `along` every evaluation, or at their ends. `frames` are those of
+    `frames_together`, if they are known.
     """
     sides = [(side.name, side.frames) for side in (mine, *baselines) if side.frames is not None]
-    frames = joined([each for _, each in sides])
+    frames = frames_together(mine, baselines) if frames is None else frames
     steps = sorted(frames.evaluations["step"].unique())
     runs = result_runs(frames, evaluations_at(frames, steps) if along else run_measures(frames))
     sources = {run_id: name for name, each in reversed(sides) for run_id in each.cells["run_id"]}
@@ -131,12 +138,12 @@ def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = HEADLINE) 
     """Return the test of each of `teachers` against every other one, challenge by challenge.
 
     Returns:
-        Of `frame.pairwise`, with the teacher that is looked at first, and holm over all that it is tested
-        against on a challenge.
+        Of `frame.pairwise`, with the teacher that is looked at first, and `frame.CORRECTED` for all that it
+        is tested against on a challenge.
     """
     both = from_both_sides(pairwise(runs, measure, detectable=False))
     both = both[both["first"].isin(teachers)].reset_index(drop=True)
-    return both.assign(holm=both.groupby([*COMPARED, "first"], dropna=False)["p"].transform(holm))
+    return corrected(both, [*COMPARED, "first"])
 
 
 def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> list[str]:

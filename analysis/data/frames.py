@@ -3,7 +3,7 @@
 import functools
 import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec
 
@@ -51,8 +51,8 @@ class Frames:
     Attributes:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
             test_set, physics_version, and of the spec `SETTINGS`: engine (what simulated the worlds),
-            mastery_threshold, settings and identity. Names that would mean several things are split:
-            see `identity.named_apart`.
+            mastery_threshold, settings and identity. core is True in the campaigns of `core`. Names that
+            would mean several things are split: see `identity.named_apart`.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
             is over the threshold of its run.
         measured: one row per run and evaluation, of `evaluation_measures`: computed once.
@@ -60,6 +60,7 @@ class Frames:
         told: warnings on cells and evaluations, to be read before trusting a comparison.
         results: source of the long tables.
         elsewhere: sources of the long tables of runs that another of several joined roots holds, by run id.
+        core: campaigns whose teachers are compared in a family of their own; empty for all.
     """
 
     cells: pd.DataFrame
@@ -69,6 +70,7 @@ class Frames:
     results: Results = field(repr=False)
     told: tuple[str, ...] = ()
     elsewhere: Mapping[str, Results] = field(default_factory=dict, repr=False)
+    core: tuple[str, ...] = ()
     _computed: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
@@ -113,6 +115,11 @@ class Frames:
     @property
     def _run_ids(self) -> list[str]:
         return list(self.cells["run_id"].unique())
+
+    def with_core(self, campaigns: Sequence[str]) -> "Frames":
+        """Return the same results with a core of `campaigns`, or of all if there are none."""
+        core = self.cells["campaign"].isin(campaigns) if campaigns else True
+        return replace(self, cells=self.cells.assign(core=core), core=tuple(campaigns))
 
     def results_of(self, run_id: str) -> Results:
         """Return the results that hold a run."""
@@ -210,7 +217,7 @@ def frames_of(results: Results) -> Frames:
     """Return the frames of opened results; what is missing becomes an empty frame and a warning."""
     runs = identity.with_settings(with_plain_texts(results.table(Table.RUNS).to_pandas()))
     (cells,), split = identity.named_apart([_join(with_plain_texts(_frame(results, Table.CELLS)), runs)])
-    cells, apart = identity.experiments_apart(with_plain_texts(cells))
+    cells, apart = identity.experiments_apart(with_plain_texts(cells.assign(core=True)))
     columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
     evaluations = _frame(results, Table.EVALUATIONS, columns)
     evaluations["mastered"] = evaluations["episodic_return"] > identity.thresholds_of(evaluations, runs)
@@ -286,7 +293,8 @@ def joined(frames: Sequence[Frames]) -> Frames:
     """Return the runs of several roots as those of one: named together, every run once.
 
     A name that means different things in different roots is split, as within a root. A run that several
-    roots have is read where it got furthest, in the first of them if it is finished in several.
+    roots have is read where it got furthest, in the first of them if it is finished in several. Where any of
+    them has a core, cells of those without one are not of the core.
     """
     first, *others = frames
     if not others:
@@ -312,6 +320,7 @@ def joined(frames: Sequence[Frames]) -> Frames:
     test_tasks = pd.concat([each.test_tasks for each in frames], ignore_index=True)
     of_each = [text for each in frames for text in each.told]
     told = (*of_each, *cell_warnings(cells, tables["evaluations"]), *split, *apart)
+    core = [campaign for each in frames for campaign in each.core]
     return Frames(
         cells=cells,
         **tables,
@@ -319,12 +328,17 @@ def joined(frames: Sequence[Frames]) -> Frames:
         results=first.results,
         told=tuple(dict.fromkeys(told)),
         elsewhere={run_id: frames[place].results_of(run_id) for run_id, place in places.items() if place},
+        core=tuple(dict.fromkeys(core)),
     )
 
 
 def _joined_cells(frames: Sequence[Frames], places: Mapping[str, int]) -> pd.DataFrame:
     """Return the cells of all, each with the state of its run where that is read."""
-    parts = [each.cells.assign(place=place) for place, each in enumerate(frames)]
+    any_core = any(each.core for each in frames)
+    parts = [
+        each.cells.assign(place=place, core=each.cells["core"] & (bool(each.core) or not any_core))
+        for place, each in enumerate(frames)
+    ]
     cells = pd.concat(parts, ignore_index=True)
     here = cells["place"] == cells["run_id"].map(places)
     if not here.all():

@@ -59,29 +59,6 @@ def training_quarters(frames: Frames) -> pd.DataFrame:
     return pd.DataFrame({"first_quarter": first, "last_quarter": last}).rename_axis("run_id").reset_index()
 
 
-NEARLY_ALL = 99.0
-"""Per cent of the steps from which on all of them count as training: the end of a run cuts an episode."""
-
-
-@computed_once
-def trained_steps(frames: Frames) -> pd.DataFrame:
-    """Return run_id, step, trained_steps and trained_percent (of step) at the end of each training window.
-
-    Episodes that only score tasks, or try them, spend steps from which the student does not learn. An episode
-    counts to the window in which it ends.
-    """
-    windows = frames.training_returns.sort_values(["run_id", "step"]).astype({"run_id": object})
-    steps = (windows["episodes"] * windows["mean_length"].fillna(0)).groupby(windows["run_id"]).cumsum()
-    return windows[["run_id", "step"]].assign(
-        trained_steps=steps, trained_percent=100 * steps / windows["step"]
-    )
-
-
-def trained_shares(frames: Frames) -> pd.Series:
-    """Return the per cent of its steps from which the student of each run learned, by run_id."""
-    return trained_steps(frames).groupby("run_id")["trained_percent"].last()
-
-
 def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """Return the training windows of comparisons that have enough; cells and episodes of the others."""
     alive = unfailed(frames.cells)

@@ -19,6 +19,7 @@ from tma_ray.arguments import check_names
 from tma_ray.benchmark import MATRICES, Matrix, challenges_of
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK, SIMULATED
+from tma_ray.tasks import KnowledgeLevel
 
 CONDITIONS = ["steps", "engine", "physics_version", "mastery_threshold", "variant"]
 """Columns of pools that results must have in common to be counted, drawn or aggregated together."""
@@ -142,9 +143,9 @@ def pool_runs(
         matrices: bodies and students that belong together, by challenge.
 
     Returns:
-        `POOLED`, `PARTS`, seed, run_id, status, settings (digest of the spec without the seed), and the
-        columns of `values`; several rows a run if these have. pool and test_sets name all that belong
-        to them, variant says how these differ from the paper's.
+        `POOLED`, `PARTS`, seed, run_id, status, settings (digest of the spec without the seed), core (of
+        `Frames`), and the columns of `values`; several rows a run if these have. pool and test_sets name all
+        that belong to them, variant says how these differ from the paper's.
     """
     return _with_values(_pool_members(cells, matrices), values)
 
@@ -153,6 +154,7 @@ def _pool_members(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> pd.DataFra
     """Return the rows of `pool_runs` without values: the members of each pool."""
     pools, test_sets = _pools(cells, matrices), _test_sets(cells)
     rows = cells.assign(pool=pools, test_sets=test_sets, settings=cells["settings"].fillna(""))
+    rows["core"] = cells.get("core", True)
     for column in SETTINGS:
         known = rows.groupby(["engine", "environment", "challenge", "pool"])[column]
         agreed = known.transform("first").where(known.transform("nunique") == 1)
@@ -161,7 +163,7 @@ def _pool_members(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> pd.DataFra
     rows["variant"] = [variant(*key) for key in names.itertuples(index=False, name=None)]
     # Experiments may list the same cell: its runs count once.
     rows = with_plain_texts(rows).drop_duplicates([*POOLED, "run_id"])
-    rows = rows[[*POOLED, *PARTS, "seed", "run_id", "status", "settings"]]
+    rows = rows[[*POOLED, *PARTS, "seed", "run_id", "status", "settings", "core"]]
     return rows.sort_values([*POOLED, *PARTS, "seed"], ignore_index=True)
 
 
@@ -223,6 +225,27 @@ def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
             if len(found) and (found["expert_knowledge"] != level).all():
                 parts.append(found.assign(expert_knowledge=level))
     return pd.concat(parts, ignore_index=True) if len(parts) > 1 else runs
+
+
+def levels_together(runs: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+    """Return `runs` with the levels of expert knowledge at which the same runs count as one: none and low.
+
+    Teachers that do not tell two levels apart have the same runs at both.
+
+    Args:
+        runs: rows of `pool_runs`.
+        by: columns that runs of a comparison have in common, without the level.
+    """
+    parts = []
+    for _, alike in runs.groupby(list(by), dropna=False, sort=False):
+        levels: dict[frozenset[str], list[str]] = {}
+        for level in sorted(alike["expert_knowledge"].unique(), key=lambda name: KnowledgeLevel(name).rank):
+            run_ids = frozenset(alike.loc[alike["expert_knowledge"] == level, "run_id"])
+            levels.setdefault(run_ids, []).append(level)
+        for names in levels.values():
+            one = alike[alike["expert_knowledge"] == names[0]]
+            parts.append(one.assign(expert_knowledge=" and ".join(names)))
+    return pd.concat(parts).sort_index() if parts else runs
 
 
 def _label(embodiment: object, student: object) -> str:

@@ -1,11 +1,11 @@
-"""Measures that teachers are compared by, and their tests: scale, and pairs of runs that share a student."""
+"""Measures that teachers are compared by, and their tests, by pairs where runs share a student."""
 
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Final, TypeAlias
 
 import pandas as pd
 
-from analysis.statistics import Comparison, Scale, paired, paired_strata, stratified, tested_on, welch
+from analysis.statistics import Comparison, paired, paired_strata, stratified, welch
 from analysis.statistics.tests import seed_means
 from tma_ray.results import SIMULATED
 
@@ -16,11 +16,18 @@ the whole run, is comparable between runs of any budget, and decides most (`docs
 FINAL: Final = "last_three"
 """Result in the end, shown next to the headline: mastered test tasks, mean of the last three evaluations."""
 
+TRAINED: Final = "trained_area"
+"""The headline per trained step: mastered test tasks on average until a number of steps that trained."""
+
 PAPERS: Final = "mastered_percent"
 """Measure of the paper's tables and claims: test tasks mastered at the last evaluation."""
 
-MEASURES = {HEADLINE: "over training", FINAL: "last three", PAPERS: "last"}
+MEASURES = {HEADLINE: "over training", FINAL: "in the end", PAPERS: "last evaluation"}
 """Measures in the order in which views show them, and their heads in tables; all in per cent."""
+
+MARGINS = {HEADLINE: 2.5, TRAINED: 2.5}
+"""Largest difference that does not matter, in points, of measures that are means over training: mastery grows
+about evenly, so that its mean is half of its end. That of all others is `samples.MARGIN`."""
 
 QUANTITIES = {
     HEADLINE: "Mastered test tasks over training (%)",
@@ -30,22 +37,9 @@ QUANTITIES = {
 """Labels of the measures on axes and above tables."""
 
 
-def scale_of(measure: str) -> Scale:
-    """Return the scale on which means of a measure are tested.
-
-    The spread of an area grows with its mean, and does not on the arcsine scale; that of single evaluations
-    does not grow, so that they are tested in per cent (`docs/statistics.md`).
-    """
-    return Scale.ARCSINE if measure == HEADLINE else Scale.PERCENT
-
-
-def how_tested(measure: str, family: str) -> str:
-    """Return the scale of the tests of a measure and the `family` of their correction, in a sentence."""
-    scale = "on the arcsine scale" if scale_of(measure) is Scale.ARCSINE else "in per cent"
-    return (
-        f"Tested {scale}; Holm's correction covers {family}, so that a verdict can change when a teacher is "
-        f"added."
-    )
+def how_tested(family: str) -> str:
+    """Return the correction of tests for a `family`, in a sentence."""
+    return f"Tests are of what is shown, in per cent; Holm's correction covers {family}."
 
 
 SHARED: Final = frozenset({SIMULATED})
@@ -68,20 +62,14 @@ def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
     return seeds
 
 
-def compared(
-    sample: pd.Series, reference: pd.Series, seeds: Seeds, scale: Scale = Scale.PERCENT
-) -> Comparison:
+def compared(sample: pd.Series, reference: pd.Series, seeds: Seeds) -> Comparison:
     """Compare the means of two samples, by pairs if all of their runs are in `seeds`, else by Welch's test.
 
     Args:
         sample: one value a run, indexed by run id.
         reference: the same of the other group.
         seeds: seeds of `seeds_to_pair`.
-        scale: scale on which the means are tested, of `tested.scale_of`; the difference is of the values.
     """
-    if scale is not Scale.PERCENT:
-        scaled = compared(scale.of(sample), scale.of(reference), seeds)
-        return tested_on(scaled, compared(sample, reference, seeds))
     if are_paired([sample, reference], seeds):
         return paired_strata([(sample, reference)], [1.0], seeds)
     return welch(sample, reference)
@@ -91,17 +79,9 @@ def compared_over_strata(
     pairs: Sequence[tuple[pd.Series, pd.Series]],
     weights: Sequence[float],
     seeds: Seeds,
-    scale: Scale = Scale.PERCENT,
     least: Sequence[float] = (),
 ) -> Comparison:
-    """Compare the means of two groups over strata, as `compared` does; arguments as of `stratified`.
-
-    Least variances are those on `scale`, on which the means are tested.
-    """
-    if scale is not Scale.PERCENT:
-        scaled = [(scale.of(first), scale.of(second)) for first, second in pairs]
-        test = compared_over_strata(scaled, weights, seeds, least=least)
-        return tested_on(test, compared_over_strata(pairs, weights, seeds))
+    """Compare the means of two groups over strata, as `compared` does; arguments as of `stratified`."""
     if are_paired([sample for pair in pairs for sample in pair], seeds):
         return paired_strata(pairs, weights, seeds)
     return stratified(pairs, weights, least)

@@ -17,14 +17,16 @@ from analysis.charts.paper import Picture, draw
 from analysis.charts.radars import radar
 from analysis.claims.judging import decided, root_verdicts
 from analysis.comparisons import sides
-from analysis.comparisons.boards import Rank, headlines, ranks
+from analysis.comparisons.against_random import Gap, against_random, sentences_against_random
 from analysis.comparisons.frame import pairwise, pairwise_from_statistics
 from analysis.comparisons.planning import plans_against_random
+from analysis.comparisons.ranks import Rank, ranks
 from analysis.comparisons.sentences import places as titles_of
 from analysis.comparisons.sentences import sentences
+from analysis.comparisons.verdicts import AXES
 from analysis.data.frames import Frames
 from analysis.data.reference import PAPER
-from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
+from analysis.formatting import amount, listed, number, p_value, plus_minus
 from analysis.looks import shown_together
 from analysis.measures.evaluations import aggregate
 from analysis.measures.pooling import COMPARED, SETTINGS, by_students, parts_of, pooled
@@ -102,8 +104,7 @@ def _ranked(row: pd.Series, tests: pd.DataFrame, measure: str) -> dict[str, Any]
     """Return the row of a teacher, with its tests against each teacher of the reader."""
     told = []
     for _, test in tests[tests["second"] == row["teacher"]].iterrows():
-        text = f"{number(test['difference'])} {ends(test['low'], test['high'])}, {p_value(test['p'])}"
-        text += f", {p_value(test['holm']).replace('p', 'Holm', 1)}"
+        text = f"{Gap.of(test)}, {p_value(test['holm']).replace('p', 'Holm', 1)}"
         reason = test["reason"]
         told.append(f"{label(test['first'])}{f': not tested ({reason})' if reason else f' {text}'}")
     return {
@@ -154,9 +155,10 @@ def _render(
     mine, others, split = sides.named_jointly(
         sides.side_of(frames, "yours"), [sides.baseline_side(name) for name in baselines]
     )
-    runs, curves = sides.together(mine, others), sides.together(mine, others, along=True)
+    together = sides.frames_together(mine, others)
+    runs, curves = (sides.together(mine, others, together, along=along) for along in (False, True))
     teachers = sides.new_teachers(mine)
-    ranked = ranks(runs, teachers, measure)
+    ranked = [rank for axis in dict.fromkeys((*AXES, measure)) for rank in ranks(runs, teachers, axis)]
     standings = [*sides.incomparable(mine, others, runs), *(rank.describe() for rank in ranked)]
     known = [frames, *(side.frames for side in others if side.frames is not None)]
     hours = pd.concat([each.run_hours for each in known])
@@ -190,7 +192,7 @@ def _render(
             tables=list(_tables(runs)),
             standings=standings,
             ranks=[on_page(rank_chart(boards))] if boards else [],
-            headlines=headlines(runs, measure, teachers),
+            headlines=list(sentences_against_random(against_random(together, runs), teachers)),
             plans=plans,
             overall=overall_section(runs, measure),
             warnings=list(dict.fromkeys([*frames.notes, *split, *notes])),
@@ -198,18 +200,19 @@ def _render(
             quantity=quantity,
             head=MEASURES[measure].capitalize(),
             papers=QUANTITIES[PAPERS],
-            how_tested=how_tested(measure, "all teachers that one of yours is set against on a challenge"),
+            how_tested=how_tested("all teachers that one of yours is set against on a challenge"),
         )
     return text, pictures
 
 
 def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
-    """Return the ranks of each level and budget on as many challenges, by conditions and challenges."""
+    """Return the ranks of each level and budget on as many challenges, by axis, conditions and challenges."""
     found: dict[str, list[Rank]] = {}
     for rank in ranked:
         if rank.of > 1:
             level, steps = rank.across["expert_knowledge"], amount(rank.across["steps"])
-            where = f"expert knowledge {level}, {steps} steps"
+            axis = AXES.get(rank.measure, MEASURES[rank.measure])
+            where = f"{axis}, expert knowledge {level}, {steps} steps"
             which = f"{rank.of} teachers on {rank.challenges} challenges"
             found.setdefault(f"{where}: {which}", []).append(rank)
     return found

@@ -312,5 +312,5 @@ def _render(
         mastery=thresholds(cells) or number(MASTERY_RETURN, 0),
         ceilings=ceilings_in_words(frames),
         quantity=quantity,
-        how_tested=how_tested(HEADLINE, "all teachers of a comparison against Random"),
+        how_tested=how_tested("all teachers of a comparison against Random"),
     )

@@ -4,7 +4,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from analysis.charts.base import END, MASTERED, Chart
@@ -16,15 +15,18 @@ from analysis.charts.page import PageChart, on_page
 from analysis.charts.paper import Picture, draw
 from analysis.charts.profiles import hidden_scalars, scalar_chart
 from analysis.charts.tasks import EPISODES, probed_tasks, training_tasks
-from analysis.comparisons.frame import along_baseline, reference_of, verdict
+from analysis.comparisons.against_random import Gap
+from analysis.comparisons.frame import along_baseline, reference_of
 from analysis.comparisons.measured import Measured, curricula_of, in_whose_space, titled, which_runs
 from analysis.comparisons.sentences import findings
+from analysis.comparisons.verdicts import verdict
 from analysis.data.curricula import Curriculum, moments, task_axes
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
-from analysis.formatting import amount, caveat, ends, listed, number, p_value, plus_minus
+from analysis.formatting import amount, caveat, listed, number, p_value, plus_minus
 from analysis.measures import evaluations
 from analysis.measures.tested import FINAL, HEADLINE, PAPERS, QUANTITIES
+from analysis.measures.trained import NEARLY_ALL, trained_shares, with_trained_steps
 from analysis.names import FILTERS, label, teacher_order
 from analysis.statistics import describe
 
@@ -134,16 +136,11 @@ def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Ch
 def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart]:
     """Yield learning curves against trained steps, if some steps of a teacher do not train."""
     teachers = mine.evaluations.drop_duplicates("run_id").set_index("run_id")["teacher"]
-    shares = evaluations.trained_shares(frames).groupby(teachers.to_dict()).mean()
-    fewer = shares[shares < evaluations.NEARLY_ALL]
+    shares = trained_shares(frames).groupby(teachers.to_dict()).mean()
+    fewer = shares[shares < NEARLY_ALL]
     if fewer.empty:
         return
-    windows = dict(list(evaluations.trained_steps(frames).groupby("run_id")))
-    rows = pd.concat(
-        each.assign(trained=np.interp(each["step"], [0, *known["step"]], [0, *known["trained_steps"]]))
-        for run_id, each in mine.evaluations.groupby("run_id", observed=True)
-        if (known := windows.get(run_id)) is not None
-    )
+    rows = with_trained_steps(frames, mine.evaluations)
     at = rows.groupby(["teacher", "step"], observed=True)["trained"].mean()
     curves = evaluations.aggregate(rows, PAPERS)
     curves = curves.assign(step=at.reindex(pd.MultiIndex.from_frame(curves[["teacher", "step"]])).to_numpy())
@@ -298,7 +295,7 @@ def _against_random(test: Mapping[Any, Any]) -> dict[str, str]:
         return {"verdict": verdict(test), "difference": difference, "p": ""}
     return {
         "verdict": verdict(test),
-        "difference": f"{difference} {ends(test['low'], test['high'])}",
+        "difference": str(Gap.of(test)),
         "p": p_value(test["holm"]).removeprefix("p").removeprefix(" = ").strip(),
     }
 

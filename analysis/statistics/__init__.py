@@ -17,9 +17,9 @@ from analysis.statistics.tests import (
     least_variance,
     paired,
     paired_strata,
+    simultaneous_intervals,
     standard_error_of_difference,
     stratified,
-    tested_on,
     welch,
     welch_from_statistics,
 )
@@ -39,9 +39,9 @@ __all__ = [
     "paired",
     "paired_strata",
     "percent_interval",
+    "simultaneous_intervals",
     "standard_error_of_difference",
     "stratified",
-    "tested_on",
     "welch",
     "welch_from_statistics",
 ]

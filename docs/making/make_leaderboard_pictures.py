@@ -1,9 +1,9 @@
-"""Draws the pictures of a release for the leaderboard: ranks, and for each challenge a film strip and films.
+"""Draws the pictures of a release for the leaderboard: differences, strips and films.
 
 python docs/making/make_leaderboard_pictures.py lite-2 --output docs/images/leaderboard
 
-``--ranks`` draws the ranks alone. In curricula, each teacher is shown by its run with the first seed, so that
-pictures stay true while a release grows.
+``--differences`` draws those alone. In curricula, each teacher is shown by its run with the first seed, so
+that pictures stay true while a release grows.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from analysis.charts.base import PAGE_WIDTH
 from analysis.charts.curricula import sheets
 from analysis.charts.paper.drawing import draw
 from analysis.charts.paper.style import svg
-from analysis.commands.releases import rank_charts
+from analysis.commands.leaderboards import difference_charts
 from analysis.data.curricula import curricula_of_runs, task_axes
 from analysis.data.frames import Frames
 from analysis.figures import Shot, animation, film_strip
@@ -32,16 +32,16 @@ FRAMES, DPI, COLOURS = 9, 90, 64
 
 
 def main() -> None:
-    """Write NAME-ranks-1.svg, …, and NAME-CHALLENGE.png, NAME-CHALLENGE-1.gif, …, films of some teachers."""
+    """Write NAME-1.svg, …, and NAME-CHALLENGE.png, NAME-CHALLENGE-1.gif, …, films of some teachers."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("release", help="name, folder or address of a release with curricula")
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="made if missing")
-    parser.add_argument("--ranks", action="store_true", help="draw the ranks alone")
+    parser.add_argument("--differences", action="store_true", help="draw the differences to Random alone")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
-    for name, chart in rank_charts([options.release]):
+    for name, chart in difference_charts(options.release):
         (options.output / name).write_text(f"{svg(draw(chart))}\n", encoding="utf-8")
-    if options.ranks:
+    if options.differences:
         return
     baseline = find_baseline(options.release)
     frames = baseline.frames()

@@ -10,17 +10,20 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.baselines import BaselineKind, baselines, find_baseline
-from analysis.commands.releases import NO_BREAK
-from analysis.commands.releases import markdown as leaderboards
+from analysis.baselines import BaselineKind, baselines, find_baseline, newest_release
+from analysis.commands.leaderboards import EXPLANATION, NO_BREAK, folded, short_title
+from analysis.commands.leaderboards import markdown as leaderboard_of
 from analysis.commands.simulated import BETTER, WORSE, markdown, mastered_table, recovery_table
-from analysis.comparisons.boards import runs_after
-from analysis.comparisons.frame import over_challenges, pairwise, verdict
+from analysis.comparisons.against_random import Gap, against_random
+from analysis.comparisons.boards import leaderboards
+from analysis.comparisons.frame import corrected, over_challenges, pairwise
 from analysis.comparisons.planning import LITE
-from analysis.formatting import amount, estimate, listed
-from analysis.measures.evaluations import NEARLY_ALL, trained_shares
-from analysis.measures.tested import HEADLINE
-from analysis.names import challenge_title, label, teacher_order
+from analysis.comparisons.verdicts import AXES, on_both_axes, verdict
+from analysis.formatting import amount
+from analysis.measures.pooling import runs_after
+from analysis.measures.tested import HEADLINE, TRAINED
+from analysis.measures.trained import NEARLY_ALL, trained_shares
+from analysis.names import challenge_title, distinct_labels, label, teacher_order
 from analysis.statistics import SIGNIFICANCE, Description, holm, welch, welch_from_statistics
 from tma_ray.benchmark.experiments import TEACHERS as TEACHERS_OF_THE_PAPER
 from tma_ray.campaign.simulated import played_runs
@@ -45,21 +48,31 @@ ALIKE = "\N{MIDDLE DOT}"
 """Mark of a difference from Random that is not significant."""
 
 
-def leaderboard() -> str:
-    """Return the leaderboards of the releases that ship, and the curricula of their teachers."""
-    parts = [leaderboards(pictures="images/leaderboard")]
-    for name in (each.manifest.name for each in baselines()):
-        for strip in sorted(PICTURES.glob(f"{name}-*.png")):
-            challenge = strip.stem.removeprefix(f"{name}-")
-            title = challenge_title("stump_tracks", challenge, challenge)
-            image = f"images/leaderboard/{strip.stem}"
-            films = [
-                f"[Film {number}](images/leaderboard/{film.name})"
-                for number, film in enumerate(sorted(PICTURES.glob(f"{strip.stem}-*.gif")), start=1)
-            ]
-            parts.append(f"### Curricula of {name}: {title}\n\n{', '.join(films)}")
-            parts.append(f"[![Probed tasks of each teacher over a run]({image}.png)]({image}.png)")
+def leaderboard(name: str) -> str:
+    """Return the leaderboards of a release, their definitions, and the curricula of its teachers."""
+    parts = [leaderboard_of(name, "images/leaderboard"), "## More"]
+    parts.append(folded("What the columns are", "\n\n".join(EXPLANATION)))
+    for strip in sorted(PICTURES.glob(f"{name}-*.png")):
+        challenge = strip.stem.removeprefix(f"{name}-")
+        title = challenge_title("stump_tracks", challenge, challenge)
+        image = f"images/leaderboard/{strip.stem}"
+        films = [
+            f"[Film {number}](images/leaderboard/{film.name})"
+            for number, film in enumerate(sorted(PICTURES.glob(f"{strip.stem}-*.gif")), start=1)
+        ]
+        picture = f"[![Probed tasks of each teacher over a run]({image}.png)]({image}.png)"
+        parts.append(folded(f"Curricula: {title}", f"{', '.join(films)}\n\n{picture}"))
     return "\n\n".join(parts)
+
+
+def answer() -> str:
+    """Return in two sentences which teachers are the best of the newest release."""
+    baseline = newest_release()
+    board = leaderboards(baseline.frames())[0]
+    return (
+        f"{board.answer()} Evidence: {baseline.manifest.holds['runs']:,} runs of "
+        f"`{baseline.manifest.name}`, {amount(baseline.manifest.holds['steps'][0])} steps each."
+    )
 
 
 @functools.cache
@@ -203,35 +216,47 @@ def untrained() -> str:
 def later_teachers() -> str:
     """Return the tests of the teachers of `lite-2` that are not the paper's, against Random and ALP-GMM.
 
-    Over all challenges, and the single ones on which the test is significant. Teachers that lack challenges
-    have no row. Holm's correction covers all teachers of the release against the same one, over all
-    challenges or on one.
+    On both axes over all challenges, and the single ones on which a test finds that it is sooner or later,
+    corrected for these challenges. Teachers that lack challenges have no row. Each teacher is a family of its
+    own.
     """
-    runs = _runs_of_lite_2()
+    frames, runs = find_baseline("lite-2").frames(), _runs_of_lite_2()
     whole = runs.groupby("teacher")["challenge"].nunique()
     whole = whole[whole == whole.max()]
     later = [name for name in whole.index if base_name(name) not in TEACHERS_OF_THE_PAPER]
-    rows: dict[str, dict[str, str]] = {label(name): {} for name in sorted(later, key=teacher_order)}
-    counts = []
+    trained = {each.teacher: each.gaps.get(TRAINED) for each in against_random(frames, runs)}
+    names = distinct_labels(later)
+    rows: dict[str, dict[str, str]] = {name: {} for name in sorted(later, key=teacher_order)}
     for reference in ("random", "alp_gmm"):
-        together = over_challenges(runs, HEADLINE, reference)
+        both = {
+            axis: {test["first"]: test for test in over_challenges(runs, axis, reference).to_dict("records")}
+            for axis in AXES
+        }
         single = pairwise(runs, HEADLINE, reference, detectable=False)
-        verdicts = Counter[str]()
-        for test in together[together["first"].isin(later)].to_dict("records"):
-            own = single[(single["first"] == test["first"]) & (single["holm"] < SIGNIFICANCE)]
-            places = [
-                f"{verdict(each)} on {challenge_title(each.environment, each.challenge, each.challenge)}"
-                for _, each in own.iterrows()
-            ]
-            row, told = rows[label(test["first"])], verdict(test)
-            verdicts[told] += 1
-            shown = estimate(test["difference"], test["low"], test["high"])
-            row[f"against {label(reference)}"] = f"{shown}, {told}"
-            row[f"on one challenge, against {label(reference)}"] = "; ".join(places) or NOTHING
-        told = listed(f"{verdicts[word]} {word}" for word in ("better", "not distinguishable", "worse"))
-        counts.append(f"Against {label(reference)}: {told}.")
-    table = pd.DataFrame([{"teacher": name, **row} for name, row in rows.items()])
-    return "\n\n".join([" ".join(counts), markdown(table)])
+        for name, row in rows.items():
+            gaps = {axis: Gap.of(tests[name]) for axis, tests in both.items()}
+            for axis, words in AXES.items():
+                row[f"{words}, less {label(reference)}"] = str(gaps[axis])
+            said = on_both_axes(*(gaps[axis].verdict for axis in AXES))
+            if reference == "random" and (gap := trained[name]):
+                said += f"; per trained step {gap} {gap.verdict}"
+            row[f"verdict beside {label(reference)}"] = said
+        single = corrected(single[single["first"].isin(later)], ["first"])
+        own = single[single["holm"] < SIGNIFICANCE]
+        for name, row in rows.items():
+            places = own[own["first"] == name]
+            row[f"alone, beside {label(reference)}"] = _places(places) or NOTHING
+    return markdown(pd.DataFrame([{"teacher": names[name], **row} for name, row in rows.items()]))
+
+
+def _places(tests: pd.DataFrame) -> str:
+    """Return the challenges of some tests, those on which the teacher is sooner first."""
+    words = {"better": "sooner", "worse": "later"}
+    found: dict[str, list[str]] = {}
+    for _, test in tests.iterrows():
+        title = challenge_title(test["environment"], test["challenge"], test["challenge"])
+        found.setdefault(words[verdict(test)], []).append(short_title(title))
+    return "; ".join(f"{word}: {', '.join(places)}" for word, places in sorted(found.items(), reverse=True))
 
 
 def budget_rule() -> str:
@@ -242,23 +267,18 @@ def budget_rule() -> str:
     """
     runs = dict(list(_runs_of_lite_2().groupby("teacher")))
     pairs = [(name, base_name(name)) for name in sorted(runs) if split_name(name)[1].keys() == {"budget"}]
-    both = [
-        over_challenges(pd.concat([runs[fitted], runs[authors]]), HEADLINE, authors)
-        for fitted, authors in pairs
-        if authors in runs
-    ]
-    tests = pd.concat(both)
-    rows = [
-        {
-            "teacher": label(test["second"]),
-            "challenges": str(test["challenges"]),
-            "runs, fitted and not": f"{test['n']}, {test['reference_n']}",
-            "fitted, less authors' values": estimate(test["difference"], test["low"], test["high"]),
-            "fitted is": verdict(test),
-        }
-        for test in tests.assign(holm=holm(tests["p"])).to_dict("records")
-    ]
-    return markdown(pd.DataFrame(rows))
+    rows: dict[str, dict[str, str]] = {}
+    for axis, words in AXES.items():
+        both = [
+            over_challenges(pd.concat([runs[fitted], runs[authors]]), axis, authors)
+            for fitted, authors in pairs
+            if authors in runs
+        ]
+        for test in corrected(pd.concat(both), ["measure"]).to_dict("records"):
+            row = rows.setdefault(label(test["second"]), {"challenges": str(test["challenges"])})
+            row["runs, fitted and not"] = f"{test['n']}, {test['reference_n']}"
+            row[f"fitted, less authors' values: {words}"] = f"{Gap.of(test)}, {verdict(test)}"
+    return markdown(pd.DataFrame([{"teacher": name, **row} for name, row in rows.items()]))
 
 
 @functools.cache

@@ -12,6 +12,7 @@ from typing import Any
 
 import pyarrow as pa
 from release_tables import (
+    answer,
     budget_rule,
     later_teachers,
     leaderboard,
@@ -24,7 +25,7 @@ from release_tables import (
     untrained,
 )
 
-from analysis.baselines import newest_release
+from analysis.baselines import BaselineKind, baselines, newest_release
 from analysis.commands.releases import findings
 from tma_ray import cli, command_line
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
@@ -324,7 +325,12 @@ GENERATED: dict[str, Callable[[], str]] = {
     "commands": commands,
     "json keys": json_keys,
     "metavars": metavars,
-    "leaderboard": leaderboard,
+    "answer": answer,
+    **{
+        f"leaderboard {each.manifest.name}": functools.partial(leaderboard, each.manifest.name)
+        for each in baselines()
+        if each.manifest.kind is BaselineKind.RUNS
+    },
     "trials": trials,
     "sensitivity": sensitivity,
     "simulated students": simulated_students,

@@ -28,8 +28,8 @@ FILE = "file "
 
 
 def pages() -> list[Path]:
-    """Return the pages that may have generated parts."""
-    return sorted((ROOT / "docs").rglob("*.md"))
+    """Return the pages that may have generated parts, the README among them."""
+    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def text_of(name: str) -> str:

@@ -18,7 +18,7 @@ from analysis.charts.mastery import SHARES, mastery_chart
 from analysis.charts.page import Plot, colour_scale
 from analysis.charts.profiles import profile_chart
 from analysis.charts.tasks import probed_tasks, training_tasks
-from analysis.comparisons.boards import Rank
+from analysis.comparisons.ranks import Rank
 from analysis.data.curricula import Axis, Curriculum
 from analysis.statistics import percent_interval
 
@@ -201,6 +201,7 @@ def test_a_profile_of_few_runs_has_no_band(runs: int, bands: int) -> None:
 
 def test_ranks_are_marks_within_the_ranks_that_tests_leave_open() -> None:
     rest = {"across": {}, "challenges": 3, "mean": 1.0, "low": 0.0, "high": 2.0, "n": 3, "fewest": 3, "of": 3}
+    rest |= {"measure": "last_three", "newcomer": False, "chance": 0.5}
     first = Rank("adr", rank=1, better=("spdl",), worse=(), undecided=("random",), left_out=(), **rest)
     last = Rank("spdl", rank=3, better=(), worse=("adr",), undecided=("random",), left_out=(), **rest)
     best, worst = plot_of(rank_chart({"a board": [first, last]})).traces

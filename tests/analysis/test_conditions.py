@@ -12,7 +12,8 @@ from views import printed
 
 from analysis.claims.judging import RootSource
 from analysis.commands.rankings import show_ranking
-from analysis.comparisons.boards import headlines, overall_rows
+from analysis.comparisons.against_random import against_random, sentences_against_random
+from analysis.comparisons.boards import overall_rows
 from analysis.comparisons.frame import pairwise
 from analysis.comparisons.measured import measure
 from analysis.comparisons.sentences import places, ranking, ranking_sentences, sentences
@@ -73,7 +74,8 @@ def table(frames: Frames) -> pd.DataFrame:
 
 def test_counts_are_of_challenges(frames: Frames, table: pd.DataFrame) -> None:
     runs = runs_after(frames)
-    assert [text.split(" (")[0] for text in headlines(runs)] == ["Over 2 challenges"] * 2
+    beside = sentences_against_random(against_random(frames, runs))
+    assert [text.split(" (")[0] for text in beside] == ["Over 2 challenges"] * 2
     said = ranking_sentences(table)
     assert len(set(said)) == len(said) == 2
     assert all("better than Random on 2 of 2" in text for text in said)

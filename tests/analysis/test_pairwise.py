@@ -36,16 +36,18 @@ def test_all_pairs_agree_with_scipy_and_are_adjusted_together() -> None:
     np.testing.assert_allclose(tests["detectable"], wanted)
 
 
-def test_an_area_is_tested_on_the_arcsine_scale() -> None:
-    runs = pool(*three_teachers()).assign(mastered_area=lambda table: table["mastered_percent"])
-    tests = pairwise(runs, "mastered_area")
-    angles = {teacher: np.arcsin(np.sqrt(np.array(values) / 100)) for teacher, values in VALUES.items()}
-    pairs = zip(tests["first"], tests["second"], strict=True)
-    expected = [stats.ttest_ind(angles[a], angles[b], equal_var=False).pvalue for a, b in pairs]
-    np.testing.assert_allclose(tests["p"], expected)
-    in_percent = pairwise(runs, "mastered_percent")
-    np.testing.assert_allclose(tests["difference"], in_percent["difference"])
-    assert (tests["p"] != in_percent["p"]).all()
+def test_intervals_of_a_family_hold_together_and_agree_with_holm() -> None:
+    tests = pairwise(pool(*three_teachers()), "mastered_percent")
+    for test in tests.to_dict("records"):
+        error = test["difference"] / test["t"]
+        margin = stats.t.ppf(1 - 0.05 / 2 / len(tests), test["degrees_of_freedom"]) * error
+        found = test["holm"] < 0.05
+        inner = 0.0 if found else -math.inf
+        sign = math.copysign(1.0, test["difference"])
+        near, far = sorted((test["simultaneous_low"], test["simultaneous_high"]), key=abs)
+        assert max(abs(near), abs(far)) == pytest.approx(abs(test["difference"]) + abs(margin))
+        assert sign * near >= inner - 1e-12
+        assert (test["simultaneous_low"] <= 0 <= test["simultaneous_high"]) == (not found or near == 0)
 
 
 def test_a_reference_is_set_against_every_other() -> None:

@@ -145,7 +145,7 @@ def test_the_page_says_what_the_tables_hold(full: Page, full_root: Path) -> None
     assert (f"p = {p:.3f}" if p >= 0.001 else "p\N{NO-BREAK SPACE}< 0.001") in full.text
     assert "only large differences can show" in full.text
     assert (
-        "Tested on the arcsine scale; Holm's correction covers all teachers of a comparison against Random"
+        "Tests are of what is shown, in per cent; Holm's correction covers all teachers of a comparison"
         in full.words
     )
     assert re.search(r"Ceiling: of the \d+ tasks of test set \w+, \d+ are mastered by any run", full.words)

@@ -17,10 +17,10 @@ from analysis.comparisons.aggregates import (
     profiles,
     stratified_means,
 )
-from analysis.comparisons.boards import ranks
 from analysis.comparisons.frame import ACROSS, CHALLENGES, over_challenges, pairwise
-from analysis.measures.tested import compared, compared_over_strata, mean_over_strata, seeds_to_pair
-from analysis.statistics import Method, Scale, paired_strata, percent_interval, stratified
+from analysis.comparisons.ranks import ranks
+from analysis.measures.tested import compared, mean_over_strata, seeds_to_pair
+from analysis.statistics import Method, Scale, paired_strata, percent_interval
 from analysis.statistics.estimates import interquartile_mean_of, performance_profile
 from analysis.statistics.power import detectable_in_pairs
 from analysis.statistics.tests import FEW_PAIRS
@@ -69,52 +69,11 @@ def test_pairs_of_a_challenge_agree_with_scipy(runs: pd.DataFrame) -> None:
         assert apart.loc[place, "method"] == Method.WELCH
 
 
-def shares(rng: np.random.Generator, mean: float, prefix: str, n: int = 5) -> pd.Series:
-    """Return percentages of `n` runs that scatter more the higher their mean."""
-    return pd.Series(100 * rng.beta(9 * mean, 9 * (1 - mean), n), index=[f"{prefix}{k}" for k in range(n)])
-
-
-def test_a_scale_tests_arcsines_and_shows_percentages() -> None:
-    rng = np.random.default_rng(1)
-    first, second = shares(rng, 0.5, "a", 8), shares(rng, 0.1, "b")
-    found = compared(first, second, {}, Scale.ARCSINE)
-    theirs = stats.ttest_ind(*(np.arcsin(np.sqrt(each / 100)) for each in (first, second)), equal_var=False)
-    assert (found.p, found.t, found.degrees_of_freedom) == pytest.approx(
-        (theirs.pvalue, theirs.statistic, theirs.df)
-    )
-    assert found.difference == pytest.approx(first.mean() - second.mean())
-    paired = compared(
-        first.head(5), second, {f"{name}{k}": k for name in "ab" for k in range(5)}, Scale.ARCSINE
-    )
-    assert paired.method is Method.PAIRED
-
-
-def test_the_interval_of_another_scale_agrees_with_its_test() -> None:
-    """Some tests find what the percentages do not, and the reverse; some scales disagree on who is better."""
-    rng, seen = np.random.default_rng(2), set()
-    for _ in range(200):
-        gap = rng.choice([0.0, 0.12])
-        pairs = [(shares(rng, mean + gap, f"a{mean}"), shares(rng, mean, f"b{mean}")) for mean in (0.02, 0.4)]
-        found = compared_over_strata(pairs, [1.0, 1.0], {}, Scale.ARCSINE)
-        shown = stratified(pairs, [1.0, 1.0])
-        arcsine = stratified([(Scale.ARCSINE.of(a), Scale.ARCSINE.of(b)) for a, b in pairs], [1.0, 1.0])
-        assert found.low <= found.difference == shown.difference <= found.high
-        assert found.significant == (not found.low <= 0 <= found.high)
-        alike = arcsine.difference * shown.difference > 0
-        assert found.p == (arcsine.p if alike else 1.0)
-        if alike and found.significant == shown.significant:
-            assert (found.low, found.high) == (shown.low, shown.high)
-        seen.add((alike, found.significant, shown.significant))
-    assert {(True, True, False), (True, False, True), (False, False, False)} <= seen
-
-
 def test_arcsines_by_hand_and_of_percentages_only() -> None:
     found = Scale.ARCSINE.of(pd.Series([0.0, 25.0, 50.0, 100.0 + 1e-12]))
     assert found.tolist() == pytest.approx([0, math.pi / 6, math.pi / 4, math.pi / 2])
     with pytest.raises(ValueError, match="120: expected percentages"):
         Scale.ARCSINE.of(pd.Series([10.0, 120.0]))
-    same = pd.Series([1.0, 2.0], index=["a", "b"])
-    assert compared(same, same, {}, Scale.ARCSINE).reason == "same runs"
 
 
 def test_over_challenges_a_seed_counts_once(runs: pd.DataFrame) -> None:

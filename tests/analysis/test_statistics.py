@@ -13,16 +13,15 @@ from hypothesis import strategies as st
 from scipy import stats
 from synthetic_pools import cells, pool
 
-from analysis.comparisons.boards import ranks
-from analysis.comparisons.frame import pairwise, pairwise_from_statistics, verdict
+from analysis.comparisons.frame import pairwise, pairwise_from_statistics
+from analysis.comparisons.ranks import ranks
 from analysis.comparisons.sentences import ranked
+from analysis.comparisons.verdicts import verdict
 from analysis.data.reference import paper_frame
 from analysis.measures.pooling import pooled
-from analysis.measures.tested import compared, compared_over_strata
 from analysis.statistics import (
     Description,
     Method,
-    Scale,
     describe,
     holm,
     least_variance,
@@ -164,22 +163,6 @@ def test_rounding_errors_of_pairs_are_no_spread(scale: float) -> None:
     assert (result.method, result.p) == (Method.SIGN_FLIP, pytest.approx(2 / 2**3))
     again = paired(scale * first, scale * (second + 0.1))
     assert (again.method, again.reason) == (Method.NONE, "no spread between seeds")
-
-
-@pytest.mark.parametrize("percent", [(18.0, 21.0), (99.9, 100.0), (0.0, 0.1)])
-def test_equal_seeds_have_no_spread_on_the_arcsine_scale(percent: tuple[float, float]) -> None:
-    """Near 0 and 100 the arcsine magnifies rounding errors of percentages."""
-    first, second = (
-        sample(value * (1 + np.array([-1e-15, 0.0, 1e-15])), prefix)
-        for prefix, value in zip("ab", percent, strict=True)
-    )
-    for result in (
-        compared(first, second, {}, Scale.ARCSINE),
-        compared_over_strata([(first, second)], [1.0], {}, Scale.ARCSINE),
-    ):
-        assert (result.method, result.p) == (Method.PERMUTATION, pytest.approx(0.1))
-    equal = compared(first, first.rename("c{}".format), {}, Scale.ARCSINE)
-    assert equal.reason == "no spread between seeds"
 
 
 def test_ranking_and_ranks_agree_on_equal_seeds() -> None:

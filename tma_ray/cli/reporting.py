@@ -114,22 +114,25 @@ def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
 
 
 @command()
-def leaderboard(*baseline: options.Baseline) -> int:
-    """Print ranks, results and cost of the teachers of releases.
+def leaderboard(*baseline: options.Baseline, challenges: bool = False, explain: bool = False) -> int:
+    """Print the best teachers of releases, sooner and in the end.
 
-    These are the ranks of teachers over all challenges with what of them is certain, their results on each
-    challenge with intervals, and what their runs cost.
+    These are the teachers' means over all challenges, their differences to Random and their ranks, with what
+    of them is certain.
 
     Args:
         baseline: releases, or folders or addresses of results (default: those that ship with runs)
+        challenges: print the results on each challenge, too
+        explain: print the definitions, too
 
     Examples:
         tma-ray leaderboard
-        tma-ray leaderboard colleague
+        tma-ray leaderboard lite-2 --challenges
+        tma-ray leaderboard colleague --explain
     """
-    from analysis.commands.releases import show_leaderboards
+    from analysis.commands.leaderboards import show_leaderboards
 
-    show_leaderboards([str(each) for each in baseline])
+    show_leaderboards([str(each) for each in baseline], explain=explain, challenges=challenges)
     return 0
 
 
@@ -139,15 +142,17 @@ def ranking(
     baseline: options.Baselines = (),
     share: Annotated[float, value(SHARE, "X")] = 1.0,
     measure: options.Measure = options.HEADLINE,
+    explain: bool = False,
     json: options.Json = False,
 ) -> int:
-    """Rank the teachers on each challenge by mastered tasks.
+    """Rank the teachers by mastered tasks, over all challenges and on each.
 
     They are tested against Random.
 
     Args:
         root: results root, or the name of a baseline with runs; several are read as one
         share: share of the budget after which runs are read
+        explain: print conclusions in sentences, and the definitions, too
 
     Examples:
         tma-ray ranking results
@@ -160,7 +165,7 @@ def ranking(
         return 0
     from analysis.commands.rankings import show_ranking
 
-    show_ranking((*root, *baseline), share, measure=measure)
+    show_ranking((*root, *baseline), share, measure=measure, explain=explain)
     return 0
 
 

@@ -1,0 +1,250 @@
+"""Leaderboards at the terminal and as Markdown: the answer, the table, and on demand what it rests on.
+
+`names` are names of releases, folders or addresses of results; all known releases by default, the newest
+first. A release that does not exist, or is damaged, raises `BaselineError`, and an address without results
+`ResultsRootError`.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines
+from analysis.baselines.catalogue import Baseline, read
+from analysis.charts.base import Chart
+from analysis.charts.intervals import difference_chart
+from analysis.comparisons.against_random import FAMILY
+from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
+from analysis.comparisons.verdicts import AXES
+from analysis.formatting import caveat, estimate, number
+from analysis.measures.evaluations import ceilings_in_words
+from analysis.measures.tested import FINAL, HEADLINE, MEASURES, TRAINED
+from analysis.measures.trained import NEARLY_ALL
+from analysis.names import label, mark_of
+from analysis.tables.table import pipe_table
+from tma_ray.part_names import split_name
+from tma_ray.terminal import terminal
+
+EXPLANATION = (
+    "Mastered test tasks, %: mean over seeds and the challenges of a table, of equal weight, on two axes: "
+    f"{AXES[HEADLINE]}, the mean over training, and {AXES[FINAL]}, the mean of the last three evaluations.",
+    "Beside Random: difference in points, with intervals that hold for all tests of a family at once with "
+    f"probability 0.95. Families: {FAMILY}. An interval without 0 is a verdict.",
+    "Rank: by the mean among the teachers of the core, tested in all pairs; in brackets the ranks that tests "
+    "leave open, then the probability that the true mean is the highest of all. A teacher marked * joined "
+    "later: it is ranked with the core by its own tests, and leaves the core's ranks as they are.",
+    "Tests are Welch's over challenges and bodies, in which each variance counts with at least half of the "
+    "mean of the core's teachers, and paired by seed where seeds share a simulated student; p is corrected "
+    "by Holm. A teacher without results on all challenges is ranked on those that it has, in another table.",
+    f"Marked †: the student learns from under {NEARLY_ALL:g} % of the steps, since other episodes only score "
+    "or try tasks; its mean over training is compared for the same number of trained steps, too.",
+)
+"""Definitions, one a paragraph."""
+
+NO_BREAK = "\N{NO-BREAK SPACE}"
+
+SHOWN = (FINAL, HEADLINE)
+"""Axes in the order of the columns."""
+
+SHORT = 18
+"""Characters of a teacher's name at the terminal, of which a board is at most 100 wide."""
+
+CHALLENGE_WIDTH = 11
+"""Characters of a challenge's column at the terminal, of which six and a name are at most 100 wide."""
+
+
+def show_leaderboards(
+    names: Sequence[str] = (),
+    console: Console | None = None,
+    *,
+    explain: bool = False,
+    challenges: bool = False,
+) -> None:
+    """Print the leaderboards of releases.
+
+    Args:
+        names: releases or results.
+        console: console to print on; the terminal by default.
+        explain: True for the definitions, behind the tables.
+        challenges: True for the results on each challenge, too.
+    """
+    console = terminal(console)
+    for name, place, partial in places_of_releases(names):
+        boards = leaderboards(frames := read(place))
+        if not boards:
+            tell(console, f"{name}: no run has been evaluated here.")
+        for board in boards:
+            tell(console, f"{name}: {board.title}", "bold")
+            show_board(board, console)
+            if challenges:
+                console.print(_challenges(board))
+            tell(console, "")
+        for sentence in [*([f"{name} is partial: {partial}"] if partial else []), *ceilings_in_words(frames)]:
+            tell(console, sentence, "dim")
+    for paragraph in EXPLANATION if explain else ():
+        tell(console, paragraph, "dim")
+
+
+def show_board(board: Leaderboard, console: Console) -> None:
+    """Print the answer of a leaderboard, its table and the notes on it."""
+    if answer := board.answer():
+        tell(console, answer)
+    console.print(_table(board))
+    for note in notes(board):
+        tell(console, note, "dim")
+
+
+def tell(console: Console, text: str, style: str | None = None) -> None:
+    """Print a text as it is."""
+    console.print(text, style=style, highlight=False, markup=False)
+
+
+def places_of_releases(names: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Return name, place and gaps of releases with runs, by default of all known ones, the newest first."""
+    if not names:
+        known = [each for each in baselines() if each.manifest.kind is BaselineKind.RUNS]
+        return [_described(each) for each in sorted(known, key=lambda each: each.manifest.created)[::-1]]
+    found = ((name, as_baseline(name)) for name in names)
+    return [_described(each) if each else (name, name, "") for name, each in found]
+
+
+def _described(baseline: Baseline) -> tuple[str, str, str]:
+    if baseline.manifest.kind is not BaselineKind.RUNS:
+        raise BaselineError(f"{baseline.manifest.name} has no runs, only published results: no leaderboard")
+    return baseline.manifest.name, baseline.place, baseline.manifest.partial
+
+
+def difference_charts(name: str) -> Iterator[tuple[str, Chart]]:
+    """Yield file name and chart of each picture of `markdown`."""
+    for position, board in enumerate(leaderboards(read(name)), start=1):
+        if any(entry.against for entry in board.entries):
+            beside = [entry.against for entry in board.entries if entry.against]
+            yield _picture(name, position), difference_chart(beside, board.names, board.title)
+
+
+def _picture(release: str, position: int) -> str:
+    return f"{Path(release).name}-{position}.svg"
+
+
+def markdown(name: str, pictures: str = ".") -> str:
+    """Return the leaderboards of a release as Markdown.
+
+    Args:
+        name: name, folder or address of the release.
+        pictures: folder of the charts of `difference_charts`, from the folder of the page.
+    """
+    ((_, place, partial),) = places_of_releases([name])
+    parts = [f"*This release is not complete: {partial}.*"] if partial else []
+    for position, board in enumerate(leaderboards(frames := read(place)), start=1):
+        parts.append(f"## {board.title[0].upper()}{board.title[1:]}")
+        parts += [text] if (text := board.answer()) else []
+        if any(entry.against for entry in board.entries):
+            parts.append(f"![Differences to Random, {board.title}]({pictures}/{_picture(name, position)})")
+        parts.append(pipe_table(HEADS, (_row(board, entry) for entry in board.entries), range(1, 7)))
+        parts += notes(board)
+        results = [[_marked(board, entry), *_results(board, entry)] for entry in board.entries]
+        head = ["teacher", *map(short_title, board.challenges)]
+        parts.append(
+            folded("On each challenge, over training", pipe_table(head, results, range(1, len(head))))
+        )
+    parts.append(folded("Ceilings", "\n\n".join(ceilings_in_words(frames))))
+    return "\n\n".join(parts) if len(parts) > 1 else "No run has been evaluated here."
+
+
+def folded(summary: str, text: str) -> str:
+    """Return Markdown that is shown at a click on `summary`."""
+    return f'<details markdown="1"><summary>{summary}</summary>\n\n{text}\n\n</details>'
+
+
+def short_title(title: str) -> str:
+    """Return the title of a challenge without what most have in common."""
+    return title.removeprefix("Stump Tracks, ").removesuffix(" task space")
+
+
+def notes(board: Leaderboard) -> list[str]:
+    """Return sentences below a board: comparisons per trained step, settings left out of names, few seeds."""
+    found = []
+    gaps = [(entry, entry.against.gaps) for entry in board.entries if entry.against]
+    parts = [
+        f"{board.names[entry.teacher]} {gap} ({gap.verdict}; {number(entry.trained, 0)} % trained)"
+        for entry, own in gaps
+        if (gap := own.get(TRAINED))
+    ]
+    if parts:
+        found.append(f"† Per trained step, beside Random, over training: {'; '.join(parts)}.")
+    if board.newcomers:
+        found.append("* Joined later: ranked with the core by its own tests.")
+    shortened = [teacher for teacher, name in board.names.items() if name != label(teacher)]
+    if shortened:
+        left_out: dict[str, list[str]] = {}
+        for teacher in sorted(shortened, key=label):
+            full, short = split_name(teacher)[1], board.names[teacher]
+            settings = (f"{key}={value}" for key, value in full.items() if f"{key}={value}" not in short)
+            left_out.setdefault(", ".join(settings), []).append(short)
+        words = "; ".join(f"{settings} of {', '.join(names)}" for settings, names in left_out.items())
+        fitted = " With budget= settings fit the steps of a run; those of the core's teachers do not."
+        found.append(f"Settings left out of names: {words}.{fitted if 'budget=' in words else ''}")
+    few = caveat(min(rank.fewest for entry in board.entries for rank in entry.ranks.values()))
+    return [*found, *([few] if few else [])]
+
+
+def _marked(board: Leaderboard, entry: Entry) -> str:
+    marks = "*" * entry.ranks[HEADLINE].newcomer + "†" * bool(entry.against and TRAINED in entry.against.gaps)
+    return f"{board.names[entry.teacher]}{' ' * bool(marks)}{marks}{mark_of(entry.teacher)}"
+
+
+def _cells(entry: Entry, axis: str) -> list[str]:
+    """Return mean, difference to Random and rank of a teacher on an axis."""
+    rank, against = entry.ranks[axis], entry.against
+    open_ranks = f" [{rank.best} to {rank.worst}]" if rank.best < rank.worst else ""
+    return [number(rank.mean), str(against.gaps[axis]) if against else "", f"{rank.rank}{open_ranks}"]
+
+
+HEADS = [
+    "teacher",
+    *(head for axis in SHOWN for head in (f"{MEASURES[axis]}, %", "beside Random", "rank")),
+    *("beside Random, both axes", "runs"),
+]
+
+
+def _row(board: Leaderboard, entry: Entry) -> list[str]:
+    numbers: list[str] = []
+    for axis in SHOWN:
+        chance = number(100 * entry.ranks[axis].chance, 0)
+        mean, gap, rank = _cells(entry, axis)
+        numbers += [mean, gap, rank if chance == "0" else f"{rank}, {chance} %"]
+    verdict = entry.against.verdict if entry.against else ""
+    runs = str(entry.ranks[HEADLINE].n)
+    marked = _marked(board, entry).replace("*", "\\*")
+    return [marked, *(text.replace(" ", NO_BREAK) for text in numbers), verdict, runs]
+
+
+def _table(board: Leaderboard) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("teacher", width=SHORT, overflow="fold")
+    for axis in SHOWN:
+        for heading in (AXES[axis], "beside Random", "rank"):
+            table.add_column(heading, justify="right", no_wrap=True)
+    for entry in board.entries:
+        cells = (text.replace(" to ", "\N{EN DASH}") for axis in SHOWN for text in _cells(entry, axis))
+        table.add_row(_marked(board, entry), *cells)
+    return table
+
+
+def _challenges(board: Leaderboard) -> Table:
+    """Return results of teachers by challenge, without decimals so that six fit a line."""
+    table = Table(box=None, pad_edge=False, padding=(0, 0, 0, 1))
+    table.add_column("teacher", width=SHORT, overflow="fold")
+    for title in board.challenges:
+        table.add_column(short_title(title), justify="right", max_width=CHALLENGE_WIDTH, overflow="fold")
+    for entry in board.entries:
+        results = (each.replace(", ", ",") for each in _results(board, entry))
+        table.add_row(_marked(board, entry), *results)
+    return table
+
+
+def _results(board: Leaderboard, entry: Entry) -> list[str]:
+    known = (entry.results.get(title) for title in board.challenges)
+    return [estimate(*each, 0) if each else "" for each in known]

@@ -1,0 +1,137 @@
+"""Differences of teachers to Random over challenges: sooner, in the end, and per trained step."""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.comparisons.frame import ACROSS, CHALLENGES, core_of, over_challenges
+from analysis.comparisons.verdicts import AXES, on_both_axes, verdict
+from analysis.data.frames import Frames
+from analysis.data.reference import BASELINE
+from analysis.formatting import ends, in_brief, number
+from analysis.measures.pooling import CONDITIONS, condition_words, varying
+from analysis.measures.tested import FINAL, HEADLINE, TRAINED
+from analysis.measures.trained import NEARLY_ALL, trained_areas, trained_shares
+from analysis.names import label
+
+LARGEST = 100.0
+"""Largest difference that there can be, in points."""
+
+FAMILY = "the core against Random; a newcomer is tested alone"
+"""Family of the tests of `against_random`."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A difference of a teacher to another one, in points.
+
+    Attributes:
+        value: difference of the means.
+        low: lower end of its interval, which is simultaneous for the family of its test.
+        high: upper end of it.
+        verdict: `Verdict`, or the reason why there is no test.
+    """
+
+    value: float
+    low: float
+    high: float
+    verdict: str
+
+    @classmethod
+    def of(cls, test: pd.Series | Mapping[str, Any]) -> "Gap":
+        """Return the difference in a row of the frame of comparisons."""
+        low, high = np.clip([test["simultaneous_low"], test["simultaneous_high"]], -LARGEST, LARGEST)
+        return cls(float(test["difference"]), float(low), float(high), verdict(test))
+
+    def __str__(self) -> str:
+        return f"{number(self.value)} {ends(self.low, self.high)}"
+
+
+@dataclass(frozen=True)
+class AgainstRandom:
+    """A teacher compared with Random over all challenges that both have.
+
+    Attributes:
+        teacher: name of the teacher.
+        newcomer: True if it joined later, and is a family of its own.
+        across: values of `ACROSS`.
+        challenges: number of challenges.
+        fewest: runs on one challenge that either has, at least.
+        gaps: difference by measure: `HEADLINE`, `FINAL`, and `TRAINED` of a teacher that trains on under
+            `NEARLY_ALL` % of its steps.
+    """
+
+    teacher: str
+    newcomer: bool
+    across: Mapping[str, Any]
+    challenges: int
+    fewest: int
+    gaps: Mapping[str, Gap]
+
+    @property
+    def verdict(self) -> str:
+        """Verdict on both axes, and per trained step where that is known."""
+        words = on_both_axes(self.gaps[HEADLINE].verdict, self.gaps[FINAL].verdict)
+        return f"{words}; per trained step {self.gaps[TRAINED].verdict}" if TRAINED in self.gaps else words
+
+
+def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
+    """Return the comparison of each teacher with Random at each level and budget, the soonest first.
+
+    Args:
+        frames: results with windows of training.
+        runs: rows of `pooling.pool_runs`.
+    """
+    shares, found = trained_shares(frames), []
+    for key, group in runs.groupby(ACROSS, dropna=False, sort=True):
+        core, across = core_of(group), dict(zip(ACROSS, key, strict=True))
+        tests: dict[str, dict[str, Any]] = {
+            axis: {test["first"]: test for test in over_challenges(group, axis, BASELINE).to_dict("records")}
+            for axis in AXES
+        }
+        trained = group["run_id"].map(shares).groupby(group["teacher"]).median()
+        here = []
+        for teacher, test in tests[HEADLINE].items():
+            gaps = {axis: Gap.of(rows[teacher]) for axis, rows in tests.items()}
+            if trained[teacher] < NEARLY_ALL:
+                gaps[TRAINED] = _per_trained_step(
+                    frames, group[group["teacher"].isin(core | {teacher})], teacher
+                )
+            sizes = int(test["challenges"]), int(test["fewest"])
+            here.append(AgainstRandom(str(teacher), teacher not in core, across, *sizes, gaps))
+        found += sorted(here, key=lambda each: -each.gaps[HEADLINE].value)
+    return found
+
+
+def _per_trained_step(frames: Frames, runs: pd.DataFrame, teacher: str) -> Gap:
+    """Return the difference of a teacher to Random until as many trained steps; `runs` hold the core's."""
+    tests = over_challenges(trained_areas(frames, runs, teacher, CHALLENGES), TRAINED, BASELINE)
+    return Gap.of(tests[tests["first"] == teacher].iloc[0])
+
+
+def sentences_against_random(
+    found: Collection[AgainstRandom], teachers: Collection[str] | None = None
+) -> Iterator[str]:
+    """Yield a sentence for each verdict at each level and budget, on `teachers` or all.
+
+    Few seeds of one challenge decide little, all challenges together more.
+    """
+    chosen = [
+        each for each in found if each.challenges > 1 and (teachers is None or each.teacher in teachers)
+    ]
+    if not chosen:
+        return
+    conditions = pd.DataFrame([each.across for each in chosen])
+    named = ["steps", *varying(conditions), *(["variant"] if (conditions["variant"] != "").any() else [])]
+    groups: dict[str, list[str]] = {}
+    for each in chosen:
+        words = condition_words(pd.Series(each.across), [name for name in CONDITIONS if name in named])
+        where = ", ".join([f"expert knowledge {each.across['expert_knowledge']}", *words])
+        lead = f"Over {each.challenges} challenges ({where}), beside Random: {each.verdict}"
+        gaps = ", ".join(f"{each.gaps[axis]} {words}" for axis, words in AXES.items())
+        few = in_brief(each.fewest).replace("; ", ", ")
+        groups.setdefault(lead, []).append(f"{label(each.teacher)} ({gaps}{few})")
+    yield from (f"{lead}, in points: {'; '.join(gaps)}." for lead, gaps in groups.items())

@@ -1,0 +1,193 @@
+"""Ranks of teachers over challenges: those of the core among themselves, and newcomers among the core.
+
+`runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them, in per cent.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.comparisons.aggregates import stratified_means
+from analysis.comparisons.frame import ACROSS, core_of, from_both_sides, over_challenges
+from analysis.comparisons.verdicts import AXES
+from analysis.data.reference import is_baseline
+from analysis.formatting import amount, in_brief, listed
+from analysis.measures.tested import HEADLINE
+from analysis.names import label
+from analysis.statistics import SIGNIFICANCE, holm
+
+EQUAL = 1e-9
+"""Difference of means, in points, below which two teachers share a rank."""
+
+DRAWS = 20_000
+"""Draws of true means, from which the probability of being the best is taken."""
+
+
+@dataclass(frozen=True)
+class Rank:
+    """A teacher's rank among those of the core that have results on all of its challenges.
+
+    Attributes:
+        teacher: name of the teacher.
+        measure: measure of the ranks.
+        newcomer: True if it joined later: it is ranked with the core, which is ranked without it.
+        across: values of `ACROSS`, what all that are ranked have in common.
+        challenges: number of challenges.
+        mean: mastered test tasks in per cent, the mean over challenges of equal weight.
+        low: lower end of its 95 % interval; NaN with one run on a challenge.
+        high: upper end of it.
+        n: runs.
+        fewest: runs on one challenge, of this or another ranked teacher, at least.
+        rank: 1 for the highest mean.
+        of: number of teachers that are ranked.
+        better: those that it is better than, with p < 0.05 after Holm's correction.
+        worse: those that it is worse than, with p < 0.05 after the same correction.
+        undecided: the others.
+        left_out: those without results on all of its challenges.
+        chance: probability that its true mean is the highest, of core and newcomers on as many challenges.
+    """
+
+    teacher: str
+    measure: str
+    newcomer: bool
+    across: dict[str, Any]
+    challenges: int
+    mean: float
+    low: float
+    high: float
+    n: int
+    fewest: int
+    rank: int
+    of: int
+    better: tuple[str, ...]
+    worse: tuple[str, ...]
+    undecided: tuple[str, ...]
+    left_out: tuple[str, ...]
+    chance: float
+
+    @property
+    def best(self) -> int:
+        """The best rank that the tests leave open."""
+        return 1 + len(self.worse)
+
+    @property
+    def worst(self) -> int:
+        """The worst rank that the tests leave open."""
+        return self.of - len(self.better)
+
+    def describe(self) -> str:
+        """Return rank and verdicts in one sentence."""
+        variant = f", {self.across['variant']}" if self.across["variant"] else ""
+        where = f"expert knowledge {self.across['expert_knowledge']}, {amount(self.across['steps'])} steps"
+        over = f"Over {self.challenges} challenge{'s' if self.challenges > 1 else ''} ({where}{variant})"
+        if self.of == 1:
+            return (
+                f"{over} {label(self.teacher)} has no rank: no other teacher has results on the same "
+                f"challenges under the same conditions."
+            )
+        best, worst = self.best, self.worst
+        certain = f"and the tests leave {best} to {worst} open" if best < worst else "as the tests confirm"
+        parts = (
+            ("better than", self.better),
+            ("worse than", self.worse),
+            ("undecided against", self.undecided),
+        )
+        verdicts = "; ".join(f"{words} {_listed(names)}" for words, names in parts if names)
+        lacking = f"; not ranked, lacking challenges: {_listed(self.left_out)}" if self.left_out else ""
+        axis = f" ({AXES[self.measure]})" if self.measure in AXES else ""
+        family = "its own tests against them" if self.newcomer else "all pairs of the core"
+        place = f"ranks {self.rank} of {self.of} by mean{axis}, {certain}"
+        return (
+            f"{over} {label(self.teacher)} {place}: {verdicts} "
+            f"(p < {SIGNIFICANCE} after Holm for {family}{in_brief(self.fewest)}){lacking}."
+        )
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return f"{len(names)} ({listed(map(label, names))})"
+
+
+def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: str = HEADLINE) -> list[Rank]:
+    """Return the rank of each teacher, or of `teachers` alone, at each level and budget, the best first.
+
+    Teachers of the core are ranked among themselves, by one family of tests at each level and budget. A
+    newcomer is ranked with the core by a family of its own, and changes none of the core's ranks. Families
+    hold the pairs of which one is looked at, and of which the other has results on all of its challenges.
+    """
+    found: list[Rank] = []
+    for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
+        core = core_of(group)
+        rows: list[Any] = stratified_means(group, measure).to_dict("records")
+        means = {str(row["teacher"]): row for row in rows}
+        chances = _chances(means)
+        looked = [name for name in means if teachers is None or name in teachers]
+        tests = from_both_sides(over_challenges(group, measure, core))
+        tests = tests[tests["first"].isin(looked) & tests["second"].isin(core)]
+        own = {name: mean["challenges"] for name, mean in means.items()}
+        tests = tests.assign(ranked=tests["challenges"] == tests["first"].map(own))
+        family = tests[tests["ranked"]]
+        family = family[~family.index.duplicated()]  # the index of a pair is the same from both sides
+        adjusted = family.groupby("family")["p"].transform(lambda p: holm(p.astype(float)))
+        tests["holm"] = adjusted.reindex(tests.index).to_numpy(float)
+        across = dict(zip(ACROSS, key, strict=True))
+        here = [
+            Rank(
+                teacher=name,
+                measure=measure,
+                newcomer=name not in core,
+                across=across,
+                chance=chances[name],
+                **_place(means[name], tests[tests["first"] == name]),
+            )
+            for name in looked
+        ]
+        found += sorted(here, key=lambda rank: (-rank.mean, rank.teacher))
+    return found
+
+
+def _place(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
+    """Return the attributes of a `Rank` that follow from a teacher's mean and its tests with the core."""
+    ranked = tests[tests["ranked"]]
+    decided = ranked["holm"] < SIGNIFICANCE
+    higher = ranked["difference"] > 0
+    names = {
+        "better": ranked.loc[decided & higher, "second"],
+        "worse": ranked.loc[decided & ~higher, "second"],
+        "undecided": ranked.loc[~decided, "second"],
+        "left_out": tests.loc[~tests["ranked"], "second"],
+    }
+    return {
+        "challenges": int(mean["challenges"]),
+        "mean": float(mean["difference"]),
+        "low": float(mean["low"]),
+        "high": float(mean["high"]),
+        "n": int(mean["n"]),
+        "fewest": int(ranked["fewest"].min()) if len(ranked) else int(mean["n"]),
+        "rank": 1 + int((ranked["difference"] < -EQUAL).sum()),
+        "of": 1 + len(ranked),
+        **{
+            name: tuple(sorted(map(str, each), key=lambda who: (not is_baseline(who), who)))
+            for name, each in names.items()
+        },
+    }
+
+
+def _chances(means: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """Return the probability that each teacher's true mean is the highest on as many challenges.
+
+    True means are drawn around the observed ones with Student's t, a standard error each, independently.
+    """
+    rng = np.random.default_rng(0)
+    found: dict[str, float] = {}
+    for challenges in {mean["challenges"] for mean in means.values()}:
+        names = [name for name, mean in means.items() if mean["challenges"] == challenges]
+        table = pd.DataFrame([means[name] for name in names])
+        errors = (table["difference"] / table["t"]).fillna(0.0).to_numpy(float)  # 0 without any spread
+        freedom = table["degrees_of_freedom"].fillna(1.0).to_numpy(float)
+        drawn = table["difference"].to_numpy(float) + errors * rng.standard_t(freedom, (DRAWS, len(names)))
+        best = np.bincount(drawn.argmax(axis=1), minlength=len(names))
+        found |= dict(zip(names, (best / DRAWS).tolist(), strict=True))
+    return found
