@@ -211,8 +211,8 @@ def difference_chart(
         x = base.Scale("Points beside Random", grid=True)
         panels.append(base.Panel(x, y, [base.Rule(x=0.0), *marks], AXES[axis].capitalize()))
     caption = (
-        "Differences of mastered test tasks to Random over all challenges, with simultaneous intervals. Sooner "
-        "is the mean over training, in the end the last three evaluations. Small marks: for as many trained steps."
+        "Differences to Random of mastered test tasks, over all challenges, with simultaneous intervals. "
+        "Sooner: mean over training; in the end: last three evaluations; small marks: as many trained steps."
     )
     size = 7.4, 1.0 + 0.21 * len(rows)
     return base.Chart(name, [panels], heading, caption, size=size, letters=7.5)
