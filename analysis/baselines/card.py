@@ -139,7 +139,7 @@ def _made_on(frames: Frames) -> list[str]:
             devices.add(f"{each.get('device', 'cpu')}{model}{cohort}")
         said.append(f"Processors: {shown}; devices: {', '.join(sorted(devices))}.")
         if len(set(map(tuple, by_processor.values()))) > 1:
-            said.append("Hardware goes with seeds: a difference between seeds may be one between processors.")
+            said.append("Processors differ between seeds and between teachers.")
     values = {name: {str(each[name]) for each in prints.values() if name in each} for name in LIBRARIES}
     versions = [f"{name} {', '.join(sorted(found))}" for name, found in values.items() if found]
     return [*said, f"Software: {'; '.join(versions)}."] if versions else said

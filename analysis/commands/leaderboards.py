@@ -5,6 +5,7 @@ first. A release that does not exist, or is damaged, raises `BaselineError`, and
 `ResultsRootError`.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from analysis.charts.intervals import difference_chart
 from analysis.comparisons.against_random import FAMILY
 from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
 from analysis.comparisons.verdicts import AXES
-from analysis.formatting import caveat, estimate, number
+from analysis.formatting import caveat, estimate, listed, number
 from analysis.measures.evaluations import ceilings_in_words
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES, TRAINED
 from analysis.measures.trained import NEARLY_ALL
@@ -186,8 +187,11 @@ def notes(board: Leaderboard) -> list[str]:
         words = "; ".join(f"{settings} of {', '.join(names)}" for settings, names in left_out.items())
         fitted = " With budget= settings fit the steps of a run; those of the core's teachers do not."
         found.append(f"Settings left out of names: {words}.{fitted if 'budget=' in words else ''}")
-    few = caveat(min(rank.fewest for entry in board.entries for rank in entry.ranks.values()))
-    return [*found, *([few] if few else [])]
+    runs = [(entry, entry.ranks[HEADLINE]) for entry in board.entries]
+    usual, _ = Counter(rank.n for _, rank in runs).most_common(1)[0]
+    few = caveat(min(rank.fewest for _, rank in runs if rank.n >= usual))
+    fewer = listed(board.names[entry.teacher] for entry, rank in runs if rank.n < usual)
+    return [*found, *([f"{few}{f' Fewer runs: {fewer}.' if fewer else ''}"] if few else [])]
 
 
 def _marked(board: Leaderboard, entry: Entry) -> str:

@@ -256,7 +256,7 @@ def _below(table: Table, marks: _Marks) -> Iterator[str]:
     counts: set[int] = set().union(*(table.counts(column) for column in table.columns))
     remarks = [f"{min(counts)} run{'s' if min(counts) > 1 else ''} each."] if len(counts) == 1 else []
     if any(cell.best for cell in table.cells.values()):
-        remarks.append("Bold: the highest mean of its column.")
+        remarks.append("Bold: the highest mean of its column, without a test.")
     if remarks or table.remarks:
         yield marks.escape(" ".join([*table.remarks, *remarks]))
     for text, letter in table.notes().items():
