@@ -174,6 +174,13 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> bas
     return base.Chart(name, rows, "Ranks", caption, note=caption, size=size, letters=7.5)
 
 
+DIFFERENCES = (
+    "Differences to Random of mastered test tasks, in points over all challenges, with joint intervals. "
+    "In the end: last three evaluations; sooner: mean over training; small marks: for as many trained steps."
+)
+"""Caption of `difference_chart`."""
+
+
 def difference_chart(
     beside: Sequence[AgainstRandom], names: Mapping[str, str], heading: str, name: str = "differences"
 ) -> base.Chart:
@@ -210,9 +217,5 @@ def difference_chart(
         ]
         x = base.Scale("Points beside Random", grid=True)
         panels.append(base.Panel(x, y, [base.Rule(x=0.0), *marks], AXES[axis].capitalize()))
-    caption = (
-        "Differences to Random of mastered test tasks, over all challenges, with simultaneous intervals. "
-        "Sooner: mean over training; in the end: last three evaluations; small marks: as many trained steps."
-    )
     size = 7.4, 1.0 + 0.21 * len(rows)
-    return base.Chart(name, [panels], heading, caption, size=size, letters=7.5)
+    return base.Chart(name, [panels], heading, DIFFERENCES, size=size, letters=7.5)

@@ -15,7 +15,7 @@ from rich.table import Table
 from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines
 from analysis.baselines.catalogue import Baseline, read
 from analysis.charts.base import Chart
-from analysis.charts.intervals import difference_chart
+from analysis.charts.intervals import DIFFERENCES, difference_chart
 from analysis.comparisons.against_random import FAMILY
 from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
 from analysis.comparisons.verdicts import AXES
@@ -143,6 +143,7 @@ def markdown(name: str, pictures: str = ".") -> str:
         parts += [text] if (text := board.answer()) else []
         if any(entry.against for entry in board.entries):
             parts.append(f"![Differences to Random, {board.title}]({pictures}/{_picture(name, position)})")
+            parts.append(f"*{DIFFERENCES}*")
         parts.append(pipe_table(HEADS, (_row(board, entry) for entry in board.entries), range(1, 7)))
         parts += notes(board)
         results = [[_marked(board, entry), *_results(board, entry)] for entry in board.entries]
