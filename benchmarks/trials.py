@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from analysis.baselines import find_baseline
+from analysis.measures.tested import FINAL
 from analysis.trials.boundaries import median_unbiased
 from analysis.trials.design import make_design, released_runs, setting_of
 from analysis.trials.rules import Outcomes, Setting, Verdict, simulate
@@ -24,20 +26,28 @@ SEED = 2026
 CELLS = ((), ("original", "diverse_students/spider"), ("original",), ("rugged_difficulty",))
 
 
-def row(setting: Setting, true: float, trials: int) -> dict[str, object]:
-    """Return what `trials` trials of a teacher come to that is `true` points better than all others."""
+def row(setting: Setting, end: Setting, factor: float, trials: int) -> dict[str, object]:
+    """Return what `trials` trials of a teacher come to that is `factor` margins better than all others.
+
+    Wrong verdicts also with each teacher's own variances, and in the `end`, by its margin.
+    """
+    true = factor * setting.rules[0].margin
     found = simulate(setting, true, trials, SEED)
+    own = replace(setting, estimand=replace(setting.estimand, least=np.zeros_like(setting.runs)))
+    last = simulate(end, factor * end.rules[0].margin, trials, SEED)
     shares: dict[str, object] = {}
     for name, verdicts in zip(("random", "best"), found.verdicts, strict=True):
         shares |= {f"{name}_{verdict.value}": (verdicts == verdict).mean() for verdict in Verdict}
     rule = setting.rules[0]
     return {
-        "cells": len(setting.slopes),
+        "cells": len(setting.runs),
         "margin": rule.margin,
         "spent": rule.error * len(setting.rules),
         "true": true,
         "seeds": found.seeds.mean(),
         "wrong": found.wrong.mean(),
+        "wrong_own_variances": simulate(own, true, trials, SEED).wrong.mean(),
+        "wrong_in_the_end": last.wrong.mean(),
         **shares,
         "naive_bias": found.estimates[0].mean() - true,
         "median_bias": np.median(unbiased(setting, found)) - true,
@@ -67,9 +77,9 @@ def main() -> None:
     rows = []
     for wanted in CELLS:
         design = make_design("trial", baseline, frames, wanted=wanted)
-        setting = setting_of(design, released)
+        settings = setting_of(design, released), setting_of(design, released, FINAL)
         rows += [
-            {"names": ", ".join(wanted) or "all"} | row(setting, factor * design.margin, given.trials)
+            {"names": ", ".join(wanted) or "all"} | row(*settings, factor, given.trials)
             for factor in (-1, 0, 1, 2)
         ]
     pd.DataFrame(rows).to_csv(sys.stdout, index=False, float_format="%.4f")

@@ -1,11 +1,12 @@
 """The course of a trial: the difference to each reference at each look, and how far a verdict is."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import pandas as pd
 
 from analysis.charts.base import TWO_COLUMNS, Chart, Curve, Panel, Rule, Scale
+from analysis.comparisons.verdicts import AXES
 from analysis.looks import INK, MUTED, Look, look
 from analysis.names import label, marked_label
 
@@ -17,35 +18,45 @@ ROOM = 1.4
 
 
 def course_chart(
-    courses: Mapping[str, pd.DataFrame], teacher: str, margin: float, name: str = "course"
+    courses: Mapping[tuple[str, str], pd.DataFrame],
+    teacher: str,
+    margins: Mapping[str, float],
+    name: str = "course",
 ) -> Chart:
     """Return a panel for each comparison: boundaries, margin, differences with their intervals.
 
     Args:
-        courses: rows of `trials.standing.course` by reference.
+        courses: rows of `trials.standing.course` by measure and reference; a row of panels for each measure.
         teacher: new teacher.
-        margin: difference in points that does not matter.
+        margins: difference in points of each measure that does not matter.
         name: identifier of the chart.
     """
-    panels = []
-    for reference, table in courses.items():
+    panels: dict[str, list[Panel]] = {}
+    for (measure, reference), table in courses.items():
+        margin = margins[measure]
         seeds, seen = table["seeds"].astype(float), table[table["value"].notna()]
         later = table.loc[seeds > seeds.min(), ["better", "worse"]].abs().to_numpy().max()
         reach = ROOM * float(max(later, margin, seen["value"].abs().max() if len(seen) else 0.0))
         x = Scale("Seeds of every cell", low=float(seeds.min()) - 1, high=float(seeds.max()) + 1, whole=True)
         y = Scale("Difference (points)", low=-reach, high=reach, grid=True)
-        title = f"Against {label(reference)}" if len(courses) > 1 else ""
+        title = _heading(measure, [reference]) if len(courses) > 1 else ""
         width = np.array([seeds.iloc[0] - 1, seeds.iloc[-1] + 1])
         band = Curve(x=width, low=np.full(2, -margin), high=np.full(2, margin), look=BAND)
         marks = [band, Rule(y=0.0, look=BAND, width=0.8), *_course(table, seen, teacher, 2 * reach)]
-        panels.append(Panel(x, y, marks, title))
+        panels.setdefault(measure, []).append(Panel(x, y, marks, title))
     caption = (
         "Difference with its repeated confidence interval at each look. Over the upper boundary the teacher "
         "is better, under the lower one worse, and alike where all of the interval is in the grey band. "
         "Boundaries of looks to come are those that the release's spread lets expect."
     )
-    heading = "Against " + " and ".join(map(label, courses))
-    return Chart(name, [panels], heading, caption, size=(TWO_COLUMNS, 2.9))
+    measures, references = (dict.fromkeys(names) for names in zip(*courses, strict=True))
+    heading = " and ".join(_heading(measure, references) for measure in measures)
+    return Chart(name, [*panels.values()], heading, caption, size=(TWO_COLUMNS, 2.9 * len(panels)))
+
+
+def _heading(measure: str, references: Iterable[str]) -> str:
+    """Return the heading of comparisons by a measure."""
+    return f"{AXES[measure].capitalize()}, against {' and '.join(map(label, references))}"
 
 
 def _course(table: pd.DataFrame, seen: pd.DataFrame, teacher: str, reach: float) -> Iterator[Curve]:

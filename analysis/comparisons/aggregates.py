@@ -15,7 +15,7 @@ from analysis.comparisons.frame import ACROSS, CHALLENGES, TEST
 from analysis.data.frames import check_measure
 from analysis.measures.pooling import COMPARED, PARTS, POOLED
 from analysis.measures.tested import MEASURES, Seeds, are_paired, in_common, mean_over_strata, seeds_to_pair
-from analysis.statistics import percent_interval
+from analysis.statistics import percent_interval, stratum_weights
 from analysis.statistics.estimates import (
     interquartile_mean_of,
     performance_profile,
@@ -114,7 +114,7 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
     for key, part in table[table[measure].notna()].groupby([*within, "teacher"], dropna=False, sort=True):
         places = frame.by_challenge(part, measure)
         samples = [sample for strata in places.values() for sample in strata.values()]
-        weights = [1 / len(strata) for strata in places.values() for _ in strata]
+        weights = stratum_weights([place for place, strata in places.items() for _ in strata])
         mean = vars(mean_over_strata(samples, weights, seeds)) | {"n": sum(map(len, samples))}
         if measure in MEASURES:
             margin = mean["high"] - mean["difference"]

@@ -26,6 +26,7 @@ from analysis.statistics import (
     holm,
     least_variance,
     simultaneous_intervals,
+    stratum_weights,
     welch_from_statistics,
 )
 from analysis.statistics.power import detectable_difference, detectable_in_pairs
@@ -444,7 +445,7 @@ def _compared(
     elif len(pairs) == 1:
         test = compared(*pairs[0], seeds)
     else:
-        weights = [1 / len(mine[place]) for place, _ in names]
+        weights = stratum_weights([place for place, _ in names])
         test = compared_over_strata(pairs, weights, seeds, [least[name] for name in names])
     counts = [sum(map(len, side[place].values())) for side in (mine, theirs) for place in places]
     fewest = min(min(counts, default=0), test.n)  # pairs may be fewer than runs

@@ -33,7 +33,12 @@ def write_trial(
     Returns:
         The page, ``index.html``.
     """
-    courses = {name: standing.course(design, released, looks, name) for name in design.references}
+    courses = {
+        (measure, name): standing.course(design, released, looks, name, measure)
+        for measure in design.axes
+        for name in design.references
+    }
+    margins = {measure: design.margin_of(measure) for measure in design.axes}
     beside: dict[str, bytes] = {}
     with shown_together([design.teacher, *design.references]), own_first([design.teacher]):
         if looks:
@@ -42,7 +47,7 @@ def write_trial(
             )
             beside["row.tex"] = standing.latex_row(design, looks[-1]).encode()
             beside["methods.txt"] = (standing.methods(design, looks[-1], _versions()) + "\n").encode()
-            save(draw(course_chart(courses, design.teacher, design.margin)), folder / "trial")
+            save(draw(course_chart(courses, design.teacher, margins)), folder / "trial")
         text = _render(design, released, looks, courses, standing.curves(design, frames, own), own)
     return write_page(folder, text, beside)
 
@@ -56,7 +61,7 @@ def _render(
     design: Design,
     released: pd.DataFrame,
     looks: list[standing.Look],
-    courses: dict[str, pd.DataFrame],
+    courses: dict[tuple[str, str], pd.DataFrame],
     lines: pd.DataFrame,
     own: Frames,
 ) -> str:
@@ -65,8 +70,8 @@ def _render(
     most = design.looks[-1] * len(design.cells)
     caption = f"mean over {counted(len(design.cells), 'cell')} ± one standard error over runs"
     shown = [
-        course_chart({name: table}, design.teacher, design.margin, f"course-{place}")
-        for place, (name, table) in enumerate(courses.items())
+        course_chart({key: table}, design.teacher, {key[0]: design.margin_of(key[0])}, f"course-{place}")
+        for place, (key, table) in enumerate(courses.items())
     ]
     shown.append(
         learning_curves(lines, "Mastered test tasks (%)", "curves", "Learning curves", caption.capitalize())

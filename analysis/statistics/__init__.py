@@ -20,6 +20,7 @@ from analysis.statistics.tests import (
     simultaneous_intervals,
     standard_error_of_difference,
     stratified,
+    stratum_weights,
     welch,
     welch_from_statistics,
 )
@@ -42,6 +43,7 @@ __all__ = [
     "simultaneous_intervals",
     "standard_error_of_difference",
     "stratified",
+    "stratum_weights",
     "welch",
     "welch_from_statistics",
 ]

@@ -6,6 +6,7 @@ those of the strata, which need not add up to 1; `seeds` has the seeds of all ru
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -281,6 +282,19 @@ def stratified(
     freedom = variance**2 / sum(own**2 / count for own, _, count in parts)
     error = math.sqrt(sum(max(own, bound) for own, bound, _ in parts))
     return t_test(n, reference_n, difference, error, freedom)
+
+
+def stratum_weights(places: Sequence[Hashable]) -> list[float]:
+    """Return the weights of strata: those of a challenge add up to 1, each an equal part of it.
+
+    The one weighting of boards, tests, claims and trials: a challenge counts once, however many bodies and
+    students it has.
+
+    Args:
+        places: challenge of each stratum (n,).
+    """
+    sizes = Counter(places)
+    return [1 / sizes[place] for place in places]
 
 
 LEAST = 0.5

@@ -15,9 +15,10 @@ from analysis.baselines.catalogue import Baseline
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.measures.run_measures import NOT_FINITE, run_measures
-from analysis.statistics import Scale
+from analysis.measures.tested import FINAL, HEADLINE
+from analysis.statistics import Scale, least_variance, stratum_weights
 from analysis.statistics.power import POWER
-from analysis.statistics.samples import negligible
+from analysis.statistics.samples import deviations, negligible
 from analysis.trials import rules
 from analysis.trials.boundaries import crossing
 from tma_ray.commands.texts import counted
@@ -25,21 +26,46 @@ from tma_ray.decoding import decode_json
 from tma_ray.part_names import nearest
 from tma_ray.tasks import KnowledgeLevel
 
-MEASURE = "mastered_area"
-"""The headline: mean of the mastered test tasks over the budget, %."""
+SCALES = {HEADLINE: Scale.ARCSINE, FINAL: Scale.PERCENT}
+"""Measures of a trial, in per cent, and the scales on which they are tested: the one that it is designed for,
+whose spread grows with its mean in per cent, and the one that is reported beside."""
+
+AXES = tuple(SCALES)
+"""Those measures."""
+
+SCALED = {HEADLINE: "angle", FINAL: "end"}
+"""Columns of `ended_runs` with the measures on the scales on which they are tested."""
 
 MARGIN = 2.5
-"""Difference in points of `MEASURE` that does not matter. Mastery grows about evenly over a run, so that its
+"""Difference in points of `HEADLINE` that does not matter. Mastery grows about evenly over a run, so that its
 mean over the budget is half of its end: this is half of the 5 points by which ends are judged."""
 
 PLACE = ["environment", "challenge", "embodiment", "student", "expert_knowledge"]
 """Columns that tell the cells of a trial."""
+
+CHALLENGE = 2
+"""Number of the columns of `PLACE` that name a challenge; its cells share the weight of one."""
 
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
 """Errors to spend: a design has the largest whose verdicts are wrong in at most `ERROR` of trials."""
 
 TRIALS = 4_000
 """Simulated trials behind that choice."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Spread of a measure between the runs of a release in a cell, on the scale on which it is tested.
+
+    Attributes:
+        slope: points of the measure per unit of that scale, at the mean of the release.
+        deviation: standard deviation of a run, pooled over the release's teachers.
+        least: least variance of a teacher's runs that counts, of `statistics.least_variance`.
+    """
+
+    slope: float
+    deviation: float
+    least: float
 
 
 @dataclass(frozen=True)
@@ -53,9 +79,12 @@ class TrialCell:
         embodiment: body.
         student: algorithm.
         expert_knowledge: level offered.
-        slope: points of `MEASURE` per radian of its arcsine, at the mean of the release.
+        slope: points of `HEADLINE` per radian of its arcsine, at the mean of the release.
         deviation: standard deviation of a run on the arcsine scale, rad, pooled over the release's teachers.
         hours: median hours of a run in the release; 0 if unknown.
+        weight: weight in the mean over cells; None in designs of before, whose cells have equal weights.
+        least: least variance of a teacher's runs that counts, rad².
+        end: spread of `FINAL`; None in designs of before, which report `HEADLINE` alone.
     """
 
     name: str
@@ -67,6 +96,16 @@ class TrialCell:
     slope: float
     deviation: float
     hours: float
+    weight: float | None = None
+    least: float = 0.0
+    end: Spread | None = None
+
+    def spread(self, measure: str) -> Spread:
+        """Return the spread of one of `AXES` that the design has."""
+        if measure == FINAL:
+            assert self.end is not None, f"no {FINAL} in the design of {self.name}"
+            return self.end
+        return Spread(self.slope, self.deviation, self.least)
 
     @property
     def place(self) -> tuple[str, ...]:
@@ -82,11 +121,11 @@ class Design:
         teacher: its canonical name.
         release: name of the release it is compared with.
         release_digest: SHA-256 of the runs of the release that it is compared with.
-        best: teacher of the release with the highest mean, other than Random.
+        best: teacher of the release with the highest mean of `HEADLINE`, other than Random.
         candidates: number of teachers that it was chosen among.
         cells: cells, in the order in which they are run.
         seeds: seeds of the new teacher, none of which those runs have.
-        margin: difference in points that does not matter.
+        margin: difference in points of `HEADLINE` that does not matter; see `margin_of`.
         error: error that is spent, of both comparisons together; at most `ERROR`, and less where simulated
             trials with the release's residuals need it.
         simulated_error: share of those trials with a wrong verdict, the largest over true differences.
@@ -106,7 +145,7 @@ class Design:
     error: float = rules.ERROR
     simulated_error: float = 0.0
     looks: tuple[int, ...] = rules.LOOKS
-    measure: str = MEASURE
+    measure: str = HEADLINE
     runs: str = ""
 
     @classmethod
@@ -124,20 +163,35 @@ class Design:
         return BASELINE, self.best
 
     @property
-    def slopes(self) -> rules.Floats:
-        """Points per radian in each cell (cells,)."""
-        return np.array([cell.slope for cell in self.cells])
+    def axes(self) -> tuple[str, ...]:
+        """Those of `AXES` that it has, the one that it is made for first."""
+        return AXES if all(cell.end for cell in self.cells) else AXES[:1]
+
+    def estimand(self, measure: str = HEADLINE) -> rules.Estimand:
+        """Return the mean over cells of one of `axes`: challenges count equally, and the bodies of each."""
+        spreads = [cell.spread(measure) for cell in self.cells]
+        equal = 1 / len(self.cells)
+        return rules.Estimand(
+            np.array([equal if cell.weight is None else cell.weight for cell in self.cells]),
+            np.array([spread.slope for spread in spreads]),
+            np.array([spread.least for spread in spreads]),
+        )
+
+    def margin_of(self, measure: str) -> float:
+        """Return the difference in points of one of `axes` that does not matter; see `MARGIN`."""
+        return 2 * self.margin if measure == FINAL else self.margin
 
     @property
     def places(self) -> list[tuple[str, ...]]:
         """Place of each cell."""
         return [cell.place for cell in self.cells]
 
-    def rule(self, reference: str, runs: rules.Floats) -> rules.Rule:
+    def rule(self, reference: str, runs: rules.Floats, measure: str = HEADLINE) -> rules.Rule:
         """Return the rule of the comparison with one of `references`, of `runs` in each cell (cells,)."""
         candidates = 1 if is_baseline(reference) else self.candidates
-        fractions = rules.planned_fractions(self.looks, self.slopes, runs)
-        return rules.Rule(self.looks, fractions, self.margin, candidates, self.error / rules.COMPARISONS)
+        fractions = rules.planned_fractions(self.looks, self.estimand(measure).factors, runs)
+        margin, error = self.margin_of(measure), self.error / rules.COMPARISONS
+        return rules.Rule(self.looks, fractions, margin, candidates, error)
 
     def is_asked_for(self, teacher: str, release: str, cells: Collection[str], margin: float) -> bool:
         """True if it is the design of a trial of `teacher` against `release`, in cells of these names."""
@@ -170,15 +224,16 @@ def released_runs(frames: Frames) -> pd.DataFrame:
 
 
 def ended_runs(frames: Frames) -> pd.DataFrame:
-    """Return the runs that have ended: `PLACE`, teacher, run_id, seed, `MEASURE` and angle.
+    """Return the runs that have ended: `PLACE`, teacher, run_id, seed, `AXES` and `SCALED` columns.
 
-    Both measures of a run whose returns are not finite are NaN.
+    All measures of a run whose returns are not finite are NaN.
     """
     cells = frames.cells[[*PLACE, "teacher", "seed", "run_id"]].drop_duplicates()
     measures = run_measures(frames, training=False)
     ended = measures["reason"].isin(["", NOT_FINITE])
-    rows = cells.merge(measures.loc[ended, ["run_id", MEASURE]], on="run_id")
-    return rows.assign(angle=Scale.ARCSINE.of(rows[MEASURE])).astype(dict.fromkeys([*PLACE, "teacher"], str))
+    rows = cells.merge(measures.loc[ended, ["run_id", *AXES]], on="run_id")
+    scaled = {column: SCALES[measure].of(rows[measure]) for measure, column in SCALED.items()}
+    return rows.assign(**scaled).astype(dict.fromkeys([*PLACE, "teacher"], str))
 
 
 def in_cell(runs: pd.DataFrame, place: tuple[str, ...]) -> pd.DataFrame:
@@ -186,10 +241,12 @@ def in_cell(runs: pd.DataFrame, place: tuple[str, ...]) -> pd.DataFrame:
     return runs[(runs[PLACE] == list(place)).all(axis=1)]
 
 
-def moments_of(runs: pd.DataFrame, teacher: str, places: Sequence[tuple[str, ...]]) -> rules.Moments:
+def moments_of(
+    runs: pd.DataFrame, teacher: str, places: Sequence[tuple[str, ...]], measure: str = HEADLINE
+) -> rules.Moments:
     """Return the moments of a teacher's `runs` in each cell; NaN of a sample that is too small."""
     own = runs[runs["teacher"] == teacher]
-    samples = [in_cell(own, place)["angle"].to_numpy(float) for place in places]
+    samples = [in_cell(own, place)[SCALED[measure]].to_numpy(float) for place in places]
     with np.errstate(invalid="ignore", divide="ignore"):
         means = [sample.mean() if sample.size else np.nan for sample in samples]
         variances = [sample.var(ddof=1) if sample.size > 1 else np.nan for sample in samples]
@@ -274,35 +331,67 @@ def _cells(
     That is the variance between the release's teachers, without what their seeds add to it, over the variance
     of a run, for each hour of a run.
     """
-    found = []
-    for name, place in places.items():
+    found, weights = [], _weights(list(places.values()))
+    for (name, place), weight in zip(places.items(), weights, strict=True):
         rows = in_cell(released, place)
         groups = rows.groupby("teacher")["angle"]
-        sizes, means = groups.size(), groups.mean()
-        variances = groups.var().mask(negligible(groups.std(), means), 0.0)
-        deviation = float(np.sqrt((variances * (sizes - 1)).sum() / (sizes - 1).sum()))
+        own, end = (_spread(rows, measure) for measure in AXES)
         hours = frames.run_hours.reindex(rows["run_id"].unique()).median()
         hours = 0.0 if np.isnan(hours) else float(hours)
-        noise, slope = deviation**2, 100 * float(np.sin(2 * means.mean()))
-        signal = max(float(means.var()) - noise * float((1 / sizes).mean()), 0.0)
-        known = dict(zip(PLACE, place, strict=True))
-        cell = TrialCell(name, **known, slope=slope, deviation=deviation, hours=hours)
+        noise = own.deviation**2
+        signal = max(float(groups.mean().var()) - noise * float((1 / groups.size()).mean()), 0.0)
+        cell = TrialCell(
+            name,
+            **dict(zip(PLACE, place, strict=True)),
+            slope=own.slope,
+            deviation=own.deviation,
+            hours=hours,
+            weight=weight,
+            least=own.least,
+            end=end,
+        )
         ratio = signal / noise if noise else np.inf
         found.append((ratio / (hours or 1.0), cell))
     return tuple(cell for _, cell in sorted(found, key=itemgetter(0), reverse=True))
 
 
+def _weights(places: Sequence[tuple[str, ...]]) -> list[float]:
+    """Return the weight of each cell: equal for challenges, and for the cells of one."""
+    weights = stratum_weights([place[:CHALLENGE] for place in places])
+    return [weight / sum(weights) for weight in weights]
+
+
+def _spread(rows: pd.DataFrame, measure: str) -> Spread:
+    """Return the spread of a measure between the runs of a cell."""
+    groups = rows.groupby("teacher")[SCALED[measure]]
+    sizes, means = groups.size(), groups.mean()
+    variances = groups.var().mask(negligible(groups.std(), means), 0.0)
+    deviation = float(np.sqrt((variances * (sizes - 1)).sum() / (sizes - 1).sum()))
+    arcsine = SCALES[measure] is Scale.ARCSINE
+    slope = 100 * float(np.sin(2 * means.mean())) if arcsine else 1.0
+    return Spread(slope, deviation, least_variance(values for _, values in groups))
+
+
+def _candidates(released: pd.DataFrame, places: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return the teachers but Random with as many runs in each cell as that has."""
+    needed = moments_of(released, BASELINE, places).runs
+    return [
+        teacher
+        for teacher in released["teacher"].unique()
+        if not is_baseline(teacher) and (moments_of(released, teacher, places).runs >= needed).all()
+    ]
+
+
 def _best(released: pd.DataFrame, places: Sequence[tuple[str, ...]], name: str) -> tuple[str, int]:
-    """Return the best teacher but Random over cells of equal weight, and how many have as many runs."""
+    """Return the best teacher but Random over cells, and how many have as many runs."""
     needed = moments_of(released, BASELINE, places).runs
     if needed.min() < 3:
         runs = counted(int(needed.min()), "run")
         raise ValueError(f"{name} has {runs} of Random in a cell: a trial needs 3")
-    areas = released.groupby(["teacher", *PLACE])[MEASURE].mean()
+    areas, weights = released.groupby(["teacher", *PLACE])[HEADLINE].mean(), _weights(places)
     means = {
-        teacher: float(np.mean([areas[teacher, *place] for place in places]))
-        for teacher in released["teacher"].unique()
-        if not is_baseline(teacher) and (moments_of(released, teacher, places).runs >= needed).all()
+        teacher: float(np.dot(weights, [areas[teacher, *place] for place in places]))
+        for teacher in _candidates(released, places)
     }
     if not means:
         raise ValueError(f"{name} has no teacher with as many runs as Random in these cells")
@@ -313,23 +402,23 @@ def _digest(released: pd.DataFrame, teachers: Sequence[str], places: Sequence[tu
     """Return the SHA-256 of the runs of some teachers in the cells at some places, and their results."""
     own = released[released["teacher"].isin(teachers)]
     rows = pd.concat([in_cell(own, place) for place in places])
-    lines = sorted(f"{run_id} {area:.6f}" for run_id, area in zip(rows["run_id"], rows[MEASURE], strict=True))
+    lines = sorted(
+        f"{run_id} {area:.6f}" for run_id, area in zip(rows["run_id"], rows[HEADLINE], strict=True)
+    )
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
-def setting_of(design: Design, released: pd.DataFrame) -> rules.Setting:
+def setting_of(design: Design, released: pd.DataFrame, measure: str = HEADLINE) -> rules.Setting:
     """Return a design for simulated trials, with residuals of the teachers that the best is chosen among."""
-    runs, residuals = moments_of(released, BASELINE, design.places).runs, []
-    for place, needed in zip(design.places, runs, strict=True):
-        rows = in_cell(released, place)
-        groups = rows.groupby("teacher")["angle"]
-        sizes = groups.transform("size")
-        means = groups.transform("mean")
-        differences = rows["angle"] - means
-        each = differences.mask(negligible(differences, means), 0.0) * np.sqrt(sizes / (sizes - 1))
-        residuals.append(each[sizes >= needed].to_numpy(float))
-    both = tuple(design.rule(reference, runs) for reference in design.references)
-    return rules.Setting(both, design.slopes, tuple(residuals), runs)
+    teachers = [BASELINE, *_candidates(released, design.places)]
+    residuals = []
+    for place in design.places:
+        groups = in_cell(released, place).groupby("teacher")[SCALED[measure]]
+        samples = [groups.get_group(teacher).to_numpy(float) for teacher in teachers]
+        residuals.append(tuple(deviations(each) * np.sqrt(each.size / (each.size - 1)) for each in samples))
+    runs = moments_of(released, BASELINE, design.places).runs
+    both = tuple(design.rule(reference, runs, measure) for reference in design.references)
+    return rules.Setting(both, design.estimand(measure), tuple(residuals), runs)
 
 
 def detectable(design: Design, reference: str, runs: rules.Floats) -> float:
@@ -351,9 +440,9 @@ def detectable(design: Design, reference: str, runs: rules.Floats) -> float:
     return float(optimize.brentq(excess, 0.0, 50.0)) * scale
 
 
-def planned(design: Design, runs: rules.Floats) -> list[rules.Difference]:
+def planned(design: Design, runs: rules.Floats, measure: str = HEADLINE) -> list[rules.Difference]:
     """Return the information of each look if the new teacher is like the reference."""
-    variance = np.array([cell.deviation**2 for cell in design.cells])
+    variance = np.array([cell.spread(measure).deviation ** 2 for cell in design.cells])
     reference = rules.Moments(np.zeros_like(variance), variance, runs)
     teachers = [replace(reference, runs=np.full_like(variance, seeds)) for seeds in design.looks]
-    return [rules.difference(teacher, reference, design.slopes) for teacher in teachers]
+    return [rules.difference(teacher, reference, design.estimand(measure)) for teacher in teachers]

@@ -72,14 +72,39 @@ class Moments:
         return cls(values.mean(axis=-1), values.var(axis=-1, ddof=1), runs)
 
 
+@dataclass(frozen=True, eq=False)
+class Estimand:
+    """Quantity that a trial estimates: the weighted mean of the cells' differences, in points.
+
+    Attributes:
+        weights: weight of each cell (cells,), of `statistics.stratum_weights`, adding up to 1.
+        slopes: points per unit of the scale on which moments are (cells,).
+        least: least variance of a run that counts in each cell (cells,), of `statistics.least_variance`, on
+            the same scale.
+    """
+
+    weights: Floats
+    slopes: Floats
+    least: Floats
+
+    @property
+    def factors(self) -> Floats:
+        """Points of the estimand per unit of the scale in each cell (cells,)."""
+        return self.weights * self.slopes
+
+    def variance(self, sample: Moments) -> Floats:
+        """Return the variances of one run that count in standard errors (..., cells)."""
+        return np.maximum(sample.variance, self.least)
+
+
 @dataclass(frozen=True)
 class Difference:
     """Differences of a teacher to a reference over all cells, in points of the measure.
 
     Attributes:
-        value: mean over cells (...).
+        value: weighted mean over cells (...).
         error: its standard error (...).
-        freedom: degrees of freedom after Welch and Satterthwaite (...).
+        freedom: degrees of freedom after Welch and Satterthwaite (...); NaN where no sample has a spread.
     """
 
     value: Floats
@@ -87,15 +112,20 @@ class Difference:
     freedom: Floats
 
 
-def difference(teacher: Moments, reference: Moments, slopes: Floats) -> Difference:
-    """Return the difference over cells of equal weight, with `slopes` in points per radian (cells,)."""
-    weights = slopes / len(slopes)
-    parts = [(weights**2 * each.variance / each.runs, each.runs - 1) for each in (teacher, reference)]
-    variance = sum(part.sum(axis=-1) for part, _ in parts)
-    squares = sum((part**2 / own).sum(axis=-1) for part, own in parts)
+def difference(teacher: Moments, reference: Moments, estimand: Estimand) -> Difference:
+    """Return the difference over cells, tested as by `statistics.stratified` with least variances.
+
+    These widen the standard error and leave the degrees of freedom as they are.
+    """
+    squares = estimand.factors**2
+    sides = [(side, squares / side.runs) for side in (teacher, reference)]
+    own = [(factors * side.variance, side.runs - 1) for side, factors in sides]
     with np.errstate(invalid="ignore", divide="ignore"):  # no spread in any sample: no interval
-        freedom = variance**2 / squares
-    value = (weights * (teacher.mean - reference.mean)).sum(axis=-1)
+        freedom = sum(part.sum(axis=-1) for part, _ in own) ** 2 / sum(
+            (part**2 / count).sum(axis=-1) for part, count in own
+        )
+    variance = sum((factors * estimand.variance(side)).sum(axis=-1) for side, factors in sides)
+    value = (estimand.factors * (teacher.mean - reference.mean)).sum(axis=-1)
     return Difference(value, np.sqrt(variance), freedom)
 
 
@@ -154,10 +184,8 @@ class Rule:
         """Return the least difference from 0, in points, for better at look `look`, or else for worse."""
         bounds = self.lower if above else self.upper
         with np.errstate(invalid="ignore"):  # no spread in any sample: nothing is far enough
-            return np.asarray(
-                np.where(found.error > 0, quantile(found.freedom, bounds[look]) * found.error, math.inf),
-                np.float64,
-            )
+            reach = quantile(found.freedom, bounds[look]) * found.error
+            return np.asarray(np.where(found.freedom > 0, reach, math.inf), np.float64)
 
     def verdicts(self, found: Difference, look: int) -> NDArray[np.str_]:
         """Return the `Verdict` of each difference at look `look`."""
@@ -165,7 +193,9 @@ class Rule:
         decided = (low > 0, high < 0, (low > -self.margin) & (high < self.margin))
         return np.select(decided, (Verdict.BETTER, Verdict.WORSE, Verdict.ALIKE), Verdict.OPEN)
 
-    def power(self, teacher: Moments, reference: Moments, slopes: Floats, last: int | None = None) -> Floats:
+    def power(
+        self, teacher: Moments, reference: Moments, estimand: Estimand, last: int | None = None
+    ) -> Floats:
         """Return the probability that a later look decides, as the seeds so far let expect.
 
         Conditional power at look `last`, by default the last one, averaged over the differences that the
@@ -173,9 +203,9 @@ class Rule:
         """
         last = len(self.looks) - 1 if last is None else last
         seeds = np.full_like(teacher.runs, self.looks[last])
-        now = difference(teacher, reference, slopes)
-        then = difference(Moments(teacher.mean, teacher.variance, seeds), reference, slopes)
-        parts = (slopes / len(slopes)) ** 2 * teacher.variance * (1 / teacher.runs - 1 / seeds)
+        now = difference(teacher, reference, estimand)
+        then = difference(Moments(teacher.mean, teacher.variance, seeds), reference, estimand)
+        parts = estimand.factors**2 * estimand.variance(teacher) * (1 / teacher.runs - 1 / seeds)
         spread = np.sqrt(np.maximum(parts.sum(axis=-1), np.finfo(float).tiny))
         low, high = (self.reach(then, last, above=above) for above in (True, False))
         # It decides outside [-high, low], and between low - margin and margin - high.
@@ -189,12 +219,13 @@ class Rule:
         return np.asarray(1 - undecided + alike, np.float64)
 
 
-def planned_fractions(looks: Sequence[int], slopes: Floats, reference_runs: Floats) -> tuple[float, ...]:
+def planned_fractions(looks: Sequence[int], factors: Floats, reference_runs: Floats) -> tuple[float, ...]:
     """Return the information of each look over that of the last, for equal variances in all samples.
 
-    The reference's runs in each cell (cells,) are fixed: their part of the variance stays.
+    The reference's runs in each cell (cells,) are fixed: their part of the variance stays. `factors` are
+    those of the `Estimand`.
     """
-    variances = [float((slopes**2 * (1 / seeds + 1 / reference_runs)).sum()) for seeds in looks]
+    variances = [float((factors**2 * (1 / seeds + 1 / reference_runs)).sum()) for seeds in looks]
     return tuple(variances[-1] / variance for variance in variances)
 
 
@@ -234,21 +265,24 @@ class Setting:
 
     Attributes:
         rules: rules of the comparisons with Random and with the best.
-        slopes: points per radian in each cell (cells,).
-        residuals: residuals of runs in each cell (n,), rad, of which each run draws one.
+        estimand: estimand of both.
+        residuals: residuals of the runs of each released teacher in each cell, Random first, the candidates
+            for the best after it (cells, teachers, (n,)), on the scale of the moments.
         runs: number of runs of each reference in each cell (cells,).
     """
 
     rules: tuple[Rule, ...]
-    slopes: Floats
-    residuals: tuple[Floats, ...]
+    estimand: Estimand
+    residuals: tuple[tuple[Floats, ...], ...]
     runs: Floats
 
 
 def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Outcomes:
     """Return the ends of trials where released teachers are alike and the new one differs by `true` points.
 
-    That is the least favourable case of the choice of the best: any candidate may seem so.
+    That is the least favourable case of the choice of the best: any candidate may seem so. Runs of a released
+    teacher have residuals of its own runs, so that variances differ between teachers as they do, and runs
+    of the new one those of a teacher that each trial draws.
 
     Args:
         setting: simulated setting.
@@ -257,9 +291,8 @@ def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Ou
         seed: seed of the random draws.
     """
     rng = np.random.default_rng(seed)
-    slopes, looks, margin = setting.slopes, setting.rules[0].looks, setting.rules[0].margin
-    new = np.stack([rng.choice(values, (trials, looks[-1])) for values in setting.residuals], axis=1)
-    new += (true / slopes)[:, None]
+    estimand, looks, margin = setting.estimand, setting.rules[0].looks, setting.rules[0].margin
+    new = _new_runs(setting, trials, rng) + (true / estimand.slopes)[:, None]
     references = _references(setting, trials, rng)
     shape = (COMPARISONS, trials)
     verdicts = np.full(shape, Verdict.OPEN, dtype="<U6")
@@ -269,12 +302,12 @@ def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Ou
         teacher = Moments.of(new[:, :, :count])
         hopeless = np.ones(trials, bool)
         for place, (rule, reference) in enumerate(zip(setting.rules, references, strict=True)):
-            found = difference(teacher, reference, slopes)
+            found = difference(teacher, reference, estimand)
             live = going & (verdicts[place] == Verdict.OPEN)
             verdicts[place][live] = rule.verdicts(found, look)[live]
             estimates[place][live], errors[place][live] = found.value[live], found.error[live]
             at[place][live] = look
-            power = rule.power(teacher, reference, slopes)
+            power = rule.power(teacher, reference, estimand)
             hopeless &= (verdicts[place] != Verdict.OPEN) | (power < FUTILE)
         stops = going & hopeless
         seeds[stops] = count
@@ -284,16 +317,28 @@ def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Ou
     return Outcomes(verdicts, seeds, estimates, errors, at, np.any(wrong, axis=0))
 
 
+def _new_runs(setting: Setting, trials: int, rng: np.random.Generator) -> Floats:
+    """Return runs of a new teacher in each trial (trials, cells, seeds), around 0."""
+    drawn = np.zeros((trials, len(setting.residuals), setting.rules[0].looks[-1]))
+    likes = rng.integers(len(setting.residuals[0]), size=trials)
+    for cell, teachers in enumerate(setting.residuals):
+        for teacher, values in enumerate(teachers):
+            mine = likes == teacher
+            drawn[mine, cell] = rng.choice(values, (int(mine.sum()), drawn.shape[2]))
+    return drawn
+
+
 def _references(setting: Setting, trials: int, rng: np.random.Generator) -> tuple[Moments, Moments]:
     """Return the moments of Random and of the candidate with the highest mean in each trial."""
-    shape = trials, setting.rules[-1].candidates + 1
-    cells = zip(setting.residuals, setting.runs, strict=True)
-    drawn = [rng.choice(values, (*shape, int(runs))) for values, runs in cells]
-    means = np.stack([values.mean(axis=2) for values in drawn], axis=2)
-    variances = np.stack([values.var(axis=2, ddof=1) for values in drawn], axis=2)
-    best = 1 + (means[:, 1:] * setting.slopes).sum(axis=2).argmax(axis=1)
+    shape = len(setting.residuals[0]), trials, len(setting.residuals)
+    means, variances = np.zeros(shape), np.zeros(shape)
+    for cell, (teachers, runs) in enumerate(zip(setting.residuals, setting.runs, strict=True)):
+        for teacher, values in enumerate(teachers):
+            own = rng.choice(values, (trials, int(runs)))
+            means[teacher, :, cell], variances[teacher, :, cell] = own.mean(axis=1), own.var(axis=1, ddof=1)
+    best = 1 + (means[1:] * setting.estimand.factors).sum(axis=2).argmax(axis=0)
     every = np.arange(trials)
     return (
-        Moments(means[:, 0], variances[:, 0], setting.runs),
-        Moments(means[every, best], variances[every, best], setting.runs),
+        Moments(means[0], variances[0], setting.runs),
+        Moments(means[best, every], variances[best, every], setting.runs),
     )

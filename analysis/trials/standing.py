@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from analysis.comparisons.verdicts import AXES, on_both_axes
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
 from analysis.formatting import ends, number
 from analysis.measures.evaluations import aggregate
+from analysis.measures.tested import FINAL, HEADLINE
 from analysis.names import label
 from analysis.trials.boundaries import median_unbiased
 from analysis.trials.design import PLACE, TRIALS, Design, detectable, moments_of, planned
@@ -44,6 +46,7 @@ class Finding:
     """A comparison at a look, in points.
 
     Attributes:
+        measure: measure that is compared, of `design.AXES`.
         reference: teacher that the new one is compared with.
         seeds: seeds of every cell of the new teacher.
         value: difference as seen.
@@ -55,6 +58,7 @@ class Finding:
         within_budget: probability that the last look within the budget would.
     """
 
+    measure: str
     reference: str
     seeds: int
     value: float
@@ -72,8 +76,8 @@ class Look:
 
     Attributes:
         seeds: seeds of every cell.
-        findings: comparisons as they are at this look.
-        settled: comparisons as they were when they were decided, or else as they are.
+        findings: comparisons as they are at this look, by the measure that ends trials first.
+        settled: comparisons as they were when they were decided, or else as they are, in the same order.
         ending: reason why the trial ends here; None if it does not.
         excluded: runs left out, whose returns are not finite.
     """
@@ -83,6 +87,11 @@ class Look:
     settled: tuple[Finding, ...]
     ending: Ending
     excluded: int = 0
+
+    def pairs(self) -> Iterator[tuple[Finding, ...]]:
+        """Yield for each reference its settled findings, `HEADLINE` first and `FINAL` where there is one."""
+        for reference in dict.fromkeys(each.reference for each in self.settled):
+            yield tuple(each for each in self.settled if each.reference == reference)
 
 
 def looks_at(
@@ -97,24 +106,30 @@ def looks_at(
         affordable: number of the last look within the budget, from 0 on; None for all.
     """
     affordable = len(design.looks) - 1 if affordable is None else affordable
-    references = {name: moments_of(released, name, design.places) for name in design.references}
+    references = {
+        (measure, name): moments_of(released, name, design.places, measure)
+        for measure in design.axes
+        for name in design.references
+    }
     found: list[Look] = []
-    decided: dict[str, Finding] = {}
-    past: list[Moments] = []
+    decided: dict[tuple[str, str], Finding] = {}
+    past: dict[str, list[Moments]] = {measure: [] for measure in design.axes}
     for look, seeds in enumerate(design.looks):
         rows = own[own["seed"].isin(design.seeds[:seeds])]
         counts = moments_of(rows, design.teacher, design.places).runs
         if counts.min() < seeds:
             break
-        past.append(moments_of(rows[np.isfinite(rows["angle"])], design.teacher, design.places))
+        finite = rows[np.isfinite(rows["angle"])]
+        for measure, moments in past.items():
+            moments.append(moments_of(finite, design.teacher, design.places, measure))
         findings = []
-        for name, reference in references.items():
-            finding = _finding(name, past, reference, design, affordable)
-            findings.append(replace(finding, unbiased=math.nan) if name in decided else finding)
+        for key, reference in references.items():
+            finding = _finding(key, past[key[0]], reference, design, affordable)
+            findings.append(replace(finding, unbiased=math.nan) if key in decided else finding)
             if finding.verdict != Verdict.OPEN:
-                decided.setdefault(name, finding)
-        settled = tuple(decided.get(each.reference, each) for each in findings)
-        still = [each for each in settled if each.verdict == Verdict.OPEN]
+                decided.setdefault(key, finding)
+        settled = tuple(decided.get((each.measure, each.reference), each) for each in findings)
+        still = [each for each in settled if each.measure == HEADLINE and each.verdict == Verdict.OPEN]
         ending = Ending.GOES_ON
         if not still:
             ending = Ending.DECIDED
@@ -122,7 +137,7 @@ def looks_at(
             ending = Ending.LAST
         elif all(each.power < FUTILE for each in still):
             ending = Ending.FUTILE
-        excluded = int((counts - past[-1].runs).sum())
+        excluded = int((counts - past[HEADLINE][-1].runs).sum())
         found.append(Look(seeds, tuple(findings), settled, ending, excluded))
         if ending:
             break
@@ -130,33 +145,38 @@ def looks_at(
 
 
 def _finding(
-    name: str, past: Sequence[Moments], reference: Moments, design: Design, affordable: int
+    key: tuple[str, str], past: Sequence[Moments], reference: Moments, design: Design, affordable: int
 ) -> Finding:
-    """Return the comparison with a reference at a look, the last of the `past` ones."""
-    look, teacher, slopes = len(past) - 1, past[-1], design.slopes
-    rule = design.rule(name, reference.runs)
-    found = difference(teacher, reference, slopes)
+    """Return the comparison by a measure with a reference, at the last of the `past` looks."""
+    measure, name = key
+    look, teacher, estimand = len(past) - 1, past[-1], design.estimand(measure)
+    rule = design.rule(name, reference.runs, measure)
+    found = difference(teacher, reference, estimand)
     value = float(found.value)
     low, high = (float(np.clip(end, -LARGEST, LARGEST)) for end in rule.interval(found, look))
     verdict = Verdict(str(rule.verdicts(found, look)))
     power, within = (
-        1.0 if verdict != Verdict.OPEN else float(rule.power(teacher, reference, slopes, last))
+        1.0 if verdict != Verdict.OPEN else float(rule.power(teacher, reference, estimand, last))
         for last in (len(design.looks) - 1, max(affordable, look))
     )
     unbiased = value
-    if found.error > 0:  # each look would have that of the variances seen so far
+    if found.freedom > 0:  # each look would have that of the variances seen so far
         counts = [np.full_like(teacher.runs, float(seeds)) for seeds in design.looks[: look + 1]]
-        errors = [float(difference(replace(teacher, runs=runs), reference, slopes).error) for runs in counts]
+        errors = [
+            float(difference(replace(teacher, runs=runs), reference, estimand).error) for runs in counts
+        ]
         reaches = [
-            rule.reach(difference(each, reference, slopes), earlier, above=value > 0)
+            rule.reach(difference(each, reference, estimand), earlier, above=value > 0)
             for earlier, each in enumerate(past[:-1])
         ]
         bounds = [float(reach) / error for reach, error in zip(reaches, errors, strict=False)]
         unbiased = median_unbiased(value / errors[-1], bounds, [error**-2 for error in errors])
-    return Finding(name, design.looks[look], value, unbiased, low, high, verdict, power, within)
+    return Finding(measure, name, design.looks[look], value, unbiased, low, high, verdict, power, within)
 
 
-def course(design: Design, released: pd.DataFrame, looks: list[Look], reference: str) -> pd.DataFrame:
+def course(
+    design: Design, released: pd.DataFrame, looks: list[Look], reference: str, measure: str = HEADLINE
+) -> pd.DataFrame:
     """Return a row for each look of one comparison, those to come as the release lets expect them.
 
     Returns:
@@ -164,14 +184,15 @@ def course(design: Design, released: pd.DataFrame, looks: list[Look], reference:
         verdict; better and worse: differences beyond which the teacher is; in points.
     """
     runs = moments_of(released, reference, design.places).runs
-    rule = design.rule(reference, runs)
+    rule, expectations = design.rule(reference, runs, measure), planned(design, runs, measure)
     rows = []
-    for look, (seeds, expected) in enumerate(zip(design.looks, planned(design, runs), strict=True)):
+    for look, (seeds, expected) in enumerate(zip(design.looks, expectations, strict=True)):
         reaches = [float(rule.reach(expected, look, above=above)) for above in (True, False)]
         better, worse = reaches[0], -reaches[1]
         row: list[Any] = [seeds, math.nan, math.nan, math.nan, ""]
         if look < len(looks):
-            found = next(each for each in looks[look].findings if each.reference == reference)
+            key = measure, reference
+            found = next(each for each in looks[look].findings if (each.measure, each.reference) == key)
             better, worse = found.value - found.low, found.value - found.high
             row = [seeds, found.value, found.low, found.high, found.verdict.value]
         rows.append([*row, *(max(-LARGEST, min(LARGEST, end)) for end in (better, worse))])
@@ -201,15 +222,8 @@ ENDINGS = {
 }
 """Why a trial ends, in words."""
 
-RELATIONS = {
-    Verdict.BETTER: "better than",
-    Verdict.WORSE: "worse than",
-    Verdict.ALIKE: "like",
-    Verdict.OPEN: "undecided against",
-}
-
-QUANTITY = "points of test tasks mastered on average over training"
-"""The unit of differences."""
+QUANTITIES = {HEADLINE: "on average over training", FINAL: "over the last three evaluations"}
+"""What the differences of each measure are of, in points of mastered test tasks."""
 
 
 def plan_lines(design: Design, released: pd.DataFrame) -> Iterator[str]:
@@ -227,13 +241,13 @@ def plan_lines(design: Design, released: pd.DataFrame) -> Iterator[str]:
         f"  looks after {_looks(design)} seeds of every cell (seeds {seeds[0]} to {seeds[-1]}): "
         f"{', '.join(str(count * len(cells)) for count in looks)} runs, at most {looks[-1] * len(cells)}"
     )
-    yield f"  differences in {QUANTITY}; within {design.margin:g} points two teachers are alike"
+    yield f"  differences in {_quantity(design)}; each challenge counts once; {_margins(design)}"
     yield (
         f"  a wrong verdict in at most {100 * ERROR:.0f} % of such trials, both comparisons and all looks "
         f"together ({100 * design.simulated_error:.1f} % of simulated ones)"
     )
     yield (
-        f"  finds a difference of {number(found)} points with a probability of 0.8; "
+        f"  finds a difference of {number(found)} points over training with a probability of 0.8; "
         f"stops early for success, likeness, and when nothing is likely to be decided"
     )
 
@@ -241,32 +255,55 @@ def plan_lines(design: Design, released: pd.DataFrame) -> Iterator[str]:
 def look_line(look: Look) -> str:
     """Return the verdicts of a look in a line."""
     said = []
-    for each in look.settled:
-        where = f"{number(each.value)} {ends(each.low, each.high)}"
-        if each.verdict == Verdict.OPEN:
-            where += f"; decided by the last look with probability {each.power:.2f}"
-            if each.within_budget != each.power:
-                where += f", within the budget {each.within_budget:.2f}"
-        relation = "open against" if each.verdict == Verdict.OPEN else RELATIONS[each.verdict]
-        said.append(f"{relation} {label(each.reference)} ({where})")
+    for pair in look.pairs():
+        numbers = []
+        for each in pair:
+            chance = ""
+            if each.measure == HEADLINE and each.verdict == Verdict.OPEN:
+                chance = f"; decided by the last look with probability {each.power:.2f}"
+                if each.within_budget != each.power:
+                    chance += f", within the budget {each.within_budget:.2f}"
+            numbers.append(f"{AXES[each.measure]} {number(each.value)} {ends(each.low, each.high)}{chance}")
+        said.append(f"beside {label(pair[0].reference)} {_in_words(pair)} ({'; '.join(numbers)})")
     excluded = f" {counted(look.excluded, 'run')} with returns that are not finite left out."
     end = f" Ends: {ENDINGS[look.ending]}." if look.ending else ""
     return f"look after {look.seeds} seeds: {'; '.join(said)}.{excluded if look.excluded else ''}{end}"
 
 
+def _in_words(pair: Sequence[Finding]) -> str:
+    """Return the verdicts against one reference in words."""
+    if len(pair) == 1:
+        return f"{pair[0].verdict} over training"
+    return on_both_axes(*(each.verdict for each in pair))
+
+
+def _quantity(design: Design) -> str:
+    """Return the unit of differences on all axes, in words."""
+    parts = [f"{QUANTITIES[measure]} ({AXES[measure]})" for measure in design.axes]
+    return f"points of test tasks mastered {' and '.join(parts)}"
+
+
+def _margins(design: Design) -> str:
+    """Return the margins within which teachers are alike, in words."""
+    margins = [f"{design.margin_of(measure):g} ({AXES[measure]})" for measure in design.axes]
+    return f"alike is within {' and '.join(margins)} points"
+
+
 def sentence(design: Design, look: Look) -> str:
     """Return the verdict of a trial as one sentence."""
     said = []
-    for each in look.settled:
-        best = "" if is_baseline(each.reference) else f", the best of {design.candidates} there"
-        numbers = f"{number(each.unbiased)} {ends(each.low, each.high)}"
-        said.append(f"{RELATIONS[each.verdict]} {label(each.reference)}{best} ({numbers})")
+    for pair in look.pairs():
+        name = label(pair[0].reference)
+        if not is_baseline(pair[0].reference):
+            name += f", the best of {design.candidates} there"
+        numbers = [f"{AXES[e.measure]} {number(e.unbiased)} {ends(e.low, e.high)}" for e in pair]
+        said.append(f"beside {name}: {_in_words(pair)} ({', '.join(numbers)})")
     return (
-        f"Over {counted(len(design.cells), 'cell')} of {design.release}, {label(design.teacher)} is "
-        f"{' and '.join(said)}, "
-        f"in {QUANTITY}, after {look.seeds} of at most {design.looks[-1]} seeds of each cell: a "
+        f"Over {counted(len(design.cells), 'cell')} of {design.release}, {label(design.teacher)} "
+        f"{'; '.join(said)}; "
+        f"in {_quantity(design)}, after {look.seeds} of at most {design.looks[-1]} seeds of each cell: a "
         f"group-sequential test with repeated confidence intervals, whose verdicts are wrong in at most "
-        f"{100 * ERROR:.0f} % of trials; alike means within {design.margin:g} points."
+        f"{100 * ERROR:.0f} % of trials; {_margins(design)}."
     )
 
 
@@ -274,13 +311,14 @@ def verdict_table(design: Design, looks: list[Look]) -> pd.DataFrame:
     """Return a row for each comparison at each look.
 
     Returns:
-        compared with, seeds, difference, low and high (repeated confidence interval), estimate
-        (median-unbiased), verdict, chance (of a verdict by the last look); in points.
+        compared with, axis (of `tested.AXES`), seeds, runs, difference, low and high (repeated confidence
+        interval), estimate (median-unbiased), verdict, chance (of a verdict by the last look); in points.
     """
     return pd.DataFrame(
         [
             {
                 "compared with": label(each.reference),
+                "axis": AXES[each.measure],
                 "seeds": look.seeds,
                 "runs": look.seeds * len(design.cells),
                 "difference": each.value,
@@ -297,7 +335,10 @@ def verdict_table(design: Design, looks: list[Look]) -> pd.DataFrame:
 
 
 def latex_row(design: Design, look: Look) -> str:
-    r"""Return a row of a table in LaTeX: teacher, seeds, runs; estimate, interval and verdict of each."""
+    r"""Return a row of a table in LaTeX: teacher, seeds, runs; estimate, interval and verdict of each.
+
+    Against Random and the best sooner, then against both in the end.
+    """
     found = [
         rf"${each.unbiased:+.1f}$ $[{each.low:+.1f}, {each.high:+.1f}]$ ({each.verdict.value})"
         for each in look.settled
@@ -310,23 +351,34 @@ def latex_row(design: Design, look: Look) -> str:
 def methods(design: Design, look: Look, versions: str) -> str:
     """Return the paragraph on methods of a paper, with the numbers of this trial."""
     cells, runs = ", ".join(cell.name for cell in design.cells), look.seeds * len(design.cells)
+    beside = (
+        "The mean of the last three evaluations is reported beside by the same intervals, and ends no trial. "
+    )
     return (
         f"{label(design.teacher)} was tried against the release {design.release} on "
         f"{counted(len(design.cells), 'cell')} ({cells}) by a group-sequential design that was fixed before "
         f"the first run. Looks were planned after {_looks(design)} seeds of every cell; it ended after "
         f"{look.seeds} (seeds {design.seeds[0]} to {design.seeds[look.seeds - 1]}, {runs} runs; "
         f"{ENDINGS.get(look.ending, 'going on')}). The measure is the mean percentage of mastered test tasks "
-        f"over training, on the arcsine scale. Differences are means over cells of equal weight, with "
-        f"Welch's standard error and Satterthwaite's degrees of freedom. The two comparisons, with Random "
+        f"over training, on the arcsine scale. {beside if FINAL in design.axes else ''}Differences are means "
+        f"over {_weighting(design)}, with "
+        f"Welch's standard error and Satterthwaite's degrees of freedom; in the standard error the variance "
+        f"of a teacher counts with at least half of the mean variance of the release's teachers in the same "
+        f"cell. The two comparisons, with Random "
         f"and with {label(design.best)}, the best of {design.candidates} released teachers, share an error "
         f"of {design.error:g} equally (Bonferroni). It is spent over the looks by Lan and DeMets' function "
         f"like O'Brien and Fleming's, separately at both ends of repeated confidence intervals, with "
         f"Student's quantiles; the upper end of the second allows for the choice of the best (Šidák). A "
-        f"teacher is better or worse where its interval leaves out 0, and alike where it is within "
-        f"{design.margin:g} points. In {TRIALS:,} simulated trials with the release's residuals verdicts "
+        f"teacher is better or worse where the interval leaves out 0, and {_margins(design)}. "
+        f"In {TRIALS:,} simulated trials with each released teacher's own residuals verdicts "
         f"were wrong in {100 * design.simulated_error:.1f} %. Estimates are median-unbiased by the "
         f"stagewise order. {versions}"
     )
+
+
+def _weighting(design: Design) -> str:
+    old = any(cell.weight is None for cell in design.cells)
+    return "cells of equal weight" if old else "challenges of equal weight, the bodies of each equal"
 
 
 def _looks(design: Design) -> str:

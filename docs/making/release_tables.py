@@ -149,6 +149,8 @@ def trials() -> str:
             "true difference": rows["true"].map("{:+.1f}".format),
             "seeds": rows["seeds"].map("{:.1f}".format),
             "wrong, %": (100 * rows["wrong"]).map("{:.1f}".format),
+            "wrong by own variances, %": (100 * rows["wrong_own_variances"]).map("{:.1f}".format),
+            "wrong in the end, %": (100 * rows["wrong_in_the_end"]).map("{:.1f}".format),
             "against Random: better / worse / alike, %": _verdicts(rows, "random"),
             "against the best": _verdicts(rows, "best"),
             "bias, naive": rows["naive_bias"].map("{:+.2f}".format),

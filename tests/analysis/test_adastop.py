@@ -4,7 +4,7 @@ import numpy as np
 
 from analysis.baselines import find_baseline
 from analysis.trials.design import in_cell, released_runs
-from analysis.trials.rules import Moments, Rule, Verdict, difference, planned_fractions
+from analysis.trials.rules import Estimand, Moments, Rule, Verdict, difference, planned_fractions
 
 PLACE = ("stump_tracks", "original", "simulated", "simulated", "high")
 
@@ -40,11 +40,12 @@ def test_both_decide_alike_where_both_decide() -> None:
     angles = {name: rows.to_numpy(float)[None] for name, rows in runs_there.groupby("teacher")["angle"]}
     random = angles["random"]
     rule = Rule((5, 10), planned_fractions((5, 10), np.ones(1), np.full(1, 10.0)), margin=1e-9, error=0.025)
+    estimand = Estimand(np.ones(1), np.ones(1), np.zeros(1))
     found: dict[str, str] = {}
     for teacher in ADASTOP:
         runs = angles[teacher]
         for look, seeds in enumerate(rule.looks):
-            test = difference(Moments.of(runs[:, :seeds]), Moments.of(random), np.ones(1))
+            test = difference(Moments.of(runs[:, :seeds]), Moments.of(random), estimand)
             found[teacher] = WORDS[Verdict(str(rule.verdicts(test, look)))]
             if found[teacher] != "equal":
                 break

@@ -5,15 +5,18 @@ from typing import NamedTuple
 
 import pandas as pd
 import pytest
+from scipy import stats
 
 from analysis.baselines import find_baseline
 from analysis.data.frames import Frames
+from analysis.measures.tested import FINAL, HEADLINE
+from analysis.statistics import least_variance, stratified
 from analysis.trials.design import (
-    MEASURE,
     PLACE,
     Design,
     detectable,
     ended_runs,
+    in_cell,
     make_design,
     moments_of,
     released_runs,
@@ -47,7 +50,8 @@ class Trial(NamedTuple):
             own = rows[(rows[PLACE] == list(cell.place)).all(axis=1) & (rows["teacher"] == teacher)]
             own = pd.concat([own] * 10, ignore_index=True).head(seeds)
             changes = {"teacher": self.design.teacher, "seed": list(self.design.seeds[:seeds])}
-            found.append(own.assign(angle=own["angle"] + points / cell.slope, **changes))
+            shifted = {"angle": own["angle"] + points / cell.slope, "end": own["end"] + points}
+            found.append(own.assign(**shifted, **changes))
         return pd.concat(found, ignore_index=True)
 
     def looks(self, runs: pd.DataFrame, affordable: int | None = None) -> list[Look]:
@@ -68,7 +72,7 @@ def test_the_design_says_whom_where_and_with_which_seeds(trial: Trial) -> None:
     design = trial.design
     assert design.release == "lite-1"
     assert design.references[0] == "random"
-    means = ended_runs(trial.frames).groupby(["teacher", *PLACE])[MEASURE].mean()
+    means = ended_runs(trial.frames).groupby(["teacher", *PLACE])[HEADLINE].mean()
     assert design.best == max(
         ("alp_gmm", "goal_gan:preset=release", "riac"),
         key=lambda teacher: sum(means[(teacher, *cell.place)] for cell in design.cells),
@@ -114,15 +118,15 @@ def test_an_unknown_cell_is_refused_with_those_there_are(trial: Trial) -> None:
 def test_a_much_better_teacher_wins_at_an_early_look(trial: Trial) -> None:
     looks = trial.looks(trial.runs(trial.design.best, 10, points=12.0))
     assert looks[-1].ending is Ending.DECIDED
-    assert [each.verdict for each in looks[-1].settled] == [Verdict.BETTER, Verdict.BETTER]
+    assert [each.verdict for each in looks[-1].settled[:2]] == [Verdict.BETTER, Verdict.BETTER]
     assert looks[-1].seeds < LOOKS[-1]
     said = sentence(trial.design, looks[-1])
-    assert "better than Random" in said
-    assert "better than GoalGAN (release), the best of 9 there" in said
+    assert "beside Random: better (sooner" in said
+    assert "beside GoalGAN (release), the best of 9 there: sooner, and open in the end (sooner" in said
 
 
 def test_random_again_is_never_better_and_worse_than_the_best(trial: Trial) -> None:
-    settled = trial.looks(trial.runs("random"))[-1].settled
+    settled = trial.looks(trial.runs("random"))[-1].settled[:2]
     assert settled[0].verdict is not Verdict.BETTER
     assert settled[1].verdict is Verdict.WORSE
 
@@ -177,6 +181,68 @@ def test_the_detectable_difference_falls_with_the_number_of_cells(trial: Trial) 
 def test_everything_that_is_written_has_the_numbers(trial: Trial) -> None:
     design, looks = trial.design, trial.looks(trial.runs(trial.design.best))
     assert any("6, 10, 20, 40 runs" in line for line in plan_lines(design, trial.released))
-    assert len(verdict_table(design, looks)) == 2 * len(looks)
+    table = verdict_table(design, looks)
+    assert table["axis"].value_counts().to_dict() == dict.fromkeys(("sooner", "in the end"), 2 * len(looks))
     assert latex_row(design, looks[-1]).startswith("mine:Frontier & ")
     assert f"ended after {looks[-1].seeds} " in methods(design, looks[-1], "")
+
+
+@pytest.fixture(scope="module")
+def whole(trial: Trial) -> Trial:
+    return trial._replace(design=designed(trial.frames))
+
+
+def test_challenges_count_equally_and_the_bodies_of_each(whole: Trial) -> None:
+    weights = {cell.name: cell.weight for cell in whole.design.cells}
+    bodies = [name for name in weights if name.startswith("diverse_students/")]
+    assert len(weights) == 7
+    assert len(bodies) == 2
+    assert [weights[name] for name in bodies] == [1 / 12, 1 / 12]
+    assert sum(filter(None, weights.values())) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("measure", "column"), [(HEADLINE, "angle"), (FINAL, "end")])
+def test_a_look_has_the_difference_and_the_interval_of_the_boards_test(
+    whole: Trial, measure: str, column: str
+) -> None:
+    """Stratified with least variances; slopes are parts of the weights here."""
+    design, runs = whole.design, whole.runs("riac", 3)
+    found = next(f for f in whole.looks(runs)[0].findings if (f.measure, f.reference) == (measure, "random"))
+    pairs, factors, least = [], [], []
+    for cell in design.cells:
+        there = in_cell(whole.released, cell.place)
+        mine, theirs = in_cell(runs, cell.place), there[there["teacher"] == "random"]
+        sides = (rows.set_index("run_id")[column] for rows in (mine, theirs))
+        pairs.append((next(sides).rename(lambda name: f"new {name}"), next(sides)))
+        least.append(least_variance([rows for _, rows in there.groupby("teacher")[column]]))
+        factors.append(float(cell.weight or 0.0) * cell.spread(measure).slope)
+    test = stratified(pairs, factors, least)
+    assert found.value == pytest.approx(sum(factors) * test.difference)
+    reach = found.value - found.low
+    error = sum(factors) * test.difference / test.t
+    bound = design.rule("random", moments_of(whole.released, "random", design.places).runs, measure).lower[0]
+    quantile = stats.t.isf(stats.norm.sf(bound), test.degrees_of_freedom)
+    assert reach == pytest.approx(quantile * error)
+
+
+def test_the_end_is_judged_by_twice_the_margin_and_ends_no_trial(trial: Trial) -> None:
+    assert [trial.design.margin_of(measure) for measure in trial.design.axes] == [2.5, 5.0]
+    runs = trial.runs("random", 3)
+    looks = [trial.looks(runs.assign(end=runs["end"] + shift))[0] for shift in (0.0, 60.0)]
+    assert looks[0].ending == looks[1].ending
+    assert looks[0].settled[:2] == looks[1].settled[:2]
+    assert [each.verdict for each in looks[1].settled[2:]] == [Verdict.BETTER] * 2
+
+
+def test_a_design_of_before_keeps_its_weights_and_its_axis(trial: Trial) -> None:
+    kept = trial.design.to_dict()
+    for cell in kept["cells"]:
+        for name in ("weight", "least", "end"):
+            del cell[name]
+    design = Design.of(kept, "trial.json")
+    assert design.axes == (HEADLINE,)
+    assert design.estimand().weights.tolist() == [0.5, 0.5]
+    assert not design.estimand().least.any()
+    looks = looks_at(design, trial.released, trial.runs(design.best, 5, points=12.0))
+    assert len(looks[-1].settled) == 2
+    assert "in the end" not in sentence(design, looks[-1])

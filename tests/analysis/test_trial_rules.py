@@ -7,10 +7,11 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysis.statistics import stratified
+from analysis.statistics import stratified, stratum_weights
 from analysis.trials.boundaries import boundaries, crossing, median_unbiased, spent
 from analysis.trials.rules import (
     LOOKS,
+    Estimand,
     Moments,
     Rule,
     Setting,
@@ -19,6 +20,11 @@ from analysis.trials.rules import (
     planned_fractions,
     simulate,
 )
+
+
+def equal(cells: int, slope: float = 1.0, least: float = 0.0) -> Estimand:
+    """Return the mean over cells of equal weight."""
+    return Estimand(*(np.full(cells, value) for value in (1 / cells, slope, least)))
 
 
 @pytest.mark.parametrize(
@@ -82,20 +88,24 @@ def test_constant_samples_decide_nothing(values: tuple[float, float]) -> None:
     """The standard deviation of equal values is a rounding error, by which any difference is large."""
     rule = Rule(LOOKS, planned_fractions(LOOKS, np.ones(2), np.full(2, 3.0)), 2.5)
     teacher, reference = (Moments.of(np.full((2, 3), value)) for value in values)
-    found = difference(teacher, reference, np.full(2, 90.0))
-    assert found.error == 0
+    found = difference(teacher, reference, equal(2, 90.0, least=0.01))
+    assert found.error == pytest.approx(90.0 * math.sqrt(0.01 * 2 / 3 / 2))
     assert rule.verdicts(found, 0) == Verdict.OPEN
     assert np.isinf(rule.interval(found, 0)).all()
 
 
 def test_one_look_is_the_stratified_test_of_the_project() -> None:
+    """Two bodies of one challenge, and another challenge; the least variance is over some samples' own."""
     rng = np.random.default_rng(2)
     new, old = rng.normal(0.5, 0.1, (3, 6)), rng.normal(0.4, 0.2, (3, 5))
     pairs = [
         (pd.Series(a, index=[f"a{i}" for i in range(6)]), pd.Series(b)) for a, b in zip(new, old, strict=True)
     ]
-    test = stratified(pairs, [1, 1, 1])
-    found = difference(Moments.of(new), Moments.of(old), np.ones(3))
+    weights, least = stratum_weights(["a", "a", "b"]), [0.02, 0.0, 0.05]
+    assert weights == [0.5, 0.5, 1.0]
+    test = stratified(pairs, weights, least)
+    estimand = Estimand(np.array(weights) / 2, np.ones(3), np.array(least))
+    found = difference(Moments.of(new), Moments.of(old), estimand)
     assert found.value == pytest.approx(test.difference)
     assert found.error == pytest.approx(test.difference / test.t)
     assert found.freedom == pytest.approx(test.degrees_of_freedom)
@@ -111,12 +121,12 @@ def test_verdicts_follow_the_interval(value: float, verdict: Verdict) -> None:
     rule = Rule((20,), (1.0,), margin=2.5, error=0.05)
     new = Moments(np.array([value]), np.array([20.0]), np.array([20.0]))
     old = Moments(np.zeros(1), np.array([5.0]), np.array([20.0]))
-    assert str(rule.verdicts(difference(new, old, np.ones(1)), 0)) == verdict
+    assert str(rule.verdicts(difference(new, old, equal(1)), 0)) == verdict
 
 
 def test_no_spread_decides_nothing() -> None:
     still = Moments(np.zeros(1), np.zeros(1), np.array([3.0]))
-    found = difference(Moments(np.ones(1), still.variance, still.runs), still, np.ones(1))
+    found = difference(Moments(np.ones(1), still.variance, still.runs), still, equal(1))
     assert str(Rule((3,), (1.0,), 5.0).verdicts(found, 0)) == Verdict.OPEN
 
 
@@ -127,18 +137,18 @@ def test_the_chance_of_a_verdict_is_that_of_the_seeds_to_come() -> None:
     deviation = math.sqrt(new.variance[0] * (1 / 5 - 1 / 20))
     means = rng.normal(new.mean[0], deviation, 20_000)[:, None]
     later = Moments(means, np.broadcast_to(new.variance, means.shape), np.array([20.0]))
-    decided = rule.verdicts(difference(later, old, np.ones(1)), 1) != Verdict.OPEN
-    assert float(rule.power(new, old, np.ones(1))) == pytest.approx(decided.mean(), abs=0.01)
+    decided = rule.verdicts(difference(later, old, equal(1)), 1) != Verdict.OPEN
+    assert float(rule.power(new, old, equal(1))) == pytest.approx(decided.mean(), abs=0.01)
 
 
 @pytest.fixture(scope="module")
 def setting() -> Setting:
     residuals = np.random.default_rng(0).normal(0.0, 0.06, 60)
     residuals -= residuals.mean()
-    slopes, runs = np.full(4, 60.0), np.full(4, 5.0)
-    fractions = planned_fractions(LOOKS, slopes, runs)
+    runs = np.full(4, 5.0)
+    fractions = planned_fractions(LOOKS, np.ones(4), runs)
     rules = tuple(Rule(LOOKS, fractions, 3.0, candidates, 0.025) for candidates in (1, 9))
-    return Setting(rules, slopes, (residuals,) * 4, runs)
+    return Setting(rules, equal(4, 60.0), ((residuals,) * 10,) * 4, runs)
 
 
 @pytest.mark.parametrize("true", [0.0, 3.0, -3.0])
@@ -150,3 +160,28 @@ def test_a_large_difference_is_found_with_few_seeds_and_no_difference_never_as_o
     found = simulate(setting, 9.0, 1_000)
     assert (found.verdicts == Verdict.BETTER).mean() > 0.98
     assert found.seeds.mean() < 7
+
+
+def test_least_variances_keep_the_error_where_few_seeds_decide_what_a_run_is() -> None:
+    """One run of five learns: by luck a sample has none of them, and a variance that tells nothing of it."""
+    lucky, steady = np.array([-0.1, -0.1, -0.1, -0.1, 0.4]), np.linspace(-0.02, 0.02, 5)
+    runs, least = np.full(2, 5.0), 0.5 * (lucky.var(ddof=1) + steady.var(ddof=1)) / 2
+    fractions = planned_fractions(LOOKS, np.ones(2), runs)
+    rules = tuple(Rule(LOOKS, fractions, 3.0, candidates, 0.025) for candidates in (1, 3))
+    shares = []
+    for bound in (0.0, least):
+        setting = Setting(rules, equal(2, 60.0, bound), ((lucky, steady, lucky, steady),) * 2, runs)
+        shares.append(simulate(setting, 0.0, 2_000).wrong.mean())
+    assert shares[0] > 0.08
+    assert shares[1] < 0.05
+
+
+def test_released_teachers_are_simulated_by_their_own_residuals() -> None:
+    """Random without spread has its mean in every trial: estimates scatter as the new teacher's runs do."""
+    still, varied = np.zeros(4), np.array([-0.1, -0.05, 0.05, 0.1])
+    rule = Rule((20,), (1.0,), 1.0)
+    setting = Setting((rule, rule), equal(1, 10.0), ((still, varied),), np.full(1, 4.0))
+    estimates = simulate(setting, 0.0, 4_000).estimates
+    new = 100 * varied.var() / 20 / 2  # half of the trials draw the varied teacher
+    assert estimates[0].var() == pytest.approx(new, rel=0.1)
+    assert estimates[1].var() == pytest.approx(new + 100 * varied.var() / 4, rel=0.1)
