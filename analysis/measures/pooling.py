@@ -3,11 +3,14 @@
 import itertools
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from typing import Any, TypeAlias
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from analysis.data.frames import STATUSES, Frames, check_measure, computed_once, with_plain_texts
 from analysis.data.identity import of_searches
@@ -196,18 +199,39 @@ def pooled(
     keys, rows = [*POOLED, *by], []
     for measure in measures:
         check_measure("runs", runs, measure, keys)
-    whole = [column for column in keys if column != "step"]
-    runs = runs.assign(number=runs.groupby(whole, dropna=False).ngroup())
-    members = dict(list(runs.drop_duplicates(["number", "run_id"]).groupby("number")))
+    whole = runs.groupby([column for column in keys if column != "step"], dropna=False).ngroup()
+    runs = runs.assign(number=whole)
+    members = _split(runs.drop_duplicates(["number", "run_id"]), "number")
     runs = runs[runs["step"].notna()] if "step" in by else runs
-    for key, group in runs.groupby(keys, dropna=False, sort=True):
-        counted, listed = group[group[measures[0]].notna()], members[group["number"].iloc[0]]
-        row = [*key, len(listed), len(counted), "; ".join(_gaps(listed, counted, by))]
+    runs = runs.assign(group=runs.groupby(keys, dropna=False, sort=True).ngroup())
+    for group in _split(runs, "group").values():
+        listed = members[group["number"][0]]
+        there = pd.notna(group[measures[0]])
+        counted = {name: values[there] for name, values in group.items()}
+        gaps = "; ".join(_gaps(listed, counted, by))
+        row = [*(group[key][:1].tolist()[0] for key in keys), len(listed["run_id"]), int(there.sum()), gaps]
         for described in (describe(counted[measure]) for measure in measures):
             row += [described.n, described.mean, described.std]
         rows.append(row)
     summaries = [f"{measure}_{name}" for measure in measures for name in ("n", "mean", "std")]
     return pd.DataFrame(rows, columns=[*keys, "runs", "n", "missing", *summaries])
+
+
+Columns: TypeAlias = Mapping[str, NDArray[Any]]
+"""Columns of rows, by name."""
+
+
+def _split(table: pd.DataFrame, number: str) -> dict[int, Columns]:
+    """Return the rows of each `number`, in rising order, as arrays: thousands of frames take seconds."""
+    numbers = table[number].to_numpy()
+    order = np.argsort(numbers, kind="stable")
+    found, ends = np.unique(numbers[order], return_index=True)
+    columns = {str(name): table[name].to_numpy()[order] for name in table}
+    places = np.split(np.arange(len(order)), ends[1:]) if len(order) else []
+    return {
+        int(each): {name: values[place] for name, values in columns.items()}
+        for each, place in zip(found, places, strict=True)
+    }
 
 
 def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
@@ -294,7 +318,7 @@ def _with_its_siblings(test_set: str, shipped: Sequence[str]) -> str:
     return PLUS.join(join_name(each, settings) for each in shipped) if name in shipped else test_set
 
 
-def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Iterator[str]:
+def _gaps(rows: Columns, counted: Columns, by: Sequence[str]) -> Iterator[str]:
     """Yield the reasons why the `counted` rows are not a complete pool."""
     ids = set(counted["run_id"])
     reasons = rows["reason"] if "reason" in rows else rows["status"]
@@ -327,14 +351,14 @@ def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Itera
         yield f"evaluated at different steps: {', '.join(f'{each:,.0f}' for each in steps)}"
 
 
-def _expected(rows: pd.DataFrame, by: Sequence[str]) -> set[str]:
+def _expected(rows: Columns, by: Sequence[str]) -> set[str]:
     """Return the labels of the parts that the pool of these rows should have."""
     here = set(map(_label, rows["embodiment"], rows["student"]))
-    pool = str(rows["pool"].iloc[0])
+    pool = str(rows["pool"][0])
     expected = {pool} if pool in here else set(pool.split(PLUS))
     for column, end in (("embodiment", "{}/"), ("student", "/{}")):
         if column in by:
-            name = end.format(rows[column].iloc[0])
+            name = end.format(rows[column][0])
             expected = {label for label in expected if f"{label}/".startswith(name) or label.endswith(name)}
     return expected
 
