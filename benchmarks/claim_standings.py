@@ -15,7 +15,8 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 
-from analysis.claims.judging import PaperSource, judge
+from analysis.claims.judging import judge
+from analysis.claims.sources import PaperSource
 from analysis.statistics import Comparison, stratified
 from analysis.statistics.samples import Standing, equivalent, greater
 

@@ -1,33 +1,18 @@
-"""Claims of the paper and its ranking of teachers, held against results."""
+"""Claims of the paper, held against results."""
 
-import itertools
+import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache, singledispatch
-from typing import Any, Protocol
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import singledispatch
+from typing import TypeAlias
 
-import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
-
+from analysis.claims.sources import RootSource, Source
 from analysis.data.frames import Frames
-from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import ends, number, p_value
-from analysis.measures import pooling
-from analysis.measures.tested import PAPERS, Seeds, compared, seeds_to_pair
-from analysis.names import label, title
-from analysis.statistics import (
-    SIGNIFICANCE,
-    Comparison,
-    Description,
-    describe,
-    holm,
-    mean_percent_interval,
-    welch_from_statistics,
-)
+from analysis.names import label
+from analysis.statistics import Comparison
 from analysis.statistics.samples import Standing, contrary, equivalent, greater
-from tma_ray.benchmark import MATRICES, PaperResult, paper_results
 from tma_ray.benchmark.claims import (
     CLAIMS,
     Bounded,
@@ -40,33 +25,8 @@ from tma_ray.benchmark.claims import (
     Statement,
 )
 from tma_ray.benchmark.experiments import TEACHERS
-from tma_ray.results import BOX2D
+from tma_ray.commands.texts import counted
 from tma_ray.tasks import KnowledgeLevel
-
-
-@dataclass(frozen=True)
-class Sample:
-    """Results for one reading.
-
-    Attributes:
-        description: n, mean and std of mastered tasks, in per cent.
-        values: one per run, by run id; None where only the description is known.
-        seeds: seeds of the runs that are paired by them, by run id.
-    """
-
-    description: Description
-    values: pd.Series | None = None
-    seeds: Seeds = field(default_factory=dict)
-
-
-class Source(Protocol):
-    """Source of the results that statements of claims refer to."""
-
-    def sample(self, reading: Reading) -> Sample | None:
-        """Return the results of `reading`; None if they are missing or incomplete."""
-
-    def teachers(self, reading: Reading) -> Sequence[str]:
-        """Return the teachers that have results where `reading` is read."""
 
 
 @dataclass(frozen=True)
@@ -89,78 +49,144 @@ class Verdict:
     Attributes:
         claim: claim of the paper.
         standing: standing by an interval against a margin.
-        findings: one for each of its statements.
+        findings: one for each of its statements, those of the same runs once.
+        needed: number of the findings that must hold.
+        elsewhere: conditions of the results if they are not the paper's, in words; else empty.
     """
 
     claim: Claim
     standing: Standing
     findings: tuple[Finding, ...]
+    needed: int
+    elsewhere: str = ""
+
+    @property
+    def said(self) -> str:
+        """The standing in words, with the conditions under which a claim was not seen."""
+        return f"{self.standing} ({self.elsewhere})" if self.standing is Standing.NOT_SEEN else self.standing
 
     def describe(self) -> str:
         """Return the number of statements of each standing, in words."""
-        counts = {s: sum(finding.standing is s for finding in self.findings) for s in Standing}
+        counts = Counter(finding.standing for finding in self.findings)
         parts = [f"{counts[Standing.SUPPORTED]} of {len(self.findings)} statements supported"]
         parts += [f"{counts[s]} {s}" for s in Standing if s is not Standing.SUPPORTED and counts[s]]
-        if self.claim.needed < len(self.findings):
-            parts.append(f"{self.claim.needed} {self.claim.threshold}")
+        if self.needed < len(self.findings):
+            parts.append(f"{self.needed} {self.claim.threshold}")
+        if len(self.findings) < len(self.claim.statements):
+            parts.append(
+                f"of {len(self.claim.statements)} in the paper, some of which are the same runs here"
+            )
         return ", ".join(parts + ([self.claim.caveat] if self.claim.caveat else []))
 
 
 def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[Verdict]:
-    """Return the standing of each of `claims` by the results of `source`."""
+    """Return the standing of each of `claims` by the results of `source`.
+
+    Statements that come to the same runs, as at levels that a teacher does not use, are one, and as many as
+    their share of the paper's must hold. What the paper's conditions would refute is not seen under others.
+    """
     found = []
     for claim in claims:
-        findings = tuple(_finding(statement, source) for statement in claim.statements)
+        distinct = _distinct(claim, source)
+        elsewhere = source.elsewhere(_readings(claim.statements[0])[0])
+        findings = tuple(_finding(statement, source, levels) for statement, levels in distinct)
+        if elsewhere:
+            findings = tuple(
+                replace(each, standing=Standing.NOT_SEEN) if each.standing is Standing.REFUTED else each
+                for each in findings
+            )
+        needed = math.ceil(claim.needed * len(findings) / len(claim.statements))
         counts = Counter(finding.standing for finding in findings)
         unknown = counts[Standing.UNDECIDED] + counts[Standing.NO_DATA]
         standing = Standing.NO_DATA if counts[Standing.NO_DATA] == len(findings) else Standing.UNDECIDED
-        if counts[Standing.SUPPORTED] >= claim.needed:
+        if counts[Standing.SUPPORTED] >= needed:
             standing = Standing.SUPPORTED
-        elif counts[Standing.SUPPORTED] + unknown < claim.needed:
-            standing = Standing.REFUTED
-        found.append(Verdict(claim, standing, findings))
+        elif counts[Standing.SUPPORTED] + unknown < needed:
+            standing = Standing.NOT_SEEN if elsewhere else Standing.REFUTED
+        found.append(Verdict(claim, standing, findings, needed, elsewhere))
     return found
 
 
+Levels: TypeAlias = Mapping[Reading, tuple[KnowledgeLevel, ...]]
+"""Levels at which a reading is of the same runs, of readings with several."""
+
+
+def _distinct(claim: Claim, source: Source) -> list[tuple[Statement, Levels]]:
+    """Return the statements of a claim, those of the same runs once, and the levels of their readings."""
+    alike: dict[object, list[Statement]] = {}
+    for place, statement in enumerate(claim.statements):
+        samples = [source.sample(reading) for reading in _readings(statement)]
+        runs = tuple(sample.runs if sample else frozenset() for sample in samples)
+        same: object = place
+        if all(runs) and not isinstance(statement, Ranked):  # a rank is among others, too
+            same = runs, _at_no_level(statement)
+        alike.setdefault(same, []).append(statement)
+    found: list[tuple[Statement, Levels]] = []
+    for statements in alike.values():
+        readings = zip(*map(_readings, statements), strict=True)
+        levels = {each[0]: tuple(dict.fromkeys(reading.level for reading in each)) for each in readings}
+        found.append((statements[0], levels))
+    return found
+
+
+def _readings(statement: Statement) -> tuple[Reading, ...]:
+    """Return the readings of a statement."""
+    return tuple(value for value in vars(statement).values() if isinstance(value, Reading))
+
+
+def _at_no_level(statement: Statement) -> tuple[object, ...]:
+    """Return what a statement says, whatever the level of its readings."""
+    said = (
+        replace(value, level=KnowledgeLevel.NONE) if isinstance(value, Reading) else value
+        for value in vars(statement).values()
+    )
+    return (type(statement), *said)
+
+
 @singledispatch
-def _finding(statement: Statement, source: Source) -> Finding:
+def _finding(statement: Statement, source: Source, levels: Levels) -> Finding:
     raise NotImplementedError(f"statements of type {type(statement).__name__}")
 
 
 @_finding.register
-def _(statement: Compared, source: Source) -> Finding:
+def _(statement: Compared, source: Source, levels: Levels) -> Finding:
     first, second = source.sample(statement.first), source.sample(statement.second)
     if first is None or second is None:
         return _missing(statement.first if first is None else statement.second)
-    test = _test(first, second)
-    names = f"{_name(statement.first)} {number(test.difference)} points from {_name(statement.second)}"
+    test = first.test(second)
+    names = " ".join(
+        [
+            _name(statement.first, levels),
+            f"{number(test.difference)} points from",
+            _name(statement.second, levels),
+        ]
+    )
     interval = test.reason or f"95 % interval {ends(test.low, test.high)}, {p_value(test.p)}"
     evidence = f"{names} ({interval}, n = {test.n} and {test.reference_n})"
     return Finding(_relation(statement.relation, test), evidence)
 
 
 @_finding.register
-def _(statement: Bounded, source: Source) -> Finding:
-    sample = source.sample(statement.reading)
-    if sample is None or (statement.best_seed and sample.values is None):
+def _(statement: Bounded, source: Source, levels: Levels) -> Finding:
+    sample, name = source.sample(statement.reading), _name(statement.reading, levels)
+    if sample is None or (statement.best_seed and math.isnan(sample.best)):
         return _missing(statement.reading)
-    if statement.best_seed and sample.values is not None:
-        best = float(sample.values.max())
-        evidence = f"{_name(statement.reading)}: best seed {number(best)} %, n = {sample.description.n}"
-        holds = statement.least <= best <= statement.most
+    if statement.best_seed:
+        holds = statement.least <= sample.best <= statement.most
+        evidence = f"{name}: best seed {number(sample.best)} %, n = {sample.description.n}"
         return Finding(Standing.SUPPORTED if holds else Standing.REFUTED, evidence)
-    low, high = mean_percent_interval(sample.description)
+    low, high = sample.interval()
     standing = Standing.UNDECIDED
     if statement.least <= low and high <= statement.most:
         standing = Standing.SUPPORTED
     elif low > statement.most or high < statement.least:
         standing = Standing.REFUTED
     mean = f"mean {number(sample.description.mean)} % [{number(low)}, {number(high)}]"
-    return Finding(standing, f"{_name(statement.reading)}: {mean}, n = {sample.description.n}")
+    return Finding(standing, f"{name}: {mean}, n = {sample.description.n}")
 
 
 @_finding.register
-def _(statement: Ranked, source: Source) -> Finding:
+def _(statement: Ranked, source: Source, levels: Levels) -> Finding:
     samples = {
         teacher: source.sample(replace(statement.reading, teacher=teacher))
         for teacher in source.teachers(statement.reading)
@@ -168,9 +194,16 @@ def _(statement: Ranked, source: Source) -> Finding:
     }
     known = {teacher: sample for teacher, sample in samples.items() if sample is not None}
     mine = known.pop(statement.reading.teacher, None)
-    if mine is None or len(known) < statement.top:
+    if mine is None:
         return _missing(statement.reading)
-    ahead = Counter(_relation(Relation.BETTER, _test(other, mine)) for other in known.values())
+    if len(known) < statement.top:
+        others = counted(len(known), "other teacher")
+        evidence = (
+            f"{_name(statement.reading, levels)}: complete results of {others} of the paper, too few for a "
+            f"place among the best {statement.top}"
+        )
+        return Finding(Standing.NO_DATA, evidence)
+    ahead = Counter(_relation(Relation.BETTER, other.test(mine)) for other in known.values())
     standing = Standing.UNDECIDED
     if ahead[Standing.SUPPORTED] >= statement.top:
         standing = Standing.REFUTED
@@ -178,30 +211,24 @@ def _(statement: Ranked, source: Source) -> Finding:
         standing = Standing.SUPPORTED
     place = 1 + sum(other.description.mean > mine.description.mean for other in known.values())
     evidence = (
-        f"{_name(statement.reading)}: place {place} of {len(known) + 1} by mean; better are "
+        f"{_name(statement.reading, levels)}: place {place} of {len(known) + 1} by mean; better are "
         f"{ahead[Standing.SUPPORTED]} for certain, {ahead[Standing.UNDECIDED]} perhaps"
     )
     return Finding(standing, evidence)
 
 
 @_finding.register
-def _(statement: Scaled, source: Source) -> Finding:
+def _(statement: Scaled, source: Source, levels: Levels) -> Finding:
     first, second = source.sample(statement.first), source.sample(statement.second)
     if first is None or second is None:
         return _missing(statement.first if first is None else statement.second)
     mine, theirs, factor = first.description, second.description, statement.factor
-    test = welch_from_statistics(mine, Description(theirs.n, factor * theirs.mean, factor * theirs.std))
+    test = first.test(second.times(factor))
     evidence = (
-        f"{_name(statement.first)}: {number(mine.mean)} % and {number(theirs.mean)} %; above {factor:g} "
-        f"times that by {number(test.difference)} {ends(test.low, test.high)}"
+        f"{_name(statement.first, levels)}: {number(mine.mean)} % and {number(theirs.mean)} %; above "
+        f"{factor:g} times that by {number(test.difference)} {ends(test.low, test.high)}"
     )
     return Finding(greater(test.low, test.high, 0.0), evidence)
-
-
-def _test(first: Sample, second: Sample) -> Comparison:
-    if first.values is not None and second.values is not None:
-        return compared(first.values, second.values, {**first.seeds, **second.seeds})
-    return welch_from_statistics(first.description, second.description)
 
 
 def _relation(relation: Relation, test: Comparison) -> Standing:
@@ -220,132 +247,16 @@ def _relation(relation: Relation, test: Comparison) -> Standing:
 
 
 def _missing(reading: Reading) -> Finding:
-    return Finding(Standing.NO_DATA, f"{_name(reading)}: no complete results")
+    return Finding(Standing.NO_DATA, f"{_name(reading, {})}: no complete results")
 
 
-def _name(reading: Reading) -> str:
+def _name(reading: Reading, levels: Levels) -> str:
     place = [reading.environment] * (reading.environment != "stump_tracks")
     place += [reading.challenge] * (reading.challenge != "original" or not place)
     body = f", {reading.embodiment}" if reading.embodiment else ""
     share = f", after {reading.share:.0%}" if reading.share < 1 else ""
-    return f"{label(reading.teacher)} ({' '.join(place).replace('_', ' ')}, {reading.level}{body}{share})"
-
-
-PLACE = ["environment", "challenge", "expert_knowledge"]
-"""Columns that tell results of one place from others."""
-
-
-USUAL = "the paper's bodies, students and test tasks"
-"""Conditions that have no words of their own."""
-
-
-class PaperSource:
-    """The paper's tables; they hold final results, and single bodies of Parkour only."""
-
-    def sample(self, reading: Reading) -> Sample | None:
-        """Return n, mean and std of the entry, None where the tables have none."""
-        entries = [result for result in _entries(reading) if result.teacher == reading.teacher]
-        if reading.share < 1 or not entries:
-            return None
-        entry = max(entries, key=lambda result: result.seeds)
-        return Sample(Description(entry.seeds, entry.mean, entry.std))
-
-    def teachers(self, reading: Reading) -> Sequence[str]:
-        """Return the teachers that have an entry there."""
-        return sorted({result.teacher for result in _entries(reading)})
-
-
-class RootSource:
-    """Complete pools of the runs of one root; Random counts at every level.
-
-    Results under several conditions, such as two budgets or students, are never held against each other:
-    in each environment those that complete the most pools count, and of several the largest budget.
-
-    Attributes:
-        note: conditions that count, and those that do not, in words; empty where all are alike.
-    """
-
-    def __init__(self, frames: Frames) -> None:
-        self._frames = frames
-        self._places = cache(self._complete)
-        self._conditions, self.note = _chosen_conditions(pooling.runs_after(frames))
-        columns = ["environment", "challenge"]
-        self._present = set(frames.cells[columns].itertuples(index=False, name=None))
-
-    def sample(self, reading: Reading) -> Sample | None:
-        """Return the runs of the reading; None unless its pool is complete."""
-        return self._at(reading).get(reading.teacher)
-
-    def teachers(self, reading: Reading) -> Sequence[str]:
-        """Return the teachers that have complete results there."""
-        return sorted(self._at(reading))
-
-    def _at(self, reading: Reading) -> dict[str, Sample]:
-        if (reading.environment, reading.challenge) not in self._present:
-            return {}
-        place = [reading.environment, reading.challenge, reading.level.value]
-        place += [reading.embodiment] if reading.embodiment else []
-        return self._places(reading.share, bool(reading.embodiment)).get(tuple(place), {})
-
-    def _complete(self, share: float, by_body: bool) -> dict[tuple[str, ...], dict[str, Sample]]:
-        """Return the complete results after a share of the budget, by place, body and teacher."""
-        by = ["embodiment"] if by_body else []
-        runs = pooling.runs_after(self._frames, share, training=share == 1)  # of which the page shows more
-        counted = pd.Series(False, runs.index)
-        for environment, conditions in self._conditions.items():
-            own = runs["environment"] == environment
-            for column, value in conditions.items():
-                own &= runs[str(column)].isna() if pd.isna(value) else runs[str(column)] == value
-            counted |= own
-        runs = runs[counted]
-        table, keys = pooling.pooled(runs, [PAPERS], by=by), [*PLACE, "pool", "steps", "teacher", *by]
-        members: dict[Any, Any] = runs.groupby(keys, observed=True).indices
-        places: dict[tuple[str, ...], dict[str, Sample]] = {}
-        for row in table[table["missing"] == ""].sort_values("n", kind="stable").to_dict("records"):
-            mine = runs.take(members[tuple(row[key] for key in keys)])
-            values = pd.Series(mine[PAPERS].to_numpy(float), mine["run_id"].to_numpy(object)).dropna()
-            place = tuple(str(row[column]) for column in (*PLACE, *by))
-            if row["engine"] == BOX2D and place[-1] == pooling.RELEASED_BIPEDAL:
-                place = (*place[:-1], pooling.BIPEDAL)
-            sample = Sample(describe(values), values, seeds_to_pair(mine))
-            places.setdefault(place, {})[str(row["teacher"])] = sample
-        return places
-
-
-def _chosen_conditions(runs: pd.DataFrame) -> tuple[dict[str, pd.Series], str]:
-    """Return the conditions by which claims about each environment are judged, and words on the others."""
-    runs = runs[runs["steps"].notna()]
-    if runs.empty:
-        return {}, ""
-    table = pooling.pooled(runs, [PAPERS])
-    table["complete"] = table["missing"] == ""
-    places = dict(list(table.groupby("environment")))
-    chosen, sentences = {}, []
-    for environment, pools in places.items():
-        counts = pools.groupby(pooling.CONDITIONS, dropna=False)["complete"].sum().reset_index()
-        ordered = counts.sort_values(["complete", "steps"], ascending=False, kind="stable")
-        chosen[str(environment)] = ordered.iloc[0][pooling.CONDITIONS]
-        if len(ordered) == 1:
-            continue
-        told = pooling.varying(ordered)
-        own, *others = (
-            ", ".join(pooling.condition_words(row, told)) or USUAL for _, row in ordered.iterrows()
-        )
-        about = f" about {title('environment', environment)}" if len(places) > 1 else ""
-        apart = " and of ".join(others)
-        sentences.append(f"Claims{about} are judged by results of {own} alone; apart stand those of {apart}.")
-    return chosen, " ".join(sentences)
-
-
-def _entries(reading: Reading) -> list[PaperResult]:
-    wanted = (reading.environment, reading.challenge, reading.level)
-    return [
-        result
-        for result in paper_results()
-        if (result.environment, result.challenge, result.expert_knowledge) == wanted
-        and (not reading.embodiment or result.embodiments == (reading.embodiment,))
-        and not (result.doubt and not is_baseline(result.teacher))
-    ]
+    level = " and ".join(levels.get(reading, (reading.level,)))
+    return f"{label(reading.teacher)} ({' '.join(place).replace('_', ' ')}, {level}{body}{share})"
 
 
 def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
@@ -360,100 +271,3 @@ def root_verdicts(frames: Frames) -> tuple[list[Verdict], list[str]]:
     """
     source = RootSource(frames)
     return judge(source), [source.note] if source.note else []
-
-
-FEWEST = 3
-"""Teachers that a ranking needs."""
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """Kendall's tau-b between two rankings of teachers by mean.
-
-    Attributes:
-        environment: name of the environment; empty for the mean over all challenges.
-        challenge: name of the challenge; empty for the same.
-        level: expert knowledge; None for several.
-        teachers: names in both rankings; empty for the mean over all challenges.
-        tau: 1 for the same order, -1 for the reverse; NaN if all means of a side are equal.
-        low: lower end of its 95 % interval; NaN if a teacher has a single run.
-        high: upper end of it.
-    """
-
-    environment: str
-    challenge: str
-    level: KnowledgeLevel | None
-    teachers: tuple[str, ...]
-    tau: float
-    low: float
-    high: float
-
-
-def agreements(frames: Frames) -> list[Agreement]:
-    """Return tau for each challenge and level in both, followed by its mean.
-
-    Tau is a mean over pairs of teachers, of 1 for a pair in the same order on both sides and -1 for one in
-    the reverse. An order is known of pairs that Welch's tests tell apart on both sides, after Holm's
-    correction for all pairs that tau is of; the interval holds all values that the others leave possible.
-    So with probability 0.95 or more it holds the tau of the true means, wherever these are: noise moves tau
-    towards 0, and draws around noisy means, such as a bootstrap's, move it there once more.
-    """
-    from scipy import stats  # it takes a second to import
-
-    root, paper = RootSource(frames), PaperSource()
-    found, everywhere = [], []
-    places = dict.fromkeys((m.environment, m.challenge, level) for m in MATRICES for level in m.levels)
-    for environment, challenge, level in places:
-        reading = Reading(BASELINE, challenge, level, environment)
-        names = sorted(set(root.teachers(reading)) & set(paper.teachers(reading)))
-        sides = [
-            [source.sample(replace(reading, teacher=name)) for name in names] for source in (root, paper)
-        ]
-        pairs = [
-            (name, mine.description, theirs.description)
-            for name, mine, theirs in zip(names, *sides, strict=True)
-            if mine is not None and theirs is not None
-        ]
-        if len(pairs) < FEWEST:
-            continue
-        ours, papers = [mine for _, mine, _ in pairs], [theirs for *_, theirs in pairs]
-        tau = float(stats.kendalltau(*([each.mean for each in side] for side in (ours, papers))).statistic)
-        orders = pairs_in_both(ours, papers)
-        teachers = tuple(name for name, *_ in pairs)
-        found.append(Agreement(environment, challenge, level, teachers, tau, *tau_interval([orders])))
-        everywhere.append(orders)
-    if len(found) > 1:
-        mean = float(np.mean([each.tau for each in found]))
-        found.append(Agreement("", "", None, (), mean, *tau_interval(everywhere)))
-    return found
-
-
-def pairs_in_both(
-    first: Sequence[Description], second: Sequence[Description]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the agreement of each pair of teachers (n,), 1 in the same order or -1, and its p-value.
-
-    The order of a pair is known in both samples of the same teachers where it is in each: p is the larger.
-    """
-    tests = [
-        [welch_from_statistics(*pair) for pair in itertools.combinations(side, 2)] for side in (first, second)
-    ]
-    signs = np.prod([[np.sign(test.difference) for test in side] for side in tests], axis=0)
-    return signs, np.max([[test.p for test in side] for side in tests], axis=0)
-
-
-def tau_interval(
-    challenges: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
-) -> tuple[float, float]:
-    """Return the ends of the interval of tau, of its mean for several challenges, each of `pairs_in_both`."""
-    if any(np.isnan(p).all() for _, p in challenges):
-        return float("nan"), float("nan")
-    known = np.split(
-        holm(np.concatenate([p for _, p in challenges])) < SIGNIFICANCE,
-        np.cumsum([len(p) for _, p in challenges])[:-1],
-    )
-    parts = zip(challenges, known, strict=True)
-    low, high = np.mean(
-        [[np.where(sure, signs, end).mean() for end in (-1, 1)] for (signs, _), sure in parts], axis=0
-    )
-    return float(low), float(high)

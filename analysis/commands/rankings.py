@@ -1,4 +1,4 @@
-"""Results at the terminal: rankings, the paper's claims, searches, detectable differences.
+"""Results at the terminal: rankings, searches, detectable differences.
 
 `sources` are results roots and baselines; a place without results raises `ResultsRootError`. All is shown at
 `console`, by default the terminal.
@@ -12,10 +12,8 @@ from typing import Any
 import pandas as pd
 from rich.console import Console, JustifyMethod
 from rich.table import Table
-from rich.text import Text
 
 from analysis.baselines.catalogue import Sources, own_teachers, read
-from analysis.claims.judging import root_verdicts
 from analysis.commands.leaderboards import EXPLANATION, show_board, tell
 from analysis.comparisons.against_random import Gap, against_random, sentences_against_random
 from analysis.comparisons.boards import leaderboards
@@ -29,7 +27,6 @@ from analysis.measures.tested import FINAL, HEADLINE, MEASURES, how_tested
 from analysis.names import label, mark_of, own_first
 from analysis.statistics import SIGNIFICANCE, welch
 from analysis.statistics.power import POWER
-from analysis.statistics.samples import Standing
 from tma_ray.terminal import terminal
 
 NAMES = 22
@@ -123,46 +120,6 @@ def _add(table: Table, teacher: str, cells: Sequence[str], style: str | None = N
     table.add_row(first, *cells, style=style)
     for setting in settings:
         table.add_row(setting, style=style)
-
-
-STYLES = {
-    Standing.SUPPORTED: "green",
-    Standing.REFUTED: "red",
-    Standing.UNDECIDED: "yellow",
-    Standing.NO_DATA: "dim",
-}
-
-
-def show_claims(sources: Sources, details: bool = False, console: Console | None = None) -> None:
-    """Print the paper's claims and their standing in the results of a root.
-
-    Args:
-        sources: results roots and baselines.
-        details: True for every single statement, with its numbers.
-        console: console to print on; the terminal by default.
-
-    Raises:
-        ResultsRootError: no results root at that place.
-    """
-    console, frames = terminal(console), read(sources)
-    verdicts, notes = root_verdicts(frames)
-    for verdict in verdicts:
-        if verdict.standing is Standing.NO_DATA and not details:
-            continue
-        style = STYLES[verdict.standing]
-        console.print(Text.assemble((str(verdict.standing), style), f": {verdict.claim.text}"))
-        tell(console, f"  {verdict.claim.source}; {verdict.describe()}")
-        for finding in verdict.findings if details else ():
-            tell(console, f"    {finding.standing}: {finding.evidence}")
-    missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
-    if missing and not details:
-        papers = dict.fromkeys(verdict.claim.source for verdict in missing)
-        claims = f"{len(missing)} of {len(verdicts)} claims ({', '.join(papers)})"
-        needed = "the same command with --details lists what they need"
-        tell(console, f"{Standing.NO_DATA}: {claims}; {needed}", "dim")
-    measure = "Claims are about the paper's measure: test tasks mastered at the last evaluation."
-    for warning in (measure, *frames.notes, *notes):
-        tell(console, warning, "dim")
 
 
 def show_search(sources: Sources, console: Console | None = None) -> None:

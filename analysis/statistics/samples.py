@@ -1,6 +1,7 @@
 """Samples of runs and intervals of their means, corrections for many tests, and verdicts by a margin."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -132,6 +133,36 @@ def mean_percent_interval(sample: Description) -> tuple[float, float]:
     return percent_interval(sample.mean, high - sample.mean)
 
 
+def mean_interval_of(
+    mean: float, weights: Sequence[float], variances: Sequence[float], sizes: Sequence[int]
+) -> tuple[float, float]:
+    """Return the 95 % confidence interval of a weighted mean of strata's mean percentages, within 0 and 100.
+
+    Student's, with Welch and Satterthwaite's degrees of freedom.
+
+    Args:
+        mean: weighted mean.
+        weights: weight of each stratum.
+        variances: variance of a run in each, of which one is over 0.
+        sizes: runs of each, 2 or more.
+    """
+    from scipy import special
+
+    parts = np.asarray(weights, float) ** 2 / sum(weights) ** 2 * np.asarray(variances) / np.asarray(sizes)
+    freedom = parts.sum() ** 2 / (parts**2 / (np.asarray(sizes) - 1)).sum()
+    return percent_interval(mean, float(special.stdtrit(freedom, TAIL) * math.sqrt(parts.sum())))
+
+
+def bounded_interval(value: float, n: int) -> tuple[float, float]:
+    """Return the exact 95 % confidence interval of the mean of percentages where `n` runs all have `value`.
+
+    If runs have it with a probability under p = 0.05^(1/n), all of n do in less than 5 % of samples. With p,
+    the mean is from p value to p value + 100 (1 - p), whatever the others are.
+    """
+    p = (1 - CONFIDENCE) ** (1 / n)
+    return p * value, p * value + 100 * (1 - p)
+
+
 def finite(values: ArrayLike) -> NDArray[np.float64]:
     """Return the finite ones among `values` (n,).
 
@@ -170,13 +201,15 @@ class Standing(StrEnum):
 
     Attributes:
         SUPPORTED: the interval leaves no doubt of it.
-        REFUTED: the interval leaves no doubt of its contrary.
+        REFUTED: the interval leaves no doubt of its contrary, under the conditions of the statement.
+        NOT_SEEN: the same under other conditions, which do not refute it.
         UNDECIDED: the interval allows for both.
         NO_DATA: complete results to hold it against are missing.
     """
 
     SUPPORTED = "supported"
     REFUTED = "refuted"
+    NOT_SEEN = "not seen here"
     UNDECIDED = "undecided"
     NO_DATA = "no data"
 

@@ -14,6 +14,7 @@ import pyarrow as pa
 from release_tables import (
     answer,
     budget_rule,
+    joined_trials,
     later_teachers,
     leaderboard,
     learning_of_releases,
@@ -42,8 +43,8 @@ ROOT = Path(__file__).parents[2]
 
 MEASURED = (
     *("pairs_decided", "false_findings", "pairing_of_measurements", "pairing_of_releases"),
-    *("interval_coverage", "statements_decided", "paper_claims", "playground", "teacher_trials"),
-    "agreement_coverage",
+    *("interval_coverage", "statements_decided", "paper_claims", "playground"),
+    *("agreement_coverage", "tau_coverage"),
 )
 """Tables of `benchmarks/measured`; its other files have evaluations."""
 
@@ -332,6 +333,7 @@ GENERATED: dict[str, Callable[[], str]] = {
         if each.manifest.kind is BaselineKind.RUNS
     },
     "trials": trials,
+    "joined trials": joined_trials,
     "sensitivity": sensitivity,
     "simulated students": simulated_students,
     "simulated and paper": simulated_and_paper,

@@ -4,19 +4,34 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
-from synthetic_results import SyntheticCampaign
+from scipy import stats
+from synthetic_results import SyntheticCampaign, mastering
 from views import printed
 
-from analysis.claims.judging import PaperSource, RootSource, Verdict, judge
-from analysis.commands.rankings import show_claims, show_search
+from analysis.claims.judging import Verdict, judge
+from analysis.claims.sources import PaperSource, RootSource, Sample
+from analysis.commands.claims import show_claims
+from analysis.commands.rankings import show_search
 from analysis.data.frames import load
 from analysis.formatting import number
 from analysis.measures.evaluations import search_results
 from analysis.pages.report import write_report
-from analysis.statistics.samples import Standing
-from tma_ray.benchmark import MATRICES, PPO_GRID, TEACHER_GRIDS, TEACHERS, challenges_of, find_challenge
+from analysis.statistics import Description, percent_interval
+from analysis.statistics.samples import Standing, bounded_interval
+from tma_ray.benchmark import (
+    MATRICES,
+    PAPER_STEPS,
+    PPO_GRID,
+    TEACHER_GRIDS,
+    TEACHERS,
+    challenges_of,
+    find_challenge,
+)
 from tma_ray.benchmark.claims import CLAIMS, Bounded, Claim, Compared, Ranked, Reading, Relation, Scaled
 from tma_ray.tasks import KnowledgeLevel
 
@@ -93,8 +108,9 @@ def test_claims_are_about_what_the_benchmark_runs(claim: Claim) -> None:
 
 def write(root: Path, teacher: str, mastered: list[int], **changes: object) -> None:
     """Write finished runs that master so many of ten test tasks in the end, and half of them before."""
-    fields = {"challenge": "rugged_difficulty", "test_set": "stump_tracks"} | changes
-    SyntheticCampaign(root, experiment="claims").seeds(teacher, mastered, half=0.5, **fields)
+    fields: dict[str, Any] = {"challenge": "rugged_difficulty", "test_set": "stump_tracks"} | changes
+    steps = fields.pop("steps", PAPER_STEPS)
+    SyntheticCampaign(root, steps=steps, experiment="claims").seeds(teacher, mastered, half=0.5, **fields)
 
 
 @pytest.fixture
@@ -170,8 +186,13 @@ def test_an_empty_root_decides_no_claim(tmp_path: Path) -> None:
     assert {verdict.standing for verdict in judge(RootSource(load(tmp_path)))} == {Standing.NO_DATA}
 
 
+def test_other_teachers_decide_no_claim(tmp_path: Path) -> None:
+    write(tmp_path, "sfl", [5, 6, 4, 5])
+    assert {verdict.standing for verdict in judge(RootSource(load(tmp_path)))} == {Standing.NO_DATA}
+
+
 def test_claims_are_shown_with_what_is_behind_them(rugged: Path) -> None:
-    text = printed(show_claims, rugged, details=True)
+    text = " ".join(printed(show_claims, rugged, details=True).split())
     assert "undecided: In a rugged landscape ADR is worse than Random, whatever it knows." in text
     assert "1 of 2 statements supported, 1 no data" in text
     assert (
@@ -184,6 +205,131 @@ def test_the_report_tells_which_claims_it_can_judge(rugged: Path) -> None:
     page = write_report(rugged).read_text()
     assert "In a rugged landscape ADR is worse than Random" in page
     assert "No teacher masters more than 1 % with the chimpanzee" not in page
+
+
+def test_what_other_conditions_rule_out_is_not_seen_and_not_refuted(tmp_path: Path) -> None:
+    """Half of the paper's budget, or other students, refute nothing that is about the paper's."""
+    adr, random = (Reading(teacher, "rugged_difficulty", LOW) for teacher in ("adr", "random"))
+    claim = Claim("one", "one statement", "here", (Compared(adr, Relation.BETTER, random),))
+    found = {}
+    for name, changes in {
+        "paper": {},
+        "short": {"steps": PAPER_STEPS // 2},
+        "others": {"student": "ppo:preset=decisive"},
+    }.items():
+        write(tmp_path / name, "random", [5, 6, 4, 5], **changes)
+        write(tmp_path / name, "adr", [1, 2, 1, 2], **changes)
+        (verdict,) = judge(RootSource(load(tmp_path / name)), [claim])
+        assert verdict.findings[0].standing is verdict.standing
+        found[name] = verdict.said
+    assert found == {
+        "paper": "refuted",
+        "short": "not seen here (10 million steps of SAC)",
+        "others": "not seen here (20 million steps of PPO)",
+    }
+
+
+PARKOUR = {"environment": "parkour", "challenge": "original", "test_set": "parkour_walking"}
+
+
+def walker(root: Path, teacher: str, mastered: list[int], **changes: Any) -> None:
+    write(root, teacher, mastered, embodiment="classic_bipedal", **PARKOUR, **changes)
+
+
+def test_equal_runs_have_an_interval(tmp_path: Path) -> None:
+    """By the spread of the teachers there, as on boards; where none has any, by what is possible at all."""
+    reading = Reading("random", "original", LOW, "parkour", "classic_bipedal")
+    walker(tmp_path / "alone", "random", [0, 0, 0])
+    alone = RootSource(load(tmp_path / "alone")).sample(reading)
+    assert alone is not None
+    assert alone.interval() == pytest.approx((0.0, 100 * (1 - 0.05 ** (1 / 3))))
+    walker(tmp_path / "all", "random", [0, 0, 0])
+    walker(tmp_path / "all", "adr", [0, 2, 1])
+    found = RootSource(load(tmp_path / "all")).sample(reading)
+    assert found is not None
+    least = 0.5 * (0.0 + 100.0) / 2  # deviations of 0 and 10 points
+    assert found.interval() == pytest.approx((0.0, stats.t.ppf(0.975, 2) * np.sqrt(least / 3)))
+    assert standing(tmp_path / "all", Bounded(reading, most=60.0)) == [Standing.SUPPORTED]
+
+
+def test_the_exact_interval_of_equal_runs_holds() -> None:
+    """Each run is 100 with a probability that shows no such run in just 5 % of samples of 5, and else 0."""
+    rng, chance = np.random.default_rng(3), 1 - 0.05 ** (1 / 5)
+    empty = rng.binomial(5, chance, 20_000) == 0
+    assert empty.mean() == pytest.approx(0.05, abs=0.005)
+    assert bounded_interval(0.0, 5) == pytest.approx((0.0, 100 * chance))
+    assert bounded_interval(40.0, 5) == pytest.approx((40 * (1 - chance), 40 * (1 - chance) + 100 * chance))
+
+
+def test_an_interval_over_strata_is_that_of_the_stratified_mean() -> None:
+    strata = {"a": pd.Series([10.0, 14.0, 9.0]), "b": pd.Series([30.0, 35.0, 45.0, 30.0])}
+    variances, sizes = [each.var() for each in strata.values()], [3, 4]
+    parts = np.array([variance / n / 4 for variance, n in zip(variances, sizes, strict=True)])
+    freedom = parts.sum() ** 2 / (parts**2 / (np.array(sizes) - 1)).sum()
+    mean = (11.0 + 35.0) / 2
+    margin = stats.t.ppf(0.975, freedom) * np.sqrt(parts.sum())
+    sample = Sample(Description(7, mean, 1.0), strata)
+    assert sample.interval() == pytest.approx(percent_interval(mean, margin))
+
+
+def test_bodies_are_strata_of_tests(tmp_path: Path) -> None:
+    """Means of 5 and 55 points of two bodies are no spread of teachers that differ by 10 on each."""
+    for body in ("spider", "short_bipedal"):
+        low = 0 if body == "spider" else 5
+        for teacher, more in (("random", 0), ("adr", 1)):
+            changes = {"challenge": "diverse_students", "embodiment": body, "student": "ppo:preset=decisive"}
+            counts = [low + more, low + more, low + more + 1, low + more + 1]
+            SyntheticCampaign(tmp_path, steps=PAPER_STEPS, experiment=body).seeds(teacher, counts, **changes)
+    first, second = (Reading(teacher, "diverse_students", LOW) for teacher in ("adr", "random"))
+    source = RootSource(load(tmp_path))
+    samples = [source.sample(reading) for reading in (first, second)]
+    assert samples[0] is not None
+    assert samples[1] is not None
+    test = samples[0].test(samples[1])
+    error = np.sqrt(4 * (np.var([0, 0, 10, 10], ddof=1) / 4) / 4)
+    assert test.difference == pytest.approx(10.0)
+    assert test.high - test.difference == pytest.approx(stats.t.ppf(0.975, 12) * error)
+    assert standing(tmp_path, Compared(first, Relation.BETTER, second)) == [Standing.SUPPORTED]
+
+
+def test_levels_of_the_same_runs_are_one_statement(tmp_path: Path) -> None:
+    """SPDL has the same runs at levels none and low, and others at high."""
+    campaign = SyntheticCampaign(tmp_path, steps=PAPER_STEPS, experiment="spdl")
+    rugged = {"challenge": "rugged_difficulty"}
+    for teacher, mastered in (("random", [5, 6, 4]), ("spdl", [1, 2, 1])):
+        for seed, count in enumerate(mastered):
+            campaign.plain_run(teacher, seed, {PAPER_STEPS: mastering(count)}, level="none", **rugged)
+            campaign.cell(campaign.record(teacher, seed, "none", **rugged), "low")
+    campaign.seeds("spdl", [2, 1, 1], level="high", **rugged)
+    pairs = [
+        Compared(
+            Reading("spdl", "rugged_difficulty", level),
+            Relation.WORSE,
+            Reading("random", "rugged_difficulty", level),
+        )
+        for level in KnowledgeLevel
+    ]
+    (verdict,) = judge(RootSource(load(tmp_path)), [Claim("spdl", "worse", "here", tuple(pairs), at_least=2)])
+    assert len(verdict.findings) == 2
+    assert verdict.needed == 2  # of two, as two thirds of two are more than one
+    assert "SPDL (rugged difficulty, none and low)" in verdict.findings[0].evidence
+    assert "SPDL (rugged difficulty, high)" in verdict.findings[1].evidence
+    assert "of 3 in the paper, some of which are the same runs here" in verdict.describe()
+
+
+def test_a_rank_among_too_few_teachers_is_said_so(rugged: Path) -> None:
+    claim = Claim("one", "one", "here", (Ranked(Reading("adr", "rugged_difficulty", LOW), 3),))
+    (verdict,) = judge(RootSource(load(rugged)), [claim])
+    assert verdict.findings[0].standing is Standing.NO_DATA
+    assert "complete results of 1 other teacher of the paper, too few" in verdict.findings[0].evidence
+
+
+def test_definitions_are_told_on_demand_and_the_table_comes_first(rugged: Path) -> None:
+    text = printed(show_claims, rugged)
+    assert text.startswith("standing")
+    assert "rules out" not in text
+    assert max(map(len, text.splitlines())) <= 100
+    assert "is supported where a 95 % interval" in printed(show_claims, rugged, explain=True)
 
 
 def searched(root: Path, side: str, name: str, counts: dict[int, list[int]]) -> None:

@@ -10,7 +10,7 @@ import pytest
 from synthetic_results import BOX2D_RUN, SyntheticCampaign
 from views import printed
 
-from analysis.claims.judging import RootSource
+from analysis.claims.sources import RootSource
 from analysis.commands.rankings import show_ranking
 from analysis.comparisons.against_random import against_random, sentences_against_random
 from analysis.comparisons.boards import overall_rows
@@ -116,8 +116,7 @@ def test_claims_never_mix_conditions(frames: Frames) -> None:
         for challenge in CHALLENGES
     ]
     cells = frames.cells.set_index("run_id")
-    values = [sample.values for sample in samples if sample is not None]
-    runs = [run for each in values if each is not None for run in each.index]
+    runs = [run for sample in samples if sample is not None for run in sample.runs]
     assert runs
     columns = ["steps", "student", "embodiment", "physics_version", "test_set", "engine"]
     assert len(cells.loc[runs, columns].drop_duplicates()) == 1

@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 from synthetic_results import SyntheticCampaign
 from views import Told, printed
@@ -22,7 +21,7 @@ from analysis.baselines.verification import lacking
 from analysis.charts.base import Curve
 from analysis.charts.paper.drawing import draw
 from analysis.charts.paper.style import svg
-from analysis.claims.judging import agreements, pairs_in_both, tau_interval
+from analysis.claims.agreement import agreements
 from analysis.commands.leaderboards import difference_charts, markdown, show_leaderboards
 from analysis.commands.releases import findings
 from analysis.comparisons.boards import leaderboards
@@ -34,7 +33,7 @@ from analysis.measures.pooling import runs_after
 from analysis.measures.tested import FINAL
 from analysis.names import label
 from analysis.pages.sections import trained_chart
-from analysis.statistics import Description, describe, percent_interval, welch_from_statistics
+from analysis.statistics import percent_interval
 
 CHALLENGES = ("mostly_unfeasible", "mostly_trivial")
 
@@ -212,32 +211,6 @@ def test_a_newcomer_leaves_the_core_as_it_is(root: Path, tmp_path: Path) -> None
     assert tests.groupby("family").size().to_dict() == {
         "core": 6, "newcomers": 1, "plr:budget=2000000": 4, "sfl:budget=2000000": 4,
     }  # fmt: skip
-
-
-@pytest.mark.parametrize("seeds", [3, 30])
-def test_the_interval_of_tau_holds_the_tau_of_the_true_means(seeds: int) -> None:
-    """Noise moves tau towards 0: percentiles of draws leave out a true tau of 1 in nearly all of these."""
-    rng, held = np.random.default_rng(seeds), []
-
-    def side(means: NDArray[np.float64], n: int) -> list[Description]:
-        return [describe(rng.normal(mean, 9.0, n)) for mean in means]
-
-    for _ in range(40):
-        means = np.arange(8.0) * 2
-        low, high = tau_interval([pairs_in_both(side(means, seeds), side(means, 32)) for _ in range(2)])
-        held.append(low <= 1.0 == high)
-    assert np.mean(held) > 0.95
-
-
-def test_the_interval_of_tau_is_that_of_pairs_known_in_both_by_hand() -> None:
-    # Of three pairs one is in the same order for certain, one in the reverse, and one is open.
-    first = [Description(9, mean, 1.0) for mean in (0.0, 10.0, 20.0)]
-    second = [Description(9, mean, 1.0) for mean in (0.0, 20.0, 19.9)]
-    signs, p = pairs_in_both(first, second)
-    assert signs.tolist() == [1.0, 1.0, -1.0]
-    assert p[2] == welch_from_statistics(second[1], second[2]).p
-    assert tau_interval([(signs, p)]) == pytest.approx((1 / 3, 1.0))
-    assert tau_interval([(signs, p), (-signs, p)]) == pytest.approx((-1 / 3, 1 / 3))
 
 
 @pytest.mark.slow

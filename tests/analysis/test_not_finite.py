@@ -9,9 +9,10 @@ import pytest
 from synthetic_results import SyntheticCampaign
 from views import printed
 
-from analysis.claims.judging import RootSource
+from analysis.claims.sources import RootSource
+from analysis.commands.claims import show_claims
 from analysis.commands.figures import write_figures
-from analysis.commands.rankings import show_claims, show_ranking
+from analysis.commands.rankings import show_ranking
 from analysis.commands.tables import write_tables
 from analysis.comparisons.frame import pairwise
 from analysis.comparisons.measured import measure

@@ -21,6 +21,7 @@ from analysis.trials.design import (
     moments_of,
     released_runs,
 )
+from analysis.trials.joined import joined_by_trial
 from analysis.trials.rules import LOOKS, Verdict
 from analysis.trials.standing import (
     Ending,
@@ -246,3 +247,15 @@ def test_a_design_of_before_keeps_its_weights_and_its_axis(trial: Trial) -> None
     looks = looks_at(design, trial.released, trial.runs(design.best, 5, points=12.0))
     assert len(looks[-1].settled) == 2
     assert "in the end" not in sentence(design, looks[-1])
+
+
+def test_trials_by_which_teachers_joined_are_against_the_core() -> None:
+    """Those that joined lite-2 with seeds of their own; ACCEL's trial was decided at its first look."""
+    found = {design.teacher: (design, look) for design, look in joined_by_trial(find_baseline("lite-2"))}
+    assert {"perm:budget=2000000", "spgl:budget=2000000", "traced:budget=2000000"} < set(found)
+    assert not {"random", "sobol", "accel:budget=2000000"} & set(found)
+    assert {design.references for design, _ in found.values()} == {("random", "covar_gmm")}
+    design, look = found["accel:budget=2000000:score=mna"]
+    assert (look.seeds, look.ending, design.seeds[0]) == (3, Ending.DECIDED, 35)
+    assert "; beside Covar-GMM worse (sooner" in look_line(look)
+    assert joined_by_trial(find_baseline("simulated-1")) == []

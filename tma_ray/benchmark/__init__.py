@@ -34,6 +34,7 @@ from tma_ray.benchmark.matrices import (
 )
 from tma_ray.benchmark.paper import (
     KNOWLEDGE_REQUIREMENTS,
+    PAPER_STEPS,
     KnowledgeRequirements,
     PaperResult,
     Requirement,
@@ -54,6 +55,7 @@ __all__ = [
     "KNOWLEDGE_REQUIREMENTS",
     "MATRICES",
     "ORIGINAL_SPACE",
+    "PAPER_STEPS",
     "PARKOUR",
     "PPO_GRID",
     "SIZES",

@@ -17,6 +17,7 @@ from tma_ray.benchmark.matrices import (
     Matrix,
     select,
 )
+from tma_ray.benchmark.paper import PAPER_STEPS
 from tma_ray.tasks import KnowledgeLevel
 
 
@@ -182,7 +183,7 @@ challenges with 3 seeds. Three teachers have the other levels and Parkour, with 
 to 9."""
 
 
-LONG_STEPS = 20_000_000  # the paper's budget, in environment steps
+LONG_STEPS = PAPER_STEPS
 
 LONG_TEACHERS = (
     *("random", "adr", "alp_gmm", "covar_gmm", "riac", "goal_gan:preset=release", "spdl:preset=release"),

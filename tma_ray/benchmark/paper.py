@@ -6,8 +6,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
+from typing import Final
 
 from tma_ray.tasks import KnowledgeLevel
+
+PAPER_STEPS: Final = 20_000_000
+"""The paper's budget of a run, in environment steps."""
 
 RESULTS = Path(__file__).parent / "paper_results.csv"
 

@@ -50,7 +50,8 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "root": "results root, the first of several",
         "roots": "list of all results roots and baselines that were read",
         "warnings": "limits of the data, in sentences",
-        "claims": "list of text, source, standing, and findings: standing and evidence of each statement",
+        "claims": "list of text, source, standing, elsewhere (conditions that are not the paper's), needed "
+        "(findings that must hold), and findings: standing and evidence of each statement",
     },
     "plan": {
         "experiment": "name of the experiment",
@@ -177,6 +178,8 @@ def claims_record(sources: Sequence[str | Path]) -> dict[str, Any]:
                 "text": verdict.claim.text,
                 "source": verdict.claim.source,
                 "standing": verdict.standing,
+                "elsewhere": verdict.elsewhere,
+                "needed": verdict.needed,
                 "findings": [
                     {"standing": finding.standing, "evidence": finding.evidence}
                     for finding in verdict.findings

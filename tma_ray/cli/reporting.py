@@ -171,20 +171,25 @@ def ranking(
 
 @command()
 def claims(
-    *root: options.Roots, baseline: options.Baselines = (), details: bool = False, json: options.Json = False
+    *root: options.Roots,
+    baseline: options.Baselines = (),
+    details: bool = False,
+    explain: bool = False,
+    json: options.Json = False,
 ) -> int:
     """Check the paper's claims against a results root.
 
     Args:
         root: results root, or the name of a baseline with runs; several are read as one
         details: print every statement, with its numbers
+        explain: print what the words mean
     """
     if json:
         print_json("claims", claims_record((*root, *baseline)))
         return 0
-    from analysis.commands.rankings import show_claims
+    from analysis.commands.claims import show_claims
 
-    show_claims((*root, *baseline), details)
+    show_claims((*root, *baseline), details, explain)
     return 0
 
 

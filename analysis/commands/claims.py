@@ -1,0 +1,96 @@
+"""The paper's claims at the terminal, held against results."""
+
+from collections import Counter
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from analysis.baselines.catalogue import Sources, read
+from analysis.claims.judging import Verdict, decided, root_verdicts
+from analysis.statistics.samples import MARGIN, Standing
+from tma_ray.commands.texts import counted
+from tma_ray.terminal import terminal
+
+WIDTH = 100
+"""Most characters of a line."""
+
+STYLES = {
+    Standing.SUPPORTED: "green",
+    Standing.REFUTED: "red",
+    Standing.NOT_SEEN: "red",
+    Standing.UNDECIDED: "yellow",
+    Standing.NO_DATA: "dim",
+}
+
+EXPLAINED = (
+    "Claims are about the paper's measure: test tasks mastered at the last evaluation.",
+    f"A statement is supported where a 95 % interval rules out its contrary, against a margin of {MARGIN:g} "
+    f"points of mastered tasks, and refuted where it rules out the statement; else it is undecided.",
+    "A claim is about the paper's students and budget. What other ones rule out is not seen here.",
+    "A claim holds if as many of its statements do as it needs: all, or those that it counts.",
+    "Tests compare teachers within each body and student, which count equally.",
+    "Statements that come to the same runs, as at levels of knowledge that a teacher does not use, are one.",
+)
+"""What the words of the table mean."""
+
+
+def show_claims(
+    sources: Sources, details: bool = False, explain: bool = False, console: Console | None = None
+) -> None:
+    """Print the paper's claims and their standing in the results of a root.
+
+    Args:
+        sources: results roots and baselines.
+        details: True for every single statement, with its numbers.
+        explain: True for what the words mean.
+        console: console to print on; the terminal by default.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+    """
+    console, frames = terminal(console), read(sources)
+    verdicts, notes = root_verdicts(frames)
+    width = min(console.width, WIDTH)
+    shown = decided(verdicts)
+    if shown:
+        console.print(_table(shown), width=width)
+    missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
+    said = []
+    if missing:
+        papers = ", ".join(dict.fromkeys(verdict.claim.source for verdict in missing))
+        said.append(f"{Standing.NO_DATA}: {len(missing)} of {counted(len(verdicts), 'claim')} ({papers})")
+    conditions = dict.fromkeys(v.elsewhere for v in shown if v.standing is Standing.NOT_SEEN)
+    said += [f"{Standing.NOT_SEEN}: under {each}, not the paper's conditions" for each in conditions]
+    more = [f"--{word}" for word, given in (("details", details), ("explain", explain)) if not given]
+    if more:
+        said.append(f"Every statement with its numbers, and what the words mean: {' and '.join(more)}.")
+    for text in (*said, *frames.notes, *notes):
+        console.print(text, style="dim", highlight=False, markup=False, width=width)
+    for verdict in verdicts if details else ():
+        console.print(
+            Text.assemble("\n", (verdict.said, STYLES[verdict.standing]), f": {verdict.claim.text}"),
+            width=width,
+        )
+        console.print(
+            f"  {verdict.claim.source}; {verdict.describe()}", highlight=False, markup=False, width=width
+        )
+        for finding in verdict.findings:
+            console.print(
+                f"    {finding.standing}: {finding.evidence}", highlight=False, markup=False, width=width
+            )
+    for text in EXPLAINED if explain else ():
+        console.print(text, highlight=False, markup=False, width=width)
+
+
+def _table(verdicts: list[Verdict]) -> Table:
+    """Return a row for each claim: standing, text, statements that hold and that are needed."""
+    table = Table("standing", "claim of the paper", box=None, pad_edge=False, header_style="bold")
+    for heading in ("holds", "needs", "of"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for verdict in verdicts:
+        counts = Counter(finding.standing for finding in verdict.findings)
+        numbers = counts[Standing.SUPPORTED], verdict.needed, len(verdict.findings)
+        standing = Text(str(verdict.standing), STYLES[verdict.standing], no_wrap=True)
+        table.add_row(standing, verdict.claim.text, *map(str, numbers))
+    return table

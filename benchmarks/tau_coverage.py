@@ -1,0 +1,100 @@
+"""Coverage of the bootstrap interval of Kendall's tau, by simulation: ``measured/tau_coverage.csv``.
+
+Effects of teachers and luck of seeds are normal; the other side has the 32 seeds of the paper's tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from analysis.claims.agreement import draws_of_entries, draws_of_runs, kendall, tau_interval
+from analysis.statistics import describe
+
+CHALLENGES, TEACHERS, PAPERS = 6, 8, 32
+SEEDS = (3, 5, 10)
+SIGNALS = (1.0, 2.0)
+CORRELATIONS = (0.0, 0.7, 1.0)
+"""Correlations of the true effects of both sides."""
+
+REPEATS = 400
+"""Simulated results behind the tau that runs have on average."""
+
+
+class Truth:
+    """True effects of teachers on both sides (challenges, teachers), and results of runs."""
+
+    def __init__(self, rng: np.random.Generator, seeds: int, signal: float, correlation: float) -> None:
+        self.rng, self.seeds = rng, seeds
+        self.mine = signal * rng.standard_normal((CHALLENGES, TEACHERS))
+        others = signal * rng.standard_normal((CHALLENGES, TEACHERS))
+        self.theirs = correlation * self.mine + np.sqrt(1 - correlation**2) * others
+
+    def results(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return runs of both sides (challenges, teachers, seeds)."""
+        sides = ((self.mine, self.seeds), (self.theirs, PAPERS))
+        found = (self.rng.normal(effects[..., None], 1.0, (*effects.shape, n)) for effects, n in sides)
+        return next(found), next(found)
+
+    def interval(self) -> tuple[float, float]:
+        """Return the interval of the mean tau of one simulated result."""
+        mine, theirs = self.results()
+        draws = [
+            kendall(
+                np.stack([draws_of_runs([pd.Series(runs)], self.rng) for runs in ours], axis=-1),
+                np.stack([draws_of_entries([describe(runs)], self.rng) for runs in papers], axis=-1),
+            )
+            for ours, papers in zip(mine, theirs, strict=True)
+        ]
+        return tau_interval(tau(mine, theirs), np.mean(draws, axis=0))
+
+
+def tau(mine: np.ndarray, theirs: np.ndarray) -> float:
+    """Return the mean tau of runs over challenges."""
+    return float(kendall(mine.mean(axis=-1), theirs.mean(axis=-1)).mean())
+
+
+def coverage(experiments: int) -> pd.DataFrame:
+    """Return the share of intervals that hold the tau of other runs, and of the true means, by design."""
+    rows = []
+    for seeds, signal, correlation in itertools.product(SEEDS, SIGNALS, CORRELATIONS):
+        rng = np.random.default_rng([seeds, int(10 * signal), int(10 * correlation)])
+        held, lengths, taus = [], [], []
+        for _ in range(experiments):
+            truth = Truth(rng, seeds, signal, correlation)
+            expected = float(np.mean([tau(*truth.results()) for _ in range(REPEATS)]))
+            means = float(kendall(truth.mine, truth.theirs).mean())
+            low, high = truth.interval()
+            held.append((low <= expected <= high, low <= means <= high))
+            lengths.append(high - low)
+            taus.append((expected, means))
+        numbers = (
+            *(f"{value:.2f}" for value in np.mean(taus, axis=0)[::-1]),
+            *(f"{100 * share:.0f}" for share in np.mean(held, axis=0)),
+            f"{np.median(lengths):.2f}",
+        )
+        rows.append((seeds, f"{signal:g}", *numbers))
+    head = ["seeds", "signal to noise", "tau of true means", "of runs, on average"]
+    head += ["holds the latter, %", "holds the former, %", "median length"]
+    return pd.DataFrame(rows, columns=head)
+
+
+def main() -> int:
+    """Print the table as CSV, and write it if a file is named."""
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
+    parser.add_argument("--experiments", type=int, default=200, help="simulated experiments of each row")
+    parser.add_argument("--output", type=Path, help="CSV file")
+    options = parser.parse_args()
+    table = coverage(options.experiments)
+    print(table.to_csv(index=False))
+    if options.output:
+        table.to_csv(options.output, index=False)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
