@@ -1,6 +1,7 @@
 """The paper's claims at the terminal, held against results."""
 
 from collections import Counter
+from collections.abc import Iterator
 
 from rich.console import Console
 from rich.table import Table
@@ -52,35 +53,36 @@ def show_claims(
     console, frames = terminal(console), read(sources)
     verdicts, notes = root_verdicts(frames)
     width = min(console.width, WIDTH)
+
+    def tell(text: str | Text, style: str | None = None) -> None:
+        console.print(text, style=style, highlight=False, markup=False, width=width)
+
     shown = decided(verdicts)
     if shown:
         console.print(_table(shown), width=width)
+    for note in (*_notes(verdicts), *frames.notes, *notes):
+        tell(note, "dim")
+    if not details:
+        tell("--details prints every statement with its numbers.", "dim")
+    if not explain:
+        tell("--explain prints what the words mean.", "dim")
+    for verdict in verdicts if details else ():
+        tell(Text.assemble("\n", (verdict.said, STYLES[verdict.standing]), f": {verdict.claim.text}"))
+        tell(f"  {verdict.claim.source}; {verdict.describe()}")
+        for finding in verdict.findings:
+            tell(f"    {finding.standing}: {finding.evidence}")
+    for text in EXPLAINED if explain else ():
+        tell(text)
+
+
+def _notes(verdicts: list[Verdict]) -> Iterator[str]:
+    """Yield how many claims lack data, and the conditions under which others were not seen."""
     missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
-    said = []
     if missing:
         papers = ", ".join(dict.fromkeys(verdict.claim.source for verdict in missing))
-        said.append(f"{Standing.NO_DATA}: {len(missing)} of {counted(len(verdicts), 'claim')} ({papers})")
-    conditions = dict.fromkeys(v.elsewhere for v in shown if v.standing is Standing.NOT_SEEN)
-    said += [f"{Standing.NOT_SEEN}: under {each}, not the paper's conditions" for each in conditions]
-    more = [f"--{word}" for word, given in (("details", details), ("explain", explain)) if not given]
-    if more:
-        said.append(f"Every statement with its numbers, and what the words mean: {' and '.join(more)}.")
-    for text in (*said, *frames.notes, *notes):
-        console.print(text, style="dim", highlight=False, markup=False, width=width)
-    for verdict in verdicts if details else ():
-        console.print(
-            Text.assemble("\n", (verdict.said, STYLES[verdict.standing]), f": {verdict.claim.text}"),
-            width=width,
-        )
-        console.print(
-            f"  {verdict.claim.source}; {verdict.describe()}", highlight=False, markup=False, width=width
-        )
-        for finding in verdict.findings:
-            console.print(
-                f"    {finding.standing}: {finding.evidence}", highlight=False, markup=False, width=width
-            )
-    for text in EXPLAINED if explain else ():
-        console.print(text, highlight=False, markup=False, width=width)
+        yield f"{Standing.NO_DATA}: {len(missing)} of {counted(len(verdicts), 'claim')} ({papers})"
+    for each in dict.fromkeys(v.elsewhere for v in verdicts if v.standing is Standing.NOT_SEEN):
+        yield f"{Standing.NOT_SEEN}: under {each}, not the paper's conditions"
 
 
 def _table(verdicts: list[Verdict]) -> Table:
