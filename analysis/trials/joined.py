@@ -15,7 +15,7 @@ def joined_by_trial(baseline: Baseline) -> list[tuple[Design, Look]]:
     boundaries are today's, also of trials that were begun by an earlier version.
 
     Raises:
-        ValueError: the core is no release to try a teacher against; see `make_design`.
+        ValueError: a teacher cannot be tried against the core; see `make_design`.
     """
     frames, core = baseline.frames(), baseline.manifest.core
     if not core:
