@@ -311,7 +311,7 @@ def verdict_table(design: Design, looks: list[Look]) -> pd.DataFrame:
     """Return a row for each comparison at each look.
 
     Returns:
-        compared with, axis (of `tested.AXES`), seeds, runs, difference, low and high (repeated confidence
+        compared with, axis (of `verdicts.AXES`), seeds, runs, difference, low and high (repeated confidence
         interval), estimate (median-unbiased), verdict, chance (of a verdict by the last look); in points.
     """
     return pd.DataFrame(
