@@ -19,12 +19,16 @@ from analysis.charts.intervals import DIFFERENCES, difference_chart
 from analysis.comparisons.against_random import FAMILY
 from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
 from analysis.comparisons.verdicts import AXES
-from analysis.formatting import caveat, estimate, listed, number
+from analysis.data.reference import is_baseline
+from analysis.formatting import caveat, ends, estimate, listed, number
 from analysis.measures.evaluations import ceilings_in_words
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES, TRAINED
 from analysis.measures.trained import NEARLY_ALL
 from analysis.names import label, mark_of
 from analysis.tables.table import pipe_table
+from analysis.trials.design import Design
+from analysis.trials.joined import joined_by_trial
+from analysis.trials.standing import Look, look_line
 from tma_ray.part_names import split_name
 from tma_ray.terminal import terminal
 
@@ -62,6 +66,7 @@ def show_leaderboards(
     *,
     explain: bool = False,
     challenges: bool = False,
+    trials: bool = False,
 ) -> None:
     """Print the leaderboards of releases.
 
@@ -70,6 +75,7 @@ def show_leaderboards(
         console: console to print on; the terminal by default.
         explain: True for the definitions, behind the tables.
         challenges: True for the results on each challenge, too.
+        trials: True for the verdicts of the trials by which teachers joined, too, which take seconds.
     """
     console = terminal(console)
     for name, place, partial in places_of_releases(names):
@@ -82,6 +88,8 @@ def show_leaderboards(
             if challenges:
                 console.print(_challenges(board))
             tell(console, "")
+        for design, look in _joined(place) if trials else ():
+            tell(console, f"{label(design.teacher)}, {look_line(look)}")
         for sentence in [*([f"{name} is partial: {partial}"] if partial else []), *ceilings_in_words(frames)]:
             tell(console, sentence, "dim")
     for paragraph in EXPLANATION if explain else ():
@@ -146,6 +154,7 @@ def markdown(name: str, pictures: str = ".") -> str:
             parts.append(f"*{DIFFERENCES}*")
         parts.append(pipe_table(HEADS, (_row(board, entry) for entry in board.entries), range(1, 7)))
         parts += notes(board)
+        parts += joined_trials(place) if position == 1 else ()
         results = [[_marked(board, entry), *_results(board, entry)] for entry in board.entries]
         head = ["teacher", *map(short_title, board.challenges)]
         parts.append(
@@ -153,6 +162,28 @@ def markdown(name: str, pictures: str = ".") -> str:
         )
     parts.append(folded("Ceilings", "\n\n".join(ceilings_in_words(frames))))
     return "\n\n".join(parts) if len(parts) > 1 else "No run has been evaluated here."
+
+
+def _joined(place: str) -> list[tuple[Design, Look]]:
+    """Return the trials of the teachers that joined a release by one; none of other results."""
+    baseline = as_baseline(place)
+    return joined_by_trial(baseline) if baseline else []
+
+
+def joined_trials(place: str) -> Iterator[str]:
+    """Yield Markdown of the trials by which teachers joined a release, if any did."""
+    rows, head = [], list[str]()
+    for design, look in _joined(place):
+        head = ["teacher", "seeds"]
+        row = [label(design.teacher), str(look.seeds)]
+        for each in look.settled:
+            best = "" if is_baseline(each.reference) else ", the best of the core"
+            head.append(f"{AXES[each.measure]}, against {label(each.reference)}{best}")
+            row.append(f"{number(each.value)} {ends(each.low, each.high)}, {each.verdict}")
+        rows.append(row)
+    if rows:
+        yield "Of teachers that joined by a [trial](trials.md) its verdicts count, against two opponents:"
+        yield pipe_table(head, rows)
 
 
 def folded(summary: str, text: str) -> str:

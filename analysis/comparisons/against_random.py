@@ -32,7 +32,7 @@ class Gap:
         value: difference of the means.
         low: lower end of its interval, which is simultaneous for the family of its test.
         high: upper end of it.
-        verdict: `Verdict`, or the reason why there is no test.
+        verdict: `Verdict`, or the reason why none was made.
     """
 
     value: float

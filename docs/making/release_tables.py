@@ -19,14 +19,12 @@ from analysis.comparisons.boards import leaderboards
 from analysis.comparisons.frame import corrected, over_challenges, pairwise
 from analysis.comparisons.planning import LITE
 from analysis.comparisons.verdicts import AXES, on_both_axes, verdict
-from analysis.data.reference import is_baseline
-from analysis.formatting import amount, ends, number
+from analysis.formatting import amount
 from analysis.measures.pooling import runs_after
 from analysis.measures.tested import HEADLINE, TRAINED
 from analysis.measures.trained import NEARLY_ALL, trained_shares
 from analysis.names import challenge_title, distinct_labels, label, teacher_order
 from analysis.statistics import SIGNIFICANCE, Description, holm, welch, welch_from_statistics
-from analysis.trials.joined import joined_by_trial
 from tma_ray.benchmark.experiments import TEACHERS as TEACHERS_OF_THE_PAPER
 from tma_ray.campaign.simulated import played_runs
 from tma_ray.part_names import base_name, split_name
@@ -160,20 +158,6 @@ def trials() -> str:
         }
     )
     return markdown(table)
-
-
-def joined_trials() -> str:
-    """Return the verdicts of the trials by which teachers joined the newest release of real students."""
-    rows = []
-    for design, look in joined_by_trial(find_baseline(LITE[-1])):
-        numbers = {"seeds": look.seeds, "runs": look.seeds * len(design.cells)}
-        row = {"teacher": label(design.teacher)} | {name: str(n) for name, n in numbers.items()}
-        for each in look.settled:
-            best = "" if is_baseline(each.reference) else ", the best of the core"
-            head = f"{AXES[each.measure]}, against {label(each.reference)}{best}"
-            row[head] = f"{number(each.value)} {ends(each.low, each.high)}, {each.verdict}"
-        rows.append(row)
-    return markdown(pd.DataFrame(rows))
 
 
 def _verdicts(rows: pd.DataFrame, reference: str) -> pd.Series:

@@ -14,7 +14,6 @@ import pyarrow as pa
 from release_tables import (
     answer,
     budget_rule,
-    joined_trials,
     later_teachers,
     leaderboard,
     learning_of_releases,
@@ -27,6 +26,7 @@ from release_tables import (
 )
 
 from analysis.baselines import BaselineKind, baselines, newest_release
+from analysis.commands.leaderboards import joined_trials
 from analysis.commands.releases import findings
 from tma_ray import cli, command_line
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
@@ -333,7 +333,7 @@ GENERATED: dict[str, Callable[[], str]] = {
         if each.manifest.kind is BaselineKind.RUNS
     },
     "trials": trials,
-    "joined trials": joined_trials,
+    "joined trials": lambda: "\n\n".join(joined_trials("lite-2")),
     "sensitivity": sensitivity,
     "simulated students": simulated_students,
     "simulated and paper": simulated_and_paper,

@@ -114,7 +114,9 @@ def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
 
 
 @command()
-def leaderboard(*baseline: options.Baseline, challenges: bool = False, explain: bool = False) -> int:
+def leaderboard(
+    *baseline: options.Baseline, challenges: bool = False, trials: bool = False, explain: bool = False
+) -> int:
     """Print the best teachers of releases, sooner and in the end.
 
     These are the teachers' means over all challenges, their differences to Random and their ranks, with what
@@ -123,6 +125,7 @@ def leaderboard(*baseline: options.Baseline, challenges: bool = False, explain: 
     Args:
         baseline: releases, or folders or addresses of results (default: those that ship with runs)
         challenges: print the results on each challenge, too
+        trials: print the verdicts of the trials by which teachers joined, too
         explain: print the definitions, too
 
     Examples:
@@ -132,7 +135,8 @@ def leaderboard(*baseline: options.Baseline, challenges: bool = False, explain: 
     """
     from analysis.commands.leaderboards import show_leaderboards
 
-    show_leaderboards([str(each) for each in baseline], explain=explain, challenges=challenges)
+    names = [str(each) for each in baseline]
+    show_leaderboards(names, explain=explain, challenges=challenges, trials=trials)
     return 0
 
 
