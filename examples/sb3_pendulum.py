@@ -21,7 +21,8 @@ def train(teacher: str, seed: int = 0, steps: int = 50_000, test_tasks: int = 50
     """Return the share of uniform test tasks that PPO masters after training with a teacher."""
     curriculum = Curriculum(teacher, SPACE, mastery_return=MASTERY_RETURN, seed=seed, gamma=0.9)
     environment = curriculum.wrap(gymnasium.make("Pendulum-v1"), set_task)
-    model = PPO("MlpPolicy", environment, gamma=0.9, learning_rate=1e-3, seed=seed, device="cpu")
+    settings = {"gamma": 0.9, "learning_rate": 1e-3, "n_steps": 1024, "use_sde": True, "sde_sample_freq": 4}
+    model = PPO("MlpPolicy", environment, seed=seed, device="cpu", **settings)
     model.learn(steps)
     curriculum.save(f"pendulum/{teacher.partition(':')[0]}-{seed}")
     tests = Curriculum("random", SPACE, mastery_return=MASTERY_RETURN, seed=1_000)

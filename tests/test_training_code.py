@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 import sb3_pendulum
+import sb3_withheld
 from sb3_worlds import SB3Worlds
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
@@ -92,6 +93,23 @@ def test_a_teacher_chooses_the_tasks_of_stable_baselines3(tmp_path: Path, monkey
     lines = Path(sb3_pendulum.__file__).read_text().splitlines()
     assert len(lines) < 40
     assert len(Curriculum.load("pendulum/alp_gmm-0").episodes) == 10
+
+
+def test_steps_that_must_not_train_stay_out_of_the_updates_of_stable_baselines3(monkeypatch) -> None:
+    learned, get = [], sb3_withheld.TrainingSteps.get
+
+    def counted(buffer: sb3_withheld.TrainingSteps, batch_size: int | None = None):
+        for batch in get(buffer, batch_size):
+            learned.append(len(batch.observations))
+            yield batch
+
+    short = partial(gymnasium.make, max_episode_steps=20)
+    monkeypatch.setattr(sb3_withheld.gymnasium, "make", short)
+    monkeypatch.setattr(sb3_withheld.TrainingSteps, "get", counted)
+    settings = {"n_steps": 100, "batch_size": 32, "n_epochs": 1}
+    frame = sb3_withheld.main("robust_plr:buffer_size=6", steps=2_000, **settings).episodes
+    assert len(frame) == 100
+    assert 0 < sum(learned) == frame.loc[frame["trains"], "length"].sum() < 2_000
 
 
 def make_world(handle: SharedCurriculum) -> gymnasium.Env:

@@ -69,6 +69,22 @@ def test_episodes_that_must_not_train_stay_outside_of_the_loop(teacher: str) -> 
     assert (frame["length"] == LENGTH).all()
 
 
+def test_a_loop_may_play_the_episodes_that_must_not_train_by_their_marks() -> None:
+    with pytest.raises(ValueError, match=r"needs act= \(or marks_withheld=True\)"):
+        Curriculum(SMALL["robust_plr"], SPACE, mastery_return=MASTERY_RETURN, values=values)
+    curriculum = Curriculum(
+        SMALL["robust_plr"], SPACE, mastery_return=MASTERY_RETURN, values=values, marks_withheld=True
+    )
+    environment, marks = curriculum.wrap(make_pendulum(), set_task), []
+    for _ in range(30):
+        _, info = environment.reset(seed=0)
+        steps = [environment.step(np.zeros(1, np.float32))[4]["trains"] for _ in range(LENGTH)]
+        assert steps == [info["trains"]] * LENGTH
+        marks.append(info["trains"])
+    assert curriculum.episodes["trains"].tolist() == marks
+    assert set(marks) == {True, False}
+
+
 class Listener(Teacher):
     """Teacher that keeps what it is told."""
 

@@ -29,47 +29,55 @@ COUNT = 3
 OVERLAPPING = [name for name in TEACHERS.names() if TEACHERS.get(name).overlapping]
 
 
-def episodes_of(worlds: gymnasium.vector.VectorEnv, steps: int) -> list[tuple[list[float], float]]:
-    """Play random actions; return tasks and returns of the episodes, in the order of their ends."""
+def episodes_of(worlds: gymnasium.vector.VectorEnv, steps: int) -> list[tuple[list[float], float, bool]]:
+    """Play random actions; return tasks, returns and marks of the episodes, in the order of their ends."""
     mode, rng, played = worlds.metadata["autoreset_mode"], np.random.default_rng(0), []
     low, high = worlds.action_space.low, worlds.action_space.high
     _, info = worlds.reset(seed=0)
-    tasks, returns, over = info["task"].copy(), np.zeros(COUNT), np.zeros(COUNT, bool)
+    tasks, trains = info["task"].copy(), info["trains"].copy()
+    returns, over = np.zeros(COUNT), np.zeros(COUNT, bool)
     for _ in range(steps):
         begun = over
         _, rewards, terminated, truncated, info = worlds.step(rng.uniform(low, high).astype(np.float32))
         over = terminated | truncated
         if mode is AutoresetMode.NEXT_STEP:
             tasks[begun], returns[begun] = info.get("task", tasks)[begun], 0.0
+            trains[begun] = info["trains"][begun]
         returns += rewards
-        played += [(tasks[row].tolist(), float(returns[row])) for row in np.flatnonzero(over)]
+        last = info.get("final_info", info)
+        for row in np.flatnonzero(over):
+            assert bool(last["trains"][row]) == trains[row]
+            played.append((tasks[row].tolist(), float(returns[row]), bool(trains[row])))
         if over.any() and mode is not AutoresetMode.NEXT_STEP:
             if mode is AutoresetMode.DISABLED:
                 _, info = worlds.reset(options={"reset_mask": over.copy()})
-            tasks[over], returns[over] = info["task"][over], 0.0
+            tasks[over], returns[over], trains[over] = info["task"][over], 0.0, info["trains"][over]
     return played
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
 @pytest.mark.parametrize("kind", ["ours", "sync"])
 def test_the_teacher_observes_the_episodes_of_all_worlds(kind: str, mode: AutoresetMode) -> None:
+    options = {"mastery_return": 230.0, "values": lambda observations: np.zeros(len(observations))}
     if kind == "ours":
         worlds = gymnasium.make_vec(
             "tma_ray/StumpTracks-v0", num_envs=COUNT, autoreset_mode=mode, max_episode_steps=30
         )
-        curriculum = Curriculum("random", worlds.unwrapped.envs[0], mastery_return=230)
-        wrapped = curriculum.wrap_vector(worlds)
+        space, apply = worlds.unwrapped.envs[0], None
     else:
-        curriculum = curriculum_of("random")
         worlds = SyncVectorEnv([make_pendulum] * COUNT, autoreset_mode=mode)
-        wrapped = curriculum.wrap_vector(worlds, set_task)
-    played = episodes_of(wrapped, 100)
+        space, apply = SPACE, set_task
+    curriculum = Curriculum("robust_plr:buffer_size=3", space, marks_withheld=True, **options)
+    wrapped = curriculum.wrap_vector(worlds, apply)
+    played = episodes_of(wrapped, 150)
     frame = curriculum.episodes
     assert len(frame) >= 3 * COUNT
-    assert frame[[f"task_{name}" for name in curriculum.space.names]].to_numpy().tolist() == [
-        task for task, _ in played
-    ]
-    np.testing.assert_allclose(frame["episodic_return"], [value for _, value in played])
+    names = [f"task_{name}" for name in curriculum.space.names]
+    tasks, returns, trains = zip(*played, strict=True)
+    assert frame[names].to_numpy().tolist() == list(tasks)
+    np.testing.assert_allclose(frame["episodic_return"], returns)
+    assert frame["trains"].tolist() == list(trains)
+    assert set(trains) == {True, False}
     wrapped.close()
 
 

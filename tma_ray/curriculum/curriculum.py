@@ -60,8 +60,8 @@ class Curriculum:
 
     Wrap the loop's environments: each `reset` takes the teacher's next task, and each end of an episode goes
     back to the teacher, truncated ones, too. Episodes from which the student must not learn (those of robust
-    PLR, ACCEL and TRACED) never reach the loop: the wrapper plays them with `act`. `teacher_needs` lists
-    which teacher needs which argument.
+    PLR, ACCEL and TRACED) never reach the loop, since the wrapper plays them with `act`; or they reach it
+    marked, with `marks_withheld`. `teacher_needs` lists which teacher needs which argument.
 
     A pickle or a copy is a handle of the same curriculum, as `shared` returns it.
 
@@ -80,6 +80,8 @@ class Curriculum:
         act: function that returns actions (n, a) of the exploring policy for observations (n, o).
         evaluate: function (tasks (n, d), greedy) that returns the `Outcomes` of one episode of each, such as
             a `TaskEvaluation`.
+        marks_withheld: True for a loop that leaves steps with a false ``info["trains"]`` out of its updates:
+            then it plays the episodes from which the student must not learn, and `act` is not needed.
 
     Raises:
         UnknownNameError: no such teacher.
@@ -89,6 +91,7 @@ class Curriculum:
         space: the task space.
         gamma: the student's discount factor.
         mastery_return: episodic return over which a task is mastered.
+        marks_withheld: True if the loop plays the episodes from which the student must not learn.
         steps: environment steps of the episodes so far.
 
     Examples:
@@ -112,12 +115,13 @@ class Curriculum:
         values: Values | None = None,
         act: Act | None = None,
         evaluate: Evaluate | None = None,
+        marks_withheld: bool = False,
     ) -> None:
         check_finite("mastery_return", mastery_return)
         check_finite("gamma", gamma)
         SEED.check("seed", seed)
         self.space, self.gamma, self.mastery_return = _task_space(space), gamma, mastery_return
-        self.seed, self.steps = seed, 0
+        self.marks_withheld, self.seed, self.steps = marks_withheld, seed, 0
         self._teacher, self._name = _new_teacher(teacher)
         check_limits(type(self._teacher), self._name, self.space)
         self._answers: dict[str, Callable[..., Any] | None] = {
@@ -205,8 +209,8 @@ class Curriculum:
         with self._lock:
             if self._server is None:
                 self._server = CurriculumServer(self, host)
-        server = self._server
-        return SharedCurriculum(server.address, server.key, self.space, self.gamma, self.mastery_return)
+        settings = self.space, self.gamma, self.mastery_return, self.marks_withheld
+        return SharedCurriculum(self._server.address, self._server.key, *settings)
 
     def begin(self) -> Assignment:
         """Return the task of the next episode of a world, for loops without a wrapper.
@@ -315,11 +319,13 @@ class Curriculum:
             )
 
     def _check_needs(self) -> None:
-        missing = [name for name in needs_of(type(self._teacher)) if self._answers[name] is None]
+        needs = [name for name in needs_of(type(self._teacher)) if name != "act" or not self.marks_withheld]
+        missing = [f"{name}=" for name in needs if self._answers[name] is None]
         if missing:
+            instead = " (or marks_withheld=True)" if "act=" in missing else ""
             raise ValueError(
-                f"teacher {self._name!r} needs {', '.join(f'{name}=' for name in missing)}: see Curriculum; "
-                f"teachers without such needs: {', '.join(without_needs())}"
+                f"teacher {self._name!r} needs {', '.join(missing)}{instead}: see Curriculum; teachers "
+                f"without such needs: {', '.join(without_needs())}"
             )
 
     def _needs_one_world(self) -> str:

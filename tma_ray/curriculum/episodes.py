@@ -52,6 +52,7 @@ class Link(Protocol):
     space: TaskSpace
     gamma: float
     mastery_return: float
+    marks_withheld: bool
 
     def begin(self) -> Assignment:
         """Return the task of the next episode of a world."""
@@ -138,9 +139,10 @@ def reset_to(
 def next_assignment(
     environment: Environment, link: Link, apply: Apply | None, seed: int | None = None
 ) -> tuple[Assignment, int | None]:
-    """Return the next task to train on, after episodes on those from which the student does not learn.
+    """Return the next task of the loop, after episodes on those from which the student does not learn.
 
-    These are played here, in `environment`, by the policy of the link, and reported.
+    These are played here, in `environment`, by the policy of the link, and reported, unless the loop plays
+    them.
 
     Args:
         environment: the environment, for these episodes.
@@ -152,7 +154,7 @@ def next_assignment(
         The assignment, and `seed` if no episode has used it.
     """
     assignment = link.begin()
-    while not assignment.trains:
+    while not (assignment.trains or link.marks_withheld):
         observation, _ = reset_to(environment, by_name(link.space, assignment.task), apply, seed=seed)
         episode, over, seed = EpisodeUnderWay(assignment, observation, link.gamma), False, None
         while not over:

@@ -76,13 +76,21 @@ class SharedCurriculum:
         space: space of the tasks.
         gamma: the student's discount factor.
         mastery_return: episodic return over which a task is mastered.
+        marks_withheld: True if the loop plays the episodes from which the student must not learn.
     """
 
     def __init__(
-        self, address: Any, key: bytes, space: TaskSpace, gamma: float, mastery_return: float
+        self,
+        address: Any,
+        key: bytes,
+        space: TaskSpace,
+        gamma: float,
+        mastery_return: float,
+        marks_withheld: bool,
     ) -> None:
         self._address, self._key = address, key
         self.space, self.gamma, self.mastery_return = space, gamma, mastery_return
+        self.marks_withheld = marks_withheld
         self._lock, self._connections = Lock(), dict[int, Connection]()
 
     def wrap(self, environment: Environment, apply: Apply | None = None) -> CurriculumEnvironment:
@@ -119,5 +127,5 @@ class SharedCurriculum:
         return result
 
     def __reduce__(self) -> tuple[Callable[..., "SharedCurriculum"], tuple[Any, ...]]:
-        arguments = self._address, self._key, self.space, self.gamma, self.mastery_return
-        return SharedCurriculum, arguments
+        settings = self.space, self.gamma, self.mastery_return, self.marks_withheld
+        return SharedCurriculum, (self._address, self._key, *settings)

@@ -26,8 +26,8 @@ class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
     """An environment whose episodes are on the tasks of a curriculum.
 
     Each `reset` takes the next task, unless its options have a "task" of the caller's, whose episode is not
-    reported. Nor is one that is abandoned by `reset`. `info` has the "task" (d,) after `reset` and
-    "is_success" at the end of an episode.
+    reported. Nor is one that is abandoned by `reset`. `info` has the "task" (d,) after `reset`, "trains" in
+    every step, which is false where the student must not learn from the episode, and "is_success" at its end.
 
     Args:
         env: the environment.
@@ -52,7 +52,7 @@ class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         named = by_name(self._link.space, assignment.task)
         observation, info = reset_to(self.env, named, self._apply, seed=seed, options=options)
         self._episode = EpisodeUnderWay(assignment, observation, self._link.gamma)
-        return observation, {**info, "task": assignment.task.copy()}
+        return observation, {**info, "task": assignment.task.copy(), "trains": assignment.trains}
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Take a step; report the episode if it ends."""
@@ -60,10 +60,11 @@ class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         episode = self._episode
         if episode is not None:
             episode.add(action, float(reward), observation, terminated)
+            info = {**info, "trains": episode.assignment.trains}
             if terminated or truncated:
                 self._episode = None
                 self._link.end(episode.played())
-                info = {**info, "is_success": episode.episodic_return > self._link.mastery_return}
+                info["is_success"] = episode.episodic_return > self._link.mastery_return
         return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
@@ -89,6 +90,7 @@ class CurriculumWorlds(VectorWrapper):
         self._assigned: list[Assignment] = []
         self._episodes: list[EpisodeUnderWay | None] = [None] * self.num_envs
         self._over = np.zeros(self.num_envs, np.bool_)
+        self._trains = np.ones(self.num_envs, np.bool_)
         self._worlds.next_task = self._next_task
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -100,17 +102,18 @@ class CurriculumWorlds(VectorWrapper):
         if seed is not None:
             self._spare_seed = seed if isinstance(seed, int) else seed[0]
         observations, info = self.env.reset(seed=seed, options=options)
+        self._trains[begun] = True
         if "task" not in (options or {}):
             self._begin(begun, observations)
         self._over[begun] = False
-        return observations, info
+        return observations, {**info, "trains": self._trains & begun, "_trains": begun.copy()}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Take a step in every world; report the episodes that end."""
         self._assigned = []
         observations, rewards, terminated, truncated, info = self.env.step(actions)
         mode, begun = self._worlds.autoreset_mode, self._over
-        over = terminated | truncated
+        over, trained = terminated | truncated, self._trains.copy()
         for row in np.flatnonzero(~begun):
             episode = self._episodes[row]
             if episode is not None:
@@ -122,9 +125,12 @@ class CurriculumWorlds(VectorWrapper):
                     self._link.end(episode.played())
         if mode is AutoresetMode.SAME_STEP:
             self._begin(over, observations)
+            if over.any():
+                info["final_info"] |= {"trains": trained & over, "_trains": over.copy()}
         else:
             self._begin(begun, observations)
             self._over = over
+        info |= {"trains": self._trains.copy(), "_trains": np.ones(self.num_envs, np.bool_)}
         return observations, rewards, terminated, truncated, info
 
     def close(self, **kwargs: Any) -> None:
@@ -147,6 +153,7 @@ class CurriculumWorlds(VectorWrapper):
     def _begin(self, begun: Any, observations: Any) -> None:
         for row, assignment in zip(np.flatnonzero(begun), self._assigned, strict=True):
             self._episodes[row] = EpisodeUnderWay(assignment, observations[row], self._link.gamma)
+            self._trains[row] = assignment.trains
 
 
 def wrap_vector(
