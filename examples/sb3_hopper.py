@@ -5,6 +5,7 @@ pip install "gymnasium[mujoco]"; python examples/sb3_hopper.py
 
 import gymnasium
 from stable_baselines3 import PPO
+from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from tma_ray.curriculum import Curriculum
@@ -23,8 +24,8 @@ def set_task(environment, task) -> None:
 def train(teacher: str, seed: int = 0, steps: int = 100_000, test_tasks: int = 50) -> float:
     """Return the share of uniform test tasks that PPO masters after training with a teacher."""
     curriculum = Curriculum(teacher, SPACE, mastery_return=MASTERY_RETURN, seed=seed)
-    environment = curriculum.wrap(gymnasium.make("Hopper-v5"), set_task)
-    model = PPO("MlpPolicy", environment, seed=seed, device="cpu").learn(steps)
+    worlds = make_vec_env(lambda: curriculum.wrap(gymnasium.make("Hopper-v5"), set_task), n_envs=4)
+    model = PPO("MlpPolicy", worlds, n_steps=512, seed=seed, device="cpu").learn(steps)
     curriculum.save(f"hopper/{teacher.partition(':')[0]}-{seed}")
     tests = Curriculum("random", SPACE, mastery_return=MASTERY_RETURN, seed=1_000)
     test_environment = tests.wrap(gymnasium.make("Hopper-v5"), set_task)
@@ -35,4 +36,4 @@ def train(teacher: str, seed: int = 0, steps: int = 100_000, test_tasks: int = 5
 
 if __name__ == "__main__":
     for name in ("random", "alp_gmm:fit_every=50"):
-        print(name, [train(name, seed) for seed in range(3)])
+        print(name, [train(name, seed) for seed in range(5)])

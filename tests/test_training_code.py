@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 import sb3_pendulum
 import sb3_withheld
+import torch
+from gymnasium import wrappers
 from sb3_worlds import SB3Worlds
 from stable_baselines3 import PPO
+from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 import tma_ray  # noqa: F401  (registers the environments)
@@ -90,9 +93,28 @@ def test_ppo_of_stable_baselines3_trains_on_it() -> None:
 def test_a_teacher_chooses_the_tasks_of_stable_baselines3(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert 0 <= sb3_pendulum.train("alp_gmm:fit_every=5", steps=2_048, test_tasks=2) <= 1
-    lines = Path(sb3_pendulum.__file__).read_text().splitlines()
-    assert len(lines) < 40
-    assert len(Curriculum.load("pendulum/alp_gmm-0").episodes) == 10
+    assert len(Curriculum.load("pendulum/alp_gmm-0").episodes) == 8  # two of each of four environments
+
+
+@pytest.mark.parametrize("name", ["sb3_pendulum", "sb3_hopper"])
+def test_an_example_with_a_teacher_is_short(name: str) -> None:
+    assert len((Path(sb3_pendulum.__file__).parent / f"{name}.py").read_text().splitlines()) < 40
+
+
+if find_spec("mujoco"):  # 60 MB for one example, so that it is no requirement of the project
+
+    @pytest.mark.slow
+    def test_a_teacher_chooses_mass_and_friction_of_the_hopper(tmp_path: Path, monkeypatch) -> None:
+        import sb3_hopper
+
+        monkeypatch.chdir(tmp_path)
+        assert 0 <= sb3_hopper.train("alp_gmm:fit_every=5", steps=2_048, test_tasks=2) <= 1
+        environment = gymnasium.make("Hopper-v5")
+        sb3_hopper.set_task(environment, {"mass": 2.0, "friction": 0.5})
+        model, usual = environment.unwrapped.model, sb3_hopper.USUAL
+        np.testing.assert_allclose(model.body_mass, 2 * usual.body_mass)
+        np.testing.assert_allclose(model.geom_friction[:, 0], usual.geom_friction[:, 0] / 2)
+        assert len(Curriculum.load("hopper/alp_gmm-0").episodes) > 20
 
 
 def test_steps_that_must_not_train_stay_out_of_the_updates_of_stable_baselines3(monkeypatch) -> None:
@@ -124,6 +146,50 @@ def test_the_processes_of_stable_baselines3_share_a_teacher() -> None:
     assert len(curriculum.episodes) > 0
 
 
+@pytest.mark.filterwarnings("error")
+def test_the_check_of_stable_baselines3_accepts_an_environment_with_a_teacher() -> None:
+    curriculum = Curriculum("random", make_environment("stump_tracks"), mastery_return=230)
+    check_env(curriculum.wrap(gymnasium.make("tma_ray/StumpTracks-v0")))
+
+
+def test_a_teacher_in_a_ppo_of_one_file() -> None:
+    """As of CleanRL: environments are wrapped where they are made, below those that normalise."""
+    curriculum = Curriculum("alp_gmm:fit_every=5", make_environment("stump_tracks"), mastery_return=230)
+
+    def make_env() -> gymnasium.Env:
+        env = curriculum.wrap(gymnasium.make("tma_ray/StumpTracks-v0", max_episode_steps=15))
+        env = wrappers.ClipAction(wrappers.RecordEpisodeStatistics(wrappers.FlattenObservation(env)))
+        return wrappers.NormalizeReward(wrappers.NormalizeObservation(env), gamma=0.99)
+
+    torch.manual_seed(0)
+    envs = gymnasium.vector.SyncVectorEnv([make_env] * COUNT)
+    actor, critic = (torch.nn.Sequential(torch.nn.Linear(24, 8), torch.nn.Linear(8, size)) for size in (4, 1))
+    optimizer, returns = torch.optim.Adam([*actor.parameters(), *critic.parameters()]), []
+    observations, _ = envs.reset(seed=0)
+    for _ in range(2):
+        seen, actions, rewards, overs = [], [], [], []
+        for _ in range(32):
+            seen.append(torch.as_tensor(observations, dtype=torch.float32))
+            actions.append(torch.distributions.Normal(actor(seen[-1]).detach(), 1.0).sample())
+            observations, reward, terminated, truncated, info = envs.step(actions[-1].numpy())
+            rewards.append(torch.as_tensor(reward, dtype=torch.float32))
+            overs.append(torch.as_tensor(terminated | truncated))
+            returns += info["episode"]["r"][info["_episode"]].tolist() if "episode" in info else []
+        states, target, targets = torch.stack(seen), torch.zeros(COUNT), []
+        for reward, over in zip(reversed(rewards), reversed(overs), strict=True):
+            target = reward + 0.99 * target * ~over
+            targets.insert(0, target)
+        advantages = torch.stack(targets) - critic(states)[..., 0]
+        log_probs = torch.distributions.Normal(actor(states), 1.0).log_prob(torch.stack(actions)).sum(-1)
+        ratio = (log_probs - log_probs.detach()).exp()
+        clipped = torch.min(ratio * advantages.detach(), ratio.clip(0.8, 1.2) * advantages.detach())
+        optimizer.zero_grad()
+        (advantages.square() - clipped).mean().backward()
+        optimizer.step()
+    assert len(returns) >= 3 * COUNT
+    np.testing.assert_allclose(curriculum.episodes["episodic_return"], returns, rtol=1e-4, atol=1e-4)
+
+
 if find_spec("tianshou"):  # no requirement of the project, so that without it there is nothing to skip
 
     @pytest.mark.slow
@@ -145,9 +211,13 @@ if find_spec("skrl"):
 
     @pytest.mark.slow
     def test_skrl_steps_worlds_with_a_teacher() -> None:
-        import torch
         from skrl.envs.wrappers.torch import wrap_env
 
+        default = wrap_env(gymnasium.make_vec("tma_ray:tma_ray/StumpTracks-v0", num_envs=2), verbose=False)
+        default.reset()
+        for _ in range(300):  # beyond the ends of episodes
+            *_, terminated, truncated, _ = default.step(torch.ones(2, 4))
+        assert (default.num_envs, terminated.shape, truncated.shape) == (2, (2, 1), (2, 1))
         worlds = taught_worlds()
         wrapped = wrap_env(worlds, verbose=False)
         wrapped.reset()
@@ -210,3 +280,25 @@ if find_spec("tree"):  # of RLlib's requirements, the one that nothing else has
         algorithm = config.build_algo()
         assert algorithm.train()["num_env_steps_sampled_lifetime"] >= 100
         algorithm.stop()
+
+    @pytest.mark.slow
+    def test_the_runners_of_rllib_share_a_teacher() -> None:
+        import ray
+        from ray.rllib.algorithms.ppo import PPOConfig
+        from ray.tune.registry import register_env
+
+        curriculum = Curriculum("random", make_environment("stump_tracks"), mastery_return=230)
+        handle = curriculum.shared()
+        world = {"id": "tma_ray:tma_ray/StumpTracks-v0", "max_episode_steps": 20}
+        register_env("taught", lambda config: handle.wrap(gymnasium.make(**world)))
+        config = (
+            PPOConfig()
+            .environment("taught")
+            .env_runners(num_env_runners=1, num_envs_per_env_runner=2)
+            .training(train_batch_size_per_learner=100, minibatch_size=50, num_epochs=1)
+        )
+        algorithm = config.build_algo()
+        algorithm.train()
+        algorithm.stop()
+        ray.shutdown()
+        assert curriculum.episodes["length"].tolist() == [20] * 4  # two of each of two environments

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import multiprocessing
 import os
 import signal
@@ -108,6 +109,16 @@ def test_withheld_episodes_of_our_worlds_are_played_beside_them() -> None:
     assert set(curriculum.episodes["trains"]) == {True, False}
 
 
+def test_infos_of_single_worlds_are_arrays_of_truth_where_gymnasium_stacks_them() -> None:
+    """Gymnasium stacks Python's `bool` as an array of bool, and NumPy's as one of objects."""
+    make = functools.partial(gymnasium.make, "tma_ray/StumpTracks-v0", max_episode_steps=2)
+    curriculum = Curriculum("random", make(), mastery_return=230)
+    worlds = SyncVectorEnv([lambda: curriculum.wrap(make())] * 2)
+    worlds.reset(seed=0)
+    infos = [worlds.step(np.zeros((2, 4), np.float32))[4] for _ in range(2)]
+    assert {infos[1][key].dtype for key in ("success", "is_success", "trains")} == {np.dtype(np.bool_)}
+
+
 def test_worlds_that_cannot_be_taught_are_refused() -> None:
     with pytest.raises(ValueError, match=r"num_envs = 3: expected 1, since teacher 'goal_gan'"):
         curriculum_of("goal_gan").wrap_vector(SyncVectorEnv([make_pendulum] * COUNT), set_task)
@@ -121,10 +132,11 @@ def test_worlds_that_cannot_be_taught_are_refused() -> None:
     worlds.close()
 
 
-@pytest.mark.parametrize("context", ["fork", "spawn"])
-def test_processes_share_one_teacher(context: str) -> None:
+@pytest.mark.parametrize(("context", "host"), [("fork", None), ("spawn", None), ("fork", "127.0.0.1")])
+def test_processes_share_one_teacher(context: str, host: str | None) -> None:
     curriculum = curriculum_of("robust_plr:buffer_size=6")
-    handle = curriculum.shared()
+    handle = curriculum.shared(host)
+    assert isinstance(handle._address, str) == (host is None)
     worlds = AsyncVectorEnv([lambda: handle.wrap(make_pendulum(), set_task)] * 2, context=context)
     worlds.reset(seed=0)
     for _ in range(8 * (LENGTH + 1)):

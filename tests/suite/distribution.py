@@ -16,6 +16,7 @@ SERVICES: dict[str, tuple[str, ...]] = {
         "tests/campaign/test_preflight.py",
         "tests/campaign/test_retries.py",
         "tests/campaign/test_seeing.py",
+        "tests/campaign/test_shared_curriculum.py",
     ),
     "browser": (
         "tests/documentation/test_site_in_a_browser.py",

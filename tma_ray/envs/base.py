@@ -149,7 +149,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._running = not (terminated or truncated)
         if self.render_mode == "human":
             self.render()
-        success = self._episode.episodic_return > MASTERY_RETURN
+        success = self._episode.episodic_return > MASTERY_RETURN  # a `bool`, which Gymnasium can stack
         info = {"success": success, "task": self._task.copy()}
         if not self._running:
             info["is_success"] = success
