@@ -24,6 +24,7 @@ from pendulums import (
 )
 
 import analysis
+from tma_ray.cli import main
 from tma_ray.curriculum import Curriculum, TaskEvaluation, teacher_needs
 from tma_ray.tasks import Episode, Gaussian
 from tma_ray.teachers import TEACHERS, Teacher
@@ -243,3 +244,14 @@ def test_the_record_is_read_as_other_results(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError, match="something else than a saved curriculum"):
         curriculum.save(tmp_path / "other")
     assert (tmp_path / "other" / "file").read_text() == "of somebody"
+
+
+@pytest.mark.slow
+def test_figures_and_the_report_show_the_record(tmp_path: Path) -> None:
+    curriculum = curriculum_of("alp_gmm:fit_every=10")
+    play(curriculum.wrap(make_pendulum(), set_task), 30)
+    curriculum.save(tmp_path / "saved")
+    for command in ("figures", "report"):
+        assert main([command, str(tmp_path / "saved"), "--output", str(tmp_path / command)]) == 0
+    assert list((tmp_path / "figures").glob("*-training-tasks.png"))
+    assert "ALP-GMM" in (tmp_path / "report" / "index.html").read_text()
