@@ -22,6 +22,7 @@ SMALLEST = {
     "vector_envs": "--numbers 2 --steps 40 --repeats 1",
     "teacher_cost": "--episodes 8",
     "actor_overhead": "--students ppo --steps 200 --episodes 5 --repeats 1",
+    "curriculum": "--exchanges 10 --turns 1",
     "checkpoints": "--transitions 100 --more 10",
     "scheduler": "--runs 2 --processes 1",
     "cluster_scale": "--runs 4",

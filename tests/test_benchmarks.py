@@ -36,7 +36,6 @@ OTHERS = {
         "--widths 2 --precisions highest --seconds 0.2 --whole 1 --students ppo --output o.json",
         "| student | width | alone, µs | players, µs | learner, µs | speed per core |",
     ),
-    "curriculum": ("--exchanges 10 --steps 64 --repeats 1", "exchange_milliseconds"),
     "data_plane": ("--exchanges 5", "| Ray calls |"),
     "familywise_error": ("--experiments 1", "`lite-2`,`mastered_area`,arcsine,22,21,"),
     "interval_coverage": ("--experiments 1", "bimodal,5,32,"),
