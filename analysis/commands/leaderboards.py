@@ -262,7 +262,7 @@ def _table(board: Leaderboard) -> Table:
     table.add_column("teacher", width=SHORT, overflow="fold")
     for axis in SHOWN:
         for heading in (AXES[axis], "beside Random", "rank"):
-            table.add_column(heading, justify="right", no_wrap=True)
+            table.add_column(heading, justify="right")
     for entry in board.entries:
         cells = (text.replace(" to ", "\N{EN DASH}") for axis in SHOWN for text in _cells(entry, axis))
         table.add_row(_marked(board, entry), *cells)

@@ -29,7 +29,7 @@ from analysis.statistics import SIGNIFICANCE, welch
 from analysis.statistics.power import POWER
 from tma_ray.terminal import terminal
 
-NAMES = 22
+NAMES = 14
 """Width of the column of teachers, in characters."""
 
 FAMILIES = "on each challenge the core against Random, and a newcomer alone"

@@ -355,7 +355,7 @@ def simultaneous_intervals(
         difference: differences (n,).
         low: lower ends of the single 95 % intervals (n,).
         high: upper ends (n,).
-        freedom: degrees of freedom of the tests (n,); NaN where the test is no t-test.
+        freedom: degrees of freedom of the tests (n,); NaN where the test is another one.
         holm: p-values after Holm's correction for the family (n,); NaN without a test.
     """
     from scipy import special
