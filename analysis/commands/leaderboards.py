@@ -73,7 +73,7 @@ def show_leaderboards(
     Args:
         names: releases or results.
         console: console to print on; the terminal by default.
-        explain: True for the definitions, behind the tables.
+        explain: True for the tasks that no run masters and the definitions, behind the tables.
         challenges: True for the results on each challenge, too.
         trials: True for the verdicts of the trials by which teachers joined, too, which take seconds.
     """
@@ -90,7 +90,8 @@ def show_leaderboards(
             tell(console, "")
         for design, look in _joined(place) if trials else ():
             tell(console, f"{label(design.teacher)}, {look_line(look)}")
-        for sentence in [*([f"{name} is partial: {partial}"] if partial else []), *ceilings_in_words(frames)]:
+        ceilings = ceilings_in_words(frames) if explain else ()
+        for sentence in [*([f"{name} is partial: {partial}"] if partial else []), *ceilings]:
             tell(console, sentence, "dim")
     for paragraph in EXPLANATION if explain else ():
         tell(console, paragraph, "dim")

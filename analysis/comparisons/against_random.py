@@ -14,7 +14,7 @@ from analysis.data.reference import BASELINE
 from analysis.formatting import ends, in_brief, number
 from analysis.measures.pooling import CONDITIONS, condition_words, varying
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
-from analysis.measures.trained import NEARLY_ALL, trained_areas, trained_shares
+from analysis.measures.trained import NEARLY_ALL, Curves, trained_areas, trained_curves, trained_shares
 from analysis.names import label
 
 LARGEST = 100.0
@@ -85,7 +85,8 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
         frames: results with windows of training.
         runs: rows of `pooling.pool_runs`.
     """
-    shares, found = trained_shares(frames), []
+    shares, curves = trained_shares(frames), trained_curves(frames)
+    found: list[AgainstRandom] = []
     for key, group in runs.groupby(ACROSS, dropna=False, sort=True):
         core, across = core_of(group), dict(zip(ACROSS, key, strict=True))
         tests: dict[str, dict[str, Any]] = {
@@ -98,7 +99,7 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
             gaps = {axis: Gap.of(rows[teacher]) for axis, rows in tests.items()}
             if trained[teacher] < NEARLY_ALL:
                 gaps[TRAINED] = _per_trained_step(
-                    frames, group[group["teacher"].isin(core | {teacher})], teacher
+                    curves, group[group["teacher"].isin(core | {teacher})], teacher
                 )
             sizes = int(test["challenges"]), int(test["fewest"])
             here.append(AgainstRandom(str(teacher), teacher not in core, across, *sizes, gaps))
@@ -106,9 +107,9 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
     return found
 
 
-def _per_trained_step(frames: Frames, runs: pd.DataFrame, teacher: str) -> Gap:
+def _per_trained_step(curves: Curves, runs: pd.DataFrame, teacher: str) -> Gap:
     """Return the difference of a teacher to Random until as many trained steps; `runs` hold the core's."""
-    tests = over_challenges(trained_areas(frames, runs, teacher, CHALLENGES), TRAINED, BASELINE)
+    tests = over_challenges(trained_areas(curves, runs, teacher, CHALLENGES), TRAINED, BASELINE)
     return Gap.of(tests[tests["first"] == teacher].iloc[0])
 
 

@@ -1,9 +1,13 @@
 """Steps from which students learned, and mastery for the same number of them."""
 
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
+
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from analysis.data.frames import Frames, computed_once
+from analysis.data.frames import Frames, computed_once, positions
 from analysis.measures.evaluations import measured_so_far
 from analysis.measures.tested import TRAINED
 
@@ -37,46 +41,55 @@ def with_trained_steps(frames: Frames, curves: pd.DataFrame) -> pd.DataFrame:
         frames: results with windows of training.
         curves: run_id and step, among other columns.
     """
-    windows = dict(list(trained_steps(frames).groupby("run_id")))
-    parts = [
-        each.assign(trained=np.interp(each["step"], [0, *known["step"]], [0, *known["trained_steps"]]))
-        for run_id, each in curves.groupby("run_id", observed=True)
-        if (known := windows.get(run_id)) is not None
-    ]
-    return pd.concat(parts) if parts else curves.head(0).assign(trained=0.0)
+    windows = trained_steps(frames)
+    ends, trained = windows["step"].to_numpy(float), windows["trained_steps"].to_numpy(float)
+    own, steps = positions(windows["run_id"]), curves["step"].to_numpy(float)
+    found = np.full(len(curves), np.nan)
+    for run_id, rows in positions(curves["run_id"]).items():
+        if run_id in own:
+            known = own[run_id]
+            found[rows] = np.interp(steps[rows], [0, *ends[known]], [0, *trained[known]])
+    return curves.assign(trained=found).dropna(subset=["trained"])
 
 
-def trained_areas(frames: Frames, runs: pd.DataFrame, teacher: str, strata: list[str]) -> pd.DataFrame:
+Curves: TypeAlias = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""Trained steps and mastered % at the evaluations of runs, by run id."""
+
+
+def trained_curves(frames: Frames) -> Curves:
+    """Return the learning curves of the runs with windows of training against their trained steps."""
+    table = with_trained_steps(frames, measured_so_far(frames))
+    trained, mastered = table["trained"].to_numpy(float), table["mastered_percent"].to_numpy(float)
+    return {run_id: (trained[rows], mastered[rows]) for run_id, rows in positions(table["run_id"]).items()}
+
+
+def trained_areas(curves: Curves, runs: pd.DataFrame, teacher: str, strata: Sequence[str]) -> pd.DataFrame:
     """Return `runs` with `TRAINED`: mean of mastered % until as many trained steps as `teacher` has.
 
     In each stratum runs are measured until the number of trained steps of the run with the fewest; runs of
-    other teachers with still fewer, and those without training windows, have no value.
+    other teachers with still fewer, and those without windows of training, have no value.
 
     Args:
-        frames: results with evaluations and windows of training.
+        curves: learning curves of `trained_curves`.
         runs: rows of `pooling.pool_runs`, of one level and budget.
         teacher: teacher that does not train on all steps.
         strata: columns that tell the strata apart.
     """
-    measured = measured_so_far(frames)
-    measured = with_trained_steps(frames, measured[measured["run_id"].isin(runs["run_id"])])
-    curves = dict(list(measured.groupby("run_id")[["trained", "mastered_percent"]]))
-    ends = measured.groupby("run_id")["trained"].max()
-    totals = runs["run_id"].map(ends)
-    own = totals[runs["teacher"] == teacher].groupby([runs[column] for column in strata], dropna=False).min()
-    until = (
-        runs[strata].merge(own.rename("until").reset_index(), on=strata, how="left")["until"].to_numpy(float)
-    )
+    run_ids = runs["run_id"].to_numpy(object)
+    totals = np.array([curves[each][0][-1] if each in curves else np.nan for each in run_ids])
+    codes = runs.groupby(list(strata), dropna=False).ngroup().to_numpy()
+    own = (runs["teacher"] == teacher).to_numpy(bool) & ~np.isnan(totals)
+    until = np.full(codes.max(initial=-1) + 1, np.inf)
+    np.minimum.at(until, codes[own], totals[own])
     values = [
-        _mean_until(curves[run_id], limit) if run_id in curves and limit <= total else np.nan
-        for run_id, limit, total in zip(runs["run_id"], until, totals, strict=True)
+        _mean_until(*curves[run_id], limit) if limit <= total else np.nan
+        for run_id, limit, total in zip(run_ids, until[codes], totals, strict=True)
     ]
     return runs.assign(**{TRAINED: values})
 
 
-def _mean_until(curve: pd.DataFrame, limit: float) -> float:
+def _mean_until(steps: NDArray[np.float64], mastered: NDArray[np.float64], limit: float) -> float:
     """Return the mean of mastered % over the trained steps until `limit`, by trapezoids."""
-    steps, mastered = curve["trained"].to_numpy(float), curve["mastered_percent"].to_numpy(float)
     inside = steps < limit
     ends = np.array([0.0, *steps[inside], limit])
     heights = np.array([mastered[0], *mastered[inside], np.interp(limit, steps, mastered)])
