@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import functools
+import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -86,8 +87,8 @@ def meanings(kind: type) -> dict[str, str]:
     """Return what the docstring of a class says of each of its attributes, inherited ones included."""
     found: dict[str, str] = {}
     for each in reversed(kind.__mro__):
-        _, _, section = (each.__doc__ or "").partition("Attributes:\n")
-        for name, text in re.findall(r"^ {8}(\w+): (.*(?:\n {12,}.*)*)", section, re.MULTILINE):
+        _, _, section = inspect.cleandoc(each.__doc__ or "").partition("Attributes:\n")
+        for name, text in re.findall(r"^ {4}(\w+): (.*(?:\n {8,}.*)*)", section, re.MULTILINE):
             found[name] = re.sub(r"\s+", " ", text)
     return found
 
