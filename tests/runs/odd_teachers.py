@@ -67,9 +67,8 @@ class Scrutinising(Random):
             assert answer.terminated or length == 30, "the corridor is cut there"
             np.testing.assert_array_equal(answer.observations[0], self.episode_.initial_observation)
             np.testing.assert_allclose(answer.observations[:, 2], np.arange(length + 1) / 30, rtol=1e-6)
-            total = functools.reduce(
-                operator.add, answer.rewards.tolist()
-            )  # sum compensates from Python 3.12 on
+            # From Python 3.12 on sum compensates for rounding, as an environment does not.
+            total = functools.reduce(operator.add, answer.rewards.tolist())
             assert total == self.episode_.episodic_return
             return Query(QueryKind.STATE_VALUES, answer.observations)
         assert answer.shape == (length + 1,)
