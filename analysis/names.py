@@ -122,6 +122,11 @@ def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
     return with_settings(known.title, split_name(environment)[1] | bounds) if known else otherwise
 
 
+def short_title(title: str) -> str:
+    """Return the title of a challenge without what most have in common."""
+    return title.removeprefix("Stump Tracks, ").removesuffix(" task space")
+
+
 def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
     """Return the `label` of each teacher, in their order, as short as a figure needs, and never two alike.
 

@@ -91,17 +91,20 @@ def _curves(
     table: pd.DataFrame, teacher: str, style: Look, name: str, width: float, fill: str = ""
 ) -> Iterator[base.Curve]:
     """Yield the line of a teacher's rows of mean and standard_error, by step; nothing without values."""
-    rows = table[(table["teacher"] == teacher) & table["mean"].notna()].sort_values("step")
-    if rows.empty:
+    columns = ("step", "mean", "standard_error", "n")
+    chosen = ((table["teacher"] == teacher) & table["mean"].notna()).to_numpy()
+    rows = np.column_stack([table[column].to_numpy(np.float64)[chosen] for column in columns])
+    if not len(rows):
         return
-    mean, error = (rows[column].fillna(0).to_numpy(np.float64) for column in ("mean", "standard_error"))
-    words = [f"{m:.1f} ± {e:.1f}, n = {n:.0f}" for m, e, n in zip(mean, error, rows["n"], strict=True)]
+    step, mean, error, n = rows[np.argsort(rows[:, 0])].T
+    error = np.nan_to_num(error)
+    words = [f"{m:.1f} ± {e:.1f}, n = {count:.0f}" for m, e, count in zip(mean, error, n, strict=True)]
     yield base.Curve(
-        x=rows["step"].to_numpy(np.float64),
+        x=step,
         y=mean,
         low=mean - error,
         high=mean + error,
-        n=rows["n"].to_numpy(),
+        n=n.astype(np.int64),
         look=style,
         fill=fill,
         name=name,

@@ -30,17 +30,19 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
     """
     rows = short_labels(map(str, points["teacher"].unique()), base.LONGEST_NAME)
     axes = base.Scale(quantity, base.Kind.PERCENT, grid=True), base.Scale(kind=base.Kind.TEACHERS, rows=rows)
-    steps = dict(list(points[points["value"].notna()].groupby("step", sort=False)))
+    known = points[points["value"].notna()]
+    places = known.groupby(["step", "teacher"], sort=False).indices
+    values, seeds = known["value"].to_numpy(float), known["seed"].to_numpy(object)
 
     def at(step: Any) -> base.Panel:
-        here, marks = steps.get(step, points[:0]), list[base.Mark]()
+        marks = list[base.Mark]()
         for place, (teacher, label) in enumerate(rows.items()):
-            mine = here[here["teacher"] == teacher]
+            mine = places.get((step, teacher), [])
             marks.append(
                 base.Dots(
-                    x=[round(float(value), 2) for value in mine["value"]],
+                    x=[round(value, 2) for value in values[mine].tolist()],
                     y=[place] * len(mine),
-                    words=[f"{label}, seed {seed}" for seed in mine["seed"]],
+                    words=[f"{label}, seed {seed}" for seed in seeds[mine]],
                     hover="{text}: {x:.1f}",
                     look=look(teacher)._replace(marker="o"),
                     teacher=teacher,
@@ -50,13 +52,13 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
                 )
             )
             words, style = f"{label}: mean {{}} of {{}}", {"size": 11.0, "width": 2.0, "cap": 5.0}
-            marks.append(_mean(mine["value"], teacher, place, words, **style))
+            marks.append(_mean(values[mine], teacher, place, words, **style))
         return base.Panel(*axes, marks)
 
     return _moving(name, at, list(dict.fromkeys(points["step"])), heading, caption, len(rows))
 
 
-def _mean(values: pd.Series, teacher: str, place: float, words: str, **own: Any) -> base.Interval:
+def _mean(values: base.Array, teacher: str, place: float, words: str, **own: Any) -> base.Interval:
     """Return the mean of values with its 95 % interval, and both in words with the number of runs."""
     sample = describe(values)
     low, high = mean_percent_interval(sample) if sample.n else (math.nan, math.nan)
@@ -109,16 +111,19 @@ def overview_chart(
         base.Scale(quantity, base.Kind.PERCENT, grid=True),
         base.Scale(kind=base.Kind.COMPARISONS, rows=rows),
     )
-    groups = points.groupby("step", sort=False, dropna=False)
-    samples = {step: dict(list(rows.groupby(["comparison", "teacher"])["value"])) for step, rows in groups}
-    none = points["value"][:0]
+    samples: dict[Any, dict[tuple[str, str], base.Array]] = {step: {} for step in points["step"].unique()}
+    values = points["value"].to_numpy(float)
+    groups: dict[Any, Any] = points.groupby(["step", "comparison", "teacher"], sort=False).indices
+    for (step, anchor, teacher), places in groups.items():
+        samples[step][anchor, teacher] = values[places]
+    none = values[:0]
 
     def at(step: Any) -> base.Panel:
         here = samples.get(step, {})
         latest = samples.get(base.END, {}) if step != base.END else {}
         there = {anchor for anchor, _ in here}
         # A comparison that was not evaluated at this step stays as it is at its end.
-        values = [here.get(pair, none) if pair[0] in there else latest.get(pair, none) for pair in pairs]
+        shown = [here.get(pair, none) if pair[0] in there else latest.get(pair, none) for pair in pairs]
         marks = [
             _mean(
                 sample,
@@ -128,7 +133,7 @@ def overview_chart(
                 name=names[teacher],
                 comparison=anchor,
             )
-            for (anchor, teacher), sample in zip(pairs, values, strict=True)
+            for (anchor, teacher), sample in zip(pairs, shown, strict=True)
         ]
         return base.Panel(*axes, marks)
 

@@ -70,16 +70,19 @@ def _panel(
 ) -> base.Panel:
     """Return the panel of a teacher, with the share of runs in per cent beside its name."""
     teacher = str(shares["teacher"].iloc[0])
-    steps = dict(list(shares.groupby("step", sort=False)))
+    rows, steps = pd.factorize(shares["step"])
+    places = pd.Index(tasks).get_indexer(shares["task_index"])
+    table = np.full((len(steps), len(tasks) + 1), np.nan)  # the last column has what is no task of the set
+    table[rows, places] = 100 * shares["share"].to_numpy(np.float64)
+    percents = dict(zip(steps, table[:, :-1].round(1), strict=True))
 
     def at(step: Any) -> base.Panel:
-        values = steps.get(step, shares[:0]).set_index("task_index")["share"].reindex(tasks)
-        percent = (100 * values.to_numpy(np.float64)).round(1)
+        percent = percents[step]
         known = percent[np.isfinite(percent)]
         title = f"{name}   {known.mean():.1f}\N{NO-BREAK SPACE}%" if len(known) else name
         return base.Panel(axes[0], axes[1], [draw(percent)], title, teacher=teacher)
 
-    return base.moving(at, list(steps), base.END)
+    return base.moving(at, list(percents), base.END)
 
 
 def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> base.Chart:

@@ -1,12 +1,13 @@
 """Charts on pages: marks as plotly.js draws them in the reader's browser, with what changes by step."""
 
 import base64
+import gzip
 import html
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import singledispatch
+from functools import cache, singledispatch
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -69,9 +70,9 @@ class Plot:
 
     @property
     def json(self) -> str:
-        """The chart as JSON that is safe within a script element."""
+        """The chart as JSON."""
         whole = {"data": list(self.traces), "layout": self.layout, "frames": list(self.frames)}
-        return str(to_json_plotly(_compact(whole))).replace("<", "\\u003c")
+        return str(to_json_plotly(_compact(whole)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +106,17 @@ def on_page(chart: base.Chart) -> PageChart:
     return PageChart(chart.title, chart.caption, tuple(plots), min(len(plots), MOST_ACROSS))
 
 
+@cache
 def plotly_library() -> str:
-    """Return plotly.js, safe within a script element and without remote addresses."""
+    """Return plotly.js without remote addresses, `packed` for a script element."""
     # Strings that are nothing but an address, other than that of a namespace of XML.
     address = r"""(["'`])https?://(?!www\.w3\.org/)[^"'`]*\1"""
-    return re.sub(address, r"\1\1", str(get_plotlyjs())).replace("</script", "<\\/script")
+    return packed(re.sub(address, r"\1\1", str(get_plotlyjs())))
+
+
+def packed(text: str) -> str:
+    """Return a text compressed by gzip, in base64: safe within a script element, which page.js unpacks."""
+    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
 def _change(old: Trace, new: Trace) -> Trace:
@@ -252,6 +259,8 @@ def _(mark: base.Shapes, _: base.Panel) -> Iterator[Trace]:
 
 @_traces_of.register
 def _(mark: base.Rule, panel: base.Panel) -> Iterator[Trace]:
+    if panel.y.kind is base.Kind.TEACHERS:  # a shape of the layout: numbers would replace the rows' names
+        return
     curves = [mark.x for mark in panel.marks if isinstance(mark, base.Curve) and len(mark.x)]
     ends = [min(x.min() for x in curves), max(x.max() for x in curves)] if curves else [0.0, 1.0]
     x, y = ([mark.x] * 2, ends) if mark.y is None else (_positions(np.array(ends)), [mark.y] * 2)
@@ -305,6 +314,8 @@ def _layout(chart: base.Chart, panel: base.Panel) -> dict[str, Any]:
         layout["height"] = frame + ROW * len(rows)
         layout["margin"] = {"l": 20, "r": 14, "t": above, "b": 46}
         layout["meta"] = {"teachers": rows, "line_height": ROW, "frame_height": frame}
+        rules = [mark for mark in panel.marks if isinstance(mark, base.Rule)]
+        layout |= {"shapes": [_upright(rule) for rule in rules]} if rules else {}
     if panel.y.kind is base.Kind.COMPARISONS:
         teachers = sorted({mark.teacher for mark in panel.marks if mark.teacher}, key=teacher_order)
         layout["height"] = COMPARISONS_FRAME + max(LEAST, SPACING * (len(teachers) + 1)) * len(rows)
@@ -315,6 +326,12 @@ def _layout(chart: base.Chart, panel: base.Panel) -> dict[str, Any]:
         sizes = {"spacing": SPACING, "least_height": LEAST, "frame_height": COMPARISONS_FRAME}
         layout["meta"] = {"rows": rows, "teachers": teachers, **sizes}
     return layout
+
+
+def _upright(rule: base.Rule) -> dict[str, Any]:
+    """Return a vertical line over all rows of teachers."""
+    line = {"color": rule.look.colour, "dash": _dash(rule.look), "width": rule.width}
+    return {"type": "line", "x0": rule.x, "x1": rule.x, "yref": "paper", "y0": 0, "y1": 1, "line": line}
 
 
 def _axis(scale: base.Scale, panel: base.Panel) -> dict[str, Any]:
@@ -400,6 +417,7 @@ def _transparent(colour: str, opacity: float) -> str:
     return f"rgba({red},{green},{blue},{opacity:g})"
 
 
+@cache
 def colour_scale(name: str) -> list[list[Any]]:
     """Return a colour scale by its name in Python: of the same names plotly.js has other scales."""
     return [[place, colour] for place, colour in get_colorscale(name)]

@@ -5,7 +5,6 @@ first. A release that does not exist, or is damaged, raises `BaselineError`, and
 `ResultsRootError`.
 """
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -17,19 +16,18 @@ from analysis.baselines.catalogue import Baseline, read
 from analysis.charts.base import Chart
 from analysis.charts.intervals import DIFFERENCES, difference_chart
 from analysis.comparisons.against_random import FAMILY
-from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
+from analysis.comparisons.boards import Entry, Leaderboard, leaderboards, notes
 from analysis.comparisons.verdicts import AXES
 from analysis.data.reference import is_baseline
-from analysis.formatting import caveat, ends, estimate, listed, number
+from analysis.formatting import ends, estimate, number
 from analysis.measures.evaluations import ceilings_in_words
-from analysis.measures.tested import FINAL, HEADLINE, MEASURES, TRAINED
+from analysis.measures.tested import FINAL, HEADLINE, MEASURES
 from analysis.measures.trained import NEARLY_ALL
-from analysis.names import label, mark_of
+from analysis.names import label, short_title
 from analysis.tables.table import pipe_table
 from analysis.trials.design import Design
 from analysis.trials.joined import joined_by_trial
 from analysis.trials.standing import Look, look_line
-from tma_ray.part_names import split_name
 from tma_ray.terminal import terminal
 
 EXPLANATION = (
@@ -156,7 +154,7 @@ def markdown(name: str, pictures: str = ".") -> str:
         parts.append(pipe_table(HEADS, (_row(board, entry) for entry in board.entries), range(1, 7)))
         parts += notes(board)
         parts += joined_trials(place) if position == 1 else ()
-        results = [[_marked(board, entry), *_results(board, entry)] for entry in board.entries]
+        results = [[board.marked(entry), *_results(board, entry)] for entry in board.entries]
         head = ["teacher", *map(short_title, board.challenges)]
         parts.append(
             folded("On each challenge, over training", pipe_table(head, results, range(1, len(head))))
@@ -192,46 +190,6 @@ def folded(summary: str, text: str) -> str:
     return f'<details markdown="1"><summary>{summary}</summary>\n\n{text}\n\n</details>'
 
 
-def short_title(title: str) -> str:
-    """Return the title of a challenge without what most have in common."""
-    return title.removeprefix("Stump Tracks, ").removesuffix(" task space")
-
-
-def notes(board: Leaderboard) -> list[str]:
-    """Return sentences below a board: comparisons per trained step, settings left out of names, few seeds."""
-    found = []
-    gaps = [(entry, entry.against.gaps) for entry in board.entries if entry.against]
-    parts = [
-        f"{board.names[entry.teacher]} {gap} ({gap.verdict}; {number(entry.trained, 0)} % trained)"
-        for entry, own in gaps
-        if (gap := own.get(TRAINED))
-    ]
-    if parts:
-        found.append(f"† Per trained step, beside Random, over training: {'; '.join(parts)}.")
-    if board.newcomers:
-        found.append("* Joined later: ranked with the core by its own tests.")
-    shortened = [teacher for teacher, name in board.names.items() if name != label(teacher)]
-    if shortened:
-        left_out: dict[str, list[str]] = {}
-        for teacher in sorted(shortened, key=label):
-            full, short = split_name(teacher)[1], board.names[teacher]
-            settings = (f"{key}={value}" for key, value in full.items() if f"{key}={value}" not in short)
-            left_out.setdefault(", ".join(settings), []).append(short)
-        words = "; ".join(f"{settings} of {', '.join(names)}" for settings, names in left_out.items())
-        fitted = " With budget= settings fit the steps of a run; those of the core's teachers do not."
-        found.append(f"Settings left out of names: {words}.{fitted if 'budget=' in words else ''}")
-    runs = [(entry, entry.ranks[HEADLINE]) for entry in board.entries]
-    usual, _ = Counter(rank.n for _, rank in runs).most_common(1)[0]
-    few = caveat(min(rank.fewest for _, rank in runs if rank.n >= usual))
-    fewer = listed(board.names[entry.teacher] for entry, rank in runs if rank.n < usual)
-    return [*found, *([f"{few}{f' Fewer runs: {fewer}.' if fewer else ''}"] if few else [])]
-
-
-def _marked(board: Leaderboard, entry: Entry) -> str:
-    marks = "*" * entry.ranks[HEADLINE].newcomer + "†" * bool(entry.against and TRAINED in entry.against.gaps)
-    return f"{board.names[entry.teacher]}{' ' * bool(marks)}{marks}{mark_of(entry.teacher)}"
-
-
 def _cells(entry: Entry, axis: str) -> list[str]:
     """Return mean, difference to Random and rank of a teacher on an axis."""
     rank, against = entry.ranks[axis], entry.against
@@ -254,7 +212,7 @@ def _row(board: Leaderboard, entry: Entry) -> list[str]:
         numbers += [mean, gap, rank if chance == "0" else f"{rank}, {chance} %"]
     verdict = entry.against.verdict if entry.against else ""
     runs = str(entry.ranks[HEADLINE].n)
-    marked = _marked(board, entry).replace("*", "\\*")
+    marked = board.marked(entry).replace("*", "\\*")
     return [marked, *(text.replace(" ", NO_BREAK) for text in numbers), verdict, runs]
 
 
@@ -266,7 +224,7 @@ def _table(board: Leaderboard) -> Table:
             table.add_column(heading, justify="right")
     for entry in board.entries:
         cells = (text.replace(" to ", "\N{EN DASH}") for axis in SHOWN for text in _cells(entry, axis))
-        table.add_row(_marked(board, entry), *cells)
+        table.add_row(board.marked(entry), *cells)
     return table
 
 
@@ -278,7 +236,7 @@ def _challenges(board: Leaderboard) -> Table:
         table.add_column(short_title(title), justify="right", max_width=CHALLENGE_WIDTH, overflow="fold")
     for entry in board.entries:
         results = (each.replace(", ", ",") for each in _results(board, entry))
-        table.add_row(_marked(board, entry), *results)
+        table.add_row(board.marked(entry), *results)
     return table
 
 

@@ -4,24 +4,26 @@
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import pandas as pd
 
-from analysis.comparisons.against_random import AgainstRandom, against_random
+from analysis.comparisons.against_random import AgainstRandom, Gap, against_random
 from analysis.comparisons.aggregates import improvements, profiles, stratified_means
-from analysis.comparisons.frame import ACROSS, CHALLENGES, PLACES
+from analysis.comparisons.frame import ACROSS, CHALLENGES, PLACES, pairwise
 from analysis.comparisons.ranks import Rank, ranks
 from analysis.comparisons.verdicts import AXES
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
-from analysis.formatting import amount, estimate, number
+from analysis.formatting import amount, caveat, estimate, listed, number
 from analysis.measures.pooling import PARTS, condition_words, levels_together, runs_after, varying
-from analysis.measures.tested import FINAL, HEADLINE
+from analysis.measures.tested import FINAL, HEADLINE, TRAINED
 from analysis.measures.trained import NEARLY_ALL, trained_shares
-from analysis.names import challenge_title, distinct_labels, title
+from analysis.names import challenge_title, distinct_labels, label, mark_of, title
+from tma_ray.part_names import split_name
 
 THRESHOLDS = (25, 50, 75)
 """Per cent of the test tasks, over which the share of runs is told in tables."""
@@ -66,12 +68,14 @@ class Leaderboard:
         challenges: titles, in the order of the columns.
         entries: teachers, the best in the end first.
         names: shortest distinct label of each teacher; see `names.distinct_labels`.
+        runs: rows of `pooling.pool_runs` that it is of.
     """
 
     title: str
     challenges: tuple[str, ...]
     entries: tuple[Entry, ...]
     names: Mapping[str, str]
+    runs: pd.DataFrame = field(repr=False, compare=False)
 
     @property
     def partly_trained(self) -> bool:
@@ -108,10 +112,58 @@ class Leaderboard:
         means = (f"{self.names[teacher]} {by_end[teacher]} %" for teacher in shown)
         return f"{first}. Mastered test tasks in the end: {', '.join(means)}."
 
+    def marked(self, entry: Entry) -> str:
+        """Return the name of a teacher with the marks that `notes` explains, and that of one's own."""
+        partly = bool(entry.against and TRAINED in entry.against.gaps)
+        marks = "*" * entry.ranks[HEADLINE].newcomer + "†" * partly
+        return f"{self.names[entry.teacher]}{' ' * bool(marks)}{marks}{mark_of(entry.teacher)}"
+
+    def on_each_challenge(self, axis: str) -> dict[tuple[str, str], Gap]:
+        """Return the difference to Random by teacher and title of the challenge.
+
+        Tests of a challenge are a family of the core against Random, and one of each newcomer.
+        """
+        tests = pairwise(self.runs, axis, BASELINE, detectable=False)
+        return {
+            (str(test["first"]), _title_of(test)): Gap.of(test)
+            for _, test in tests.iterrows()
+            if test["second"] in self.names
+        }
+
     def _named(self, chances: Mapping[str, float]) -> str:
         names = " or ".join(self.names[teacher] for teacher in chances)
         chance = f"probability {number(min(sum(chances.values()), 0.99), 2)}"
         return f"{names} ({chance}{', not told apart' if len(chances) > 1 else ''})"
+
+
+def notes(board: Leaderboard) -> list[str]:
+    """Return sentences below a board: comparisons per trained step, settings left out of names, few seeds."""
+    found = []
+    gaps = [(entry, entry.against.gaps) for entry in board.entries if entry.against]
+    parts = [
+        f"{board.names[entry.teacher]} {gap} ({gap.verdict}; {number(entry.trained, 0)} % trained)"
+        for entry, own in gaps
+        if (gap := own.get(TRAINED))
+    ]
+    if parts:
+        found.append(f"† Per trained step, beside Random, over training: {'; '.join(parts)}.")
+    if board.newcomers:
+        found.append("* Joined later: ranked with the core by its own tests.")
+    shortened = [teacher for teacher, name in board.names.items() if name != label(teacher)]
+    if shortened:
+        left_out: dict[str, list[str]] = {}
+        for teacher in sorted(shortened, key=label):
+            full, short = split_name(teacher)[1], board.names[teacher]
+            settings = (f"{key}={value}" for key, value in full.items() if f"{key}={value}" not in short)
+            left_out.setdefault(", ".join(settings), []).append(short)
+        words = "; ".join(f"{settings} of {', '.join(names)}" for settings, names in left_out.items())
+        fitted = " With budget= settings fit the steps of a run; those of the core's teachers do not."
+        found.append(f"Settings left out of names: {words}.{fitted if 'budget=' in words else ''}")
+    runs = [(entry, entry.ranks[HEADLINE]) for entry in board.entries]
+    usual, _ = Counter(rank.n for _, rank in runs).most_common(1)[0]
+    few = caveat(min(rank.fewest for _, rank in runs if rank.n >= usual))
+    fewer = listed(board.names[entry.teacher] for entry, rank in runs if rank.n < usual)
+    return [*found, *([f"{few}{f' Fewer runs: {fewer}.' if fewer else ''}"] if few else [])]
 
 
 def leaderboards(frames: Frames, runs: pd.DataFrame | None = None) -> list[Leaderboard]:
@@ -180,8 +232,7 @@ def _board(
     results: dict[str, dict[str, tuple[float, float, float]]] = {}
     titles: dict[str, None] = {}
     for row in stratified_means(runs, HEADLINE, [*ACROSS, *PLACES]).to_dict("records"):
-        place, challenge = str(row["environment"]), str(row["challenge"])
-        name = challenge_title(place, challenge, f"{place} {challenge}")
+        name = _title_of(row)
         titles.setdefault(name)
         result = float(row["difference"]), float(row["low"]), float(row["high"])
         results.setdefault(str(row["teacher"]), {})[name] = result
@@ -203,7 +254,12 @@ def _board(
     heading = ", ".join([f"expert knowledge {where['expert_knowledge']}", budget, engine, *told_apart])
     if challenges < where["of"]:
         heading += f": the {len(entries)} teachers on {challenges} of {where['of']} challenges"
-    return Leaderboard(heading, tuple(titles), entries, distinct_labels(results))
+    return Leaderboard(heading, tuple(titles), entries, distinct_labels(results), runs)
+
+
+def _title_of(row: Mapping[Any, Any] | pd.Series) -> str:
+    place, challenge = str(row["environment"]), str(row["challenge"])
+    return challenge_title(place, challenge, f"{place} {challenge}")
 
 
 def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:

@@ -218,12 +218,12 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
     Returns:
         `GROUP`, measure, step, the columns of `statistics.Comparison`, and by comparison `CORRECTED`.
     """
-    rows, randoms = [], randoms_of(finals)
+    rows, randoms, seeds = [], randoms_of(finals), seeds_to_pair(finals)
     for key, teachers in finals.groupby(COMPARISON, sort=True):
         reference = reference_of(teachers, randoms)
         for name, mine in teachers.groupby("teacher", sort=True):
             if not is_baseline(str(name)):
-                step, test = _at_one_step(mine, reference, curves, measure)
+                step, test = _at_one_step(mine, reference, curves, measure, seeds)
                 rows.append([*key, str(name), measure, step, *vars(test).values()])
     return corrected(pd.DataFrame(rows, columns=[*GROUP, "measure", "step", *TEST]), COMPARISON)
 
@@ -239,16 +239,37 @@ def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) 
     Returns:
         step, teacher, measure, the columns of `statistics.Comparison`, and `CORRECTED`.
     """
-    others = curves[~curves["teacher"].map(is_baseline)]
-    runs = pd.concat([others, reference.assign(teacher=BASELINE)], ignore_index=True)
-    tests = pairwise(runs.assign(core=True), measure, BASELINE, ["step"], detectable=False)
-    return corrected(tests, ["step"]).rename(columns={"first": "teacher"})[
-        ["step", "teacher", "measure", *TEST, *CORRECTED]
-    ]
+    seeds = seeds_to_pair(curves, reference)
+    others = _samples_at_steps(curves[~curves["teacher"].map(is_baseline)], measure)
+    randoms = _samples_at_steps(reference.assign(teacher=BASELINE), measure)
+    rows = []
+    for step, teacher in sorted(others):
+        sample, random = others[step, teacher], randoms.get((step, BASELINE))
+        test = Comparison(len(sample), 0, math.nan, reason=NO_BASELINE)
+        rows.append(
+            [
+                step,
+                teacher,
+                measure,
+                *vars(test if random is None else compared(sample, random, seeds)).values(),
+            ]
+        )
+    return corrected(pd.DataFrame(rows, columns=["step", "teacher", "measure", *TEST]), ["step"])
+
+
+def _samples_at_steps(curves: pd.DataFrame, measure: str) -> dict[tuple[int, str], pd.Series]:
+    """Return the values of `measure` by step and teacher, each indexed by run id."""
+    rows = curves[curves[measure].notna()].drop_duplicates(["step", "teacher", "run_id"])
+    groups: dict[Any, Any] = rows.groupby(["step", "teacher"]).indices
+    values, run_ids = rows[measure].to_numpy(float), rows["run_id"].to_numpy(object)
+    return {
+        (int(step), str(teacher)): pd.Series(values[places], index=pd.Index(run_ids[places], dtype=object))
+        for (step, teacher), places in groups.items()
+    }
 
 
 def _at_one_step(
-    mine: pd.DataFrame, reference: pd.DataFrame, curves: pd.DataFrame, measure: str
+    mine: pd.DataFrame, reference: pd.DataFrame, curves: pd.DataFrame, measure: str, seeds: Seeds
 ) -> tuple[float, Comparison]:
     """Return the step at which two groups are compared, and the comparison."""
     step, reason = min(mine["step"].max(), reference["step"].max()), ""
@@ -264,7 +285,7 @@ def _at_one_step(
         pd.Series(rows[measure].to_numpy(float), rows["run_id"].to_numpy(object))
         for rows in (mine, reference)
     )
-    test = compared(first, second, seeds_to_pair(mine, reference))
+    test = compared(first, second, seeds)
     return step, Comparison(test.n, test.reference_n, test.difference, reason=reason) if reason else test
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.comparisons.frame import CORRECTED, TEST, pairwise
-from analysis.comparisons.verdicts import verdict
+from analysis.comparisons.verdicts import THAN, Verdict, on_both_axes, verdict
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, NO_BASELINE, is_baseline
 from analysis.formatting import amount, caveat, ends, in_brief, listed, number, p_value, plus_minus
@@ -41,7 +41,7 @@ def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
             "Nothing mastered: no seed masters any test task, so teachers are not compared. Their mean "
             "returns do not say which of them would master more."
         ]
-    tests = tests[tests["measure"] == HEADLINE].set_index("teacher")
+    sooner, end = (tests[tests["measure"] == axis].set_index("teacher") for axis in (HEADLINE, FINAL))
     final, running = read[~read["provisional"]], read[read["provisional"]]
     said = []
     if len(final):
@@ -51,11 +51,11 @@ def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
         verb = "masters the most test tasks over training:" if len(final) > 1 else "masters over training"
         last = plus_minus(best[f"{FINAL}_mean"], best[f"{FINAL}_std"]) + UNIT
         value = f"{label(best['teacher'])} {verb} {_value(best)} ({spread})"
-        said = [f"{value}; at the last three evaluations {last}.", *_certainty(final, tests)]
+        said = [f"{value}; at the last three evaluations {last}.", *_certainty(final, sooner, end)]
     if len(final) == 1:
         said.append("No other teacher has finished." if len(running) else "Other teachers were not run.")
     for _, row in running.iterrows():
-        gap = tests["difference"].get(row["teacher"], math.nan)
+        gap = sooner["difference"].get(row["teacher"], math.nan)
         until = f", {_gap(gap)} than Random until that step" if math.isfinite(gap) else ""
         so_far = f"So far, over {amount(row['step'])} steps, {label(row['teacher'])} masters {_value(row)}"
         said.append(f"{so_far}{until}; its runs are still under way.")
@@ -70,33 +70,33 @@ def _gap(difference: float) -> str:
     return f"{number(abs(difference))} points {'more' if difference >= 0 else 'less'}"
 
 
-def _certainty(ranked: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
-    """Return sentences on how far the order of the finished teachers can be trusted."""
+def _certainty(ranked: pd.DataFrame, sooner: pd.DataFrame, end: pd.DataFrame) -> list[str]:
+    """Return sentences on how far the order of the finished teachers can be trusted.
+
+    `sooner` and `end` are the tests on both axes, by teacher.
+    """
     best = ranked["teacher"].iloc[0]
     if len(ranked) == 1:
         return []
-    tests = tests[tests.index.isin(ranked["teacher"])]
+    tests = sooner[sooner.index.isin(ranked["teacher"])]
     if (tests["reason"] == NO_BASELINE).all():
         return ["Random has not been run to its end here, so no test was made."]
-    sentences, also = ["No teacher does better than Random."], ""
+    sentences, teachers = ["No teacher does better than Random."], dict[str, list[str]]()
     if not is_baseline(best):
-        sentences = [_against_random(best, tests.loc[best])]
-        also = "also " if tests.loc[best, "holm"] < SIGNIFICANCE else ""
-    others = tests.drop(index=best, errors="ignore")
-    verdicts = others.apply(verdict, axis=1) if len(others) else pd.Series(dtype=object)
-    for word, phrase in (
-        ("better", "Also significantly better" if also else "Significantly better"),
-        ("worse", "Significantly worse"),
-        ("not distinguishable", "Not distinguishable"),
-    ):
-        teachers = sorted(label(teacher) for teacher in verdicts[verdicts == word].index)
-        other = "from" if word == "not distinguishable" else "than"
-        sentences += [f"{phrase} {other} Random: {listed(teachers)}."] if teachers else []
+        sentences = [_against_random(best, tests.loc[best], end.loc[best])]
+    for teacher in sorted(tests.index.drop(best, errors="ignore"), key=label):
+        words = on_both_axes(verdict(tests.loc[teacher]), verdict(end.loc[teacher]))
+        teachers.setdefault(words, []).append(label(teacher))
+    order = {str(words): place for place, words in enumerate(THAN)}
+    for words in sorted(teachers, key=lambda words: (order.get(words, len(order)), words)):
+        if words not in set(tests["reason"]):
+            lead = THAN[Verdict(words)] if words in THAN else f"{words}, beside"
+            sentences.append(f"{lead[0].upper()}{lead[1:]} Random: {listed(teachers[words])}.")
     few = caveat(tests.loc[tests["reason"] == "", ["n", "reference_n"]].min().min())
     return [*sentences, *([few] if few else [])]
 
 
-def _against_random(teacher: str, test: pd.Series) -> str:
+def _against_random(teacher: str, test: pd.Series, end: pd.Series) -> str:
     lead = f"That is {_gap(test['difference'])} than Random"
     if test["reason"] == "needs 2 seeds":
         return f"{lead}, but a single seed cannot tell skill from luck: nothing can be concluded."
@@ -104,11 +104,12 @@ def _against_random(teacher: str, test: pd.Series) -> str:
         return f"{lead}; not tested ({test['reason']})."
     interval = f"simultaneous 95 % interval {ends(test['simultaneous_low'], test['simultaneous_high'])}"
     found = f"{METHODS[Method(test['method'])]}, {p_value(test['holm'])} after Holm"
+    then = f" In the end it is {verdict(end)}." if verdict(end) in THAN else ""
     if test["holm"] < SIGNIFICANCE:
-        return f"{lead} ({interval}), a significant difference ({found})."
+        return f"{lead} ({interval}), a significant difference ({found}).{then}"
     return (
         f"{lead} ({interval}), which may be chance: the seeds do not tell {label(teacher)} and Random apart "
-        f"({found})."
+        f"({found}).{then}"
     )
 
 

@@ -57,6 +57,8 @@ def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
     """Return the seeds by which runs are paired; tables have engine, seed and run_id."""
     seeds: dict[Hashable, Hashable] = {}
     for table in tables:
+        if SHARED.isdisjoint(table["engine"].unique()):
+            continue
         rows = table[table["engine"].isin(SHARED)]
         seeds |= dict(zip(rows["run_id"].astype(object), rows["seed"], strict=True))
     return seeds

@@ -33,7 +33,8 @@ from analysis.measures.pooling import COMPARED, SETTINGS, by_students, parts_of,
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES, PAPERS, QUANTITIES, how_tested
 from analysis.names import label, own_first, teacher_order
 from analysis.pages.page import SHOWN, controls, leading, overall_section, page, page_folder, write_page
-from analysis.pages.sections import Section, by_step, overview, points_of
+from analysis.pages.sections import Columns, Section, by_step, overview, points_of
+from analysis.statistics import describe
 from analysis.tables.paper_tables import TableResults, result_tables, results_of
 from analysis.tables.table import Table
 
@@ -52,10 +53,10 @@ def places(
     if runs.empty:
         return
 
-    def texts(_step: int, _teacher: str, rows: pd.DataFrame) -> dict[str, str]:
-        values, final = rows[measure], number(rows[FINAL].mean())
-        mastered = plus_minus(values.mean(), values.std())
-        return {"n": str(len(values)), "mastered": mastered, "final": final, "tests": ""}
+    def texts(_step: int, _teacher: str, rows: Columns) -> dict[str, str]:
+        values, final = describe(rows[measure]), describe(rows[FINAL])
+        mastered = plus_minus(values.mean, values.std)
+        return {"n": str(values.n), "mastered": mastered, "final": number(final.mean), "tests": ""}
 
     sources = runs.groupby([*COMPARED, "teacher"], dropna=False)["source"].agg("first").reset_index()
     table = pooled(runs, list(dict.fromkeys([measure, FINAL]))).merge(sources, on=[*COMPARED, "teacher"])
@@ -74,7 +75,9 @@ def places(
             title=f"{rows['title'].iloc[0]}, {students}, expert knowledge {place['expert_knowledge']}",
             chosen_by=chosen_by | {"student": students},
             rows=[_ranked(row, here, measure) for _, row in ranked.iterrows()],
-            step_rows=by_step(along[along[measure].notna()], texts),
+            step_rows=by_step(
+                along.loc[along[measure].notna(), list({"step", "teacher", measure, FINAL})], texts
+            ),
             points=points,
             charts=list(map(on_page, _charts(anchor, points, along, measure))),
         )

@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from analysis.charts.page import on_page, plotly_library
+from analysis.charts.page import on_page, packed, plotly_library
 from analysis.charts.profiles import FEWEST, profile_chart
 from analysis.comparisons.boards import THRESHOLDS, overall_rows, performance_profiles
 from analysis.data.reference import is_baseline
@@ -46,6 +46,7 @@ def _environment() -> Environment:
     environment.filters["data_uri"] = lambda content, kind: (
         f"data:{kind};base64,{base64.b64encode(content).decode()}"
     )
+    environment.filters["packed"] = lambda text: packed(str(text))
     environment.globals |= {"plotly_library": plotly_library, "plus_minus": plus_minus}
     environment.globals |= {"label": marked_label, "look": look, "mark_of": mark_of}
     return environment

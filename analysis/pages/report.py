@@ -8,20 +8,21 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from analysis.baselines.catalogue import Sources, places_of, read
+from analysis.baselines.catalogue import Sources, as_baseline, places_of, read
 from analysis.claims.judging import decided, root_verdicts
 from analysis.comparisons.measured import TESTED, Measured, measure, titled
 from analysis.data.frames import COMPARISON, GROUP, STATUSES, Frames
 from analysis.data.identity import parsed
-from analysis.formatting import amount, duration, number
+from analysis.formatting import amount, duration, listed, number
 from analysis.looks import shown_together
 from analysis.measures.evaluations import aggregate, ceilings_in_words, mastered_tasks
 from analysis.measures.pooling import runs_after
 from analysis.measures.run_measures import run_measures
 from analysis.measures.tested import HEADLINE, QUANTITIES, how_tested
 from analysis.names import label, teacher_order
+from analysis.pages.answer import answers
 from analysis.pages.page import controls, leading, overall_section, page, page_folder, write_page
-from analysis.pages.sections import Section, distinct, overview, sections, threshold, thresholds
+from analysis.pages.sections import Section, best_of, distinct, overview, sections, threshold, thresholds
 from tma_ray.tasks import MASTERY_RETURN
 
 
@@ -36,6 +37,19 @@ def what_ran(cells: pd.DataFrame) -> str:
     if len(steps) == 1:
         parts.append(f"{amount(steps[0])} steps")
     return ", ".join(part for part in parts if part)
+
+
+def subject(sources: Sources, campaigns: Sequence[str]) -> str:
+    """Return the title of a report: names of releases, the only campaign of a root, or names of folders."""
+    names = []
+    for place in places_of(sources):
+        if baseline := as_baseline(place):
+            names.append(baseline.manifest.name)
+        elif len(campaigns) == 1:
+            names.append(f"{campaigns[0][:1].upper()}{campaigns[0][1:]}".replace("_", " "))
+        else:
+            names.append(Path(place).resolve().name if campaigns else "Training runs")
+    return listed(dict.fromkeys(names))
 
 
 def unfinished(frames: Frames) -> dict[str, list[dict[str, Any]]]:
@@ -258,7 +272,18 @@ def write_report(
     with shown_together(frames.cells["teacher"]):
         parts = list(sections(frames, measured, shown))
         tables = list(downloads(frames, measured))
-        text = _render(frames, measured, parts, tables, videos, shown, reload)
+        campaigns = sorted(name for name in frames.cells["campaign"].unique() if name)
+        text = _render(
+            frames,
+            measured,
+            parts,
+            shown,
+            downloads=tables,
+            videos=by_comparison(videos),
+            reload=reload,
+            subject=subject(sources, campaigns),
+            campaigns=campaigns,
+        )
     pictures = {f"{picture.name}.png": picture.png for part in parts for picture in part.pictures}
     return write_page(output, text, pictures | {table.name: table.content for table in tables})
 
@@ -273,13 +298,7 @@ def report_folder(sources: Sources, output: Path | None) -> Path:
 
 
 def _render(
-    frames: Frames,
-    measured: Measured,
-    parts: list[Section],
-    tables: list[Download],
-    videos: Sequence[Video],
-    shown: Collection[str],
-    reload: int,
+    frames: Frames, measured: Measured, parts: list[Section], shown: Collection[str], **content: Any
 ) -> str:
     cells = frames.cells
     verdicts, notes = root_verdicts(frames)
@@ -288,8 +307,6 @@ def _render(
     caption = "Marks are means over seeds, lines their 95 % intervals. Choose above what is shown and when."
     return page(
         "report.html.j2",
-        reload=reload,
-        campaigns=sorted(name for name in cells["campaign"].unique() if name),
         ran=what_ran(cells),
         counts={"runs": int(states.sum())} | {status: int(states.get(status, 0)) for status in STATUSES},
         warnings=[*frames.notes, *notes],
@@ -299,18 +316,19 @@ def _render(
             measured.evaluations["step"].unique(),
             shown,
         ),
+        answers=list(answers(frames)),
         overview=overview(parts, titles, quantity, "All comparisons", caption),
+        comparisons=list(zip(parts, titles, map(best_of, parts), strict=True)),
         sections=parts,
         overall=overall_section(runs_after(frames)),
-        videos=by_comparison(videos),
         tests=int((measured.tests["p"].notna() & (measured.tests["measure"] == TESTED[0])).sum()),
         verdicts=decided(verdicts),
         unfinished=unfinished(frames),
         settings=settings(cells),
         machines=machines(frames.attempts),
-        downloads=tables,
         mastery=thresholds(cells) or number(MASTERY_RETURN, 0),
         ceilings=ceilings_in_words(frames),
         quantity=quantity,
         how_tested=how_tested("all teachers of a comparison against Random"),
+        **content,
     )

@@ -1,10 +1,12 @@
 """Sections of a report: sentences, a table, charts and figures of each comparison."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import pandas as pd
+from numpy.typing import NDArray
 
 from analysis.charts.base import END, MASTERED, Chart
 from analysis.charts.curricula import dimension_bands
@@ -19,7 +21,7 @@ from analysis.comparisons.against_random import Gap
 from analysis.comparisons.frame import along_baseline, reference_of
 from analysis.comparisons.measured import Measured, curricula_of, in_whose_space, titled, which_runs
 from analysis.comparisons.sentences import findings
-from analysis.comparisons.verdicts import verdict
+from analysis.comparisons.verdicts import AXES, on_both_axes, verdict
 from analysis.data.curricula import Curriculum, moments, task_axes
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
@@ -222,29 +224,35 @@ def _shares(frames: Frames, mine: Measured) -> pd.DataFrame:
     return pd.concat([along, ends[along.columns]], ignore_index=True)
 
 
-NONE = {"difference": "", "p": ""}
-
-
 def end_rows(mine: Measured) -> Iterator[dict[str, Any]]:
     """Yield the rows of the table at the ends of runs, Random first."""
-    tests = mine.tests[mine.tests["measure"] == HEADLINE]
-    groups = {str(group["teacher"]): group for _, group in mine.summary.iterrows()}
+    tests = {axis: mine.tests[mine.tests["measure"] == axis] for axis in AXES}
+    groups: dict[str, Any] = {str(group["teacher"]): group for group in mine.summary.to_dict("records")}
+    tested = {axis: table.set_index("teacher").to_dict("index") for axis, table in tests.items()}
+    worst = mine.finals.groupby("teacher")[HEADLINE].min()
     for teacher in sorted(groups, key=teacher_order):
-        group, test = groups[teacher], tests[tests["teacher"] == teacher].to_dict("records")
+        group = groups[teacher]
         step = amount(group["step"]) if group["n"] else "\N{EN DASH}"
         yield {
             "name": teacher,
+            "mean": float(group[f"{HEADLINE}_mean"]),
             "seeds": f"{group['n']}" if group["n"] == group["seeds"] else f"{group['n']} of {group['seeds']}",
             "step": step + "*" * bool(group["provisional"]),
             "mastered": plus_minus(group[f"{HEADLINE}_mean"], group[f"{HEADLINE}_std"]),
             "final": plus_minus(group[f"{FINAL}_mean"], group[f"{FINAL}_std"]),
-            "worst": number(mine.finals.loc[mine.finals["teacher"] == teacher, HEADLINE].min()),
+            "worst": number(worst.get(teacher, math.nan)),
             "evaluation": plus_minus(group["evaluation_return_mean"], group["evaluation_return_std"]),
             "training": f"{number(group['first_quarter_mean'])} → {number(group['last_quarter_mean'])}",
             "provisional": group["provisional"],
             "verdict": "baseline" if is_baseline(teacher) else "not evaluated yet",
-            **(_against_random(test[0]) if test else NONE),
+            **_against_random(tested, teacher),
         }
+
+
+def best_of(section: Section) -> Mapping[str, Any] | None:
+    """Return the row of the teacher that masters most over training, None if no run has ended or masters."""
+    ended = [row for row in section.rows if row["mean"] > 0 and not row["provisional"]]
+    return max(ended, key=lambda row: row["mean"], default=None)
 
 
 def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[str, str]]]:
@@ -258,46 +266,54 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
     if curves.empty:
         return {}
     reference = reference_of(curves, everything.randoms)
-    tests = along_baseline(curves, reference, HEADLINE).set_index(["step", "teacher"])
-    tested: dict[Any, Any] = tests.to_dict("index")
+    tests = {axis: along_baseline(curves, reference, axis) for axis in AXES}
+    tested = {axis: table.set_index(["step", "teacher"]).to_dict("index") for axis, table in tests.items()}
 
-    def row(step: int, teacher: str, rows: pd.DataFrame) -> dict[str, str]:
-        columns = {"mastered": HEADLINE, "final": FINAL, "evaluation": "evaluation_return"}
+    columns = {"mastered": HEADLINE, "final": FINAL, "evaluation": "evaluation_return"}
+
+    def row(step: int, teacher: str, rows: Columns) -> dict[str, str]:
         samples = {name: describe(rows[column]) for name, column in columns.items()}
-        test = tested.get((step, teacher))
         return {
-            "seeds": str(rows["run_id"].nunique()),
+            "seeds": str(len(set(rows["run_id"]))),
             "step": amount(step),
             "worst": number(rows[HEADLINE].min()),
             "training": "",
             "verdict": "baseline" if is_baseline(teacher) else "",
             **{name: plus_minus(sample.mean, sample.std) for name, sample in samples.items()},
-            **(_against_random(test) if test else NONE),
+            **_against_random(tested, (step, teacher)),
         }
 
-    return by_step(curves, row)
+    return by_step(curves[["step", "teacher", "run_id", *columns.values()]], row)
+
+
+Columns: TypeAlias = Mapping[str, NDArray[Any]]
+"""Some rows of a table, column by column."""
 
 
 def by_step(
-    curves: pd.DataFrame, row: Callable[[int, str, pd.DataFrame], dict[str, str]]
+    curves: pd.DataFrame, row: Callable[[int, str, Columns], dict[str, str]]
 ) -> dict[str, dict[str, dict[str, str]]]:
     """Return the result of `row` for the runs of each teacher at each step, by step and teacher."""
     found: dict[str, dict[str, dict[str, str]]] = {}
-    key: Any
-    for key, rows in curves.groupby(["step", "teacher"], sort=True):
-        found.setdefault(str(int(key[0])), {})[str(key[1])] = row(int(key[0]), str(key[1]), rows)
+    columns = {str(name): curves[name].to_numpy() for name in curves}
+    groups: dict[Any, Any] = curves.groupby(["step", "teacher"]).indices
+    for step, teacher in sorted(groups):
+        rows = {name: values[groups[step, teacher]] for name, values in columns.items()}
+        found.setdefault(str(int(step)), {})[str(teacher)] = row(int(step), str(teacher), rows)
     return found
 
 
-def _against_random(test: Mapping[Any, Any]) -> dict[str, str]:
-    difference = number(test["difference"])
+def _against_random(tested: Mapping[str, Mapping[Any, Mapping[Any, Any]]], key: Hashable) -> dict[str, str]:
+    """Return the cells of the tests with `key` on both axes; empty ones without tests."""
+    tests = {axis: rows[key] for axis, rows in tested.items() if key in rows}
+    if len(tests) < len(tested):
+        return {"difference": "", "p": ""}
+    test = tests[HEADLINE]
+    words = on_both_axes(verdict(test), verdict(tests[FINAL]))
     if test["reason"]:
-        return {"verdict": verdict(test), "difference": difference, "p": ""}
-    return {
-        "verdict": verdict(test),
-        "difference": str(Gap.of(test)),
-        "p": p_value(test["holm"]).removeprefix("p").removeprefix(" = ").strip(),
-    }
+        return {"verdict": words, "difference": number(test["difference"]), "p": ""}
+    p = p_value(test["holm"]).removeprefix("p").removeprefix(" = ").strip()
+    return {"verdict": words, "difference": str(Gap.of(test)), "p": p}
 
 
 def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iterator[Section]:

@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.baselines import BaselineKind, baselines, find_baseline, newest_release
-from analysis.commands.leaderboards import EXPLANATION, NO_BREAK, folded, short_title
+from analysis.commands.leaderboards import EXPLANATION, NO_BREAK, folded
 from analysis.commands.leaderboards import markdown as leaderboard_of
 from analysis.commands.simulated import BETTER, WORSE, markdown, mastered_table, recovery_table
 from analysis.comparisons.against_random import Gap, against_random
@@ -23,7 +23,7 @@ from analysis.formatting import amount
 from analysis.measures.pooling import runs_after
 from analysis.measures.tested import HEADLINE, TRAINED
 from analysis.measures.trained import NEARLY_ALL, trained_shares
-from analysis.names import challenge_title, distinct_labels, label, teacher_order
+from analysis.names import challenge_title, distinct_labels, label, short_title, teacher_order
 from analysis.statistics import SIGNIFICANCE, Description, holm, welch, welch_from_statistics
 from tma_ray.benchmark.experiments import TEACHERS as TEACHERS_OF_THE_PAPER
 from tma_ray.campaign.simulated import played_runs

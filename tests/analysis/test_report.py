@@ -217,7 +217,7 @@ UNTESTED = "Nothing mastered: no seed masters any test task, so teachers are not
 
 ALONE = "Other teachers were not run."
 
-NOBODY = "No teacher does better than Random. Significantly worse than Random: ADR."
+NOBODY = "No teacher does better than Random. Worse than Random: ADR."
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import re
 from collections.abc import Callable
 
@@ -32,6 +34,16 @@ def printed(show: Callable[..., object], *given: object, width: int = 200, **opt
     console = Console(width=width, record=True)
     show(*given, **options, console=console)
     return console.export_text()
+
+
+def unpacked(page: str) -> str:
+    """A page with the scripts and charts in it that its reader's browser unpacks."""
+    script = r'(<script type="application/gzip"[^>]*>)([^<]*)</script>'
+    return re.sub(
+        script,
+        lambda found: f"{found[1]}{gzip.decompress(base64.b64decode(found[2])).decode()}</script>",
+        page,
+    )
 
 
 def addresses_in(page: str) -> set[str]:

@@ -7,6 +7,7 @@
   const legendLine = 20; // CSS pixels of an entry of a legend
   const dark = matchMedia("(prefers-color-scheme: dark)");
   let onPaper = false;
+  let ready = false; // plotly.js, charts and rows of tables are unpacked
   const all = (selector, within = document) => [...within.querySelectorAll(selector)];
   const steps = all("#steps option").map((option) => Number(option.dataset.step));
   const sections = new Map(all("section[data-comparison]").map((section) => [section.dataset.comparison, section]));
@@ -18,6 +19,25 @@
     stale: false,
     near: false,
   }));
+
+  /** The text of a script element, which the page holds compressed by gzip, in base64. */
+  async function unpacked(element) {
+    const bytes = Uint8Array.from(atob(element.textContent), (character) => character.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    element.unpacked = await new Response(stream).text();
+    return element.unpacked;
+  }
+
+  /** Unpacks everything before the first chart is drawn, since printing cannot wait. */
+  async function unpack() {
+    const library = document.createElement("script");
+    library.textContent = await unpacked(document.getElementById("plotly"));
+    await Promise.all([...charts.map((chart) => chart.source), ...all("script.step-rows")].map(unpacked));
+    document.head.append(library);
+    ready = true;
+    if (state.step !== null) showStep();
+    refresh();
+  }
 
   /** The last of `names` that is a step up to the chosen one; the first if all lie after it. */
   function frameName(names) {
@@ -141,9 +161,9 @@
   }
 
   function draw(chart) {
-    if (!chart.plot.offsetParent) return; // hidden: drawn when it is shown
+    if (!ready || !chart.plot.offsetParent) return; // hidden: drawn when it is shown
     const first = chart.figure === null;
-    if (first) chart.figure = JSON.parse(chart.source.textContent);
+    if (first) chart.figure = JSON.parse(chart.source.unpacked);
     const { data, layout } = chosen(chart.figure, chart.plot.clientWidth);
     chart.plot.style.height = `${layout.height}px`;
     Plotly.react(chart.plot, data, layout, { ...config, toImageButtonOptions: { filename: chart.element.dataset.chart, scale: 2 } });
@@ -204,8 +224,8 @@
 
   /** Fills the tables of a section for the chosen step; what they said at the end is kept in the cells. */
   function fillTables(section) {
-    for (const source of all("script.step-rows", section)) {
-      source.rows = source.rows || JSON.parse(source.textContent);
+    for (const source of ready ? all("script.step-rows", section) : []) {
+      source.rows = source.rows || JSON.parse(source.unpacked);
       const names = Object.keys(source.rows);
       const rows = state.step === null || !names.length ? null : source.rows[frameName(names)];
       for (const row of all("tr[data-of]", source.previousElementSibling)) fillRow(row, rows && (rows[row.dataset.of] || {}));
@@ -259,12 +279,26 @@
   );
   for (const chart of charts) observer.observe(chart.element);
   paintSwatches();
+  if (typeof DecompressionStream === "undefined") document.getElementById("old-browser").hidden = false;
+  else unpack();
 
   dark.addEventListener("change", refresh);
 
-  // Paper shows everything that is chosen, in dark ink, at the width of the paper.
+  /** Opens what an address leads to, if it is folded. */
+  function unfold() {
+    const folded = location.hash.length > 1 && document.getElementById(location.hash.slice(1))?.querySelector("details.comparison");
+    if (folded) folded.open = true;
+  }
+  unfold();
+  addEventListener("hashchange", unfold);
+  for (const link of all('a[href^="#"]')) link.addEventListener("click", () => setTimeout(unfold)); // also to where the address leads already
+
+  // Paper shows everything that is chosen, unfolded, in dark ink, at the width of the paper.
+  let folded = [];
   addEventListener("beforeprint", () => {
     onPaper = true;
+    folded = all("details.comparison:not([open])");
+    for (const each of folded) each.open = true;
     paintSwatches();
     for (const chart of charts) {
       draw(chart);
@@ -273,6 +307,7 @@
   });
   addEventListener("afterprint", () => {
     onPaper = false;
+    for (const each of folded) each.open = false;
     for (const chart of charts) if (chart.figure) Plotly.relayout(chart.plot, { width: null, autosize: true });
     refresh();
   });
