@@ -30,6 +30,7 @@ from analysis.statistics import (
     welch_from_statistics,
 )
 from analysis.statistics.power import detectable_difference, detectable_in_pairs
+from analysis.statistics.tests import welch_of_values
 from tma_ray.arguments import check_known, check_names
 from tma_ray.benchmark import TEACHERS
 
@@ -244,28 +245,26 @@ def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) 
     randoms = _samples_at_steps(reference.assign(teacher=BASELINE), measure)
     rows = []
     for step, teacher in sorted(others):
-        sample, random = others[step, teacher], randoms.get((step, BASELINE))
-        test = Comparison(len(sample), 0, math.nan, reason=NO_BASELINE)
-        rows.append(
-            [
-                step,
-                teacher,
-                measure,
-                *vars(test if random is None else compared(sample, random, seeds)).values(),
-            ]
-        )
+        values, run_ids = others[step, teacher]
+        test = Comparison(len(values), 0, math.nan, reason=NO_BASELINE)
+        if (step, BASELINE) in randoms:
+            random, random_ids = randoms[step, BASELINE]
+            if seeds:
+                test = compared(pd.Series(values, run_ids), pd.Series(random, random_ids), seeds)
+            else:
+                test = welch_of_values(values, random)
+        rows.append([step, teacher, measure, *vars(test).values()])
     return corrected(pd.DataFrame(rows, columns=["step", "teacher", "measure", *TEST]), ["step"])
 
 
-def _samples_at_steps(curves: pd.DataFrame, measure: str) -> dict[tuple[int, str], pd.Series]:
-    """Return the values of `measure` by step and teacher, each indexed by run id."""
+def _samples_at_steps(
+    curves: pd.DataFrame, measure: str
+) -> dict[tuple[int, str], tuple[NDArray[np.float64], NDArray[np.object_]]]:
+    """Return the values of `measure` and their run ids by step and teacher."""
     rows = curves[curves[measure].notna()].drop_duplicates(["step", "teacher", "run_id"])
-    groups: dict[Any, Any] = rows.groupby(["step", "teacher"]).indices
     values, run_ids = rows[measure].to_numpy(float), rows["run_id"].to_numpy(object)
-    return {
-        (int(step), str(teacher)): pd.Series(values[places], index=pd.Index(run_ids[places], dtype=object))
-        for (step, teacher), places in groups.items()
-    }
+    groups: dict[Any, Any] = rows.groupby(["step", "teacher"]).indices
+    return {key: (values[places], run_ids[places]) for key, places in groups.items()}
 
 
 def _at_one_step(

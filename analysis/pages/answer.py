@@ -19,6 +19,10 @@ SHOWN = (FINAL, HEADLINE)
 """Axes in the order of a cell."""
 
 
+MOST = 10
+"""Rows of the chart, so that a screen has the matrix, too."""
+
+
 class Difference(NamedTuple):
     """A difference to Random in a cell: text, class of its colour, and details under the mouse."""
 
@@ -61,7 +65,9 @@ def answers(frames: Frames) -> Iterator[Answer]:
     for count, board in enumerate(leaderboards(frames), start=1):
         beside = [entry.against for entry in board.entries if entry.against]
         if len(board.challenges) > 1 and beside:
-            chart = difference_chart(beside, board.names, "Over all challenges", f"answer-{count}")
+            best = f", the best {MOST} in the end" if len(beside) > MOST else ""
+            heading = f"Over all challenges{best}"
+            chart = difference_chart(beside[:MOST], board.names, heading, f"answer-{count}")
             yield Answer(
                 title=f"{board.title[0].upper()}{board.title[1:]}",
                 sentence=board.answer(),

@@ -188,9 +188,15 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
     """
     for name, values in {"sample": sample, "reference": reference}.items():
         check_kind(name, values, pd.Series, "a series of one value a run, indexed by run id")
-    first, second = describe(sample), describe(reference)
     if set(sample.index) & set(reference.index):
+        first, second = describe(sample), describe(reference)
         return Comparison(first.n, second.n, first.mean - second.mean, reason="same runs")
+    return welch_of_values(sample, reference)
+
+
+def welch_of_values(sample: ArrayLike, reference: ArrayLike) -> Comparison:
+    """Compare as `welch` does, values (n,) of two samples without a run in common."""
+    first, second = describe(sample), describe(reference)
     test = welch_from_statistics(first, second)
     if test.reason or first.std == second.std or min(first.std, second.std) > 0:
         return test

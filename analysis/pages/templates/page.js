@@ -15,6 +15,7 @@
     element,
     plot: element.querySelector(".plot"),
     source: element.querySelector("script"),
+    everyone: "whole" in element.dataset, // shows all teachers, whoever is chosen
     figure: null,
     stale: false,
     near: false,
@@ -98,14 +99,14 @@
   }
 
   /** Traces and layout of a figure as the reader has chosen them. */
-  function chosen(figure, width) {
+  function chosen(figure, width, hidden) {
     const frames = figure.frames || [];
     const name = frames.length ? frameName(frames.map((frame) => frame.name)) : null;
     const frame = frames.find((each) => each.name === name);
     const data = figure.data.map((trace, index) => {
       const place = frame && frame.traces ? frame.traces.indexOf(index) : -1;
       const whose = trace.meta || {};
-      const shown = !state.hidden.has(whose.teacher) && !state.out.has(whose.comparison);
+      const shown = !hidden.has(whose.teacher) && !state.out.has(whose.comparison);
       return { ...(place < 0 ? trace : patched(trace, frame.data[place])), visible: shown };
     });
     const layout = { ...figure.layout };
@@ -113,7 +114,7 @@
     const meta = layout.meta || {};
     if (meta.marks_step && state.step !== null) layout.shapes = [stepMark()];
     if (meta.rows) closeRows(data, layout, meta, width < narrow);
-    if (meta.line_height) closeLines(layout, meta);
+    if (meta.line_height) closeLines(layout, meta, hidden);
     if (layout.showlegend && width < narrow) layout.height += legendLine * Math.max(0, entries(data) - 3);
     if (!dark.matches || onPaper) return { data, layout };
     const hoverlabel = { ...layout.hoverlabel, bgcolor: "#1d2126" };
@@ -152,8 +153,8 @@
   }
 
   /** Leaves out the lines of a chart that belong to teachers who are left out. */
-  function closeLines(layout, meta) {
-    const kept = meta.teachers.map((_, place) => place).filter((place) => !state.hidden.has(meta.teachers[place]));
+  function closeLines(layout, meta, hidden) {
+    const kept = meta.teachers.map((_, place) => place).filter((place) => !hidden.has(meta.teachers[place]));
     const [tickvals, ticktext] = ["tickvals", "ticktext"].map((name) => kept.map((place) => layout.yaxis[name][place]));
     layout.yaxis = { ...layout.yaxis, tickvals, ticktext };
     layout.height = meta.frame_height + meta.line_height * Math.max(1, kept.length);
@@ -164,7 +165,7 @@
     if (!ready || !chart.plot.offsetParent) return; // hidden: drawn when it is shown
     const first = chart.figure === null;
     if (first) chart.figure = JSON.parse(chart.source.unpacked);
-    const { data, layout } = chosen(chart.figure, chart.plot.clientWidth);
+    const { data, layout } = chosen(chart.figure, chart.plot.clientWidth, chart.everyone ? new Set() : state.hidden);
     chart.plot.style.height = `${layout.height}px`;
     Plotly.react(chart.plot, data, layout, { ...config, toImageButtonOptions: { filename: chart.element.dataset.chart, scale: 2 } });
     chart.stale = false;
