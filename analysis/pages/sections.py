@@ -126,7 +126,10 @@ def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Ch
     for value, quantity, title in CURVES:
         table = mine.training if value == "training_return" else mine.evaluations
         if len(table):
-            curves, name = evaluations.aggregate(table, value), f"{anchor}-{value.replace('_', '-')}"
+            curves, name = (
+                evaluations.aggregate(table, value, ["teacher"]),
+                f"{anchor}-{value.replace('_', '-')}",
+            )
             highest = ceiling if value == PAPERS else None
             yield learning_curves(curves, quantity, name, title, curve_caption(value, table), highest)
     if len(mine.finals):
@@ -144,7 +147,7 @@ def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart
         return
     rows = with_trained_steps(frames, mine.evaluations)
     at = rows.groupby(["teacher", "step"], observed=True)["trained"].mean()
-    curves = evaluations.aggregate(rows, PAPERS)
+    curves = evaluations.aggregate(rows, PAPERS, ["teacher"])
     curves = curves.assign(step=at.reindex(pd.MultiIndex.from_frame(curves[["teacher", "step"]])).to_numpy())
     told = listed(f"{share:.0f} % of the steps of {label(str(teacher))}" for teacher, share in fewer.items())
     caption = (
@@ -220,7 +223,7 @@ def pictures_of(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str
 def _shares(frames: Frames, mine: Measured) -> pd.DataFrame:
     """Return teacher, step (or `END`), test_set, task_index, n and share of seeds that master the task."""
     along = evaluations.mastered_tasks(frames, mine.evaluations, ["teacher", "step"]).astype({"step": object})
-    ends = evaluations.mastered_tasks(frames, mine.finals).assign(step=END)
+    ends = evaluations.mastered_tasks(frames, mine.finals, ["teacher"]).assign(step=END)
     return pd.concat([along, ends[along.columns]], ignore_index=True)
 
 
