@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache, singledispatch
+from functools import cache, lru_cache, singledispatch
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -423,7 +423,8 @@ def colour_scale(name: str) -> list[list[Any]]:
     return [[place, colour] for place, colour in get_colorscale(name)]
 
 
-def _shown(text: str) -> str:
+@lru_cache(100_000)
+def _shown(text: str) -> str:  # the same texts at every step
     """Return `text` with the HTML escaped that plotly.js would interpret."""
     return html.escape(text, quote=False)
 
@@ -441,4 +442,6 @@ def _compact(value: Any) -> Any:
         return int(value) if value.is_integer() else value
     if isinstance(value, Mapping):
         return {name: _compact(each) for name, each in value.items()}
-    return [_compact(each) for each in value] if isinstance(value, list | tuple) else value
+    if isinstance(value, list | tuple):
+        return value if value and isinstance(value[0], str) else [_compact(each) for each in value]
+    return value

@@ -359,9 +359,11 @@ def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, p
     order = np.lexsort((strata, places))
     changes = np.diff(strata[order]).astype(bool) | np.diff(places[order]).astype(bool)
     samples: dict[Hashable, dict[str, pd.Series]] = {}
-    for part in np.split(order, np.flatnonzero(changes) + 1) if len(order) else ():
-        sample = pd.Series(values[part], index=pd.Index(run_ids[part], dtype=object))
-        samples.setdefault(int(places[part[0]]), {})[names[part[0]]] = sample
+    whole = pd.Series(values[order], index=pd.Index(run_ids[order], dtype=object))
+    starts = [0, *(np.flatnonzero(changes) + 1), len(order)] if len(order) else []
+    for start, end in itertools.pairwise(starts):
+        first = order[start]
+        samples.setdefault(int(places[first]), {})[names[first]] = whole.iloc[start:end]
     return samples
 
 
