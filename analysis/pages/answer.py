@@ -19,7 +19,7 @@ SHOWN = (FINAL, HEADLINE)
 """Axes in the order of a cell."""
 
 
-MOST = 10
+MOST = 8
 """Rows of the chart, so that a screen has the matrix, too."""
 
 
