@@ -124,11 +124,11 @@ def pairwise(
     table = table[table["step"].notna()] if "step" in within else table
     for key, group in table.groupby(within, dropna=False, sort=True):
         shared = dict(zip(within, key, strict=True)) | {"measure": measure}
-        samples = {str(name): _Sample.of(part, measure) for name, part in group.groupby(between, sort=True)}
+        samples = _samples_of(group, measure, between)
         core = core_of(group) if between == "teacher" else frozenset(samples)
         least = _least_variances(samples, core)
         for first, second in pairs_of(list(samples), reference):
-            other = samples.get(second) or _Sample.of(group.head(0), measure)
+            other = samples.get(second) or _Sample({}, 0)
             row: dict[str, Any] = shared | {"first": first, "second": second}
             row |= {"family": _family_of(first, second, core)} | _compared(
                 samples[first], other, seeds, least
@@ -351,19 +351,25 @@ def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
 
 def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
     """Return the samples of each body and student by challenge, of rows of `stratified_runs`."""
-    counted = rows[measure].notna().to_numpy()
-    values, run_ids = rows[measure].to_numpy(float)[counted], rows["run_id"].to_numpy(object)[counted]
-    names, strata, places = (
-        rows[column].to_numpy()[counted] for column in ("stratum_name", "stratum", "place")
-    )
-    order = np.lexsort((strata, places))
-    changes = np.diff(strata[order]).astype(bool) | np.diff(places[order]).astype(bool)
-    samples: dict[Hashable, dict[str, pd.Series]] = {}
-    whole = pd.Series(values[order], index=pd.Index(run_ids[order], dtype=object))
+    return _by_group(rows, measure, np.zeros(len(rows), np.int64)).get(0, {})
+
+
+def _by_group(
+    rows: pd.DataFrame, measure: str, groups: NDArray[np.int64]
+) -> dict[int, dict[Hashable, dict[str, pd.Series]]]:
+    """Return `by_challenge` of each group of rows by its number; groups without values are left out."""
+    chosen = np.flatnonzero(rows[measure].notna().to_numpy())
+    names, strata, places = (rows[column].to_numpy() for column in ("stratum_name", "stratum", "place"))
+    order = chosen[np.lexsort((strata[chosen], places[chosen], groups[chosen]))]
+    values, run_ids = rows[measure].to_numpy(float)[order], rows["run_id"].to_numpy(object)[order]
+    whole = pd.Series(values, index=pd.Index(run_ids, dtype=object))
+    changes = np.any([np.diff(each[order]) != 0 for each in (strata, places, groups)], axis=0)
     starts = [0, *(np.flatnonzero(changes) + 1), len(order)] if len(order) else []
+    samples: dict[int, dict[Hashable, dict[str, pd.Series]]] = {}
     for start, end in itertools.pairwise(starts):
         first = order[start]
-        samples.setdefault(int(places[first]), {})[names[first]] = whole.iloc[start:end]
+        there = samples.setdefault(int(groups[first]), {}).setdefault(int(places[first]), {})
+        there[names[first]] = whole.iloc[start:end]
     return samples
 
 
@@ -410,12 +416,6 @@ class _Sample:
     places: Mapping[Hashable, Mapping[str, pd.Series]]
     uncounted: int
 
-    @classmethod
-    def of(cls, rows: pd.DataFrame, measure: str) -> "_Sample":
-        places = by_challenge(rows, measure)
-        counted = int(rows[measure].notna().sum())
-        return cls(places, int(rows["members"].max()) - counted if len(rows) else 0)
-
     @property
     def n(self) -> int:
         """Number of runs with a value."""
@@ -427,6 +427,19 @@ class _Sample:
         parts = [describe(sample) for strata in self.places.values() for sample in strata.values()]
         std = math.sqrt(sum(part.std**2 for part in parts) / len(parts))
         return Description(self.n, math.nan, std)
+
+
+def _samples_of(rows: pd.DataFrame, measure: str, between: str) -> dict[str, _Sample]:
+    """Return the sample of each group by its name in the column `between`, in order."""
+    groups, names = pd.factorize(rows[between], sort=True)
+    places = _by_group(rows, measure, groups)
+    counts = np.bincount(groups, rows[measure].notna().to_numpy(), len(names))
+    members = np.zeros(len(names), np.int64)
+    np.maximum.at(members, groups, rows["members"].to_numpy())
+    return {
+        str(name): _Sample(places.get(number, {}), int(members[number] - counts[number]))
+        for number, name in enumerate(names)
+    }
 
 
 def _detectable(row: Mapping[str, Any], first: _Sample, second: _Sample) -> float:
