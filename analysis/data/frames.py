@@ -148,11 +148,9 @@ class Frames:
         """Return the columns `OF_ONE_RUN` of a long table for each of `run_ids`, read together."""
         columns = OF_ONE_RUN[table]
         rows = self._rows(table, ["run_id", *columns], run_ids)
-        places = positions(rows["run_id"])
+        places, kept = positions(rows["run_id"]), rows[columns]
         none = np.zeros(0, np.int64)
-        return {
-            run_id: rows[columns].take(places.get(run_id, none)).reset_index(drop=True) for run_id in run_ids
-        }
+        return {run_id: kept.take(places.get(run_id, none)).reset_index(drop=True) for run_id in run_ids}
 
     def evaluations_of(self, run_ids: Collection[str]) -> pd.DataFrame:
         """Return the evaluations of some runs, without searching those of all."""
