@@ -242,7 +242,7 @@ def _with_least(samples: Mapping[str, Sample]) -> dict[str, Sample]:
     for sample in samples.values():
         for name, values in sample.strata.items():
             groups.setdefault(name, []).append(values)
-    least = {name: least_variance(values) for name, values in groups.items()}
+    least = {name: least_variance(map(describe, values)) for name, values in groups.items()}
     return {teacher: replace(sample, least=least) for teacher, sample in samples.items()}
 
 

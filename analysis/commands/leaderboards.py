@@ -5,8 +5,11 @@ first. A release that does not exist, or is damaged, raises `BaselineError`, and
 `ResultsRootError`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
@@ -25,10 +28,11 @@ from analysis.measures.tested import FINAL, HEADLINE, MEASURES
 from analysis.measures.trained import NEARLY_ALL
 from analysis.names import label, short_title
 from analysis.tables.table import pipe_table
-from analysis.trials.design import Design
-from analysis.trials.joined import joined_by_trial
-from analysis.trials.standing import Look, look_line
 from tma_ray.terminal import terminal
+
+if TYPE_CHECKING:
+    from analysis.trials.design import Design
+    from analysis.trials.standing import Look
 
 EXPLANATION = (
     "Mastered test tasks, %: mean over seeds and the challenges of a table, of equal weight, on two axes: "
@@ -86,8 +90,8 @@ def show_leaderboards(
             if challenges:
                 console.print(_challenges(board))
             tell(console, "")
-        for design, look in _joined(place) if trials else ():
-            tell(console, f"{label(design.teacher)}, {look_line(look)}")
+        for line in _trial_lines(place) if trials else ():
+            tell(console, line)
         ceilings = ceilings_in_words(frames) if explain else ()
         for sentence in [*([f"{name} is partial: {partial}"] if partial else []), *ceilings]:
             tell(console, sentence, "dim")
@@ -165,8 +169,18 @@ def markdown(name: str, pictures: str = ".") -> str:
 
 def _joined(place: str) -> list[tuple[Design, Look]]:
     """Return the trials of the teachers that joined a release by one; none of other results."""
+    from analysis.trials.joined import joined_by_trial  # deferred: scipy.optimize
+
     baseline = as_baseline(place)
     return joined_by_trial(baseline) if baseline else []
+
+
+def _trial_lines(place: str) -> Iterator[str]:
+    """Yield the verdicts of each trial by which a teacher joined a release in a line."""
+    from analysis.trials.standing import look_line  # deferred, as above
+
+    for design, look in _joined(place):
+        yield f"{label(design.teacher)}, {look_line(look)}"
 
 
 def joined_trials(place: str) -> Iterator[str]:

@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -416,16 +417,24 @@ class _Sample:
     places: Mapping[Hashable, Mapping[str, pd.Series]]
     uncounted: int
 
+    @cached_property
+    def parts(self) -> dict[tuple[Hashable, str], Description]:
+        """Description of each stratum, by challenge and name."""
+        return {
+            (place, stratum): describe(sample)
+            for place, strata in self.places.items()
+            for stratum, sample in strata.items()
+        }
+
     @property
     def n(self) -> int:
         """Number of runs with a value."""
-        return sum(len(sample) for strata in self.places.values() for sample in strata.values())
+        return sum(part.n for part in self.parts.values())
 
     @property
     def described(self) -> Description:
         """Number of runs, and the deviation that gives the mean over strata of equal size its variance."""
-        parts = [describe(sample) for strata in self.places.values() for sample in strata.values()]
-        std = math.sqrt(sum(part.std**2 for part in parts) / len(parts))
+        std = math.sqrt(sum(part.std**2 for part in self.parts.values()) / len(self.parts))
         return Description(self.n, math.nan, std)
 
 
@@ -458,11 +467,10 @@ def _least_variances(
 
     It is that of the core's teachers, of all teachers in strata that no teacher of the core has.
     """
-    values: dict[tuple[Hashable, str], dict[bool, list[pd.Series]]] = {}
+    values: dict[tuple[Hashable, str], dict[bool, list[Description]]] = {}
     for name, sample in samples.items():
-        for place, strata in sample.places.items():
-            for stratum, own in strata.items():
-                values.setdefault((place, stratum), {}).setdefault(name in core, []).append(own)
+        for stratum, part in sample.parts.items():
+            values.setdefault(stratum, {}).setdefault(name in core, []).append(part)
     return {stratum: least_variance(there.get(True) or there[False]) for stratum, there in values.items()}
 
 
@@ -481,7 +489,8 @@ def _compared(
         test = compared(*pairs[0], seeds)
     else:
         weights = stratum_weights([place for place, _ in names])
-        test = compared_over_strata(pairs, weights, seeds, [least[name] for name in names])
+        described = [(first.parts[name], second.parts[name]) for name in names]
+        test = compared_over_strata(pairs, weights, seeds, [least[name] for name in names], described)
     counts = [sum(map(len, side[place].values())) for side in (mine, theirs) for place in places]
     fewest = min(min(counts, default=0), test.n)  # pairs may be fewer than runs
     uncounted = first.uncounted + second.uncounted

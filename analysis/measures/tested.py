@@ -5,7 +5,7 @@ from typing import Final, TypeAlias
 
 import pandas as pd
 
-from analysis.statistics import Comparison, paired, paired_strata, stratified, welch
+from analysis.statistics import Comparison, Description, paired, paired_strata, stratified, welch
 from analysis.statistics.tests import seed_means
 from tma_ray.results import SIMULATED
 
@@ -82,11 +82,12 @@ def compared_over_strata(
     weights: Sequence[float],
     seeds: Seeds,
     least: Sequence[float] = (),
+    described: Sequence[tuple[Description, Description]] = (),
 ) -> Comparison:
     """Compare the means of two groups over strata, as `compared` does; arguments as of `stratified`."""
     if are_paired([sample for pair in pairs for sample in pair], seeds):
         return paired_strata(pairs, weights, seeds)
-    return stratified(pairs, weights, least)
+    return stratified(pairs, weights, least, described)
 
 
 def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], seeds: Seeds) -> Comparison:

@@ -242,7 +242,10 @@ def standard_error_of_difference(first: Description, second: Description) -> tup
 
 
 def stratified(
-    pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[float], least: Sequence[float] = ()
+    pairs: Sequence[tuple[pd.Series, pd.Series]],
+    weights: Sequence[float],
+    least: Sequence[float] = (),
+    described: Sequence[tuple[Description, Description]] = (),
 ) -> Comparison:
     """Compare the means of two groups over strata that both have, such as the challenges of a benchmark.
 
@@ -258,8 +261,9 @@ def stratified(
         pairs: both samples of each stratum, one value per run, indexed by run id.
         weights: weight of each stratum.
         least: least variance that counts of a sample in each stratum, of `least_variance`; 0 by default.
+        described: descriptions of both samples of each stratum, if they are known.
     """
-    samples = [(describe(first), describe(second)) for first, second in pairs]
+    samples = described or [(describe(first), describe(second)) for first, second in pairs]
     if not samples:
         return Comparison(0, 0, math.nan, reason="nothing in common")
     n, reference_n = (sum(sample.n for sample in group) for group in zip(*samples, strict=True))
@@ -307,7 +311,7 @@ LEAST = 0.5
 """Share of the mean variance of all groups in a stratum under which no group's own counts."""
 
 
-def least_variance(samples: Iterable[pd.Series]) -> float:
+def least_variance(samples: Iterable[Description]) -> float:
     """Return the least variance that counts of a group in a stratum: `LEAST` of the mean of all groups there.
 
     Some runs never learn to walk. A group whose seeds by luck all did, or all did not, has a variance that
@@ -315,9 +319,9 @@ def least_variance(samples: Iterable[pd.Series]) -> float:
     find too much (`docs/statistics.md`).
 
     Args:
-        samples: values of each group in the stratum; those of fewer than two do not count.
+        samples: each group in the stratum; those of fewer than two values do not count.
     """
-    variances = [each.std**2 for each in map(describe, samples) if each.n > 1]
+    variances = [each.std**2 for each in samples if each.n > 1]
     return LEAST * sum(variances) / len(variances) if variances else 0.0
 
 

@@ -16,7 +16,7 @@ from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.measures.run_measures import NOT_FINITE, run_measures
 from analysis.measures.tested import FINAL, HEADLINE
-from analysis.statistics import Scale, least_variance, stratum_weights
+from analysis.statistics import Scale, describe, least_variance, stratum_weights
 from analysis.statistics.power import POWER
 from analysis.statistics.samples import deviations, negligible
 from analysis.trials import rules
@@ -369,7 +369,7 @@ def _spread(rows: pd.DataFrame, measure: str) -> Spread:
     deviation = float(np.sqrt((variances * (sizes - 1)).sum() / (sizes - 1).sum()))
     arcsine = SCALES[measure] is Scale.ARCSINE
     slope = 100 * float(np.sin(2 * means.mean())) if arcsine else 1.0
-    return Spread(slope, deviation, least_variance(values for _, values in groups))
+    return Spread(slope, deviation, least_variance(describe(values) for _, values in groups))
 
 
 def _candidates(released: pd.DataFrame, places: Sequence[tuple[str, ...]]) -> list[str]:

@@ -145,7 +145,7 @@ def test_rounding_errors_are_no_spread(scale: float) -> None:
         sample(list(value * rounded), prefix) for prefix, value in (("a", 0.1), ("b", 0.7), ("c", 0.1))
     )
     assert describe(low).std == 0
-    assert least_variance([low, high]) == 0
+    assert least_variance(map(describe, [low, high])) == 0
     for result in (welch(low, high), stratified([(low, high)], [1.0])):
         assert (result.method, result.p) == (Method.PERMUTATION, pytest.approx(2 / math.comb(6, 3)))
         assert np.isnan([result.low, result.high]).all()
@@ -184,7 +184,8 @@ def test_a_variance_under_the_least_of_its_stratum_counts_as_that() -> None:
     """In the standard error; the degrees of freedom stay, so that p is never smaller."""
     steady, scattered = [5.0, 5.1, 4.9], [1.0, 4.0, 10.0]
     lucky, other = sample([9.0, 9.2, 9.1], "a"), sample([0.0, 6.0, 3.0], "b")
-    least = least_variance([lucky, other, sample(steady, "c"), sample(scattered, "d"), sample([7.0], "e")])
+    groups = lucky, other, sample(steady, "c"), sample(scattered, "d"), sample([7.0], "e")
+    least = least_variance(map(describe, groups))
     variances = [np.var(each, ddof=1) for each in (lucky, other, steady, scattered)]
     assert least == pytest.approx(np.mean(variances) / 2)
     pairs, weights = [(lucky, other)] * 2, [1.0, 3.0]
@@ -194,7 +195,7 @@ def test_a_variance_under_the_least_of_its_stratum_counts_as_that() -> None:
     assert found.t == pytest.approx(found.difference / error)
     assert found.degrees_of_freedom == alone.degrees_of_freedom
     assert found.p > alone.p
-    assert least_variance([sample([7.0], "e")]) == 0.0
+    assert least_variance([describe(sample([7.0], "e"))]) == 0.0
 
 
 def test_permutations_of_many_runs_are_drawn_and_always_the_same() -> None:

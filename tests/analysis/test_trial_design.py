@@ -10,7 +10,7 @@ from scipy import stats
 from analysis.baselines import find_baseline
 from analysis.data.frames import Frames
 from analysis.measures.tested import FINAL, HEADLINE
-from analysis.statistics import least_variance, stratified
+from analysis.statistics import describe, least_variance, stratified
 from analysis.trials.design import (
     PLACE,
     Design,
@@ -215,7 +215,7 @@ def test_a_look_has_the_difference_and_the_interval_of_the_boards_test(
         mine, theirs = in_cell(runs, cell.place), there[there["teacher"] == "random"]
         sides = (rows.set_index("run_id")[column] for rows in (mine, theirs))
         pairs.append((next(sides).rename(lambda name: f"new {name}"), next(sides)))
-        least.append(least_variance([rows for _, rows in there.groupby("teacher")[column]]))
+        least.append(least_variance(describe(rows) for _, rows in there.groupby("teacher")[column]))
         factors.append(float(cell.weight or 0.0) * cell.spread(measure).slope)
     test = stratified(pairs, factors, least)
     assert found.value == pytest.approx(sum(factors) * test.difference)
