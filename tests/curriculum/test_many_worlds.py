@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from pendulums import (
     LENGTH,
     SPACE,
@@ -126,10 +127,26 @@ def test_worlds_that_cannot_be_taught_are_refused() -> None:
     alone.begin()
     with pytest.raises(ValueError, match="an episode is under way: end or abandon it"):
         alone.begin()
-    worlds = AsyncVectorEnv([make_pendulum])
-    with pytest.raises(TypeError, match=r"curriculum\.shared\(\)\.wrap"):
+    worlds = RecordEpisodeStatistics(AsyncVectorEnv([make_pendulum]))
+    with pytest.raises(TypeError, match=r"AsyncVectorEnv before any wrapper.*curriculum\.shared\(\)\.wrap"):
         curriculum_of("random").wrap_vector(worlds)
     worlds.close()
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_environments_in_processes_are_taught_in_any_mode(mode: AutoresetMode) -> None:
+    curriculum = curriculum_of("riac")
+    worlds = AsyncVectorEnv([make_pendulum] * 2, copy=False, context="fork", autoreset_mode=mode)
+    taught = curriculum.wrap_vector(worlds, set_task)
+    assert (taught.copy, taught.context, taught.autoreset_mode) == (False, "fork", mode)
+    taught.reset(seed=0)
+    for _ in range(2 * (LENGTH + 1)):
+        *_, terminated, truncated, _ = taught.step(taught.action_space.sample())
+        if mode is AutoresetMode.DISABLED and (over := terminated | truncated).any():
+            taught.reset(options={"reset_mask": over})
+    taught.close()
+    assert curriculum.episodes["length"].tolist() == [LENGTH] * 4
+    assert len(curriculum.episodes.drop_duplicates("task_mass")) == 4
 
 
 @pytest.mark.parametrize(("context", "host"), [("fork", None), ("spawn", None), ("fork", "127.0.0.1")])

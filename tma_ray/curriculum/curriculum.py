@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
-from gymnasium.vector import VectorEnv
+from gymnasium.vector import AsyncVectorEnv, VectorEnv
 
 from tma_ray.arguments import check_finite
 from tma_ray.commands.values import SEED
@@ -19,7 +19,7 @@ from tma_ray.curriculum.episodes import Apply, Array, Assignment, Environment, P
 from tma_ray.curriculum.needs import needs_of, without_needs
 from tma_ray.curriculum.record import EpisodeRow, write_record
 from tma_ray.curriculum.shared import CurriculumServer, SharedCurriculum
-from tma_ray.curriculum.wrappers import CurriculumEnvironment, wrap_vector
+from tma_ray.curriculum.wrappers import CurriculumEnvironment, start_anew, wrap_vector
 from tma_ray.runs.run import teacher_log_row
 from tma_ray.runs.teaching import CheckedTeacher
 from tma_ray.tasks import (
@@ -185,17 +185,20 @@ class Curriculum:
         """Return vector environments with the tasks of the curriculum, in any autoreset mode.
 
         Args:
-            worlds: worlds of `gymnasium.make_vec` for our environments, or a `SyncVectorEnv` of any, whose
-                environments are wrapped in place. With the mode SAME_STEP our worlds take the next task
-                before the teacher observes the episode that ends in the step.
+            worlds: worlds of `gymnasium.make_vec` for our environments; a `SyncVectorEnv` of any, whose
+                environments are wrapped in place; or an `AsyncVectorEnv`, which is closed, and whose
+                processes are started anew. With the mode SAME_STEP our worlds take the next task before the
+                teacher observes the episode that ends in the step.
             apply: as for `wrap`.
 
         Raises:
-            TypeError: the environments are in other processes: see `shared`.
+            TypeError: other vector environments: see `shared`.
             ValueError: the teacher cannot teach several worlds.
         """
         if worlds.num_envs > 1 and not self._teacher.overlapping:
             raise ValueError(f"num_envs = {worlds.num_envs}: expected 1, {self._needs_one_world()}")
+        if isinstance(worlds, AsyncVectorEnv):
+            return start_anew(worlds, self.shared(), apply)
         return wrap_vector(worlds, self, apply)
 
     def shared(self, host: str | None = None) -> SharedCurriculum:

@@ -1,11 +1,14 @@
 """Wrappers that take tasks from a curriculum: of one environment, and of worlds that are stepped together."""
 
 import copy
+import inspect
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv, VectorWrapper
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 from tma_ray.curriculum.episodes import (
@@ -156,13 +159,33 @@ class CurriculumWorlds(VectorWrapper):
             self._trains[row] = assignment.trains
 
 
+def start_anew(worlds: AsyncVectorEnv, link: Link, apply: Apply | None) -> AsyncVectorEnv:
+    """Return `worlds` with processes that take the tasks of a curriculum; those that there are end.
+
+    Gymnasium gives no way into environments that run already.
+
+    Args:
+        worlds: environments in other processes, on which nothing is lost: their episodes begin with `reset`.
+        link: the curriculum, which can be pickled.
+        apply: as for `CurriculumEnvironment`.
+    """
+    settings = {name: getattr(worlds, name) for name in inspect.signature(AsyncVectorEnv).parameters}
+    worlds.close()
+    settings["env_fns"] = [partial(_made, make, link, apply) for make in worlds.env_fns]
+    return AsyncVectorEnv(**settings)
+
+
+def _made(make: Callable[[], Environment], link: Link, apply: Apply | None) -> CurriculumEnvironment:
+    return CurriculumEnvironment(make(), link, apply)
+
+
 def wrap_vector(
     worlds: VectorEnv[Any, Any, Any], link: Link, apply: Apply | None
 ) -> VectorEnv[Any, Any, Any]:
     """Return vector environments whose episodes are on the tasks of a curriculum; see `Curriculum`.
 
     Raises:
-        TypeError: the environments are in other processes, or cannot be prepared one by one.
+        TypeError: the environments cannot be prepared one by one.
     """
     if isinstance(worlds.unwrapped, VectorEnvironment) and apply is None:
         return CurriculumWorlds(worlds, link)
@@ -171,7 +194,7 @@ def wrap_vector(
         inner.envs = [CurriculumEnvironment(environment, link, apply) for environment in inner.envs]
         return worlds
     raise TypeError(
-        f"{worlds} cannot be wrapped: expected gymnasium.vector.SyncVectorEnv or tma_ray's worlds; in other "
-        f"vector environments wrap each environment where it is made, in other processes by "
-        f"curriculum.shared().wrap(environment)"
+        f"{worlds} cannot be wrapped: expected gymnasium.vector.SyncVectorEnv, AsyncVectorEnv before any "
+        f"wrapper, or tma_ray's worlds; in other vector environments wrap each environment where it is made, "
+        f"in other processes by curriculum.shared().wrap(environment)"
     )
