@@ -68,6 +68,7 @@ def show_leaderboards(
     *,
     explain: bool = False,
     challenges: bool = False,
+    subsets: bool = False,
     trials: bool = False,
 ) -> None:
     """Print the leaderboards of releases.
@@ -77,11 +78,12 @@ def show_leaderboards(
         console: console to print on; the terminal by default.
         explain: True for the tasks that no run masters and the definitions, behind the tables.
         challenges: True for the results on each challenge, too.
+        subsets: True for the tables of teachers on some of the challenges, too.
         trials: True for the verdicts of the trials by which teachers joined, too, which take seconds.
     """
     console = terminal(console)
     for name, place, partial in places_of_releases(names):
-        boards = leaderboards(frames := read(place))
+        boards = leaderboards(frames := read(place), subsets=subsets)
         if not boards:
             tell(console, f"{name}: no run has been evaluated here.")
         for board in boards:

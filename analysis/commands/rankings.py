@@ -50,7 +50,7 @@ def show_ranking(
         share: share of the budget after which runs are read.
         console: console to print on; the terminal by default.
         measure: name in `MEASURES`, by which teachers are ranked on each challenge.
-        explain: True for conclusions in sentences and for definitions.
+        explain: True for tables of teachers on some of the challenges, conclusions and definitions.
 
     Raises:
         ResultsRootError: no results root at that place.
@@ -62,7 +62,7 @@ def show_ranking(
         console.print("No run has been evaluated to its end here.")
         return
     with own_first(own_teachers(sources, frames)):
-        for board in leaderboards(frames, runs):
+        for board in leaderboards(frames, runs, subsets=explain):
             if len(board.challenges) > 1:
                 tell(console, f"Over {len(board.challenges)} challenges: {board.title}", "bold")
                 show_board(board, console)

@@ -166,7 +166,9 @@ def notes(board: Leaderboard) -> list[str]:
     return [*found, *([f"{few}{f' Fewer runs: {fewer}.' if fewer else ''}"] if few else [])]
 
 
-def leaderboards(frames: Frames, runs: pd.DataFrame | None = None) -> list[Leaderboard]:
+def leaderboards(
+    frames: Frames, runs: pd.DataFrame | None = None, *, subsets: bool = True
+) -> list[Leaderboard]:
     """Return leaderboards for each level of expert knowledge and budget, those with most runs first.
 
     Next to the leaderboard of the teachers that have results on all challenges there is one for each smaller
@@ -176,12 +178,15 @@ def leaderboards(frames: Frames, runs: pd.DataFrame | None = None) -> list[Leade
     Args:
         frames: results of `load`.
         runs: rows of `pooling.runs_after`, after a share of the budget; by default at the ends of runs.
+        subsets: True for the smaller sets of challenges, too.
     """
     found: dict[tuple[str, ...], list[Leaderboard]] = {}
     conditions = [column for column in ACROSS if column != "expert_knowledge"]
     runs = runs_after(frames, training=False) if runs is None else runs
     runs = levels_together(runs.dropna(subset=HEADLINE), conditions)
     for where, part in _blocks(runs, HEADLINE):
+        if where["block"] and not subsets:
+            continue
         board = _board(where, part, frames, _told_apart(where, part, runs))
         found.setdefault(tuple(str(where[name]) for name in ACROSS), []).append(board)
     ordered = sorted(

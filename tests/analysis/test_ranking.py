@@ -81,7 +81,7 @@ def test_teachers_are_set_side_by_side_on_the_challenges_that_all_have(tmp_path:
             write(tmp_path, "adr", [9, 8, 9, 8], challenge)
         if place != 0:
             write(tmp_path, "spdl", [1, 0, 1, 0], challenge)
-    blocks = re.split(r"^Over \d challenges: ", shown(tmp_path), flags=re.MULTILINE)[1:]
+    blocks = re.split(r"^Over \d challenges: ", shown(tmp_path, explain=True), flags=re.MULTILINE)[1:]
     tables = [[line.split()[:2] for line in block.split("rank\n")[1].splitlines()[:3]] for block in blocks]
     assert [[name for name, _ in table[:2]] for table in tables[:1]] == [["RIAC", "Random"]]
     assert [[name for name, _ in table] for table in tables[1:]] == [
@@ -89,6 +89,7 @@ def test_teachers_are_set_side_by_side_on_the_challenges_that_all_have(tmp_path:
         ["RIAC", "Random", "SPDL"],
     ]
     assert [" on 2 of 3" in block for block in blocks] == [False, True, True]
+    assert len(re.findall(r"^Over \d challenges: ", shown(tmp_path), flags=re.MULTILINE)) == 1
 
 
 @pytest.mark.parametrize("measure", ["mastered_percent", "mastered_area"])

@@ -115,7 +115,11 @@ def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
 
 @command()
 def leaderboard(
-    *baseline: options.Baseline, challenges: bool = False, trials: bool = False, explain: bool = False
+    *baseline: options.Baseline,
+    challenges: bool = False,
+    subsets: bool = False,
+    trials: bool = False,
+    explain: bool = False,
 ) -> int:
     """Print the best teachers of releases, sooner and in the end.
 
@@ -125,6 +129,7 @@ def leaderboard(
     Args:
         baseline: releases, or folders or addresses of results (default: those that ship with runs)
         challenges: print the results on each challenge, too
+        subsets: print the tables of teachers that have some of the challenges only, too
         trials: print the verdicts of the trials by which teachers joined, too
         explain: print the definitions, too
 
@@ -136,7 +141,7 @@ def leaderboard(
     from analysis.commands.leaderboards import show_leaderboards
 
     names = [str(each) for each in baseline]
-    show_leaderboards(names, explain=explain, challenges=challenges, trials=trials)
+    show_leaderboards(names, explain=explain, challenges=challenges, subsets=subsets, trials=trials)
     return 0
 
 
