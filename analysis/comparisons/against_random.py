@@ -10,7 +10,7 @@ import pandas as pd
 from analysis.comparisons.frame import ACROSS, CHALLENGES, core_of, over_challenges
 from analysis.comparisons.verdicts import AXES, on_both_axes, verdict
 from analysis.data.frames import Frames
-from analysis.data.reference import BASELINE
+from analysis.data.reference import BASELINE, NO_BASELINE
 from analysis.formatting import ends, in_brief, number
 from analysis.measures.pooling import CONDITIONS, condition_words, varying
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
@@ -81,6 +81,8 @@ class AgainstRandom:
 def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
     """Return the comparison of each teacher with Random at each level and budget, the soonest first.
 
+    Where Random has no results there is none.
+
     Args:
         frames: results with windows of training.
         runs: rows of `pooling.pool_runs`.
@@ -96,6 +98,8 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
         trained = group["run_id"].map(shares).groupby(group["teacher"]).median()
         here = []
         for teacher, test in tests[HEADLINE].items():
+            if test["reason"] == NO_BASELINE:
+                continue
             gaps = {axis: Gap.of(rows[teacher]) for axis, rows in tests.items()}
             if trained[teacher] < NEARLY_ALL:
                 gaps[TRAINED] = _per_trained_step(

@@ -106,6 +106,15 @@ def test_the_table_comes_first_and_definitions_on_demand(tmp_path: Path, measure
     assert "Holm's correction covers on each challenge the core against Random" in " ".join(explained.split())
 
 
+def test_without_random_teachers_are_ranked_and_not_compared_with_it(tmp_path: Path) -> None:
+    for challenge in ("mostly_trivial", "mostly_unfeasible"):
+        write(tmp_path, "riac", [7, 8, 7, 8], challenge)
+        write(tmp_path, "adr", [2, 3, 2, 3], challenge)
+    table = shown(tmp_path).partition("rank\n")[2].splitlines()
+    assert [line.split()[:3] for line in table[:2]] == [["RIAC", "37.5", "1"], ["ADR", "12.5", "2"]]
+    assert "no spread" not in shown(tmp_path, explain=True)
+
+
 def test_few_seeds_are_said_of_random_too(tmp_path: Path) -> None:
     write(tmp_path, "riac", [4, 5, 6] * 3 + [5], "mostly_trivial")
     write(tmp_path, "random", [2, 3, 4], "mostly_trivial")
