@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -64,18 +65,27 @@ def coverage(experiments: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=head)
 
 
-def main() -> int:
-    """Print the table as CSV, and write it if a file is named."""
-    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
-    parser.add_argument("--experiments", type=int, default=500, help="simulated experiments of each row")
+def print_coverage(
+    coverage: Callable[[int], pd.DataFrame], description: str | None, experiments: int
+) -> None:
+    """Print a table of simulated experiments as CSV, and write it if the command line names a file.
+
+    Args:
+        coverage: function of the number of experiments of each row.
+        description: help of the script.
+        experiments: number of experiments by default.
+    """
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=description)
+    parser.add_argument(
+        "--experiments", type=int, default=experiments, help="simulated experiments of each row"
+    )
     parser.add_argument("--output", type=Path, help="CSV file")
     options = parser.parse_args()
     table = coverage(options.experiments)
     print(table.to_csv(index=False))
     if options.output:
         table.to_csv(options.output, index=False)
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    print_coverage(coverage, __doc__, 500)

@@ -5,12 +5,11 @@ Effects of teachers and luck of seeds are normal; the other side has the 32 seed
 
 from __future__ import annotations
 
-import argparse
 import itertools
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from agreement_coverage import print_coverage
 
 from analysis.claims.agreement import draws_of_entries, draws_of_runs, kendall, tau_interval
 from analysis.statistics import describe
@@ -83,18 +82,5 @@ def coverage(experiments: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=head)
 
 
-def main() -> int:
-    """Print the table as CSV, and write it if a file is named."""
-    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
-    parser.add_argument("--experiments", type=int, default=200, help="simulated experiments of each row")
-    parser.add_argument("--output", type=Path, help="CSV file")
-    options = parser.parse_args()
-    table = coverage(options.experiments)
-    print(table.to_csv(index=False))
-    if options.output:
-        table.to_csv(options.output, index=False)
-    return 0
-
-
 if __name__ == "__main__":
-    raise SystemExit(main())
+    print_coverage(coverage, __doc__, 200)
