@@ -135,7 +135,7 @@ def _readings(statement: Statement) -> tuple[Reading, ...]:
 
 
 def _at_no_level(statement: Statement) -> tuple[object, ...]:
-    """Return what a statement says, whatever the level of its readings."""
+    """Return the content of a statement without the level of its readings."""
     said = (
         replace(value, level=KnowledgeLevel.NONE) if isinstance(value, Reading) else value
         for value in vars(statement).values()

@@ -102,7 +102,7 @@ class Sample:
         return compared_over_strata(pairs, stratum_weights([0] * len(pairs)), seeds)
 
     def times(self, factor: float) -> "Sample":
-        """Return the sample of so many times its values, as runs of their own."""
+        """Return the sample with its values times a factor, as runs of their own."""
         own = self.description
         strata = {
             name: (factor * values).rename(lambda run: (factor, run)) for name, values in self.strata.items()

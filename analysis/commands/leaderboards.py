@@ -56,10 +56,10 @@ SHOWN = (FINAL, HEADLINE)
 """Axes in the order of the columns."""
 
 SHORT = 18
-"""Characters of a teacher's name at the terminal, of which a board is at most 100 wide."""
+"""Width of the column of teachers at the terminal, in characters, of a board of at most 100."""
 
 CHALLENGE_WIDTH = 11
-"""Characters of a challenge's column at the terminal, of which six and a name are at most 100 wide."""
+"""Width of the column of a challenge, in characters, of which six fit beside that of teachers."""
 
 
 def show_leaderboards(

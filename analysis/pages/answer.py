@@ -45,7 +45,7 @@ class Answer:
 
     Attributes:
         title: level, budget and engine.
-        sentence: which teachers are the best.
+        sentence: answer on the best teachers.
         chart: differences to Random over all challenges.
         challenges: heads of the columns, but that over all challenges.
         rows: teachers, the best in the end first.
