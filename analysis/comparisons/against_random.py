@@ -87,7 +87,7 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
         frames: results with windows of training.
         runs: rows of `pooling.pool_runs`.
     """
-    shares, curves = trained_shares(frames), trained_curves(frames)
+    shares = trained_shares(frames)
     found: list[AgainstRandom] = []
     for key, group in runs.groupby(ACROSS, dropna=False, sort=True):
         core, across = core_of(group), dict(zip(ACROSS, key, strict=True))
@@ -96,6 +96,7 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
             for axis in AXES
         }
         trained = group["run_id"].map(shares).groupby(group["teacher"]).median()
+        curves = trained_curves(frames) if (trained < NEARLY_ALL).any() else {}
         here = []
         for teacher, test in tests[HEADLINE].items():
             if test["reason"] == NO_BASELINE:

@@ -11,13 +11,13 @@ import numpy as np
 import pandas as pd
 
 from analysis.comparisons.aggregates import stratified_means
-from analysis.comparisons.frame import ACROSS, core_of, from_both_sides, over_challenges
+from analysis.comparisons.frame import ACROSS, core_of, corrected, from_both_sides, over_challenges
 from analysis.comparisons.verdicts import AXES
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, in_brief, listed
 from analysis.measures.tested import HEADLINE
 from analysis.names import label
-from analysis.statistics import SIGNIFICANCE, holm
+from analysis.statistics import SIGNIFICANCE
 
 EQUAL = 1e-9
 """Difference of means, in points, below which two teachers share a rank."""
@@ -130,8 +130,7 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
         tests = tests.assign(ranked=tests["challenges"] == tests["first"].map(own))
         family = tests[tests["ranked"]]
         family = family[~family.index.duplicated()]  # the index of a pair is the same from both sides
-        adjusted = family.groupby("family")["p"].transform(lambda p: holm(p.astype(float)))
-        tests["holm"] = adjusted.reindex(tests.index).to_numpy(float)
+        tests["holm"] = corrected(family, ["family"])["holm"].reindex(tests.index).to_numpy(float)
         across = dict(zip(ACROSS, key, strict=True))
         here = [
             Rank(

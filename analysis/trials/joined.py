@@ -17,11 +17,10 @@ def joined_by_trial(baseline: Baseline) -> list[tuple[Design, Look]]:
     Raises:
         ValueError: a teacher cannot be tried against the core; see `make_design`.
     """
-    frames, core = baseline.frames(), baseline.manifest.core
-    if not core:
+    frames = baseline.frames()
+    if not frames.core:
         return []
-    of_core = frames.cells["campaign"].isin(core)
-    core_frames = replace(frames, cells=frames.cells[of_core])
+    core_frames = replace(frames, cells=frames.cells[frames.cells["core"]])
     design, released = make_design("", baseline, core_frames), released_runs(core_frames)
     everything = ended_runs(frames)
     theirs = everything.loc[everything["teacher"].isin(design.references), "seed"]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from analysis.comparisons.against_random import LARGEST
 from analysis.comparisons.verdicts import AXES, on_both_axes
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
@@ -20,9 +21,6 @@ from analysis.trials.boundaries import median_unbiased
 from analysis.trials.design import PLACE, TRIALS, Design, detectable, moments_of, planned
 from analysis.trials.rules import ERROR, FUTILE, Moments, Verdict, difference
 from tma_ray.commands.texts import counted
-
-LARGEST = 100.0
-"""Largest difference that there can be, in points."""
 
 
 class Ending(StrEnum):
