@@ -32,7 +32,7 @@ from analysis.measures.evaluations import (
 from analysis.measures.pooling import pooled, result_runs, runs_after
 from analysis.measures.run_measures import evaluations_at, run_measures
 from analysis.tables.paper_tables import table_results
-from tma_ray.later_imports import import_later
+from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
     from analysis import baselines, figures
@@ -71,7 +71,7 @@ __all__ = [
     "training_curves",
 ]
 
-__getattr__, __dir__ = import_later(__name__, __file__)  # what takes long to import
+__getattr__, __dir__ = attach(__name__, __file__)  # what takes long to import
 
 
 def load(root: str | Path) -> Frames:

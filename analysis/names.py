@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 from tma_ray.benchmark import CHALLENGES, challenges_of
-from tma_ray.commands.texts import visible
-from tma_ray.hyperparameters import PRESET
-from tma_ray.part_names import join_name, split_name
+from tma_ray.components.settings import PRESET
+from tma_ray.support.component_names import join_name, split_name
+from tma_ray.support.texts import visible
 from tma_ray.tasks import KnowledgeLevel
 
 LONGEST = 80

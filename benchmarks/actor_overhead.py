@@ -28,9 +28,9 @@ from tma_ray.campaign.execution import execute_plan
 from tma_ray.campaign.executors.actors import RemoteTeacher
 from tma_ray.campaign.progress import ProgressView
 from tma_ray.campaign.settings import Settings, TeacherPlacement
-from tma_ray.commands.values import COUNT
 from tma_ray.results import Committer, Results, Table
 from tma_ray.runs import Cell, InlineTeacher, Schedule, TeacherLink, run_locally
+from tma_ray.support.quantities import COUNT
 from tma_ray.tasks import Episode, TaskSpace, TestSet
 
 STEPS = {"ppo": 100_000, "sac": 4_000}

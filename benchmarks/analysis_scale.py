@@ -26,7 +26,6 @@ import pyarrow as pa
 
 from tma_ray.benchmark import TEACHERS, find_experiment
 from tma_ray.campaign import Plan, joined_plan, matrix_campaigns
-from tma_ray.commands.values import COUNT
 from tma_ray.results import (
     DATA_TABLES,
     SCHEMAS,
@@ -43,6 +42,7 @@ from tma_ray.results.layout import manifest_path, table_path
 from tma_ray.results.parquet import encode, encode_together
 from tma_ray.results.schema import to_arrow
 from tma_ray.runs import RunSpec
+from tma_ray.support.quantities import COUNT
 
 SKILL = {teacher: 0.2 + 0.05 * place for place, teacher in enumerate(TEACHERS)}
 """Share of the test tasks that a teacher's students master in the end."""

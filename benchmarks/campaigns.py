@@ -6,10 +6,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from tma_ray import command_line
 from tma_ray.campaign import Campaign
 from tma_ray.campaign.options import CampaignOptions, campaign_defaults
 from tma_ray.campaign.script import execute
+from tma_ray.console import command_line
 
 
 def main(campaign: Campaign, description: str, report: Callable[[str], None]) -> int:

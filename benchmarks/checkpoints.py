@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from tma_ray.commands.values import COUNT
 from tma_ray.results import CHECKPOINTS, RunWriter, Store
 from tma_ray.runs import Cell, InlineTeacher, Schedule, effective_spec
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.run import Run
 from tma_ray.students import Transition
+from tma_ray.support.quantities import COUNT
 
 EPISODE_STEPS = 1_000
 NEW_TRANSITIONS = (100_000, 500_000)

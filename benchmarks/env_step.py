@@ -73,7 +73,7 @@ def simulate(floats: Floats, integers: Integers, actions: Actions) -> None:
         advance(simulation, substeps, motor_substeps, floats[DURATION], integers[COUNT_CONTACT])
 
 
-# Not cached on disk: `tma_ray.jit.kernel` would not notice that the kernels called here have changed.
+# Not cached on disk: `tma_ray.support.jit.kernel` would not notice that the kernels called here have changed.
 compiled_simulate: Any = numba.njit(simulate)
 
 

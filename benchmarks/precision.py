@@ -24,9 +24,9 @@ from scipy import stats
 
 from analysis.statistics import welch
 from tma_ray.campaign.plan import CampaignSpec, Plan
-from tma_ray.commands.values import COUNT
 from tma_ray.runs import Cell, Schedule
 from tma_ray.students.hyperparameters import MatmulPrecision
+from tma_ray.support.quantities import COUNT
 
 REFERENCE = MatmulPrecision.HIGHEST
 

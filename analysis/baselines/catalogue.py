@@ -14,11 +14,11 @@ import pandas as pd
 
 from analysis.data.frames import Frames, frames_of, joined, load
 from analysis.data.reference import is_baseline, published_frame
-from tma_ray.arguments import check_kind
-from tma_ray.commands.values import expanded
-from tma_ray.decoding import DamagedFileError, Natural, Sha256, decode_json
-from tma_ray.part_names import nearest
 from tma_ray.results import SIMULATED, Results, ResultsRootError, Store, check_path
+from tma_ray.support.component_names import nearest
+from tma_ray.support.decoding import DamagedFileError, Natural, Sha256, decode_json
+from tma_ray.support.quantities import expanded
+from tma_ray.support.validation import check_type
 
 BASELINE_FILE: Final = "baseline.json"
 FORMAT: Final = "tma_ray baseline"
@@ -280,7 +280,7 @@ def as_baseline(root: str | Path) -> Baseline | None:
         ResultsRootError: it is a name, of no folder here and of no baseline.
         TypeError: it is neither text nor a path.
     """
-    check_kind("root", root, (str, Path), "a folder or an address")
+    check_type("root", root, (str, Path), "a folder or an address")
     text = str(root)
     if "://" in text or expanded(text).exists():
         return Baseline.open(text) if Store.open(text).holds(BASELINE_FILE) else None

@@ -32,9 +32,9 @@ from analysis.measures.run_measures import run_measures
 from analysis.measures.tested import HEADLINE
 from analysis.tables.paper_tables import result_tables, table_results
 from tma_ray import results
-from tma_ray.arguments import check_known
-from tma_ray.commands.exits import installed_version
-from tma_ray.commands.values import expanded
+from tma_ray.console.exit_codes import installed_version
+from tma_ray.support.quantities import expanded
+from tma_ray.support.validation import check_known
 
 HELD: Final = {
     "campaigns": "campaign",

@@ -25,7 +25,7 @@ from tma_ray.benchmark.claims import (
     Statement,
 )
 from tma_ray.benchmark.experiments import TEACHERS
-from tma_ray.commands.texts import counted
+from tma_ray.support.texts import counted
 from tma_ray.tasks import KnowledgeLevel
 
 

@@ -37,8 +37,8 @@ from analysis.statistics.samples import bounded_interval, mean_interval_of
 from tma_ray.benchmark import PAPER_STEPS, PaperResult, paper_results
 from tma_ray.benchmark.claims import Reading
 from tma_ray.benchmark.experiments import TEACHERS
-from tma_ray.part_names import base_name
 from tma_ray.results import BOX2D, SIMULATED
+from tma_ray.support.component_names import base_name
 
 
 @dataclass(frozen=True, eq=False)

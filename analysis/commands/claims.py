@@ -10,8 +10,8 @@ from rich.text import Text
 from analysis.baselines.catalogue import Sources, read
 from analysis.claims.judging import Verdict, decided, root_verdicts
 from analysis.statistics.samples import MARGIN, Standing
-from tma_ray.commands.texts import counted
-from tma_ray.terminal import terminal
+from tma_ray.console.terminal import terminal
+from tma_ray.support.texts import counted
 
 WIDTH = 100
 """Most characters of a line."""

@@ -9,7 +9,7 @@ from analysis.comparisons.measured import measure
 from analysis.figures import Drawing, drawings, published_drawings
 from analysis.looks import shown_together
 from analysis.tables.table import TableFormat
-from tma_ray.part_names import nearest
+from tma_ray.support.component_names import nearest
 
 
 def write_figures(

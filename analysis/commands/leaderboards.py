@@ -28,7 +28,7 @@ from analysis.measures.tested import FINAL, HEADLINE, MEASURES
 from analysis.measures.trained import NEARLY_ALL
 from analysis.names import label, short_title
 from analysis.tables.table import pipe_table
-from tma_ray.terminal import terminal
+from tma_ray.console.terminal import terminal
 
 if TYPE_CHECKING:
     from analysis.trials.design import Design

@@ -27,7 +27,7 @@ from analysis.measures.tested import FINAL, HEADLINE, MEASURES, how_tested
 from analysis.names import label, mark_of, own_first
 from analysis.statistics import SIGNIFICANCE, welch
 from analysis.statistics.power import POWER
-from tma_ray.terminal import terminal
+from tma_ray.console.terminal import terminal
 
 NAMES = 14
 """Width of the column of teachers, in characters."""

@@ -19,7 +19,7 @@ from analysis.formatting import amount, number
 from analysis.names import challenge_title, label
 from analysis.statistics.samples import MARGIN, Standing
 from analysis.tables.table import pipe_table
-from tma_ray.terminal import terminal
+from tma_ray.console.terminal import terminal
 
 
 def show_baselines(console: Console | None = None) -> None:

@@ -11,8 +11,8 @@ from analysis.data.reference import BASELINE, baseline_rows, is_baseline
 from analysis.formatting import number, plus_minus
 from analysis.statistics import SIGNIFICANCE, Comparison, describe, holm, mean_interval, paired
 from analysis.tables.table import pipe_table
+from tma_ray.console.terminal import terminal
 from tma_ray.tasks import KnowledgeLevel
-from tma_ray.terminal import terminal
 
 BETTER, WORSE = "\N{BLACK UP-POINTING TRIANGLE}", "\N{BLACK DOWN-POINTING TRIANGLE}"
 """Marks of a difference from Random with p < 0.05, corrected by Holm's method over each challenge."""

@@ -22,7 +22,7 @@ from analysis.statistics.estimates import (
     probability_of_improvement,
 )
 from analysis.statistics.samples import Estimate
-from tma_ray.arguments import check_names
+from tma_ray.support.validation import check_sequence
 
 ESTIMATE = list(Estimate.__dataclass_fields__)
 
@@ -45,7 +45,7 @@ def interquartile_means(
         `by`, measure, value, low, high, n, reason (of `statistics.estimates.Estimate`), and missing: strata
         of other teachers in which this one has no results, in words; empty where there are none.
     """
-    check_names("by", by)
+    check_sequence("by", by)
     by, rows = list(by), []
     check_measure("runs", runs, measure, [*by, *strata])
     common = [column for column in by if column != "teacher"]

@@ -23,7 +23,7 @@ from analysis.measures.pooling import PARTS, condition_words, levels_together, r
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
 from analysis.measures.trained import NEARLY_ALL, trained_shares
 from analysis.names import challenge_title, distinct_labels, label, mark_of, title
-from tma_ray.part_names import split_name
+from tma_ray.support.component_names import split_name
 
 THRESHOLDS = (25, 50, 75)
 """Per cent of the test tasks, over which the share of runs is told in tables."""

@@ -32,8 +32,8 @@ from analysis.statistics import (
 )
 from analysis.statistics.power import detectable_difference, detectable_in_pairs
 from analysis.statistics.tests import welch_of_values
-from tma_ray.arguments import check_known, check_names
 from tma_ray.benchmark import TEACHERS
+from tma_ray.support.validation import check_known, check_sequence
 
 ACROSS = ["expert_knowledge", *CONDITIONS]
 """Columns that runs of several challenges must have in common to be aggregated."""
@@ -113,7 +113,7 @@ def pairwise(
           pairs and steps of a comparison are one family;
         - simultaneous_low, simultaneous_high: ends of `statistics.simultaneous_intervals`.
     """
-    check_names("within", within)
+    check_sequence("within", within)
     check_measure("runs", runs, measure, [*within, between, *strata])
     if between == "teacher" and isinstance(reference, str):
         _check_reference(reference, runs)

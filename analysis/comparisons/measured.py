@@ -14,7 +14,7 @@ from analysis.formatting import listed
 from analysis.measures.evaluations import evaluation_curves, final_evaluations, summarise, training_curves
 from analysis.measures.tested import HEADLINE, MEASURES
 from analysis.names import challenge_title, label, teacher_order
-from tma_ray.part_names import split_name
+from tma_ray.support.component_names import split_name
 
 TESTED = tuple(MEASURES)
 """Measures that are tested against Random, the headline first."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analysis.baselines.catalogue import BaselineKind, as_baseline, read
 from analysis.comparisons.frame import corrected, from_both_sides, pairwise
 from analysis.data.frames import Frames, joined
-from analysis.data.identity import NAMED, named_apart
+from analysis.data.identity import NAMED, disambiguate_names
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, listed
 from analysis.measures.pooling import COMPARED, POOLED, parts_of, pooled, result_runs
@@ -19,8 +19,8 @@ from analysis.measures.run_measures import evaluations_at, run_measures
 from analysis.measures.tested import HEADLINE, PAPERS
 from analysis.names import label
 from tma_ray.benchmark import MATRICES, TEACHERS
-from tma_ray.part_names import base_name
 from tma_ray.results import CHIPMUNK, SIMULATED
+from tma_ray.support.component_names import base_name
 
 PLACE = ["environment", "challenge", "expert_knowledge"]
 """Columns that say where a result was had."""
@@ -77,7 +77,7 @@ def named_jointly(mine: Side, baselines: Sequence[Side]) -> tuple[Side, list[Sid
     """
     sides = [mine, *baselines]
     frames = {place: side.frames for place, side in enumerate(sides) if side.frames is not None}
-    named, said = named_apart([each.cells for each in frames.values()])
+    named, said = disambiguate_names([each.cells for each in frames.values()])
     for (place, each), cells in zip(frames.items(), named, strict=True):
         if not cells[NAMED].equals(each.cells[NAMED]):
             sides[place] = side_of(replace(each, cells=cells), sides[place].name)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from analysis.data.frames import Frames, check_columns
 from analysis.data.identity import parsed
-from tma_ray.arguments import check_kind
 from tma_ray.results import Table
+from tma_ray.support.validation import check_type
 from tma_ray.tasks import MASTERY_RETURN
 
 PANELS = 5
@@ -122,7 +122,7 @@ def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
 
 def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
     """Return the curriculum of one run, a row of `Frames.cells`."""
-    check_kind("run", run, pd.Series, "a row of frames.cells")
+    check_type("run", run, pd.Series, "a row of frames.cells")
     (found,) = curricula_of_runs(frames, [run])
     return found
 

@@ -12,9 +12,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.data import identity
-from tma_ray.arguments import check_kind, check_known, check_names
-from tma_ray.commands.texts import counted
 from tma_ray.results import CHIPMUNK, SCHEMAS, Results, Table
+from tma_ray.support.texts import counted
+from tma_ray.support.validation import check_known, check_sequence, check_type
 
 COMPARISON = [
     *("engine", "experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge")
@@ -52,7 +52,7 @@ class Frames:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
             test_set, physics_version, and of the spec `SETTINGS`: engine (what simulated the worlds),
             mastery_threshold, settings and identity. core is True in the campaigns of `core`. Names that
-            would mean several things are split: see `identity.named_apart`.
+            would mean several things are split: see `identity.disambiguate_names`.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
             is over the threshold of its run.
         measured: one row per run and evaluation, of `evaluation_measures`: computed once.
@@ -128,7 +128,7 @@ class Frames:
     def episode_returns(self, run_ids: Sequence[str]) -> pd.DataFrame:
         """Return run_id, step and finite episodic_return of the training episodes of `run_ids`."""
         columns = ["run_id", "step", "episodic_return"]
-        check_names("run_ids", run_ids)
+        check_sequence("run_ids", run_ids)
         rows = self._rows(Table.EPISODES, columns, run_ids)
         return rows[np.isfinite(rows["episodic_return"].astype(float))]
 
@@ -165,7 +165,7 @@ class Frames:
         """Read a long table of some runs, from whichever files hold them."""
         known = set(self._run_ids)
         for run_id in run_ids:
-            check_kind("run_id", run_id, str, "the id of one run")
+            check_type("run_id", run_id, str, "the id of one run")
             if run_id not in known:
                 check_known("run", run_id, self._run_ids[:SHOWN_RUNS], "the first ones are")
         places: dict[int, tuple[Results, list[str]]] = {}
@@ -186,7 +186,7 @@ def computed_once(
 
     @functools.wraps(function)
     def compute(frames: Frames, /, *args: P.args, **kwargs: P.kwargs) -> pd.DataFrame:
-        check_kind("frames", frames, Frames, "what analysis.load returns")
+        check_type("frames", frames, Frames, "what analysis.load returns")
         given = signature.bind(frames, *args, **kwargs)
         given.apply_defaults()
         values = list(given.arguments.values())[1:]
@@ -214,8 +214,10 @@ def load(root: str | Path) -> Frames:
 def frames_of(results: Results) -> Frames:
     """Return the frames of opened results; what is missing becomes an empty frame and a warning."""
     runs = identity.with_settings(with_plain_texts(results.table(Table.RUNS).to_pandas()))
-    (cells,), split = identity.named_apart([_join(with_plain_texts(_frame(results, Table.CELLS)), runs)])
-    cells, apart = identity.experiments_apart(with_plain_texts(cells.assign(core=True)))
+    (cells,), split = identity.disambiguate_names(
+        [_join(with_plain_texts(_frame(results, Table.CELLS)), runs)]
+    )
+    cells, apart = identity.split_experiments(with_plain_texts(cells.assign(core=True)))
     columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
     evaluations = _frame(results, Table.EVALUATIONS, columns)
     evaluations["mastered"] = evaluations["episodic_return"] > identity.thresholds_of(evaluations, runs)
@@ -303,8 +305,8 @@ def joined(frames: Sequence[Frames]) -> Frames:
             rank = STATUSES.index(status), place
             ranks[run_id] = min(rank, ranks.get(run_id, rank))
     places = {run_id: place for run_id, (_, place) in ranks.items()}
-    (cells,), split = identity.named_apart([_joined_cells(frames, places)])
-    cells, apart = identity.experiments_apart(with_plain_texts(cells))
+    (cells,), split = identity.disambiguate_names([_joined_cells(frames, places)])
+    cells, apart = identity.split_experiments(with_plain_texts(cells))
     tables = {
         name: pd.concat(
             [
@@ -354,8 +356,8 @@ def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
         TypeError: it is not a table, or `columns` is one text.
         ValueError: it lacks a column; the message holds the nearest one.
     """
-    check_kind(name, table, pd.DataFrame, "a table, as from analysis.runs_after(frames)")
-    check_names("columns", columns)
+    check_type(name, table, pd.DataFrame, "a table, as from analysis.runs_after(frames)")
+    check_sequence("columns", columns)
     assert isinstance(table, pd.DataFrame)
     for column in columns:
         check_known("column", column, table.columns, f"{name} has")

@@ -18,9 +18,9 @@ from typing import Any
 import pandas as pd
 
 from tma_ray.benchmark import EXPERIMENTS, Matrix
-from tma_ray.decoding import DamagedFileError, decode_json
-from tma_ray.part_names import join_name, split_name
 from tma_ray.results import CHIPMUNK
+from tma_ray.support.component_names import join_name, split_name
+from tma_ray.support.decoding import DamagedFileError, decode_json
 from tma_ray.tasks import MASTERY_RETURN
 
 NAMED = ["challenge", "environment", "embodiment", "student", "teacher", "test_set"]
@@ -75,7 +75,7 @@ def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     }
 
 
-def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tuple[str, ...]]:
+def disambiguate_names(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tuple[str, ...]]:
     """Return the cells of one or several roots with unambiguous names, and the names that were split.
 
     Points of searches for hyper-parameters, which differ by design, keep their names.
@@ -108,7 +108,7 @@ def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tupl
     return frames, tuple(said)
 
 
-def experiments_apart(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
+def split_experiments(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Return cells in which each experiment has runs of one budget, physics, threshold and test set.
 
     The runs of a place that differ from most get another name of their experiment, which says how; a sentence

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from analysis.data.frames import Frames
 from analysis.data.identity import parsed
-from tma_ray.arguments import check_kind, check_names
-from tma_ray.commands.values import STEP
+from tma_ray.support.quantities import STEP
+from tma_ray.support.validation import check_sequence, check_type
 from tma_ray.tasks import Dimension, Task, TaskSpace
 
 BINS = 10
@@ -98,8 +98,8 @@ def _check_bins(bins: int) -> None:
 
 def _probes(frames: Frames, run_ids: Iterable[str]) -> Iterator[tuple[str, TaskSpace | None, pd.DataFrame]]:
     """Yield each run with its task space, None where its spec names none, and its probed tasks."""
-    check_kind("frames", frames, Frames, "what analysis.load returns")
-    check_names("run_ids", run_ids)
+    check_type("frames", frames, Frames, "what analysis.load returns")
+    check_sequence("run_ids", run_ids)
     specs = frames.cells.drop_duplicates("run_id").set_index("run_id")["spec"]
     for run_id in run_ids:
         dimensions = parsed(specs.get(run_id)).get("task_space", [])

@@ -19,7 +19,7 @@ from analysis.data.frames import (
 from analysis.data.identity import CONDITIONS, of_searches, parsed, searches
 from analysis.formatting import number
 from analysis.statistics import describe
-from tma_ray.part_names import base_name
+from tma_ray.support.component_names import base_name
 
 FEW_WINDOWS = 8
 """Below this number of training windows, training returns are read from the episodes."""

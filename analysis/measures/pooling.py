@@ -18,10 +18,10 @@ from analysis.data.reference import baseline_runs
 from analysis.formatting import amount
 from analysis.measures.run_measures import NOT_FINITE, run_measures
 from analysis.statistics import describe
-from tma_ray.arguments import check_names
 from tma_ray.benchmark import MATRICES, Matrix, challenges_of
-from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK, SIMULATED
+from tma_ray.support.component_names import base_name, join_name, split_name
+from tma_ray.support.validation import check_sequence
 from tma_ray.tasks import KnowledgeLevel
 
 CONDITIONS = ["steps", "engine", "physics_version", "mastery_threshold", "variant"]
@@ -192,10 +192,10 @@ def pooled(
         not the whole pool, in words; empty if it is), and for each measure its _n, _mean, _std: NaN where
         there are too few runs.
     """
-    check_names("measures", measures)
+    check_sequence("measures", measures)
     if not measures:
         raise ValueError("measures is empty: expected columns of the runs, such as mastered_percent")
-    check_names("by", by)
+    check_sequence("by", by)
     keys, rows = [*POOLED, *by], []
     for measure in measures:
         check_measure("runs", runs, measure, keys)

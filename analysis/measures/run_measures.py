@@ -8,8 +8,8 @@ import pandas as pd
 
 from analysis.data.frames import Frames, computed_once
 from analysis.measures.evaluations import MEASURED, area_over, measured_so_far, training_curves
-from tma_ray.arguments import check_names
-from tma_ray.commands.values import SHARE, STEP
+from tma_ray.support.quantities import SHARE, STEP
+from tma_ray.support.validation import check_sequence
 
 NOT_FINITE = "returns not finite"
 """Why a run has no measures whose last evaluation has returns that are NaN or infinite."""
@@ -62,7 +62,7 @@ def run_measures(
           "still running", "not evaluated", "ends before", `NOT_FINITE`; else empty.
     """
     STEP.check("at", 0 if at is None else at)
-    check_names("shares", shares)
+    check_sequence("shares", shares)
     for each in (*shares, share):
         SHARE.check("share", each)
     everything, evaluations = frames.measured, frames.evaluations
@@ -95,7 +95,7 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
         step (the one asked for), run_id, evaluated_at (step of the last evaluation at or before it), and
         `evaluations.MEASURED` until then.
     """
-    check_names("steps", steps)
+    check_sequence("steps", steps)
     steps = list(steps)
     for step in steps:
         STEP.check("step", step)

@@ -21,8 +21,8 @@ from analysis.measures.pooling import COMPARED
 from analysis.measures.tested import HEADLINE, QUANTITIES
 from analysis.names import FILTERS, challenge_title, label, mark_of, marked_label, teacher_order
 from analysis.statistics import SIGNIFICANCE
-from tma_ray.commands.exits import installed_version
-from tma_ray.commands.texts import visible
+from tma_ray.console.exit_codes import installed_version
+from tma_ray.support.texts import visible
 
 
 def page(template: str, **content: Any) -> str:

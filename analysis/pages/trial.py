@@ -16,8 +16,8 @@ from analysis.names import label, own_first
 from analysis.pages.page import page, write_page
 from analysis.trials import standing
 from analysis.trials.design import Design
-from tma_ray.commands.exits import installed_version
-from tma_ray.commands.texts import counted
+from tma_ray.console.exit_codes import installed_version
+from tma_ray.support.texts import counted
 
 
 def write_trial(

@@ -27,7 +27,7 @@ from analysis.statistics.samples import (
     finite,
     negligible,
 )
-from tma_ray.arguments import check_kind
+from tma_ray.support.validation import check_type
 
 MOST = 20_000
 """Arrangements up to which all are looked at: two samples of 8 runs have 12,870."""
@@ -187,7 +187,7 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
             test, so that cells which share their runs are never compared with themselves.
     """
     for name, values in {"sample": sample, "reference": reference}.items():
-        check_kind(name, values, pd.Series, "a series of one value a run, indexed by run id")
+        check_type(name, values, pd.Series, "a series of one value a run, indexed by run id")
     if set(sample.index) & set(reference.index):
         first, second = describe(sample), describe(reference)
         return Comparison(first.n, second.n, first.mean - second.mean, reason="same runs")

@@ -12,9 +12,9 @@ from typing import Any, Final
 import numpy as np
 
 from analysis.tracking.points import TABLES, Point, Tracker
-from tma_ray.commands.values import expanded
-from tma_ray.decoding import read_file
 from tma_ray.results import Manifest, RunRecord, RunStatus, Table
+from tma_ray.support.decoding import read_file
+from tma_ray.support.quantities import expanded
 
 _NAMES: Final = "events.out.tfevents.*"
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from analysis.tracking.points import TABLES, Point, Tracker
-from tma_ray.decoding import MOST_TEXT_BYTES, read_file
 from tma_ray.results import Manifest, RunStatus, Table
+from tma_ray.support.decoding import MOST_TEXT_BYTES, read_file
 
 STEP: Final = "global_step"
 """The horizontal axis: environment steps. CleanRL and openrlbenchmark call it so."""

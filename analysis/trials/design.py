@@ -21,9 +21,9 @@ from analysis.statistics.power import POWER
 from analysis.statistics.samples import deviations, negligible
 from analysis.trials import rules
 from analysis.trials.boundaries import crossing
-from tma_ray.commands.texts import counted
-from tma_ray.decoding import decode_json
-from tma_ray.part_names import nearest
+from tma_ray.support.component_names import nearest
+from tma_ray.support.decoding import decode_json
+from tma_ray.support.texts import counted
 from tma_ray.tasks import KnowledgeLevel
 
 SCALES = {HEADLINE: Scale.ARCSINE, FINAL: Scale.PERCENT}

@@ -20,7 +20,7 @@ from analysis.names import label
 from analysis.trials.boundaries import median_unbiased
 from analysis.trials.design import PLACE, TRIALS, Design, detectable, moments_of, planned
 from analysis.trials.rules import ERROR, FUTILE, Moments, Verdict, difference
-from tma_ray.commands.texts import counted
+from tma_ray.support.texts import counted
 
 
 class Ending(StrEnum):

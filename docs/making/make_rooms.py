@@ -50,7 +50,12 @@ FLOORS: Final = (
             "kernels and engines; bodies and terrain as data",
         ),
     ),
-    (Room("Tasks", ("tma_ray.tasks", "tma_ray.commands"), "words that all share, and tools: tma_ray/*.py"),),
+    (Room("Tasks", ("tma_ray.tasks",), "types that teachers, environments and runs share"),),
+    (
+        Room("Components", ("tma_ray.components",), "registries, settings, plug-ins"),
+        Room("Console", ("tma_ray.console",), "command lines, tables, exit codes"),
+    ),
+    (Room("Support", ("tma_ray.support",), "validation, decoding, compilation, interrupts"),),
 )
 """The twelve rooms: each imports only from floors below it."""
 

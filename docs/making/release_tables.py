@@ -27,8 +27,8 @@ from analysis.names import challenge_title, distinct_labels, label, short_title,
 from analysis.statistics import SIGNIFICANCE, Description, holm, welch, welch_from_statistics
 from tma_ray.benchmark.experiments import TEACHERS as TEACHERS_OF_THE_PAPER
 from tma_ray.campaign.simulated import played_runs
-from tma_ray.part_names import base_name, split_name
 from tma_ray.results import Results
+from tma_ray.support.component_names import base_name, split_name
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.testing import SIMULATED_CHALLENGES
 from tma_ray.testing.matrix import cells_of, runs_of, tabulate

@@ -28,7 +28,7 @@ from analysis.formatting import amount, duration, number, plus_minus
 from analysis.looks import look, shown_together
 from analysis.names import label, plain_name, short_labels, teacher_order
 from tma_ray.cli import main
-from tma_ray.commands.texts import visible
+from tma_ray.support.texts import visible
 
 LOOK_OF_FRONTIER = ("#cc8866", ">", (0, (6, 2)))
 PLANE = (Axis("Height", 0, 3), Axis("Spacing", 0, 6))

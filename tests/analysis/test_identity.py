@@ -17,7 +17,7 @@ from analysis.commands.rankings import show_ranking
 from analysis.comparisons.sentences import ranking
 from analysis.comparisons.sides import beside, named_jointly, side_of, together
 from analysis.data.frames import COMPARISON, load
-from analysis.data.identity import NAMED, identity, named_apart
+from analysis.data.identity import NAMED, disambiguate_names, identity
 from analysis.measures.evaluations import final_evaluations
 from analysis.pages.report import write_report
 from analysis.tables.paper_tables import table_results
@@ -132,7 +132,7 @@ def test_the_papers_matrices_keep_their_names() -> None:
                 text = json.dumps(identity(spec.to_dict()), sort_keys=True)
                 rows.append(names | where | {"engine": "Chipmunk", "physics_version": 1, "identity": text})
     cells = pd.DataFrame(rows)
-    (named,), said = named_apart([cells])
+    (named,), said = disambiguate_names([cells])
     assert said == ()
     assert named[NAMED].equals(cells[NAMED])
 

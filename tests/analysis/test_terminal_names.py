@@ -18,9 +18,9 @@ from synthetic_results import SyntheticCampaign
 import analysis
 import tma_ray
 from tma_ray.cli import main
-from tma_ray.commands.exits import exit_code
+from tma_ray.console.exit_codes import exit_code
+from tma_ray.console.terminal import terminal
 from tma_ray.results.lease import HeartbeatWriter
-from tma_ray.terminal import terminal
 
 NAME = "[red]x[/x]:smile:"
 """What rich would colour, refuse and draw."""

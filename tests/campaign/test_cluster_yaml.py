@@ -19,7 +19,7 @@ from tma_ray import cli
 from tma_ray.campaign import Campaign, cells_of
 from tma_ray.campaign.executors.cohorts import kinds_of, learner_resources, room_of
 from tma_ray.campaign.settings import GIB, Resources, Settings
-from tma_ray.command_line import read
+from tma_ray.console.command_line import read
 from tma_ray.envs import ENVIRONMENTS
 
 FILE = Path(__file__).parents[2] / "cluster.yaml"

@@ -17,7 +17,7 @@ import pytest
 from local_head import RAY, Head, local_head
 from test_interrupts import HELPERS, start, wait_for_a_checkpoint
 
-from tma_ray.commands.exits import RAY_LOST, REFUSED
+from tma_ray.console.exit_codes import RAY_LOST, REFUSED
 from tma_ray.results import Results, RunStatus
 
 PATIENCE = 40

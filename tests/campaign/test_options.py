@@ -15,7 +15,7 @@ from tma_ray.campaign.progress import ActiveRun, ProgressView, Snapshot, duratio
 from tma_ray.campaign.script import script
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
-from tma_ray.command_line import read
+from tma_ray.console.command_line import read
 from tma_ray.physics import engine_in_use
 from tma_ray.results import Results, RunStatus
 from tma_ray.runs import Status

@@ -18,7 +18,7 @@ from small_runs import rows
 from test_interrupts import start, wait_for_a_checkpoint
 
 from tma_ray.campaign.progress import overview
-from tma_ray.commands.exits import RAY_LOST
+from tma_ray.console.exit_codes import RAY_LOST
 from tma_ray.results import Table
 
 pytestmark = pytest.mark.slow

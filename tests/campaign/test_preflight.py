@@ -13,8 +13,8 @@ import pytest
 
 from tma_ray.campaign import execution
 from tma_ray.campaign.cluster.base import FOLDER, MOST_BYTES, runtime_environment, working_nodes
-from tma_ray.commands.exits import RAY_LOST
-from tma_ray.plugin_source import PluginSource
+from tma_ray.components.plugin_source import PluginSource
+from tma_ray.console.exit_codes import RAY_LOST
 from tma_ray.results import ResultsRootError, Store
 
 
@@ -87,7 +87,7 @@ def test_large_files_are_refused_by_name() -> None:
 
 DRIVER = """
     import time
-    from tma_ray.campaign.cluster.base import leaving_without_head
+    from tma_ray.campaign.cluster.base import exit_on_head_loss
 
     class Head:
         def lost(self, patience):
@@ -96,7 +96,7 @@ DRIVER = """
         def abandon(self):
             print("abandoned", flush=True)
 
-    with leaving_without_head(Head(), "short"):
+    with exit_on_head_loss(Head(), "short"):
         time.sleep(WAIT)
     print("checked")
 """

@@ -102,7 +102,7 @@ def threads(monkeypatch: pytest.MonkeyPatch, dying: list[str]) -> Iterator[None]
         for module in (actors, ray_executor):
             monkeypatch.setattr(module, "ray", ray)
         monkeypatch.setattr(actors.SeedActor, "launch", launch)
-        monkeypatch.setattr(actors, "leave_pandas_out", lambda: None)
+        monkeypatch.setattr(actors, "skip_pandas", lambda: None)
         monkeypatch.setattr("tma_ray.campaign.failures.FIRST_PAUSE", 0.01)
         yield
 

@@ -33,7 +33,7 @@ from tma_ray.campaign.experiments import experiment_plan
 from tma_ray.campaign.options import ExperimentOptions
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
-from tma_ray.command_line import read
+from tma_ray.console.command_line import read
 from tma_ray.runs import Schedule
 
 SCRIPTS = Path(__file__).parents[2] / "experiments"

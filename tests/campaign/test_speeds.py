@@ -21,10 +21,10 @@ from tma_ray.campaign.costs import (
 from tma_ray.campaign.plan import QUICKSTART
 from tma_ray.campaign.settings import Settings
 from tma_ray.embodiments import embodiment_names
-from tma_ray.part_names import base_name
 from tma_ray.runs import RunSpec, Schedule
 from tma_ray.students import STUDENTS
 from tma_ray.students.catalogue import canonical_student
+from tma_ray.support.component_names import base_name
 
 
 def spec_of(student: str = "ppo", body: str = "classic_bipedal") -> RunSpec:

@@ -19,7 +19,7 @@ from nodes import Nodes
 from saboteur import FULL_DISK
 from suite.object_server import ObjectServer
 
-from tma_ray.commands.exits import FAILED, RAY_LOST
+from tma_ray.console.exit_codes import FAILED, RAY_LOST
 from tma_ray.results import Store
 
 HERE = Path(__file__).parent

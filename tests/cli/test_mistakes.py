@@ -22,10 +22,10 @@ from mistakes import Mistake, arguments_of, commands, fill, flags, mistakes, val
 from tma_ray.campaign import execution, script
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.cli import main
-from tma_ray.command_line import METAVARS, arguments
-from tma_ray.commands import values
-from tma_ray.commands.values import Quantity
+from tma_ray.console import types as values
+from tma_ray.console.command_line import METAVARS, arguments
 from tma_ray.results import AttemptOutcome, Results, Store, check_usable
+from tma_ray.support.quantities import Quantity
 
 SECONDS = 1.0
 """Processor time within which a mistake is refused, s."""

@@ -12,7 +12,7 @@ from cyclopts import App, Argument
 from tma_ray import cli
 from tma_ray.campaign import Campaign, cells_of
 from tma_ray.campaign.script import script
-from tma_ray.command_line import METAVARS, UsageError, arguments, commands, help_text, read
+from tma_ray.console.command_line import METAVARS, UsageError, arguments, commands, help_text, read
 
 METAVAR = re.compile(rf"({'|'.join(METAVARS)})(,\.\.\.)?|NAME=VALUE")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tma_ray.cli import main
-from tma_ray.commands.exits import REFUSED, exit_code
+from tma_ray.console.exit_codes import REFUSED, exit_code
 
 RANKING = pytest.param(["ranking", "simulated-1"], marks=pytest.mark.slow, id="ranking")
 
@@ -60,7 +60,7 @@ def test_no_file_takes_the_descriptor_of_a_closed_stream(tmp_path: Path) -> None
     """The file would get what a child of the command prints."""
     script = (
         "import subprocess\n"
-        "from tma_ray.commands.exits import exit_code\n"
+        "from tma_ray.console.exit_codes import exit_code\n"
         "def command():\n"
         f"    with open({str(tmp_path / 'file')!r}, 'w') as file:\n"
         "        subprocess.run(['echo', 'printed'], close_fds=False, pass_fds=())\n"

@@ -20,7 +20,7 @@ from packaging.requirements import Requirement
 from suite.locked import locked
 
 from tma_ray import cli
-from tma_ray.command_line import read
+from tma_ray.console.command_line import read
 
 TINY = ["--steps", "300", "--evaluation-interval", "300", "--test-set", "one.csv"]
 

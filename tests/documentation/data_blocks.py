@@ -9,9 +9,9 @@ from pathlib import Path
 import yaml
 from commands import understood
 
+from tma_ray.components.registry import Registry
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import ENVIRONMENTS
-from tma_ray.registry import Registry
 from tma_ray.students import STUDENTS
 from tma_ray.tasks import TestSet
 from tma_ray.teachers import TEACHERS

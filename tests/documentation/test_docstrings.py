@@ -15,9 +15,9 @@ from tma_ray import cli, command_line
 from tma_ray.benchmark import load_test_set, shipped_test_sets
 from tma_ray.embodiments import embodiment_names, load_embodiment
 from tma_ray.envs import ENVIRONMENTS
-from tma_ray.part_names import base_name, split_name
 from tma_ray.runs import Cell, Schedule, effective_spec
 from tma_ray.students import STUDENTS, canonical_student
+from tma_ray.support.component_names import base_name, split_name
 from tma_ray.teachers import TEACHERS, make_teacher
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ from commands import execute, simple_commands, understood
 from data_blocks import CHECKS
 from declared import CHANGES, ENDINGS, EXEMPTIONS, changed, exempt, exit_code
 
-from tma_ray.command_line import UsageError
+from tma_ray.console.command_line import UsageError
 
 LONG = (
     "docs/add_environment.md",

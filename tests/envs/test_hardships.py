@@ -13,7 +13,7 @@ from suite.bodies import bodies
 from tma_ray.embodiments import embodiment_names, load_embodiment
 from tma_ray.envs import ENVIRONMENTS, make_environment
 from tma_ray.envs.base import BodyEnvironment
-from tma_ray.jit import kernel
+from tma_ray.support.jit import kernel
 from tma_ray.terrain import Terrain
 
 DEEPEST = 0.5

@@ -10,10 +10,10 @@ import pytest
 from numba.core.caching import CompileResultCacheImpl
 from suite.processes import python
 
-from tma_ray.jit import kernel
+from tma_ray.support.jit import kernel
 
 KERNELS = """
-from tma_ray.jit import kernel
+from tma_ray.support.jit import kernel
 
 @kernel
 def added(first, second):
@@ -28,7 +28,7 @@ assert (kernels.added(1, 2), kernels.added(1.5, 2)) == (3, 3.5)
 """
 
 COUNTED = """
-from tma_ray.jit import count_compiled
+from tma_ray.support.jit import count_compiled
 count_compiled(lambda compiled, known: print(compiled, known))
 import kernels
 kernels.added(1, 2)
@@ -63,7 +63,7 @@ def test_without_a_folder_for_compiled_kernels_a_sentence_says_so(monkeypatch: p
         kernel(lambda x: x)
 
 
-HEADER = "from tma_ray.jit import kernel\n"
+HEADER = "from tma_ray.support.jit import kernel\n"
 
 
 @pytest.fixture

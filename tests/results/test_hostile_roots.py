@@ -14,15 +14,15 @@ import pyarrow.parquet as pq
 import pytest
 from results_examples import make_record
 
-from tma_ray.array_files import load_arrays
 from tma_ray.cli import main
-from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.embodiments import load_embodiment
 from tma_ray.results import Committer, Results, RunStatus, Store, Table
 from tma_ray.results.layout import table_path
 from tma_ray.results.manifest import MOST_RUN_ROWS, Manifest, PartFile
 from tma_ray.results.parquet import MOST_ROWS, decode, opened, unpacked_sizes
 from tma_ray.results.schema import SCHEMAS
+from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning
+from tma_ray.support.npz import load_npz
 from tma_ray.tasks import TestSet
 
 
@@ -49,14 +49,14 @@ def test_an_archive_that_inflates_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bomb.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("w1.npy", npy((2**20,)) + bytes(2**23))
-    assert load_arrays(path)["w1"].shape == (2**20,)
+    assert load_npz(path)["w1"].shape == (2**20,)
     with pytest.raises(ValueError, match=r"would take 8,388,.* bytes"):
-        load_arrays(path, 2**20)
+        load_npz(path, 2**20)
     for shape in ((10**12,), (10**6, 10**6), (1,)):
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("w1.npy", npy(shape))
         with pytest.raises(ValueError, match=r"w1\.npy of .* claims .* bytes of numbers"):
-            load_arrays(path)
+            load_npz(path)
 
 
 def test_a_table_of_repeated_rows_is_named_and_left_out(
@@ -132,7 +132,7 @@ def test_what_the_end_of_a_file_says_of_its_pages_is_not_believed() -> None:
     [
         ("tests.csv", TestSet.from_csv),
         ("body.toml", load_embodiment),
-        ("weights.npz", load_arrays),
+        ("weights.npz", load_npz),
     ],
 )
 def test_no_reader_waits_for_a_pipe_or_reads_holes(

@@ -104,8 +104,8 @@ def test_rows_are_the_same_by_value_and_order() -> None:
 
 SCRIPT = """
 import sys
-from tma_ray.results import leave_pandas_out
-leave_pandas_out()
+from tma_ray.results import skip_pandas
+skip_pandas()
 import pyarrow as pa
 table = pa.table({"step": pa.array([1, 2]), "name": pa.array(["a", None])})
 assert "pandas" not in sys.modules
@@ -113,7 +113,7 @@ frame = table.to_pandas()
 assert frame.step.tolist() == [1, 2]
 import pandas as pd
 assert pa.Table.from_pandas(pd.DataFrame({"step": [3]})).to_pylist() == [{"step": 3}]
-leave_pandas_out()
+skip_pandas()
 assert pa.array(pd.Series([1.0, float("nan")])).null_count == 1
 """
 

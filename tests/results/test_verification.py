@@ -11,10 +11,10 @@ import pytest
 from results_examples import OLD_ROOT
 
 from tma_ray.cli import main
-from tma_ray.decoding import DamagedFileWarning
 from tma_ray.results import Committer, Damage, Results, Store, compact, start_from, verify_root
+from tma_ray.support.decoding import DamagedFileWarning
 
-pytestmark = pytest.mark.filterwarnings("ignore::tma_ray.decoding.DamagedFileWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::tma_ray.support.decoding.DamagedFileWarning")
 
 FIRST, SECOND = "ppo_alp_gmm-s0-5e7c73111b9c", "sac_adr-s0-93c3a39a6c7a"
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from results_examples import OLD_ROOT, add_run
 
-from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results import (
     Committer,
     Lease,
@@ -29,6 +28,7 @@ from tma_ray.results import (
 from tma_ray.results.committer import TEMPORARY_SECONDS
 from tma_ray.results.layout import CHECKPOINTS, FOLDERS, STAGING
 from tma_ray.results.merging import JOURNAL
+from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning
 
 ACCESSES: dict[str, Callable[[Store], object]] = {
     "read": lambda store: store.read_bytes("link/file"),

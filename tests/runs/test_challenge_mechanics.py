@@ -12,12 +12,12 @@ from small_runs import data_files, new_run, rows, run, small_spec
 
 from tma_ray.results import Table
 from tma_ray.runs import Cell, InlineTeacher, Placement, RunSpec, Schedule, effective_spec
-from tma_ray.runs.spec import landscape_of, placement_generator
+from tma_ray.runs.spec import placement_generator, task_space_shuffle
 from tma_ray.tasks import KnowledgeLevel, ShuffledSpace
 
 
 def landscape(spec: RunSpec) -> ShuffledSpace:
-    return landscape_of(spec, placement_generator(spec))  # type: ignore[return-value]
+    return task_space_shuffle(spec, placement_generator(spec))  # type: ignore[return-value]
 
 
 def told(root: Path, table: Table, until: int) -> list[dict[str, Any]]:

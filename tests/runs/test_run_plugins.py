@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from small_runs import small_spec
 
+from tma_ray.components.registry import PluginImportError, UnknownNameError
 from tma_ray.envs import make_environment
-from tma_ray.registry import PluginImportError, UnknownNameError
 from tma_ray.runs import Cell, InlineTeacher, Plugin, RunSpec, Schedule, effective_spec
 from tma_ray.runs.inputs import arguments, import_plugins, importing_plugins, plugin_sources
 from tma_ray.teachers import TEACHERS, make_teacher

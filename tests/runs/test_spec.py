@@ -13,9 +13,9 @@ from corridor import Corridor
 from small_runs import small_spec
 
 from tma_ray.benchmark import challenges_of
-from tma_ray.decoding import DamagedFileError
 from tma_ray.results.layout import LONGEST_ID
 from tma_ray.runs import Cell, Plugin, RunSpec, Schedule, effective_spec
+from tma_ray.support.decoding import DamagedFileError
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers import TEACHERS
 

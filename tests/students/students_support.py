@@ -12,8 +12,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from tma_ray.part_names import base_name
 from tma_ray.students import Student, Transition, make_student
+from tma_ray.support.component_names import base_name
 
 OURS = ("ppo", "sac")
 

@@ -8,8 +8,8 @@ import stable_baselines3
 import torch
 from students_support import SMALL, Drift, small_student, train
 
-from tma_ray.hyperparameters import identifying
-from tma_ray.registry import UnknownNameError
+from tma_ray.components.registry import UnknownNameError
+from tma_ray.components.settings import identifying
 from tma_ray.students import STUDENTS, default_hyperparameters
 from tma_ray.students.sb3.algorithms import as_student, student_of
 

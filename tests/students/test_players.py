@@ -19,7 +19,7 @@ from tma_ray.students import Learner, make_player
 from tma_ray.students.cohort.server import LearnerServer
 from tma_ray.students.players import CohortSettings, LearnerError, LearnerLostError, ask_learner
 from tma_ray.students.players.base import Player
-from tma_ray.students.players.link import Mailbox, room_for
+from tma_ray.students.players.link import SharedBuffer, room_for
 from tma_ray.students.ppo import PPO
 
 
@@ -214,7 +214,7 @@ def test_shared_memory_changes_no_bit(tmp_path, monkeypatch, name):
 
 def test_a_mailbox_returns_what_was_posted_and_larger_ones_replace_it():
     parts = np.arange(5, dtype=np.float32), True, np.zeros((0, 3)), np.arange(6).reshape(2, 3)
-    box = Mailbox.create(room_for(parts))
+    box = SharedBuffer.create(room_for(parts))
     found = box.collect(box.post(parts))
     for one, other in zip(parts, found, strict=True):
         np.testing.assert_array_equal(one, other)

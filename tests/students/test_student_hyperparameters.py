@@ -7,7 +7,7 @@ import torch
 from gymnasium.spaces import Box
 from students_support import SMALL
 
-from tma_ray.hyperparameters import identifying
+from tma_ray.components.settings import identifying
 from tma_ray.students import (
     STUDENTS,
     PPOHyperparameters,

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tma_ray.components.registry import Registry
 from tma_ray.envs import ENVIRONMENTS
-from tma_ray.registry import Registry
 from tma_ray.students import STUDENTS
 from tma_ray.teachers import TEACHERS
 

@@ -13,7 +13,7 @@ TESTS = Path(__file__).parents[1]
 
 PACKAGE = TESTS.parent / "tma_ray"
 
-WITH_KERNELS = ("jit.py", "physics", "students", "terrain")
+WITH_KERNELS = ("support/jit.py", "physics", "students", "terrain")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -13,8 +13,8 @@ from typing import Any, ClassVar, Literal, NewType, Optional
 import numpy as np
 import pytest
 
-from tma_ray.hyperparameters import differing, identifying, parse_settings
-from tma_ray.part_names import base_name, join_name, split_name
+from tma_ray.components.settings import differing, identifying, parse_settings
+from tma_ray.support.component_names import base_name, join_name, split_name
 
 
 class Kind(StrEnum):

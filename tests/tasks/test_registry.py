@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.plugin_source import OUR_FOLDER, PACKAGES, PluginSource
-from tma_ray.registry import Registry, UnknownNameError
+from tma_ray.components.plugin_source import OUR_FOLDER, PACKAGES, PluginSource
+from tma_ray.components.registry import Registry, UnknownNameError
 
 
 @pytest.fixture
@@ -187,7 +187,8 @@ def test_our_packages_are_no_part_of_a_plugin(write: Write, package: str) -> Non
 def test_a_package_of_the_users_own_with_our_name_is_part_of_it(write: Write, tmp_path: Path) -> None:
     """Imports find `analysis` beside the plug-in first."""
     number = write({"analysis/__init__.py": "", "plug_N.py": "import analysis"})
-    code = f"from tma_ray.plugin_source import PluginSource; print(*PluginSource.of('plug_{number}').files)"
+    imported = "from tma_ray.components.plugin_source import PluginSource"
+    code = f"{imported}; print(*PluginSource.of('plug_{number}').files)"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(OUR_FOLDER)])}
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, check=True)
@@ -200,7 +201,7 @@ def test_what_has_no_python_file_is_refused() -> None:
 
 
 REGISTER = """
-from tma_ray.registry import Registry
+from tma_ray.components.registry import Registry
 import beside
 registry = Registry("teacher", "tma_ray.nothing", {})
 registry.register("mine")(dict)

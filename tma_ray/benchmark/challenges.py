@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from tma_ray.arguments import check_kind, check_known
-from tma_ray.commands.values import COUNT, expanded
-from tma_ray.part_names import base_name, join_name, nearest, split_name
+from tma_ray.support.component_names import base_name, join_name, nearest, split_name
+from tma_ray.support.quantities import COUNT, expanded
+from tma_ray.support.validation import check_known, check_type
 from tma_ray.tasks import TaskSpace, TestSet
 from tma_ray.tasks.spaces import CUTS
 
@@ -204,7 +204,7 @@ def load_test_set(name_or_path: str | Path) -> TestSet:
         ValueError: neither a known name nor a readable file, or a setting that test sets do not have.
         TypeError: neither text nor a path.
     """
-    check_kind("test set", name_or_path, (str, Path), "a name or the path of a CSV file")
+    check_type("test set", name_or_path, (str, Path), "a name or the path of a CSV file")
     name = str(name_or_path)
     base, settings = split_name(name)
     if base in shipped_test_sets():

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from tma_ray.arguments import check_known
 from tma_ray.benchmark.matrices import (
     CASE_STUDIES,
     MATRICES,
@@ -18,6 +17,7 @@ from tma_ray.benchmark.matrices import (
     select,
 )
 from tma_ray.benchmark.paper import PAPER_STEPS
+from tma_ray.support.validation import check_known
 from tma_ray.tasks import KnowledgeLevel
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from tma_ray.benchmark.challenges import find_challenge
-from tma_ray.part_names import nearest
+from tma_ray.support.component_names import nearest
 from tma_ray.tasks import KnowledgeLevel
 
 

@@ -5,7 +5,7 @@ What is listed here is imported when it is first asked for: looking at a root ne
 
 from typing import TYPE_CHECKING
 
-from tma_ray.later_imports import import_later
+from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
     from tma_ray.campaign.plan import (
@@ -20,4 +20,4 @@ if TYPE_CHECKING:
 
 __all__ = ["Campaign", "CampaignSpec", "Plan", "cells_of", "joined_plan", "matrix_campaigns", "matrix_cells"]
 
-__getattr__, __dir__ = import_later(__name__, __file__)
+__getattr__, __dir__ = attach(__name__, __file__)

@@ -27,18 +27,18 @@ from rich.progress import Progress
 
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import GIB, Nodes, Settings, this_machine
-from tma_ray.commands.texts import counted
+from tma_ray.console.terminal import terminal
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs import make_environment
-from tma_ray.jit import count_compiled
-from tma_ray.part_names import base_name
 from tma_ray.results import Results, ResultsRootError, RunStatus, Store, check_usable
 from tma_ray.runs.evaluation import Evaluation
 from tma_ray.runs.inputs import REGISTRIES, arguments, contents, import_plugins, provide
 from tma_ray.runs.placement import is_available
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Transition, make_student
-from tma_ray.terminal import terminal
+from tma_ray.support.component_names import base_name
+from tma_ray.support.jit import count_compiled
+from tma_ray.support.texts import counted
 
 Kind = tuple[Any, ...]
 """Kind of run, on which speed depends: environment with its options and files, and student."""

@@ -15,7 +15,7 @@ from tma_ray.campaign.cluster.base import (
     BEGUN,
     GRACE_SECONDS,
     capacity,
-    leaving_without_head,
+    exit_on_head_loss,
     living_nodes,
     offers,
     use_shipped,
@@ -83,10 +83,10 @@ def execute_plan(
     kinds = kinds_of(plan.runs) if settings.width else {}
     if address is None:
         check_available(settings.device)
-    with leaving_without_head(OwnProcesses(), plan.name):
+    with exit_on_head_loss(OwnProcesses(), plan.name):
         connection = connect(address, plugin_sources(plan.runs))
     with closing(connection.head) as head:
-        with leaving_without_head(head, plan.name):
+        with exit_on_head_loss(head, plan.name):
             if settings.width and not settings.autoscaling:
                 check_room(settings, plan.runs, kinds)
             elif not settings.autoscaling:
@@ -111,7 +111,7 @@ def execute_plan(
 
             stop = stack.enter_context(stop_signals())
             if connection.is_own:  # a cluster is waited for
-                watch = leaving_without_head(head, plan.name, BEGUN, grace=GRACE_SECONDS, conclude=conclude)
+                watch = exit_on_head_loss(head, plan.name, BEGUN, grace=GRACE_SECONDS, conclude=conclude)
                 stack.enter_context(watch)
             return scheduler.execute(plan.runs, lambda: stop.is_set() or lease.asked_to_stop())
 

@@ -9,9 +9,9 @@ from tma_ray.campaign.costs import Cost, estimate
 from tma_ray.campaign.options import ExperimentOptions, parse_levels
 from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns, planned_experiments
 from tma_ray.campaign.script import run_plan
-from tma_ray.part_names import nearest
+from tma_ray.console.terminal import say, terminal
 from tma_ray.runs import Schedule
-from tma_ray.terminal import say, terminal
+from tma_ray.support.component_names import nearest
 
 
 def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> int:

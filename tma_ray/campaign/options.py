@@ -13,8 +13,13 @@ from tma_ray.benchmark import Tier
 from tma_ray.campaign.cluster.base import check_address, host_and_port
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.settings import COHORT_WIDTH, PLAYER, Nodes, Resources, Settings, TeacherPlacement
-from tma_ray.command_line import choice, value, values
-from tma_ray.commands.values import (
+from tma_ray.console.command_line import choice, value, values
+from tma_ray.console.types import named, root
+from tma_ray.results import Store, check_root
+from tma_ray.runs import Cell, Placement, Schedule
+from tma_ray.runs.placement import check_device
+from tma_ray.support.component_names import join_name, nearest
+from tma_ray.support.quantities import (
     COORDINATE,
     CORES,
     COUNT,
@@ -24,14 +29,8 @@ from tma_ray.commands.values import (
     SECONDS,
     SEED,
     WIDTH,
-    named,
     refused,
-    root,
 )
-from tma_ray.part_names import join_name, nearest
-from tma_ray.results import Store, check_root
-from tma_ray.runs import Cell, Placement, Schedule
-from tma_ray.runs.placement import check_device
 from tma_ray.tasks import KnowledgeLevel
 
 MOST_SEEDS = 100_000  # seeds that one option may name

@@ -7,14 +7,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from tma_ray.arguments import check_fields, check_kind, check_names
 from tma_ray.benchmark import Matrix, find_challenge, thinned
-from tma_ray.commands.texts import counted
-from tma_ray.commands.values import SEED
 from tma_ray.embodiments import load_embodiment
-from tma_ray.part_names import base_name
 from tma_ray.results import check_id
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
+from tma_ray.support.component_names import base_name
+from tma_ray.support.quantities import SEED
+from tma_ray.support.texts import counted
+from tma_ray.support.validation import check_fields, check_sequence, check_type
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers import TEACHERS, knows_enough
 
@@ -83,10 +83,10 @@ class CampaignSpec:
     def __post_init__(self) -> None:
         check_fields(self)
         check_id(self.name)
-        check_names("cells", self.cells)
+        check_sequence("cells", self.cells)
         for cell in self.cells:
-            check_kind("cell", cell, Cell, "a Cell, as of cells_of")
-        check_names("seeds", self.seeds)
+            check_type("cell", cell, Cell, "a Cell, as of cells_of")
+        check_sequence("seeds", self.seeds)
         for seed in self.seeds:
             SEED.check("seed", seed)
         if len(set(self.seeds)) < len(self.seeds):
@@ -129,7 +129,7 @@ def cells_of(
     """
     named = {"teachers": teachers, "students": students, "challenges": challenges}
     for name, values in {**named, "levels": levels, "embodiments": embodiments}.items():
-        check_names(name, values)
+        check_sequence(name, values)
     return tuple(
         Cell(environment, challenge, embodiment, student, teacher, level)
         for challenge, embodiment, student, level, teacher in itertools.product(

@@ -15,6 +15,7 @@ from rich.live import Live
 from rich.table import Table as Grid
 from rich.text import Text
 
+from tma_ray.console.terminal import terminal
 from tma_ray.results import (
     LOGS,
     TABLES,
@@ -30,7 +31,6 @@ from tma_ray.results import (
     TrialFile,
 )
 from tma_ray.runs.placement import Status
-from tma_ray.terminal import terminal
 
 
 def duration(seconds: float) -> str:

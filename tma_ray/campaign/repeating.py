@@ -8,11 +8,11 @@ from typing import Any
 from tma_ray.campaign.options import SCHEDULE, CampaignOptions
 from tma_ray.campaign.plan import Plan, cell_row
 from tma_ray.campaign.script import SINGLE_RUNS, run_plan
-from tma_ray.commands.texts import counted
-from tma_ray.decoding import DamagedFileError
 from tma_ray.results import SIMULATED, Inspector, Results, RunStatus, Table
 from tma_ray.runs import Cell, RunSpec, effective_spec
 from tma_ray.runs.inputs import fetch, import_plugins
+from tma_ray.support.decoding import DamagedFileError
+from tma_ray.support.texts import counted
 from tma_ray.tasks import KnowledgeLevel
 
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")

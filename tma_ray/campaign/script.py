@@ -7,7 +7,6 @@ from pathlib import Path
 
 from cyclopts import App
 
-from tma_ray import command_line
 from tma_ray.campaign.costs import confirm, estimate, long_cost
 from tma_ray.campaign.failures import HeadLostError, OutageError, stop_signals
 from tma_ray.campaign.options import (
@@ -21,14 +20,15 @@ from tma_ray.campaign.options import (
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.settings import Resources, Settings
-from tma_ray.commands.exits import FAILED, RAY_LOST, sentence
-from tma_ray.commands.interrupts import INTERRUPTED
-from tma_ray.commands.texts import counted
+from tma_ray.console import command_line
+from tma_ray.console.exit_codes import FAILED, RAY_LOST, sentence
+from tma_ray.console.terminal import say
 from tma_ray.results import AttemptOutcome, Committer, HeartbeatWriter, Lease, Store, check_usable, start_from
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
 from tma_ray.runs.inputs import importing_plugins
 from tma_ray.runs.placement import check_available
-from tma_ray.terminal import say
+from tma_ray.support.interrupts import INTERRUPTED
+from tma_ray.support.texts import counted
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
-from tma_ray.arguments import check_fields
-from tma_ray.commands.values import CORES, GPUS, LOSSES, MEMORY, SECONDS, WIDTH
 from tma_ray.runs.placement import Placement, check_device, usable_cores
 from tma_ray.students.players import CohortSettings
+from tma_ray.support.quantities import CORES, GPUS, LOSSES, MEMORY, SECONDS, WIDTH
+from tma_ray.support.validation import check_fields
 
 GIB = 2**30
 

@@ -7,7 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 from tma_ray.benchmark import BENCHMARK_VERSION
-from tma_ray.part_names import base_name
 from tma_ray.results import (
     NO_PHYSICS_VERSION,
     SIMULATED,
@@ -20,6 +19,7 @@ from tma_ray.results import (
     keep_plugin,
     spec_digest,
 )
+from tma_ray.support.component_names import base_name
 from tma_ray.tasks import MASTERY_RETURN, KnowledgeLevel
 from tma_ray.teachers import TEACHERS, hyperparameters_of, make_teacher
 from tma_ray.testing import SimulatedRun, find_simulated_challenge

@@ -11,9 +11,9 @@ from tma_ray.campaign.options import TrialOptions
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import executed
 from tma_ray.campaign.simulated import SimulatedRoot
+from tma_ray.console.terminal import say
 from tma_ray.results import NotRunningError, Store, ask_to_stop
 from tma_ray.tasks import KnowledgeLevel
-from tma_ray.terminal import say
 from tma_ray.testing import EPISODES, find_simulated_challenge, matrix
 
 Judge = Callable[[], bool]  # tells the verdicts of the looks so far; returns True if the trial ends there

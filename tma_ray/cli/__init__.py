@@ -11,9 +11,9 @@ from typing import Final
 from cyclopts import App
 
 from tma_ray import __version__
-from tma_ray.command_line import description, group, run
-from tma_ray.commands.exits import RefusedError
-from tma_ray.docstrings import docstring_of
+from tma_ray.console.command_line import description, group, run
+from tma_ray.console.exit_codes import RefusedError
+from tma_ray.support.docstrings import docstring_of
 
 GARBAGE_OBJECTS: Final = 200_000
 """New objects after which Python looks for circular garbage, instead of 700: what commands read of thousands
@@ -61,7 +61,7 @@ GROUPS: Mapping[str, str] = {"baselines": "List, find and verify released result
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; return its exit code, see `tma_ray.commands.exits`."""
+    """Run one command; return its exit code, see `tma_ray.console.exit_codes`."""
     words = sys.argv[1:] if arguments is None else list(arguments)
     gc.set_threshold(GARBAGE_OBJECTS)
     return run(app(), words, before=_prepare)
@@ -94,7 +94,7 @@ def _prepare() -> None:
     Raises:
         RefusedError: something lies in the place of the package `analysis`, which is next to this one.
     """
-    from tma_ray.registry import search_current_folder
+    from tma_ray.components.registry import search_current_folder
 
     found = find_spec("analysis")
     place = Path([found.origin, *(found.submodule_search_locations or ())][-1] or "") if found else None

@@ -12,10 +12,10 @@ from typing import Annotated, Literal, get_args
 from tma_ray import __version__
 from tma_ray.cli.options import Folder, Json, Root, RunResults
 from tma_ray.cli.records import print_json, status_record
-from tma_ray.command_line import choice, command, value
-from tma_ray.commands.exits import FAILED, installed_version
-from tma_ray.commands.texts import counted
-from tma_ray.commands.values import named
+from tma_ray.console.command_line import choice, command, value
+from tma_ray.console.exit_codes import FAILED, installed_version
+from tma_ray.console.types import named
+from tma_ray.support.texts import counted
 
 DAMAGED = 1
 
@@ -147,10 +147,10 @@ def doctor(*, results: Folder = Path("results"), json: Json = False) -> int:
     from rich.table import Table
 
     from tma_ray.benchmark import BENCHMARK_VERSION
+    from tma_ray.console.terminal import terminal
     from tma_ray.physics import PHYSICS_VERSION, engine_in_use
     from tma_ray.results import SCHEMA_VERSION
     from tma_ray.runs.placement import LIBRARIES, cpu_model, usable_cores
-    from tma_ray.terminal import terminal
 
     description, features = Path("/proc/cpuinfo"), "features unknown"
     if description.exists():
@@ -228,7 +228,7 @@ def list_(kind: Annotated[str, choice(KINDS)] = "", /, *, json: Json = False) ->
         return 0
     from rich.table import Table
 
-    from tma_ray.terminal import terminal
+    from tma_ray.console.terminal import terminal
 
     console = terminal()
     for each, described in descriptions.items():

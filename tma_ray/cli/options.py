@@ -5,8 +5,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tma_ray.command_line import choice, value, values
-from tma_ray.commands.values import COUNT, SEED, folder, licence, named, new_file, root
+from tma_ray.console.command_line import choice, value, values
+from tma_ray.console.types import folder, licence, named, new_file, root
+from tma_ray.support.quantities import COUNT, SEED
 
 Root = Annotated[str | Path, value(root, "ROOT")]
 Roots = Annotated[str | Path, value(root, "ROOT", required=True)]

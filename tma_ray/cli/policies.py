@@ -3,8 +3,8 @@
 from typing import Annotated
 
 from tma_ray.cli.options import Count, Licence, NewFile, Output, Policy, RunResults, Seed
-from tma_ray.command_line import command, value, values
-from tma_ray.commands.values import named
+from tma_ray.console.command_line import command, value, values
+from tma_ray.console.types import named
 
 EnvironmentName = Annotated[str, value(named("the name of an environment"), "NAME")]
 BodyName = Annotated[str, value(named("the name of a body"), "NAME")]

@@ -7,9 +7,9 @@ from typing import Annotated
 from tma_ray.campaign.options import names
 from tma_ray.cli.options import Baseline, Json, Licence, Name, Root
 from tma_ray.cli.records import baselines_record, print_json
-from tma_ray.command_line import command, value
-from tma_ray.commands.values import named
-from tma_ray.commands.values import root as read_root
+from tma_ray.console.command_line import command, value
+from tma_ray.console.types import named
+from tma_ray.console.types import root as read_root
 
 NOT_WHOLE = 1
 

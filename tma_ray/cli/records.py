@@ -10,13 +10,13 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tma_ray.commands.texts import OBEYED
+from tma_ray.support.texts import OBEYED
 
 if TYPE_CHECKING:
+    from tma_ray.api.training import TrainedRun
     from tma_ray.campaign.costs import Cost
     from tma_ray.campaign.plan import Plan
     from tma_ray.campaign.progress import Overview
-    from tma_ray.library import TrainedRun
 
 KEYS: Mapping[str, Mapping[str, str]] = {
     "run": {

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from tma_ray.cli import options
 from tma_ray.cli.records import claims_record, print_json, ranking_record
-from tma_ray.command_line import choice, command, value, values
-from tma_ray.commands.values import SHARE, expanded, named
+from tma_ray.console.command_line import choice, command, value, values
+from tma_ray.console.types import named
+from tma_ray.support.quantities import SHARE, expanded
 
 if TYPE_CHECKING:
     from analysis.pages.report import Video

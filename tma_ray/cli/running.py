@@ -25,12 +25,13 @@ from tma_ray.campaign.options import (
 from tma_ray.campaign.plan import QUICKSTART
 from tma_ray.cli.options import Count, Json, Name, NewFile, Root
 from tma_ray.cli.records import plan_record, print_json, run_record
-from tma_ray.command_line import command, value
-from tma_ray.commands.exits import FAILED
-from tma_ray.commands.interrupts import INTERRUPTED
-from tma_ray.commands.texts import counted
-from tma_ray.commands.values import PROCESSES, named
+from tma_ray.console.command_line import command, value
+from tma_ray.console.exit_codes import FAILED
+from tma_ray.console.types import named
 from tma_ray.runs import Cell, Schedule
+from tma_ray.support.interrupts import INTERRUPTED
+from tma_ray.support.quantities import PROCESSES
+from tma_ray.support.texts import counted
 from tma_ray.testing import EPISODES
 
 ExperimentName = Annotated[
@@ -52,7 +53,7 @@ def run(*, options: RunOptions = RunOptions(), json: Json = False) -> int:
     """Train one student under one teacher, without Ray.
 
     The results go where those of campaigns go, and the same command continues a run that was interrupted.
-    In Python, `tma_ray.library.train` does the same.
+    In Python, `tma_ray.api.training.train` does the same.
 
     Examples:
         tma-ray run --teacher alp_gmm --student ppo --steps 200k
@@ -63,7 +64,7 @@ def run(*, options: RunOptions = RunOptions(), json: Json = False) -> int:
 
     if not json:
         return run_single(options)
-    from tma_ray.library import trained_run
+    from tma_ray.api.training import trained_run
 
     plan, placement = confirmed_single(options)
     try:
@@ -123,8 +124,8 @@ def plan(
     """
     from analysis.commands.rankings import show_detectable_differences
     from tma_ray.campaign.experiments import exclusions, plan_and_cost, show_plan
+    from tma_ray.console.terminal import say
     from tma_ray.results import Store, check_usable
-    from tma_ray.terminal import say
 
     found = find_experiment(experiment)
     check_usable(Store.open(options.results))
@@ -272,9 +273,9 @@ def simulate(
 
     from analysis.commands import simulated
     from tma_ray.campaign.simulated import SimulatedRoot
+    from tma_ray.console.terminal import terminal
     from tma_ray.tasks import KnowledgeLevel
     from tma_ray.teachers import TEACHERS, canonical_teacher
-    from tma_ray.terminal import terminal
     from tma_ray.testing import SIMULATED_CHALLENGES, find_simulated_challenge, matrix
 
     if output:

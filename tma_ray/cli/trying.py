@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 from tma_ray.campaign.options import EXECUTION_DEFAULTS, TrialOptions
 from tma_ray.cli.options import Name
-from tma_ray.command_line import command
-from tma_ray.commands.exits import RefusedError
-from tma_ray.part_names import base_name
+from tma_ray.console.command_line import command
+from tma_ray.console.exit_codes import RefusedError
+from tma_ray.console.terminal import say
 from tma_ray.results import Results, Store, TrialFile, TrialLook, check_usable, create_root
-from tma_ray.terminal import say
+from tma_ray.support.component_names import base_name
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -5,7 +5,7 @@ What is listed here is imported when it is first asked for.
 
 from typing import TYPE_CHECKING
 
-from tma_ray.later_imports import import_later
+from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
     from tma_ray.curriculum.curriculum import Curriculum
@@ -15,4 +15,4 @@ if TYPE_CHECKING:
 
 __all__ = ["Curriculum", "SharedCurriculum", "TaskEvaluation", "teacher_needs"]
 
-__getattr__, __dir__ = import_later(__name__, __file__)
+__getattr__, __dir__ = attach(__name__, __file__)

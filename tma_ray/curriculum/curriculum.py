@@ -13,8 +13,6 @@ import numpy as np
 import pandas as pd
 from gymnasium.vector import AsyncVectorEnv, VectorEnv
 
-from tma_ray.arguments import check_finite
-from tma_ray.commands.values import SEED
 from tma_ray.curriculum.episodes import Apply, Array, Assignment, Environment, PlayedEpisode
 from tma_ray.curriculum.needs import needs_of, without_needs
 from tma_ray.curriculum.record import EpisodeRow, write_record
@@ -22,6 +20,8 @@ from tma_ray.curriculum.shared import CurriculumServer, SharedCurriculum
 from tma_ray.curriculum.wrappers import CurriculumEnvironment, start_anew, wrap_vector
 from tma_ray.runs.run import teacher_log_row
 from tma_ray.runs.teaching import CheckedTeacher
+from tma_ray.support.quantities import SEED
+from tma_ray.support.validation import check_finite
 from tma_ray.tasks import (
     Answer,
     Episode,

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from tma_ray.benchmark import BENCHMARK_VERSION
-from tma_ray.part_names import base_name
 from tma_ray.results import NO_PHYSICS_VERSION, Committer, RunRecord, RunWriter, Table, spec_digest
+from tma_ray.support.component_names import base_name
 from tma_ray.tasks import Episode, Task, TaskSpace
 from tma_ray.teachers import Teacher, hyperparameters_of
 

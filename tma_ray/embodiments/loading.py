@@ -13,10 +13,10 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from tma_ray.commands.values import BODY_SIZE, TORQUE
-from tma_ray.decoding import MOST_TEXT_BYTES, check_file
 from tma_ray.embodiments.base import Embodiment, EmbodimentError, GripSensor, Joint, Part, Point, Polygon
-from tma_ray.part_names import join_name, nearest, split_name
+from tma_ray.support.component_names import join_name, nearest, split_name
+from tma_ray.support.decoding import MOST_TEXT_BYTES, check_file
+from tma_ray.support.quantities import BODY_SIZE, TORQUE
 
 Entry = dict[str, Any]
 

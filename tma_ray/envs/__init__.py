@@ -5,7 +5,7 @@ What is listed here is imported when it is first asked for: names of environment
 
 from typing import TYPE_CHECKING
 
-from tma_ray.later_imports import import_later
+from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
     from tma_ray.envs.catalogue import ENVIRONMENTS
@@ -26,4 +26,4 @@ __all__ = [
     "register_environments",
 ]
 
-__getattr__, __dir__ = import_later(__name__, __file__)
+__getattr__, __dir__ = attach(__name__, __file__)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from tma_ray.registry import Registry
+from tma_ray.components.registry import Registry
 
 if TYPE_CHECKING:
     import gymnasium

@@ -7,9 +7,9 @@ from typing import Any
 
 import gymnasium
 
+from tma_ray.components.settings import converted, parameters_of, parse_settings
 from tma_ray.envs.catalogue import ENVIRONMENTS
-from tma_ray.hyperparameters import converted, parameters_of, parse_settings
-from tma_ray.part_names import split_name
+from tma_ray.support.component_names import split_name
 from tma_ray.tasks import MASTERY_RETURN, TaskSpace
 
 Environment = gymnasium.Env[Any, Any]

@@ -11,10 +11,10 @@ from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers import TimeLimit
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.arguments import check_whole
 from tma_ray.envs.base import NO_COPY
 from tma_ray.envs.registration import Environment, make_environment, mastery_return
 from tma_ray.physics import Engine, engine_in_use
+from tma_ray.support.validation import check_whole
 from tma_ray.tasks import Task, TaskSpace, task_values
 
 if TYPE_CHECKING:

@@ -15,15 +15,15 @@ from jinja2 import PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from tma_ray import __version__
-from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.embodiments import Embodiment
 from tma_ray.envs import Environment, Signal
 from tma_ray.export.onnx_file import COMPARED, ONNX_FILE, OPSET
-from tma_ray.part_names import base_name
 from tma_ray.physics import PHYSICS_VERSION, TIME_STEP
 from tma_ray.results import Table
 from tma_ray.runs.saved_policies import SavedPolicy, results_of
 from tma_ray.runs.spec import RunSpec
+from tma_ray.support.component_names import base_name
+from tma_ray.support.decoding import DamagedFileError, decode_json
 from tma_ray.tasks import TaskSpace
 
 SHOWN_EVALUATIONS: Final = 11

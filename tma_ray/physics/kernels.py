@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.jit import kernel
 from tma_ray.physics.rules import StepArrays
+from tma_ray.support.jit import kernel
 from tma_ray.terrain import FIXED, Terrain
 
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from torch import nn
 
 from tma_ray.embodiments import embodiment_names
-from tma_ray.part_names import base_name
 from tma_ray.playground.compiling import WASM
 from tma_ray.playground.contents import PLAYED, bodies, constants, space_record, variants, worlds
 from tma_ray.results import Results, Table
@@ -25,6 +24,7 @@ from tma_ray.students import policy_layers
 from tma_ray.students.layers import Affine, Clamp, Standardise
 from tma_ray.students.mlp.acting import RowNetwork
 from tma_ray.students.mlp.layout import Activation, Layout
+from tma_ray.support.component_names import base_name
 
 SOURCES: Final = Path(__file__).parent / "page"
 

@@ -1,6 +1,5 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
-from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results.committer import (
     Committer,
     RunWriter,
@@ -48,7 +47,7 @@ from tma_ray.results.merging import (
     copy_merged,
     start_from,
 )
-from tma_ray.results.parquet import PUBLISHED_FILE, leave_pandas_out, read_published, write_published
+from tma_ray.results.parquet import PUBLISHED_FILE, read_published, skip_pandas, write_published
 from tma_ray.results.reader import Results
 from tma_ray.results.records import (
     BOX2D,
@@ -60,7 +59,7 @@ from tma_ray.results.records import (
     AttemptRecord,
     RunRecord,
     RunStatus,
-    SpecFacts,
+    SpecView,
     TrialFile,
     TrialLook,
     spec_digest,
@@ -76,6 +75,7 @@ from tma_ray.results.storage import (
     retry,
 )
 from tma_ray.results.verification import Damage, Inspector, damage_reason, verify_root
+from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning
 
 __all__ = [
     "BOX2D",
@@ -121,7 +121,7 @@ __all__ = [
     "RunStatus",
     "RunWriter",
     "Shard",
-    "SpecFacts",
+    "SpecView",
     "StaleAttemptError",
     "StorageError",
     "Store",
@@ -144,7 +144,6 @@ __all__ = [
     "input_path",
     "keep_input",
     "keep_plugin",
-    "leave_pandas_out",
     "log_path",
     "policy_folder",
     "read_checked",
@@ -152,6 +151,7 @@ __all__ = [
     "read_plugin",
     "read_published",
     "retry",
+    "skip_pandas",
     "spec_digest",
     "staged_policy",
     "start_from",

@@ -12,13 +12,13 @@ from typing import Any, Final, Self
 import pyarrow as pa
 
 import tma_ray.results.layout as at
-from tma_ray.decoding import DamagedFileError
 from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile
 from tma_ray.results.parquet import decode, encode
 from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, completed, to_arrow
 from tma_ray.results.storage import StorageError, Store
 from tma_ray.results.verification import Inspector
+from tma_ray.support.decoding import DamagedFileError
 
 TEMPORARY_SECONDS: Final = 3600.0
 """Age over which a half-made file is taken to be left by a killed process, s."""

@@ -10,11 +10,11 @@ from typing import Annotated
 
 import msgspec
 
-from tma_ray.decoding import MOST_BYTES, DamagedFileError, Sha256, decode_json
-from tma_ray.plugin_source import PluginSource
+from tma_ray.components.plugin_source import PluginSource
 from tma_ray.results.layout import INPUTS
 from tma_ray.results.records import RunRecord
 from tma_ray.results.storage import Store
+from tma_ray.support.decoding import MOST_BYTES, DamagedFileError, Sha256, decode_json
 
 
 @dataclass(frozen=True)

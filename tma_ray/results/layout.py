@@ -8,11 +8,11 @@ from typing import Final
 
 import pyarrow as pa
 
-from tma_ray.arguments import check_kind
-from tma_ray.decoding import DamagedFileError, DamagedFileWarning, Natural
 from tma_ray.results.schema import SCHEMA_VERSION, Table, schema_version
 from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.storage.base import TEMPORARY
+from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning, Natural
+from tma_ray.support.validation import check_type
 
 FORMAT: Final = "tma_ray results"
 ROOT_FILE: Final = "root.json"
@@ -93,7 +93,7 @@ def check_root(store: Store) -> None:
         ResultsRootError: no results root, or one written by another version.
         TypeError: `store` is none.
     """
-    check_kind("store", store, Store, "a Store, as Store.open('results')")
+    check_type("store", store, Store, "a Store, as Store.open('results')")
     content = _root_file(store)
     if content is None or isinstance(content, DamagedFileError):
         version = _version_of_tables(store)

@@ -13,12 +13,12 @@ from types import TracebackType
 from typing import Final, NoReturn, Self
 from uuid import uuid4
 
-from tma_ray.arguments import check_kind
-from tma_ray.commands.exits import RefusedError
-from tma_ray.decoding import DamagedFileError, Natural, Seconds, SmallNatural, decode_json
+from tma_ray.console.exit_codes import RefusedError
 from tma_ray.results.layout import HEARTBEAT_FILE, LEASE_FILE, STOP_FILE
 from tma_ray.results.storage import StorageError, Store
 from tma_ray.results.storage.base import Version
+from tma_ray.support.decoding import DamagedFileError, Natural, Seconds, SmallNatural, decode_json
+from tma_ray.support.validation import check_type
 
 
 @dataclass(frozen=True)
@@ -386,7 +386,7 @@ def ask_to_stop(store: Store) -> str:
         NotRunningError: nobody holds the root.
         TypeError: `store` is none.
     """
-    check_kind("store", store, Store, "a Store, as Store.open('results')")
+    check_type("store", store, Store, "a Store, as Store.open('results')")
     now, current = time.time(), _look(store)[0]
     if isinstance(current, DamagedFileError):
         heartbeat = _beating(store, now)

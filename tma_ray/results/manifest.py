@@ -13,7 +13,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from tma_ray.decoding import (
+from tma_ray.results.layout import INDEX_FILE, TABLES, check_path, manifest_path, staging_folder, table_path
+from tma_ray.results.parquet import decode, decode_rows, unreadable_rows
+from tma_ray.results.records import RunRecord, RunStatus, check_spec, mastery_threshold
+from tma_ray.results.schema import Table
+from tma_ray.results.storage import Store
+from tma_ray.support.decoding import (
     INT64_MAX,
     MOST_BYTES,
     DamagedFileError,
@@ -23,11 +28,6 @@ from tma_ray.decoding import (
     check_size,
     decode_json,
 )
-from tma_ray.results.layout import INDEX_FILE, TABLES, check_path, manifest_path, staging_folder, table_path
-from tma_ray.results.parquet import decode, decode_rows, unreadable_rows
-from tma_ray.results.records import RunRecord, RunStatus, check_spec, mastery_threshold
-from tma_ray.results.schema import Table
-from tma_ray.results.storage import Store
 
 MOST_RUN_ROWS: Final = 50_000_000  # rows of one run in a table beyond which its manifest is not believed
 

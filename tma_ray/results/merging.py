@@ -17,7 +17,6 @@ from safetensors.numpy import load as parse_tensors
 from safetensors.numpy import save as serialise_tensors
 
 import tma_ray.results.layout as at
-from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results.inputs import kept_files
 from tma_ray.results.lease import Lease
 from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile, write_index
@@ -27,6 +26,7 @@ from tma_ray.results.records import RunRecord, RunStatus, mastery_threshold
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
 from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.verification import Inspector
+from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning
 
 SINGLE_RUNS = "single_runs"  # name of the files of runs that belong to no experiment
 
@@ -283,7 +283,7 @@ def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> 
         DamagedFileError: a file was written by a newer version, with columns that would be lost.
         ResultsRootError: `target` is not empty.
     """
-    sound, damaged = sound_runs(results, contents)
+    sound, damaged = intact_runs(results, contents)
     ours = pa.array([manifest.run.run_id for manifest in sound], pa.string())
     at.create_root(target)
     packed: list[Manifest] = []
@@ -302,12 +302,12 @@ def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> 
     for campaign in sorted(campaigns.unique().to_pylist()):
         rows = cells.filter(pc.equal(campaigns, campaign))
         target.write_bytes(at.table_path(Table.CELLS, campaign), encode(Table.CELLS, rows))
-    left_out = copy_beside(results, target, sound, contents)
+    left_out = copy_extras(results, target, sound, contents)
     write_index(target, packed)
     return Copy(left_out, tuple(dict.fromkeys([*results.problems, *damaged])))
 
 
-def copy_beside(
+def copy_extras(
     results: Results, target: Store, manifests: Sequence[Manifest], contents: Contents
 ) -> tuple[str, ...]:
     """Copy what runs read, and their policies; returns files of policies that were left out as unsafe."""
@@ -337,7 +337,7 @@ def _halved(data: bytes) -> bytes:
     return serialise_tensors(tensors)
 
 
-def sound_runs(results: Results, contents: Contents) -> tuple[list[Manifest], list[str]]:
+def intact_runs(results: Results, contents: Contents) -> tuple[list[Manifest], list[str]]:
     """Return the runs of a root that are to be copied and whose files are whole, and the damage of others.
 
     Raises:
@@ -493,7 +493,7 @@ def add_shard(results: Results, target: Store, name: str) -> Shard:
     for table in Table:
         if target.exists(at.table_path(table, name)):
             raise ResultsRootError(f"{target.where(at.table_path(table, name))} exists: choose another name")
-    sound, damaged = sound_runs(results, LEAN)
+    sound, damaged = intact_runs(results, LEAN)
     new = [manifest for manifest in sound if manifest.run.run_id not in known]
     ids = known | {manifest.run.run_id for manifest in new}
     there = {tuple(row.values()) for row in before.table(Table.CELLS).to_pylist()}
@@ -504,7 +504,7 @@ def add_shard(results: Results, target: Store, name: str) -> Shard:
         added = [dict(zip(schema.names, row, strict=True)) for row in sorted(cells)]
         rows = to_arrow(Table.CELLS, schema, added)
         target.write_bytes(at.table_path(Table.CELLS, name), encode(Table.CELLS, rows))
-    unsafe = copy_beside(results, target, new, LEAN)
+    unsafe = copy_extras(results, target, new, LEAN)
     write_index(target, (*before.runs(), *packed))
     return Shard(unsafe, tuple(dict.fromkeys([*results.problems, *damaged])), len(new), len(cells))
 

@@ -12,9 +12,9 @@ from typing import Any, Final, TypeAlias
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from tma_ray.decoding import MOST_BYTES, DamagedFileError
 from tma_ray.results.schema import SCHEMA_VERSION, SCHEMAS, Table, completed, selected
 from tma_ray.results.storage import Store
+from tma_ray.support.decoding import MOST_BYTES, DamagedFileError
 
 _Fields: TypeAlias = dict[int, Any]  # numbers and structures of Thrift by the number of their field
 PAGE_BYTES: Final = 1024  # bytes that a page counts besides its content: many empty ones take time
@@ -356,7 +356,7 @@ def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
         yield path, kind
 
 
-def leave_pandas_out() -> None:
+def skip_pandas() -> None:
     """Let pyarrow convert lists without pandas in this process, unless pandas is imported already.
 
     What asks for a data frame still gets one: pyarrow then imports pandas after all. Call it before other

@@ -11,8 +11,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from tma_ray.arguments import check_known, check_names
-from tma_ray.decoding import DamagedFileWarning
 from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path, table_path
 from tma_ray.results.manifest import (
     UNREADABLE,
@@ -29,6 +27,8 @@ from tma_ray.results.parquet import decode
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
 from tma_ray.results.storage import Store
 from tma_ray.results.verification import damage_reason, lost_manifests
+from tma_ray.support.decoding import DamagedFileWarning
+from tma_ray.support.validation import check_known, check_sequence
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -140,7 +140,7 @@ class Results:
             TypeError: `run_ids` is one text.
         """
         check_known("table", table, list(Table), "there are")
-        check_names("run_ids", () if run_ids is None else run_ids)
+        check_sequence("run_ids", () if run_ids is None else run_ids)
         names = SCHEMAS[table].names if columns is None else list(columns)
         unknown = [name for name in names if name not in SCHEMAS[table].names]
         if unknown:

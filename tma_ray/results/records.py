@@ -9,8 +9,8 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any, Final
 
-from tma_ray.decoding import Natural, SmallNatural, decode_json
 from tma_ray.results.storage import Store
+from tma_ray.support.decoding import Natural, SmallNatural, decode_json
 from tma_ray.tasks import MASTERY_RETURN
 
 HASHED_ID: Final = re.compile(r".*-s\d+-([0-9a-f]{12})")
@@ -103,14 +103,14 @@ class AttemptRecord:
 
 
 @dataclass(frozen=True)
-class ScheduleFacts:
+class ScheduleView:
     """Training budget of a spec's schedule, environment steps: what readers use of it."""
 
     steps: Natural | None = None
 
 
 @dataclass(frozen=True)
-class SpecFacts:
+class SpecView:
     """Facts of a run's spec that readers use; None or empty where the spec does not say.
 
     Attributes:
@@ -137,7 +137,7 @@ class SpecFacts:
     teacher: str | None = None
     seed: Natural | None = None
     mastery_threshold: float | None = None
-    schedule: ScheduleFacts = field(default_factory=ScheduleFacts)
+    schedule: ScheduleView = field(default_factory=ScheduleView)
     plugins: Mapping[str, Any] = field(default_factory=dict)
     task_space: tuple[Mapping[str, str | float], ...] = ()
     environment_options: Mapping[str, Any] = field(default_factory=dict)
@@ -153,7 +153,7 @@ def spec_digest(spec: str) -> str:
 
 def mastery_threshold(run: RunRecord) -> float:
     """Return the episodic return over which a task is mastered in a run, also where its spec names none."""
-    threshold = decode_json(run.spec, SpecFacts, f"the spec of run {run.run_id}").mastery_threshold
+    threshold = decode_json(run.spec, SpecView, f"the spec of run {run.run_id}").mastery_threshold
     return MASTERY_RETURN if threshold is None else threshold
 
 
@@ -165,7 +165,7 @@ def check_spec(run: RunRecord) -> None:
     Raises:
         ValueError: the message names the field.
     """
-    facts = decode_json(run.spec, SpecFacts, f"the spec of run {run.run_id}")
+    facts = decode_json(run.spec, SpecView, f"the spec of run {run.run_id}")
     hashed = HASHED_ID.fullmatch(run.run_id)
     if hashed and facts.engine is None and not spec_digest(run.spec).startswith(hashed[1]):
         raise ValueError(f"its spec does not hash to the end of the run's id, {run.run_id}")

@@ -12,7 +12,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 import tma_ray.results.layout as at
-from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.results.inputs import damaged_inputs
 from tma_ray.results.manifest import (
     UNREADABLE,
@@ -27,6 +26,7 @@ from tma_ray.results.parquet import decode, opened
 from tma_ray.results.records import RunStatus
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
 from tma_ray.results.storage import StorageError, Store
+from tma_ray.support.decoding import DamagedFileError, decode_json
 
 TRACES: Final = (
     *(f"{at.TABLES}/{table}" for table in DATA_TABLES),

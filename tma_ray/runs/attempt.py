@@ -16,7 +16,6 @@ from typing import Self
 
 import numpy as np
 
-from tma_ray.arguments import check_kind
 from tma_ray.results import (
     AttemptOutcome,
     AttemptRecord,
@@ -38,6 +37,7 @@ from tma_ray.runs.run import Run
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher, TeacherLink
 from tma_ray.students.players import LearnerLostError, ask_learner
+from tma_ray.support.validation import check_type
 
 RECENT_EPISODES = 100  # number of training episodes over which the episodic return of a status is averaged
 
@@ -311,8 +311,8 @@ def run_locally(
         LearnerLostError: the learner of its cohort is gone; the run can be resumed.
         Exception: errors of the run's parts, after the run is marked as failed.
     """
-    check_kind("spec", spec, RunSpec, "a RunSpec, as of effective_spec")
-    check_kind("committer", committer, Committer, "a Committer, as Committer.open('results')")
+    check_type("spec", spec, RunSpec, "a RunSpec, as of effective_spec")
+    check_type("committer", committer, Committer, "a Committer, as Committer.open('results')")
     if committer.done([spec.run_id]):
         return AttemptOutcome.DONE
     placement, record = placement or Placement(), spec.record()

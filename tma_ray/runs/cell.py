@@ -10,15 +10,15 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from tma_ray.arguments import check_fields, check_kind
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
+from tma_ray.components.settings import differing, identifying, json_value, parameters_of, parse_settings
 from tma_ray.envs import ENVIRONMENTS, make_environment, mastery_return
-from tma_ray.hyperparameters import differing, identifying, json_value, parameters_of, parse_settings
-from tma_ray.part_names import base_name, join_name, nearest, split_name, text_of
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.runs.inputs import algorithm_versions_of, captured, named, plugins_of
 from tma_ray.runs.spec import RunSpec, Schedule
 from tma_ray.students import STUDENTS, Student, canonical_student, check_hyperparameters
+from tma_ray.support.component_names import base_name, join_name, nearest, split_name, text_of
+from tma_ray.support.validation import check_fields, check_type
 from tma_ray.tasks import KnowledgeLevel, TaskSpace, TestSet
 from tma_ray.teachers import (
     TEACHERS,
@@ -147,8 +147,8 @@ class Cell:
     """One combination of an experiment; its seeds are runs.
 
     Names may be followed by settings, as in ``alp_gmm:fit_every=100`` or ``module:Name:key=value``; see
-    `tma_ray.part_names`. Runs and tables have the canonical name, which holds what differs from the defaults,
-    wherever it was given.
+    `tma_ray.support.component_names`. Runs and tables have the canonical name, which holds only the settings
+    that differ from the defaults.
 
     Attributes:
         environment: registered name, or ``module:Name``.
@@ -196,7 +196,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
             too little knowledge for the teacher, a task space beyond its limits, tasks that the environment
             cannot build, or a budget too small for the resets of the student.
     """
-    check_kind("cell", cell, Cell, "a Cell(teacher=...)")
+    check_type("cell", cell, Cell, "a Cell(teacher=...)")
     level = effective_level(TEACHERS.get(cell.teacher), cell.teacher, cell.expert_knowledge)
     teacher = make_teacher(cell.teacher, cell.teacher_hyperparameters)
     student = check_hyperparameters(cell.student, cell.student_hyperparameters)

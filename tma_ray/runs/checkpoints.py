@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path, PurePosixPath
 
-from tma_ray.decoding import DamagedFileError, Natural, Sha256, decode_json
 from tma_ray.results import CHECKPOINTS, DISK_FULL, PartFile, Store, check_id, check_path, explained_disk
 from tma_ray.runs.run import Run
+from tma_ray.support.decoding import DamagedFileError, Natural, Sha256, decode_json
 
 INDEX = "index.json"
 

@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from tma_ray.commands.values import expanded
-from tma_ray.decoding import DamagedFileError, read_file
+from tma_ray.components.plugin_source import PluginSource
+from tma_ray.components.registry import Registry
 from tma_ray.envs import ENVIRONMENTS
-from tma_ray.part_names import base_name, join_name, split_name
-from tma_ray.plugin_source import PluginSource
-from tma_ray.registry import Registry
 from tma_ray.results import Store, keep_input, keep_plugin, read_input
 from tma_ray.runs.spec import InputFile, Plugin, RunSpec
 from tma_ray.students import STUDENTS
+from tma_ray.support.component_names import base_name, join_name, split_name
+from tma_ray.support.decoding import DamagedFileError, read_file
+from tma_ray.support.quantities import expanded
 from tma_ray.teachers import TEACHERS
 
 REGISTRIES: Mapping[str, Registry[Any]] = {

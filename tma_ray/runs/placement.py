@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tma_ray.arguments import check_fields
-from tma_ray.commands.exits import installed_version
-from tma_ray.commands.values import PROCESSES, SECONDS
-from tma_ray.part_names import nearest
+from tma_ray.console.exit_codes import installed_version
 from tma_ray.students import Learner
+from tma_ray.support.component_names import nearest
+from tma_ray.support.quantities import PROCESSES, SECONDS
+from tma_ray.support.validation import check_fields
 
 DEVICES = ("cpu", "cuda", "mps", "xpu")
 """Kinds of torch devices that a student can train on; Ray counts CUDA's and Intel's as GPUs."""

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from tma_ray.envs import ENVIRONMENTS, make_environment
-from tma_ray.part_names import base_name
 from tma_ray.results import RunWriter, Table
 from tma_ray.runs.evaluation import Evaluation, Trials
 from tma_ray.runs.inputs import arguments, import_plugins
 from tma_ray.runs.placement import Placement
-from tma_ray.runs.spec import RunSpec, Streams, landscape_of, placement_generator
+from tma_ray.runs.spec import RunSpec, Streams, placement_generator, task_space_shuffle
 from tma_ray.runs.teaching import Reply, TeacherLink
 from tma_ray.students import Student, Transition, make_player, make_student
+from tma_ray.support.component_names import base_name
 from tma_ray.tasks import (
     Answer,
     Episode,
@@ -93,7 +93,7 @@ class Run:
             if placement.learner is None
             else make_player(*parts, placement.learner)
         )
-        self._landscape = landscape_of(spec, placement_generator(spec))
+        self._landscape = task_space_shuffle(spec, placement_generator(spec))
         self._evaluation = Evaluation(spec)
         self._trials = Trials(spec, streams.trials)
         self._next_event = 0

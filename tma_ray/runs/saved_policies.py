@@ -10,11 +10,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from tma_ray.decoding import DamagedFileError
 from tma_ray.results import POLICIES, Results, ResultsRootError, Store, policy_folder
 from tma_ray.runs.inputs import fetch, fetch_beside
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import PolicyFileError, load_policy
+from tma_ray.support.decoding import DamagedFileError
 
 T = TypeVar("T")
 

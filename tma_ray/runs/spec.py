@@ -12,11 +12,11 @@ from typing import Any, Self
 import numpy as np
 
 from tma_ray.benchmark import BENCHMARK_VERSION
-from tma_ray.commands.values import COUNT, SEED
-from tma_ray.decoding import DamagedFileError, decode_json
-from tma_ray.part_names import base_name
-from tma_ray.results import RunRecord, SpecFacts, input_path, spec_digest
+from tma_ray.results import RunRecord, SpecView, input_path, spec_digest
 from tma_ray.results.layout import LONGEST_ID
+from tma_ray.support.component_names import base_name
+from tma_ray.support.decoding import DamagedFileError, decode_json
+from tma_ray.support.quantities import COUNT, SEED
 from tma_ray.tasks import Dimension, KnowledgeLevel, ShuffledSpace, TaskSpace, TestSet
 
 ABSENT_IF_EMPTY = ("resets", "cuts", "algorithm_versions", "inputs")
@@ -256,7 +256,7 @@ class RunSpec:
             DamagedFileError: it is not a spec; the message names the file and, where known, the field.
             ValueError: it is that of an imported run, which another engine simulated.
         """
-        facts = decode_json(text, SpecFacts, where)
+        facts = decode_json(text, SpecView, where)
         content = decode_json(text, dict[str, Any], where)
         if facts.engine is not None:
             return cls.from_dict(content)  # refuses it
@@ -301,7 +301,7 @@ def placement_generator(spec: RunSpec) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(words))
 
 
-def landscape_of(spec: RunSpec, placement: np.random.Generator) -> ShuffledSpace | None:
+def task_space_shuffle(spec: RunSpec, placement: np.random.Generator) -> ShuffledSpace | None:
     """Return the map from the teacher's tasks to the world's, None if the space is not shuffled.
 
     The shuffle is the first draw of the `placement_generator`.

@@ -7,9 +7,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tma_ray.part_names import base_name
 from tma_ray.runs.inputs import arguments, import_plugins
-from tma_ray.runs.spec import RunSpec, Streams, landscape_of, placement_generator
+from tma_ray.runs.spec import RunSpec, Streams, placement_generator, task_space_shuffle
+from tma_ray.support.component_names import base_name
 from tma_ray.tasks import (
     Answer,
     Episode,
@@ -136,7 +136,7 @@ class InlineTeacher:
         import_plugins(spec, "teacher")
         self._teacher = make_teacher(base_name(spec.teacher), arguments(spec, "teacher"))
         placement = placement_generator(spec)
-        landscape = landscape_of(spec, placement)  # the first draw of `placement`
+        landscape = task_space_shuffle(spec, placement)  # the first draw of `placement`
         knowledge = expert_knowledge(
             spec.expert_knowledge,
             spec.task_space,

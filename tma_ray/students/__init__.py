@@ -5,7 +5,7 @@ What is listed here is imported when it is first asked for. None of it imports t
 
 from typing import TYPE_CHECKING
 
-from tma_ray.later_imports import import_later
+from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
     from tma_ray.students.base import Policy, Student, Transition
@@ -43,4 +43,4 @@ __all__ = [
     "write_policy",
 ]
 
-__getattr__, __dir__ = import_later(__name__, __file__)
+__getattr__, __dir__ = attach(__name__, __file__)

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tma_ray.arguments import check_kind
-from tma_ray.commands.values import PROCESSES
-from tma_ray.hyperparameters import differing, identifying, parse_settings, plain
-from tma_ray.part_names import base_name, join_name, split_name
-from tma_ray.registry import Registry, UnknownNameError
+from tma_ray.components.registry import Registry, UnknownNameError
+from tma_ray.components.settings import differing, identifying, parse_settings, plain
 from tma_ray.students.base import Policy, Student
 from tma_ray.students.hyperparameters import ALGORITHMS, PACKAGES, PPOHyperparameters, SACHyperparameters
+from tma_ray.support.component_names import base_name, join_name, split_name
+from tma_ray.support.quantities import PROCESSES
+from tma_ray.support.validation import check_type
 
 if TYPE_CHECKING:
     from gymnasium import Space
@@ -104,7 +104,7 @@ def make_student(
         ValueError: unknown or unfit hyper-parameters, or spaces that the student cannot use.
     """
     PROCESSES.check("threads", threads)
-    check_kind("seed", seed, np.random.SeedSequence, "numpy's, as np.random.SeedSequence(0)")
+    check_type("seed", seed, np.random.SeedSequence, "numpy's, as np.random.SeedSequence(0)")
     parsed = check_hyperparameters(name, hyperparameters)
     constructor: Any = STUDENTS.get(name)
     student: Student = constructor(observation_space, action_space, parsed, seed, device, threads)
@@ -139,7 +139,7 @@ def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> 
 def canonical_student(name: str, given: Mapping[str, Any] | None = None) -> str:
     """Return the name of a student with the hyper-parameters that differ from its defaults.
 
-    Equal students have equal names: see `tma_ray.part_names`. Raises as `check_hyperparameters`.
+    Equal students have equal names: see `tma_ray.support.component_names`. Raises as `check_hyperparameters`.
     """
     hyperparameters = check_hyperparameters(name, given)
     return join_name(base_name(name), differing(type(hyperparameters), identifying(hyperparameters)))

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.jit import kernel
 from tma_ray.students.base import Observations, Transition
+from tma_ray.support.jit import kernel
 
 EPSILON = 1e-8  # added to every variance before its root is taken
 INITIAL_COUNT = 1e-4  # weight of the initial mean 0 and variance 1 among the observations

@@ -15,7 +15,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as parse_tensors
 from safetensors.numpy import save as serialise_tensors
 
-from tma_ray.decoding import DamagedFileError, decode_json, read_file
+from tma_ray.support.decoding import DamagedFileError, decode_json, read_file
 
 T = TypeVar("T")
 

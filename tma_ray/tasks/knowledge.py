@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.arguments import check_finite, check_kind, check_whole
-from tma_ray.decoding import MOST_TEXT_BYTES, read_file
+from tma_ray.support.decoding import MOST_TEXT_BYTES, read_file
+from tma_ray.support.validation import check_finite, check_type, check_whole
 from tma_ray.tasks.spaces import ShuffledSpace, Task, TaskSpace
 
 
@@ -33,7 +33,7 @@ class TestSet:
     tasks: Task
 
     def __post_init__(self) -> None:
-        check_kind("tasks", self.tasks, np.ndarray, "an array (n, d)")
+        check_type("tasks", self.tasks, np.ndarray, "an array (n, d)")
         if not self.name or not np.isfinite(self.tasks).all():
             raise ValueError(f"test set {self.name!r}: expected a name, and tasks of finite numbers")
         if self.tasks.ndim != 2 or self.tasks.shape[1] != len(self.dimensions) or not len(self.tasks):
@@ -197,7 +197,7 @@ def expert_knowledge(
         ValueError: level high without an easy task, or with one outside the space.
     """
     level = KnowledgeLevel(level)
-    check_kind("placement", placement, np.random.Generator, "a Generator of numpy's")
+    check_type("placement", placement, np.random.Generator, "a Generator of numpy's")
     check_finite("mastery_threshold", mastery_threshold)
     mean = space.low + placement.random(space.size) * space.width
     if level is KnowledgeLevel.HIGH:

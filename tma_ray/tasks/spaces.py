@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.arguments import check_finite, check_kind, check_names, check_pair, check_whole
+from tma_ray.support.validation import check_finite, check_pair, check_sequence, check_type, check_whole
 
 Task: TypeAlias = NDArray[np.float32]
 """One task (d,) or several (n, d), float32 as every environment receives them."""
@@ -31,8 +31,8 @@ class Dimension:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        check_kind("name of a dimension", self.name, str, "a text")
-        check_kind("unit", self.unit, str, "a text")
+        check_type("name of a dimension", self.name, str, "a text")
+        check_type("unit", self.unit, str, "a text")
         if not self.name:
             raise ValueError("a dimension needs a name, as it is called in test sets and tables")
         check_finite(f"dimension {self.name!r}: low", self.low)
@@ -58,9 +58,9 @@ class TaskSpace:
     dimensions: tuple[Dimension, ...]
 
     def __post_init__(self) -> None:
-        check_names("dimensions", self.dimensions)
+        check_sequence("dimensions", self.dimensions)
         for dimension in self.dimensions:
-            check_kind("dimension", dimension, Dimension, "a Dimension(name, low, high)")
+            check_type("dimension", dimension, Dimension, "a Dimension(name, low, high)")
         if not self.dimensions:
             raise ValueError("a task space needs at least one dimension")
         if len(set(self.names)) != len(self.names):
@@ -108,7 +108,7 @@ class TaskSpace:
 
     def sample(self, rng: np.random.Generator, count: int | None = None) -> Task:
         """Return one uniform task (d,), or `count` of them (count, d)."""
-        check_kind("rng", rng, np.random.Generator, "a Generator of numpy's, as np.random.default_rng(0)")
+        check_type("rng", rng, np.random.Generator, "a Generator of numpy's, as np.random.default_rng(0)")
         check_whole("count", 0 if count is None else count, 0)
         shape = self.size if count is None else (count, self.size)
         return self.clip(self.low + rng.random(shape) * self.width)

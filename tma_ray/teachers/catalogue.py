@@ -3,9 +3,9 @@
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from tma_ray.hyperparameters import differing, identifying, parse_settings
-from tma_ray.part_names import base_name, join_name, split_name
-from tma_ray.registry import Registry
+from tma_ray.components.registry import Registry
+from tma_ray.components.settings import differing, identifying, parse_settings
+from tma_ray.support.component_names import base_name, join_name, split_name
 from tma_ray.tasks import KnowledgeLevel, TaskSpace
 from tma_ray.teachers.base import Teacher
 
@@ -70,7 +70,8 @@ def make_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) ->
 def canonical_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) -> str:
     """Return the name of a teacher with the hyper-parameters that differ from its defaults.
 
-    Equal teachers have equal names: see `tma_ray.part_names`. Arguments and errors as of `make_teacher`.
+    Equal teachers have equal names (`tma_ray.support.component_names`). Arguments and errors are those of
+    `make_teacher`.
     """
     teacher = make_teacher(name, hyperparameters)
     return join_name(base_name(name), differing(type(teacher), hyperparameters_of(teacher)))

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.arguments import check_at_least, check_positive, check_shares
+from tma_ray.support.validation import check_at_least, check_positive, check_shares
 from tma_ray.tasks import (
     Episode,
     ExpertKnowledge,

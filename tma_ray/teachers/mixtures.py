@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from tma_ray.arguments import check_at_least, check_shares
+from tma_ray.support.validation import check_at_least, check_shares
 from tma_ray.tasks import (
     Episode,
     ExpertKnowledge,

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn.functional import logsigmoid
 
-from tma_ray.optimisers import leave_compiler_out, take_step
+from tma_ray.support.optimisers import skip_dynamo, take_step
 
-leave_compiler_out()
+skip_dynamo()
 
 
 def torch_generator(rng: np.random.Generator) -> torch.Generator:

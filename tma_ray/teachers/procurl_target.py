@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tma_ray.arguments import check_at_least, check_positive
+from tma_ray.support.validation import check_at_least, check_positive
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget, next_due
 from tma_ray.teachers.currot import Performance

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tma_ray.arguments import check_at_least, check_positive, check_shares
+from tma_ray.support.validation import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.numerics import Array, UnitBox

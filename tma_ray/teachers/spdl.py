@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import brentq, minimize_scalar
 from threadpoolctl import threadpool_limits
 
-from tma_ray.arguments import check_at_least, check_positive
+from tma_ray.support.validation import check_at_least, check_positive
 from tma_ray.tasks import (
     Episode,
     ExpertKnowledge,

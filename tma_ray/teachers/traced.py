@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tma_ray.arguments import check_at_least, check_positive, check_shares
+from tma_ray.support.validation import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, TaskSpace, Trajectory
 from tma_ray.teachers.accel import ACCEL
 from tma_ray.teachers.numerics import Array, one_thread

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.array_files import load_arrays
-from tma_ray.jit import kernel
+from tma_ray.support.jit import kernel
+from tma_ray.support.npz import load_npz
 from tma_ray.tasks import Task
 from tma_ray.terrain.base import CEILING, FIXED, GROUND_HEIGHT, STARTPAD_STEPS, STEP, Terrain
 
@@ -77,7 +77,7 @@ class CPPN:
             ValueError: no such file, no such arrays in it, or of other shapes.
         """
         try:
-            arrays = load_arrays(Path(path))
+            arrays = load_npz(Path(path))
             return cls({name: arrays[name].astype(np.float32) for name in SHAPES if name in arrays})
         except FileNotFoundError as error:
             raise ValueError(f"no file of CPPN weights {str(path)!r}") from error

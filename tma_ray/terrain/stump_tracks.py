@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.jit import kernel
+from tma_ray.support.jit import kernel
 from tma_ray.tasks import Task
 from tma_ray.terrain.base import GROUND_HEIGHT, STARTPAD_STEPS, STEP, Terrain
 

@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from tma_ray.commands.interrupts import block_sigint, unblock_sigint
+from tma_ray.support.interrupts import block_sigint, unblock_sigint
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers import TEACHERS, check_limits, effective_level, knows_enough
 from tma_ray.testing.simulation import POINTS, SimulatedRun, simulate

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from tma_ray.arguments import check_kind
-from tma_ray.commands.values import SEED
+from tma_ray.support.quantities import SEED
+from tma_ray.support.validation import check_type
 from tma_ray.tasks import (
     MASTERY_RETURN,
     Episode,
@@ -90,7 +90,7 @@ class Simulation:
         seed: int,
         hyperparameters: Mapping[str, Any] | None = None,
     ) -> None:
-        check_kind("challenge", challenge, SimulatedChallenge, "what find_simulated_challenge returns")
+        check_type("challenge", challenge, SimulatedChallenge, "what find_simulated_challenge returns")
         SEED.check("seed", seed)
         placement, teaching, learning = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3))
         space, easy_task = challenge.task_space, challenge.easy_task

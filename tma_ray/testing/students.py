@@ -30,8 +30,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.arguments import check_fields, check_known
 from tma_ray.benchmark import find_challenge, load_test_set
+from tma_ray.support.validation import check_fields, check_known
 from tma_ray.tasks import Answer, Episode, Outcomes, QueryKind, Task, TaskSpace, TestSet, Trajectory
 from tma_ray.teachers import Teacher
 

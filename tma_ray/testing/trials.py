@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.hyperparameters import parse_settings
+from tma_ray.components.settings import parse_settings
 from tma_ray.tasks import (
     MASTERY_RETURN,
     Episode,

@@ -8,12 +8,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from tma_ray.arguments import check_fields, check_names, check_whole
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import make_environment
 from tma_ray.playground.contents import PLAYED
 from tma_ray.playground.page import RANDOM, ZERO, Start, page_html, policy_record
 from tma_ray.runs.saved_policies import find_policy
+from tma_ray.support.validation import check_fields, check_sequence, check_whole
 from tma_ray.tasks import TaskSpace
 from tma_ray.viewing.rendering import parse_task
 
@@ -49,7 +49,7 @@ class PlaySettings:
     def __post_init__(self) -> None:
         check_fields(self)
         check_whole("seed", self.seed, 0)
-        check_names("policies", self.policies)
+        check_sequence("policies", self.policies)
         if not 1 <= len(self.policies) <= MOST:
             raise ValueError(f"{len(self.policies)} policies: expected 1 to {MOST}")
 

@@ -13,12 +13,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from PIL import Image
 
-from tma_ray.arguments import check_fields, check_whole
-from tma_ray.commands.values import COORDINATE
 from tma_ray.envs import ENVIRONMENTS, Environment, make_environment, mastery_return
-from tma_ray.part_names import nearest
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.saved_policies import StepPolicy, find_policy
+from tma_ray.support.component_names import nearest
+from tma_ray.support.quantities import COORDINATE
+from tma_ray.support.validation import check_fields, check_whole
 from tma_ray.tasks import EpisodeSoFar, Task, TaskSpace, check_task
 
 Frame = NDArray[np.uint8]

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from analysis.looks import INK, MUTED, RULE
-from tma_ray.arguments import check_kind
+from tma_ray.support.validation import check_type
 
 DPI = 150
 """Resolution of the PNG files, in dots per inch."""
@@ -105,7 +105,7 @@ def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple
     Returns:
         The vector file and the PNG file.
     """
-    check_kind("figure", figure, Figure, "a figure of matplotlib's")
+    check_type("figure", figure, Figure, "a figure of matplotlib's")
     files, layout = [], figure.get_layout_engine()
     try:
         for ending in (vector.value, "png"):

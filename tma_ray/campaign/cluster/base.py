@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from tma_ray.campaign.settings import GIB, Resources
-from tma_ray.commands.exits import RAY_LOST
-from tma_ray.plugin_source import PluginSource
+from tma_ray.components.plugin_source import PluginSource
+from tma_ray.console.exit_codes import RAY_LOST
 
 
 class Watched(Protocol):
@@ -195,7 +195,7 @@ BEGUN: Final = "the same command continues where it was"
 
 
 @contextmanager
-def leaving_without_head(
+def exit_on_head_loss(
     head: Watched,
     name: str,
     advice: str = NOT_BEGUN,

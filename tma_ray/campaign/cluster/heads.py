@@ -38,9 +38,9 @@ from tma_ray.campaign.cluster.base import (
 )
 from tma_ray.campaign.failures import LOG_SECONDS, HeadLostError
 from tma_ray.campaign.settings import PLENTY, Nodes
-from tma_ray.commands.texts import counted
-from tma_ray.plugin_source import PluginSource
+from tma_ray.components.plugin_source import PluginSource
 from tma_ray.runs.placement import usable_cores
+from tma_ray.support.texts import counted
 
 OBJECT_STORE_BYTES: Final = 100_000_000
 """Next to nothing travels through the object store: results go to files."""

@@ -19,7 +19,7 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeL
 
 from tma_ray.campaign.cluster.base import use_shipped
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
-from tma_ray.results import LearnerProgress, PartFile, Store, leave_pandas_out
+from tma_ray.results import LearnerProgress, PartFile, Store, skip_pandas
 from tma_ray.runs.attempt import Attempt, Report
 from tma_ray.runs.inputs import contents, provide
 from tma_ray.runs.placement import Placement
@@ -152,7 +152,7 @@ class SeedActor:
             return outcome.result()
         assert self._outcome is not None
         try:
-            leave_pandas_out()
+            skip_pandas()
             self._placement.give_way()
             use_shipped()
             self._outcome.set_result(self._attempt.execute(self._stop.is_set))

@@ -16,13 +16,13 @@ from tma_ray.campaign.cluster.base import Head, living_nodes, offers
 from tma_ray.campaign.executors.actors import LearnerActor, reason_for_loss
 from tma_ray.campaign.settings import GIB, Resources, Settings
 from tma_ray.envs import make_environment
-from tma_ray.part_names import base_name
 from tma_ray.results import LearnerProgress
 from tma_ray.runs.inputs import arguments, import_plugins
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Learner
 from tma_ray.students.base import checked_spaces
 from tma_ray.students.players import COHORT_STUDENTS, CohortSettings
+from tma_ray.support.component_names import base_name
 
 
 class Kind(NamedTuple):

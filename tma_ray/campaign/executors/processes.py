@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tma_ray.campaign.executors.base import LOSSES, Ending
-from tma_ray.results import AttemptOutcome, LearnerProgress, PartFile, Store, leave_pandas_out
+from tma_ray.results import AttemptOutcome, LearnerProgress, PartFile, Store, skip_pandas
 from tma_ray.runs.attempt import Attempt, Report
 from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec
@@ -164,7 +164,7 @@ def _execute(
 ) -> None:
     """Execute an attempt in a process of its own, and send reports and the ending."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal, to all its processes
-    leave_pandas_out()
+    skip_pandas()
     placement.give_way()
     attempt = Attempt(RunSpec.from_dict(spec), store, number, placement)
     run_id, sent_at = attempt.spec.run_id, 0.0

@@ -22,10 +22,10 @@ from tma_ray.campaign.executors.base import LOSSES, Ending
 from tma_ray.campaign.executors.cohorts import Cohorts
 from tma_ray.campaign.failures import HeadLostError, Silence
 from tma_ray.campaign.settings import Settings
-from tma_ray.commands.texts import visible
 from tma_ray.results import AttemptOutcome, LearnerProgress, Store
 from tma_ray.runs.attempt import Report
 from tma_ray.runs.spec import RunSpec
+from tma_ray.support.texts import visible
 
 UNREACHABLE_PAUSE = 0.5
 """Pause before another call of an actor that did not answer, and longest wait for first reports, s."""

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 import tma_ray.physics.compiled.symbols as cp
 from tma_ray.embodiments import Embodiment
-from tma_ray.jit import kernel
 from tma_ray.physics.base import GRAVITY, TIME_STEP, SolverSettings, first_steps, settings_for
 from tma_ray.physics.chipmunk import chains, hung, settled
 from tma_ray.physics.compiled.step import (
@@ -31,6 +30,7 @@ from tma_ray.physics.compiled.step import (
 from tma_ray.physics.compiled.world import build, count_contact, release
 from tma_ray.physics.kernels import NOTHING, world_of
 from tma_ray.physics.rules import Rules, observation_size, step_arrays
+from tma_ray.support.jit import kernel
 from tma_ray.terrain import Terrain
 
 COUNT_CONTACT = cast("int", count_contact.address)

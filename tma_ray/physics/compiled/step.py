@@ -8,7 +8,6 @@ from numba import carray  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
 import tma_ray.physics.compiled.symbols as cp
-from tma_ray.jit import kernel
 from tma_ray.physics.base import TIME_STEP, SolverSettings, motor_substeps
 from tma_ray.physics.kernels import (
     NOTHING,
@@ -23,6 +22,7 @@ from tma_ray.physics.kernels import (
     water_forces,
 )
 from tma_ray.physics.rules import StepArrays
+from tma_ray.support.jit import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -10,10 +10,10 @@ from numba import carray, cfunc  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
 import tma_ray.physics.compiled.symbols as cp
-from tma_ray.jit import kernel
 from tma_ray.physics.base import CEILING_TYPE, SolverSettings
 from tma_ray.physics.chipmunk import LARGEST_ANGLE, Chains
 from tma_ray.physics.rules import BodyArrays
+from tma_ray.support.jit import kernel
 from tma_ray.terrain import FIXED, Terrain
 
 Floats = NDArray[np.float64]

@@ -13,8 +13,8 @@ from typing import Any, Final, TypeVar, cast
 import pyarrow as pa
 from pyarrow import fs
 
-from tma_ray.decoding import MOST_TEXT_BYTES, check_size
 from tma_ray.results.storage.base import ObjectStoreError, Stamp, Store, Version, opened_ranges
+from tma_ray.support.decoding import MOST_TEXT_BYTES, check_size
 
 T = TypeVar("T")
 

@@ -18,8 +18,8 @@ from uuid import uuid4
 
 import pyarrow as pa
 
-from tma_ray.arguments import check_kind
-from tma_ray.decoding import MOST_BYTES, MOST_TEXT_BYTES, DamagedFileError, decode_json
+from tma_ray.support.decoding import MOST_BYTES, MOST_TEXT_BYTES, DamagedFileError, decode_json
+from tma_ray.support.validation import check_type
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -99,7 +99,7 @@ class Store(ABC):
             ValueError: a URI that holds credentials, no bucket, or unknown parameters.
             ObjectStoreError: the region of a bucket cannot be found out, or the scheme is unknown.
         """
-        check_kind("root", uri, (str, Path), "a folder or an address")
+        check_type("root", uri, (str, Path), "a folder or an address")
         scheme, separator, _ = str(uri).partition("://")
         return Store._kinds.get(scheme if separator else "", Store._kinds["*"]).at(str(uri))
 

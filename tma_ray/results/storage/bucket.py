@@ -14,7 +14,6 @@ from textwrap import shorten
 from typing import Any, Final, TypeVar
 from urllib.parse import parse_qsl, unquote, urlencode, urlsplit
 
-from tma_ray.decoding import MOST_TEXT_BYTES, check_size
 from tma_ray.results.storage.base import (
     CONTINUES,
     ObjectStoreError,
@@ -24,6 +23,7 @@ from tma_ray.results.storage.base import (
     Version,
     opened_ranges,
 )
+from tma_ray.support.decoding import MOST_TEXT_BYTES, check_size
 
 T = TypeVar("T")
 

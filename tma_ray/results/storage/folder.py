@@ -15,8 +15,6 @@ from urllib.parse import unquote, urlsplit
 
 import pyarrow as pa
 
-from tma_ray.commands.values import expanded
-from tma_ray.decoding import MOST_TEXT_BYTES, DamagedFileError, check_file, read_file
 from tma_ray.results.storage.base import (
     CONTINUES,
     TEMPORARY,
@@ -26,6 +24,8 @@ from tma_ray.results.storage.base import (
     Store,
     Version,
 )
+from tma_ray.support.decoding import MOST_TEXT_BYTES, DamagedFileError, check_file, read_file
+from tma_ray.support.quantities import expanded
 
 T = TypeVar("T")
 

@@ -13,7 +13,7 @@ from tma_ray.students.base import update_key
 from tma_ray.students.cohort.learner import StackedLearner
 from tma_ray.students.cohort.ppo import PPONetworks, StackedPPO
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
-from tma_ray.students.players import CohortFullError, Membership, PlayerState
+from tma_ray.students.players import CohortFullError, JoinRequest, PlayerState
 from tma_ray.students.players.link import CohortSettings
 from tma_ray.students.ppo import PPO
 from tma_ray.students.sac import SAC
@@ -35,7 +35,7 @@ class Seat(ABC):
     stack: StackedLearner
     student: SAC | PPO
 
-    def __init__(self, membership: Membership, stack: Any, slot: int) -> None:
+    def __init__(self, membership: JoinRequest, stack: Any, slot: int) -> None:
         self.stack, self.slot = stack, slot
         self._key = update_key(membership.seed)
         self.student = self.student_type(
@@ -190,7 +190,7 @@ class Stacks:
         self._by_kind: dict[Any, StackedLearner] = {}
         self._free: dict[int, list[int]] = {}
 
-    def seat(self, membership: Membership) -> Seat:
+    def seat(self, membership: JoinRequest) -> Seat:
         """Return a seat for a new player.
 
         Raises:

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import torch
 
 from tma_ray.students.cohort.seats import Seat, Stacks
-from tma_ray.students.players import CohortFullError, Learner, Membership, PlayerState
-from tma_ray.students.players.link import CohortSettings, Mailbox
+from tma_ray.students.players import CohortFullError, JoinRequest, Learner, PlayerState
+from tma_ray.students.players.link import CohortSettings, SharedBuffer
 
 
 def recorded() -> torch.cuda.Event:
@@ -71,7 +71,7 @@ class LearnerServer:
         self._stacks = Stacks(settings)
         self._work: deque[torch.cuda.Event] = deque()
         self._seats: dict[Connection, Seat] = {}
-        self._mailboxes: dict[Connection, Mailbox] = {}
+        self._mailboxes: dict[Connection, SharedBuffer] = {}
         self._learning: dict[tuple[int, int], Connection] = {}
         self._deliveries: list[Delivery] = []
         self._listener = Listener(learner.address, family="AF_UNIX", authkey=learner.key, backlog=256)
@@ -223,13 +223,13 @@ class LearnerServer:
                 (message,) = mailbox.post((weights,)) if mailbox else (weights,)
                 self._send(connection, (True, message))
 
-    def _join_for(self, connection: Connection, membership: Membership) -> Any:
+    def _join_for(self, connection: Connection, membership: JoinRequest) -> Any:
         self._seats[connection] = self._stacks.seat(membership)
         return self._seats[connection].weights()
 
     def _share_for(self, connection: Connection, size: int) -> Any:
         self._drop_mailbox(connection)
-        self._mailboxes[connection] = Mailbox.receive(connection, size)
+        self._mailboxes[connection] = SharedBuffer.receive(connection, size)
 
     def _learn_for(self, connection: Connection, experience: tuple[Any, ...], updates: int) -> Any:
         seat, mailbox = self._seats[connection], self._mailboxes.get(connection)

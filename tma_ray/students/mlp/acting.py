@@ -6,8 +6,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.jit import kernel
 from tma_ray.students.mlp.layout import Activation, Layout
+from tma_ray.support.jit import kernel
 
 FloatArray: TypeAlias = NDArray[np.float32]
 IntArray: TypeAlias = NDArray[np.int64]

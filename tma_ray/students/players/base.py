@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tma_ray.students.base import Actions, Observations, Policy, Student, StudentStreams
 from tma_ray.students.mlp.acting import ArrayNetwork, FloatArray, RowNetwork
-from tma_ray.students.players.link import LearnerLink, Membership, PlayerState, Weights
+from tma_ray.students.players.link import JoinRequest, LearnerLink, PlayerState, Weights
 
 if TYPE_CHECKING:
     from gymnasium import spaces
@@ -75,7 +75,7 @@ class Player(ActingStudent):
 
     _acting: ArrayNetwork
 
-    def __init__(self, membership: Membership, link: LearnerLink) -> None:
+    def __init__(self, membership: JoinRequest, link: LearnerLink) -> None:
         space, action_space = membership.observation_space, membership.action_space
         self._set_up(space, action_space, membership.hyperparameters, membership.seed)
         layout = self.hyperparameters.layout(space.shape[0], self._low.size)

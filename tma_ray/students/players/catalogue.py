@@ -11,7 +11,7 @@ from gymnasium import Space
 
 from tma_ray.students.base import checked_spaces
 from tma_ray.students.catalogue import check_hyperparameters
-from tma_ray.students.players.link import Learner, LearnerLink, Membership
+from tma_ray.students.players.link import JoinRequest, Learner, LearnerLink
 
 if TYPE_CHECKING:
     from tma_ray.students.players.base import Player
@@ -49,7 +49,7 @@ def make_player(
     if name not in COHORT_STUDENTS:
         raise ValueError(f"student {name!r} cannot learn in a cohort: {', '.join(COHORT_STUDENTS)} can")
     spaces = checked_spaces(observation_space, action_space)
-    membership = Membership(name, *spaces, check_hyperparameters(name, hyperparameters), seed)
+    membership = JoinRequest(name, *spaces, check_hyperparameters(name, hyperparameters), seed)
     return player_class(name)(membership, LearnerLink(learner))
 
 

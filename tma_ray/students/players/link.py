@@ -13,12 +13,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from tma_ray.arguments import check_fields, check_whole
+from tma_ray.support.validation import check_fields, check_whole
 
 ALIGNMENT = 64  # of arrays in the memory, bytes
 
 
-class Posted(NamedTuple):
+class ArrayRef(NamedTuple):
     """An array in a mailbox, as a message names it.
 
     Attributes:
@@ -32,7 +32,7 @@ class Posted(NamedTuple):
     shape: tuple[int, ...]
 
 
-class Mailbox:
+class SharedBuffer:
     """Anonymous memory for the arrays of one message at a time, in either direction.
 
     It belongs to no folder and ends with the processes that have it.
@@ -47,14 +47,14 @@ class Mailbox:
         self._memory = np.frombuffer(mmap.mmap(descriptor, size), dtype=np.uint8)
 
     @classmethod
-    def create(cls, size: int) -> "Mailbox":
+    def create(cls, size: int) -> "SharedBuffer":
         """Return a new mailbox with room for `size` bytes."""
         descriptor = os.memfd_create("mailbox")
         os.ftruncate(descriptor, size)
         return cls(descriptor, size)
 
     @classmethod
-    def receive(cls, connection: Connection, size: int) -> "Mailbox":
+    def receive(cls, connection: Connection, size: int) -> "SharedBuffer":
         """Return the mailbox that the other side of a connection offers."""
         return cls(recv_handle(connection), size)
 
@@ -67,20 +67,20 @@ class Mailbox:
         posted, offset = list(parts), 0
         for index, part in enumerate(posted):
             if isinstance(part, np.ndarray):
-                posted[index] = place = Posted(offset, part.dtype.str, part.shape)
+                posted[index] = place = ArrayRef(offset, part.dtype.str, part.shape)
                 self._view(place)[...] = part
                 offset += room_for([part])
         return tuple(posted)
 
     def collect(self, posted: Iterable[Any]) -> tuple[Any, ...]:
         """Return copies of what the other side has posted."""
-        return tuple(self._view(part).copy() if isinstance(part, Posted) else part for part in posted)
+        return tuple(self._view(part).copy() if isinstance(part, ArrayRef) else part for part in posted)
 
     def close(self) -> None:
         """Close the descriptor; the memory is freed with its last view."""
         os.close(self._descriptor)
 
-    def _view(self, place: Posted) -> NDArray[Any]:
+    def _view(self, place: ArrayRef) -> NDArray[Any]:
         dtype = np.dtype(place.dtype)
         size = dtype.itemsize * int(np.prod(place.shape, dtype=np.int64))
         return self._memory[place.offset : place.offset + size].view(dtype).reshape(place.shape)
@@ -125,7 +125,7 @@ class Learner:
     key: bytes = field(repr=False)
 
 
-class Membership(NamedTuple):
+class JoinRequest(NamedTuple):
     """Description of a player that joins, for the learner.
 
     Attributes:
@@ -171,7 +171,7 @@ class LearnerLink:
             self._connection = Client(learner.address, family="AF_UNIX", authkey=learner.key)
         except (OSError, EOFError) as error:
             raise LearnerLostError(f"no learner listens at {learner.address}") from error
-        self._mailbox: Mailbox | None = None
+        self._mailbox: SharedBuffer | None = None
         self._weights_size = 0
 
     def close(self) -> None:
@@ -184,7 +184,7 @@ class LearnerLink:
             self._mailbox.close()
             self._mailbox = None
 
-    def join(self, membership: Membership) -> Weights:
+    def join(self, membership: JoinRequest) -> Weights:
         """Take a slot of the cohort; return the initial weights."""
         weights: Weights = self.ask("join", membership)
         self._weights_size = room_for([weights])
@@ -203,7 +203,7 @@ class LearnerLink:
         size = max(room_for(experience), self._weights_size)
         if self._mailbox is None or self._mailbox.size < size:
             self._drop_mailbox()
-            self._mailbox = Mailbox.create(size + size // 2)
+            self._mailbox = SharedBuffer.create(size + size // 2)
             self.ask("share", self._mailbox.size, follows=self._mailbox.offer)
         reply = self.ask("learn", self._mailbox.post(experience), updates)
         (weights,) = self._mailbox.collect((reply,))

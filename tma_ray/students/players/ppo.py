@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.mlp.acting import ArrayNetwork, FloatArray, RowArrays, apply_row
 from tma_ray.students.normaliser import Normaliser, scaled
 from tma_ray.students.players.base import ActingNetwork, ActingStudent, Player
 from tma_ray.students.players.link import Weights
+from tma_ray.support.jit import kernel
 
 if TYPE_CHECKING:
     import torch

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import LogStd, SACHyperparameters, UpdateSchedule
 from tma_ray.students.mlp.acting import FloatArray, RowArrays, apply_row
 from tma_ray.students.players.base import ActingStudent, Player
 from tma_ray.students.players.link import Weights
+from tma_ray.support.jit import kernel
 
 LOG_STD_RANGE = -20.0, 2.0  # bounds of the log deviation
 SQUASH_EPSILON = 1e-6  # keeps the logarithm of the squashing's derivative finite, as in stable-baselines3

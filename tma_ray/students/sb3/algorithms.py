@@ -26,8 +26,8 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from torch import nn
 from torch.nn.modules.module import register_module_parameter_registration_hook
 
-from tma_ray.hyperparameters import identifying, parse_settings
-from tma_ray.registry import UnknownNameError
+from tma_ray.components.registry import UnknownNameError
+from tma_ray.components.settings import identifying, parse_settings
 from tma_ray.students.base import Actions, Observations, Policy, Student, Transition
 from tma_ray.students.hyperparameters import ALGORITHMS, PACKAGES, MatmulPrecision
 from tma_ray.students.layers import acting_layers

@@ -13,10 +13,10 @@ from gymnasium import Space
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 
-from tma_ray.hyperparameters import identifying
-from tma_ray.optimisers import leave_compiler_out
+from tma_ray.components.settings import identifying
 from tma_ray.students.base import checked_spaces
 from tma_ray.students.players.base import ActingStudent
+from tma_ray.support.optimisers import skip_dynamo
 
 
 @contextmanager
@@ -63,7 +63,7 @@ class TorchStream:
                 self.state = [torch.get_rng_state(), *states]
 
 
-leave_compiler_out()
+skip_dynamo()
 
 
 H = TypeVar("H", bound=Any)

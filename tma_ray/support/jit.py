@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.core import event
 
-from tma_ray.commands.interrupts import is_command
+from tma_ray.support.interrupts import is_command
 
 F = TypeVar("F", bound=Callable[..., object])
 

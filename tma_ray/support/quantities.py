@@ -1,15 +1,11 @@
-"""Values that users give: numbers, places, names and licences, each with its grammar."""
+"""Kinds of numbers with their ranges, and paths of the home folder."""
 
-import os
 import re
-import stat
-from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Final
-from urllib.parse import unquote, urlsplit
 
 SHOWN: Final = 60  # number of characters of a refused text in a message
 
@@ -107,44 +103,6 @@ TORQUE: Final = Quantity("a number of N m over 0, up to 1e6", 0, 1e6, positive=T
 SHARE: Final = Quantity("a share over 0, up to 1", 0, 1, positive=True)  # share of a whole
 
 
-SCHEMES: Final = ("s3", "gs", "gcs", "abfs", "abfss", "hdfs", "viewfs", "file", "https", "http", "hf")
-"""Schemes of the addresses of results."""
-
-
-def root(text: str) -> str:
-    """Return a results root: a folder, which need not exist, or an address."""
-    check_visible(text, "a folder, s3://bucket/folder or gs://bucket/folder")
-    if "://" not in text:
-        folder(text)
-        return text
-    address = urlsplit(text)
-    if address.scheme not in SCHEMES:
-        raise refused(text, f"expected a folder, or an address that begins with {SCHEMES[0]}:// or gs://")
-    if address.scheme == "file":
-        folder(unquote(address.path))
-    if address.scheme in SCHEMES[:2] and not address.netloc:
-        raise refused(text, f"it needs a bucket: {address.scheme}://bucket/folder")
-    return text
-
-
-def folder(text: str) -> Path:
-    """Return a folder, which need not exist."""
-    if "://" in text:
-        raise refused(text, "expected a folder of this machine")
-    mode = _mode(text, "a folder")
-    if mode is not None and not stat.S_ISDIR(mode):
-        raise refused(text, "it is a file; expected a folder")
-    return expanded(text)
-
-
-def new_file(text: str) -> Path:
-    """Return a file to write."""
-    mode = _mode(text, "a file")
-    if mode is not None and stat.S_ISDIR(mode):
-        raise refused(text, "it is a folder; expected a file")
-    return expanded(text)
-
-
 def expanded(path: str | Path) -> Path:
     """Return a path with the home folder in place of ``~`` or ``~user``.
 
@@ -158,55 +116,6 @@ def expanded(path: str | Path) -> Path:
             f"{str(path)!r}: no home folder is known for {Path(path).parts[0]!r}; a folder of that name "
             f"is './{path}'"
         ) from error
-
-
-def _mode(text: str, expected: str) -> int | None:
-    """Return the mode of the file or folder at `text`, None if there is none; refuse an impossible path."""
-    check_visible(text, expected)
-    path = expanded(text)
-    try:
-        for place in (path, *path.absolute().parents):
-            if place.is_symlink() or place.exists():
-                mode = os.stat(place).st_mode  # noqa: PTH116 - a broken link raises
-                if place is not path and not stat.S_ISDIR(mode):
-                    raise refused(text, f"{place} is a file; expected a folder")
-                return mode if place is path else None
-    except OSError as error:
-        raise refused(text, f"{error.strerror}".lower()) from error
-    return None
-
-
-_IDENTIFIER: Final = r"\d*[A-Za-z][\w.-]*\+?"
-_LICENCE: Final = re.compile(rf"{_IDENTIFIER}( (AND|OR|WITH) {_IDENTIFIER})*", re.ASCII)
-_LONGEST_LICENCE: Final = 200
-
-
-def check_visible(text: str, expected: str) -> None:
-    """Refuse an empty text, and control characters; `expected` describes the text, as "the name of a run"."""
-    if not text.strip() or min(text) < " ":
-        raise refused(text, f"expected {expected}")
-
-
-def named(expected: str) -> Callable[[str], str]:
-    """Return a parser of texts that are not empty; see `check_visible`."""
-
-    def parse(text: str) -> str:
-        check_visible(text, expected)
-        return text
-
-    return parse
-
-
-def licence(text: str) -> str:
-    """Return a licence: an SPDX expression without parentheses.
-
-    Examples:
-        >>> licence("CC-BY-4.0"), licence("MIT OR Apache-2.0")
-        ('CC-BY-4.0', 'MIT OR Apache-2.0')
-    """
-    if not _LICENCE.fullmatch(text) or len(text) > _LONGEST_LICENCE:
-        raise refused(text, "expected a licence as SPDX names it, such as CC-BY-4.0 or MIT")
-    return text
 
 
 def refused(text: str, reason: str) -> ValueError:

@@ -15,9 +15,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final, Generic, TypeVar, cast
 
-from tma_ray.docstrings import docstring_of
-from tma_ray.part_names import base_name, nearest
-from tma_ray.plugin_source import OURS, PluginSource, importable_name
+from tma_ray.components.plugin_source import OURS, PluginSource, importable_name
+from tma_ray.support.component_names import base_name, nearest
+from tma_ray.support.docstrings import docstring_of
 
 T = TypeVar("T")
 C = TypeVar("C")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 
-def import_later(package: str, source: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def attach(package: str, source: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return the functions `__getattr__` and `__dir__` of a package.
 
     They know what the package imports under ``if TYPE_CHECKING:``, objects or whole modules.

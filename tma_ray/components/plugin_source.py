@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from tma_ray.decoding import read_file
+from tma_ray.support.decoding import read_file
 
 OURS = "tma_ray"
 """What every machine of a campaign has installed, and whose version is part of every run already."""

@@ -12,7 +12,7 @@ UNCOMPILED = (Optimizer.add_param_group, Optimizer.state_dict, Optimizer.load_st
 """What torch keeps from being compiled, and imports the compiler for at the first call."""
 
 
-def leave_compiler_out() -> None:
+def skip_dynamo() -> None:
     """Let optimisers of this process be made, saved and loaded without the compiler.
 
     Plug-ins that compile import it by themselves. Without the attribute, which is torch's own and

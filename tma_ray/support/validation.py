@@ -9,7 +9,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Final, get_args, get_origin, get_type_hints
 
-from tma_ray.part_names import nearest
+from tma_ray.support.component_names import nearest
 
 _IN_WORDS: Final[dict[type, str]] = {
     str: "a text",
@@ -22,7 +22,7 @@ _IN_WORDS: Final[dict[type, str]] = {
 }
 
 
-def check_kind(name: str, value: object, kind: type | tuple[type, ...], expected: str) -> None:
+def check_type(name: str, value: object, kind: type | tuple[type, ...], expected: str) -> None:
     """Refuse an argument of another type by a TypeError."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {value!r:.60}: expected {expected}")
@@ -41,7 +41,7 @@ def check_fields(record: Any) -> None:
     for name, (kinds, expected) in _kinds_of_fields(record.__class__).items():
         value = getattr(record, name)
         if Real not in kinds:
-            check_kind(name, value, kinds, expected)
+            check_type(name, value, kinds, expected)
         elif isinstance(value, bool) or not isinstance(value, kinds):
             raise ValueError(f"{name} = {value!r:.60}: expected {expected}")
 
@@ -60,7 +60,7 @@ def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
     return found
 
 
-def check_names(name: str, value: object) -> None:
+def check_sequence(name: str, value: object) -> None:
     """Refuse a single text where a list of texts is expected, by a TypeError."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise TypeError(f"{name} = {value!r:.60}: expected several, as in [{value!r:.60}]")

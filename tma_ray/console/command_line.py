@@ -32,8 +32,8 @@ from cyclopts import (
 from cyclopts.help import PlainFormatter
 from cyclopts.utils import is_option_like
 
-from tma_ray.commands.exits import REFUSED, exit_code
-from tma_ray.part_names import nearest
+from tma_ray.console.exit_codes import REFUSED, exit_code
+from tma_ray.support.component_names import nearest
 
 if TYPE_CHECKING:
     from cyclopts.help import HelpPanel
@@ -201,7 +201,7 @@ def _settings(defaults: Mapping[str, str] | None = None) -> dict[str, Any]:
 def run(
     app: App, words: Sequence[str], name: str | None = None, before: Callable[[], None] | None = None
 ) -> int:
-    """Run what a command line asks for, `before` first; return its exit code, see `tma_ray.commands.exits`.
+    """Call `before`, run the command of a command line and return its exit code.
 
     Refusals follow the `name`, by default the program's; ``--debug`` prints their tracebacks, too.
     """
@@ -253,7 +253,7 @@ def arguments(app: App, *, described: bool = False) -> list[Argument]:
 
 def help_text(app: App, words: Iterable[str] = (), width: int = 80) -> str:
     """Return the help of a command."""
-    from tma_ray.terminal import terminal
+    from tma_ray.console.terminal import terminal
 
     text = io.StringIO()
     app.help_print(list(words), console=terminal(file=text, width=width))

@@ -8,8 +8,8 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from tma_ray.commands.interrupts import INTERRUPTED, raised_interrupts
-from tma_ray.commands.streams import standard_streams
+from tma_ray.console.streams import standard_streams
+from tma_ray.support.interrupts import INTERRUPTED, raised_interrupts
 
 FAILED = 1  # exit code of an error, or of a check that failed
 REFUSED = 2  # exit code of a refusal: nothing was done, and a sentence on standard error says why

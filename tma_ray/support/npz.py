@@ -8,14 +8,14 @@ from typing import IO, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.decoding import check_file
+from tma_ray.support.decoding import check_file
 
 MOST_BYTES: Final = 2**28  # largest content of a ``.npz`` file that is read by default, bytes
 
 _HEADERS: Final = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
-def load_arrays(path: Path, most_bytes: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
+def load_npz(path: Path, most_bytes: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
     """Return the arrays of a ``.npz`` file by name.
 
     Raises:

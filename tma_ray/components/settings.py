@@ -21,8 +21,8 @@ from typing import Any, Literal, NamedTuple, NewType, Union, get_args, get_origi
 
 import numpy as np
 
-from tma_ray.arguments import check_kind
-from tma_ray.part_names import LIST_SEPARATOR, nearest, text_of
+from tma_ray.support.component_names import LIST_SEPARATOR, nearest, text_of
+from tma_ray.support.validation import check_type
 
 PRESET = "preset"  # key that stands for several values at once, as a part's attribute `presets` has them
 
@@ -92,7 +92,7 @@ def parse_settings(
         ValueError: an unknown key or preset (the message has the nearest known one), a value of another
             type, or a key with different values in `text` and in `given`.
     """
-    check_kind(f"{kind}s", given or {}, Mapping, "values by name, as in {'batch_size': 100}")
+    check_type(f"{kind}s", given or {}, Mapping, "values by name, as in {'batch_size': 100}")
     presets: Mapping[str, Mapping[str, Any]] = getattr(part, "presets", {})
     known = parameters_of(part)
     types = {key: parameter.annotation for key, parameter in known.items()} | (

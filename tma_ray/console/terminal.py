@@ -7,7 +7,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.text import Text
 
-from tma_ray.commands.texts import visible
+from tma_ray.support.texts import visible
 
 
 class _Terminal(Console):

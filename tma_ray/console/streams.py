@@ -8,7 +8,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, Final
 
-from tma_ray.commands.texts import visible
+from tma_ray.support.texts import visible
 
 _MODES: Final = {"stdin": "r", "stdout": "w", "stderr": "w"}  # in the order of their descriptors
 

@@ -1,0 +1,1 @@
+"""Python API of runs and campaigns, exported by `tma_ray`."""

@@ -1,0 +1,1 @@
+"""Components that users name: registry, settings and plug-in source."""

@@ -1,0 +1,1 @@
+"""Command-line toolkit: argument parsing, value types, streams, tables and exit codes."""

@@ -1,0 +1,1 @@
+"""General-purpose tools used on every floor."""
