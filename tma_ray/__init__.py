@@ -10,7 +10,7 @@ from typing import Any
 from tma_ray.support.interrupts import expect_early, is_command
 
 LIBRARY = ("RunsFailedError", "TrainedRun", "run_campaign", "train")
-"""Names of `tma_ray.api.training` that this package has, too."""
+"""Names of `tma_ray.api` that this package has, too."""
 
 __version__ = "0.1.0"
 
@@ -24,7 +24,7 @@ def __getattr__(name: str) -> Any:
     """Import a name of `LIBRARY` when it is first asked for: it loads all that a run needs."""
     if name not in LIBRARY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("tma_ray.api.training"), name)
+    return getattr(import_module("tma_ray.api"), name)
 
 
 def __dir__() -> list[str]:

@@ -29,9 +29,10 @@ from release_tables import (
 from analysis.baselines import BaselineKind, baselines, newest_release
 from analysis.commands.leaderboards import joined_trials
 from analysis.commands.releases import findings
-from tma_ray import cli, command_line
+from tma_ray import cli
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
 from tma_ray.cli.records import KEYS
+from tma_ray.console import command_line
 from tma_ray.curriculum import teacher_needs
 from tma_ray.embodiments import embodiment_names, load_embodiment
 from tma_ray.envs import ENVIRONMENTS, make_environment

@@ -1,4 +1,4 @@
-"""Generated parts of pages: tables of the code and of releases, and files that pages show.
+"""Generated parts of pages, and the picture of the rooms.
 
     python docs/making/write_generated.py           # renew stale parts, and print their names
     python docs/making/write_generated.py --check   # print their names, and exit with 1 if there are any
@@ -13,6 +13,7 @@ import re
 import sys
 from pathlib import Path
 
+import make_rooms
 import tables
 
 ROOT = Path(__file__).parents[2]
@@ -58,7 +59,7 @@ def renewed(page: str) -> tuple[str, list[str]]:
 
 
 def main() -> int:
-    """Renew the pages, or check them."""
+    """Renew the pages and the picture of the rooms, or check them."""
     check, count = "--check" in sys.argv[1:], 0
     for path in pages():
         text, stale = renewed(path.read_text(encoding="utf-8"))
@@ -67,6 +68,11 @@ def main() -> int:
             print(f"{path.relative_to(ROOT)}: {name}")
         if stale and not check:
             path.write_text(text, encoding="utf-8")
+    if make_rooms.PICTURE.read_text(encoding="utf-8") != make_rooms.picture():
+        count += 1
+        print(make_rooms.PICTURE.relative_to(ROOT))
+        if not check:
+            make_rooms.PICTURE.write_text(make_rooms.picture(), encoding="utf-8")
     return int(check and count > 0)
 
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from cyclopts import App, Argument
 
-from tma_ray import cli, command_line
+from tma_ray import cli
+from tma_ray.console import command_line
 
 LONG = "x" * 300
 """A name that no file can have."""

@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-from tma_ray import cli, command_line
+from tma_ray import cli
 from tma_ray.benchmark import load_test_set, shipped_test_sets
+from tma_ray.console import command_line
 from tma_ray.embodiments import embodiment_names, load_embodiment
 from tma_ray.envs import ENVIRONMENTS
 from tma_ray.runs import Cell, Schedule, effective_spec

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from commands import execute
 
-from tma_ray import cli, command_line
+from tma_ray import cli
+from tma_ray.console import command_line
 
 EXAMPLES = [
     example
