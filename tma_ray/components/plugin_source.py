@@ -22,7 +22,7 @@ MAIN_GUARDS = ("__name__ == '__main__'", "'__main__' == __name__")
 PACKAGES = frozenset({OURS, "analysis"})
 """Top-level packages of the distribution `OURS`, installed or in a checkout."""
 
-OUR_FOLDER = Path(__file__).resolve().parent.parent
+OUR_FOLDER = Path(__file__).resolve().parents[2]
 """Folder that `PACKAGES` are imported from; a package of the same name elsewhere is the user's."""
 
 INSTALLED = frozenset({"site-packages", "dist-packages"})
