@@ -24,8 +24,8 @@ import ray
 from tma_ray.campaign.cluster.heads import connect
 from tma_ray.students import Learner
 from tma_ray.students.cohort.server import LearnerServer
-from tma_ray.students.players import CohortSettings
-from tma_ray.students.players.link import LearnerLink
+from tma_ray.students.rollout_workers import CohortSettings
+from tma_ray.students.rollout_workers.link import LearnerLink
 
 STEPS, OBSERVATION, ACTION, HIDDEN = 300, 24, 4, (400, 300)
 

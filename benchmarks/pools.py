@@ -14,7 +14,7 @@ from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import Committer, Lease, Store, start_from
 from tma_ray.runs import Placement
-from tma_ray.students.players import CohortSettings
+from tma_ray.students.rollout_workers import CohortSettings
 
 REPORT_SECONDS = 20.0
 """Time between two lines of progress, s."""

@@ -20,9 +20,9 @@ from tma_ray.envs import make_environment
 from tma_ray.results import Committer
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule
 from tma_ray.runs.inputs import arguments
-from tma_ray.students import Learner, Transition, make_player
-from tma_ray.students.players import CohortSettings
-from tma_ray.students.players.link import ask_learner
+from tma_ray.students import Learner, Transition, make_rollout_worker
+from tma_ray.students.rollout_workers import CohortSettings
+from tma_ray.students.rollout_workers.link import ask_learner
 
 EXPLORATION = {"sac": {"exploration_steps": 1000}}
 """Hyper-parameters that let students learn soon."""
@@ -137,7 +137,7 @@ def player_parts(student: str, width: int, device: str) -> dict[str, float]:
     with _placed(width, device) as placement:
         assert placement.learner is not None
         seed, values = np.random.SeedSequence(0), arguments(spec, "student")
-        player = make_player(student, *spaces, seed, values, placement.learner)
+        player = make_rollout_worker(student, *spaces, seed, values, placement.learner)
         observation, _ = environment.reset(seed=0)
         for _ in range(PLAYED):
             clock = [time.process_time_ns()]

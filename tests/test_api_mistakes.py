@@ -28,7 +28,7 @@ from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.embodiments import load_embodiment
 from tma_ray.export import export
 from tma_ray.runs import Cell, Placement, Schedule
-from tma_ray.students.players import CohortSettings
+from tma_ray.students.rollout_workers import CohortSettings
 from tma_ray.tasks import Dimension, TaskSpace
 from tma_ray.testing import StudentParameters
 from tma_ray.viewing.play import PlaySettings

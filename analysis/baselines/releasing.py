@@ -58,7 +58,7 @@ def release(
     licence: str = "",
     *,
     partial: bool = False,
-    contents: results.Contents = results.WHOLE,
+    contents: results.CopyOptions = results.WHOLE,
     about: About = UNSAID,
 ) -> Path:
     """Pack the finished campaigns of a root into a self-contained folder.
@@ -333,7 +333,7 @@ def _copied(folder: Path, aside: Path) -> BaselineManifest:
     return manifest
 
 
-def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.Contents:
+def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.CopyOptions:
     """Return the contents of a lean release with a policy of each cell: that of the run in the middle.
 
     That is the run with the median of `mastered_area` over the seeds; of an even number the lower of both in

@@ -18,7 +18,7 @@ from tma_ray.campaign.settings import Settings
 from tma_ray.results import Committer, Results, RunStatus, Table
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule, run_locally
 from tma_ray.runs.placement import PLAYER_NICENESS
-from tma_ray.students.players import CohortSettings
+from tma_ray.students.rollout_workers import CohortSettings
 
 HOPPER = Path(__file__).parents[2] / "examples" / "hopper.toml"
 

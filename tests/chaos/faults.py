@@ -25,7 +25,7 @@ from small_runs import data_files, rows
 from tma_ray.campaign.executors.processes import cohort
 from tma_ray.results import Committer, Store, Table
 from tma_ray.runs import Placement, run_locally
-from tma_ray.students.players import CohortSettings
+from tma_ray.students.rollout_workers import CohortSettings
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

@@ -24,9 +24,9 @@ from tma_ray.results import (
     Store,
     Table,
     compact,
+    compaction,
     copy_merged,
     manifest,
-    merging,
 )
 
 RUNS = {"first": ["run-00", "run-01", "run-02", "run-03"], "second": ["run-00a"]}
@@ -223,9 +223,9 @@ def test_a_file_written_otherwise_than_it_should_be_is_noticed(
 ) -> None:
     before = content(root)
     rows = Results(root).table(Table.EVALUATIONS, ["run-01"])
-    original = merging.pack.__globals__["encode_together"]
+    original = compaction.pack.__globals__["encode_together"]
     monkeypatch.setitem(
-        merging.pack.__globals__,
+        compaction.pack.__globals__,
         "encode_together",
         lambda table, parts: original(table, [rows for _ in parts] if table is Table.EVALUATIONS else parts),
     )

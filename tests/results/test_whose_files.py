@@ -26,8 +26,8 @@ from tma_ray.results import (
     verify_root,
 )
 from tma_ray.results.committer import TEMPORARY_SECONDS
+from tma_ray.results.compaction import JOURNAL
 from tma_ray.results.layout import CHECKPOINTS, FOLDERS, STAGING
-from tma_ray.results.merging import JOURNAL
 from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning
 
 ACCESSES: dict[str, Callable[[Store], object]] = {

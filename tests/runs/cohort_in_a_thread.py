@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tma_ray.students import Learner
-from tma_ray.students.players import CohortSettings
+from tma_ray.students.rollout_workers import CohortSettings
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import torch
 from students_support import SMALL, Drift, small_student, train
 
 from tma_ray.components.registry import UnknownNameError
-from tma_ray.components.settings import identifying
+from tma_ray.components.settings import config_dict
 from tma_ray.students import STUDENTS, default_hyperparameters
 from tma_ray.students.sb3.algorithms import as_student, student_of
 
@@ -91,7 +91,7 @@ class Patient(stable_baselines3.TD3):
 def test_an_algorithm_of_ones_own_has_its_arguments_and_those_it_passes_on():
     own, env = as_student(Patient), Drift()
     given = own.hyperparameters_type(**SMALL["TD3"], patience=7)
-    assert identifying(given).keys() == {*default_hyperparameters("TD3"), "patience"}
+    assert config_dict(given).keys() == {*default_hyperparameters("TD3"), "patience"}
     assert given.gamma == 0.5
     student = own(env.observation_space, env.action_space, given, np.random.SeedSequence(0))
     train(student, env, 80)

@@ -8,8 +8,8 @@ from stock_models import ACTION, OBSERVATION, Batches, ppo, ppo_parameters, sac
 
 from tma_ray.students.hyperparameters import LogStd, PPOHyperparameters, SACHyperparameters
 from tma_ray.students.mlp.network import FlatParameters, blocks_of
-from tma_ray.students.players.sac import LOG_STD_RANGE
 from tma_ray.students.ppo import PPOUpdate, Steps, losses
+from tma_ray.students.rollout_workers.sac import LOG_STD_RANGE
 from tma_ray.students.sac import (
     SQUASH_EPSILON,
     SACUpdate,

@@ -9,7 +9,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from students_support import Drift
 
 from tma_ray.students.normaliser import Normaliser
-from tma_ray.students.players.ppo import Rollout
+from tma_ray.students.rollout_workers.ppo import Rollout
 
 
 def filled(steps: int, ended, judged, rewards=None) -> Rollout:

@@ -7,7 +7,7 @@ import torch
 from gymnasium.spaces import Box
 from students_support import SMALL
 
-from tma_ray.components.settings import identifying
+from tma_ray.components.settings import config_dict
 from tma_ray.students import (
     STUDENTS,
     PPOHyperparameters,
@@ -41,10 +41,10 @@ def test_defaults_survive_json(name):
 def test_later_hyperparameters_change_no_identity_at_their_defaults():
     later = {"activation": "tanh", "separate_trunks": True, "averaged_steps": 10}
     assert (
-        identifying(check_hyperparameters("ppo")).keys()
+        config_dict(check_hyperparameters("ppo")).keys()
         == default_hyperparameters("ppo").keys() - later.keys()
     )
-    assert identifying(check_hyperparameters("ppo", later)).items() >= later.items()
+    assert config_dict(check_hyperparameters("ppo", later)).items() >= later.items()
     name = canonical_student("ppo:activation=relu:averaged_steps=10:separate_trunks=false")
     assert name == "ppo:averaged_steps=10"
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal, NewType, Optional
 import numpy as np
 import pytest
 
-from tma_ray.components.settings import differing, identifying, parse_settings
+from tma_ray.components.settings import config_dict, non_defaults, parse_settings
 from tma_ray.support.component_names import base_name, join_name, split_name
 
 
@@ -112,8 +112,8 @@ def test_what_is_annotated_is_read_shown_and_hashed(name: str) -> None:
     default = getattr(Annotations(), name)
     for value in (default, OTHERS[name]):
         part = Annotations(**{name: value})
-        stored = json.loads(json.dumps(identifying(part)))
-        shown = join_name("part", differing(Annotations, stored))
+        stored = json.loads(json.dumps(config_dict(part)))
+        shown = join_name("part", non_defaults(Annotations, stored))
         assert (shown == "part") is (value is default)
         for given in (
             parse_settings(Annotations, {}, {name: value}),
@@ -154,9 +154,9 @@ def test_what_json_does_not_have_is_refused_by_name() -> None:
         with pytest.raises(
             ValueError, match=f"Kept: hyper-parameter {name} = .*expected a value that JSON has"
         ):
-            identifying(kept())
+            config_dict(kept())
     with pytest.raises(ValueError, match="Unfit: hyper-parameter given is not a field of the dataclass"):
-        identifying(Unfit())
+        config_dict(Unfit())
 
 
 def parsed(name: str, **given: Any) -> dict[str, Any]:
@@ -164,7 +164,7 @@ def parsed(name: str, **given: Any) -> dict[str, Any]:
 
 
 def canonical(name: str, **given: Any) -> str:
-    return join_name(base_name(name), differing(Part, parsed(name, **given)))
+    return join_name(base_name(name), non_defaults(Part, parsed(name, **given)))
 
 
 @pytest.mark.parametrize(

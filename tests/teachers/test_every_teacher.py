@@ -10,7 +10,7 @@ from simulated_play import started
 from tma_ray.tasks import TaskSpace
 from tma_ray.teachers import TEACHERS, check_limits
 from tma_ray.testing import TeacherConformance
-from tma_ray.testing.trials import SCENARIOS
+from tma_ray.testing.scenarios import SCENARIOS
 
 TINY: dict[str, dict[str, Any]] = {
     "alp_gmm": {"most_components": 3},

@@ -18,9 +18,9 @@ from odd_queries import AsksForTrajectories, AsksForValues
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers import TEACHERS, Teacher, hyperparameters_of, make_teacher
 from tma_ray.teachers.random import Random
-from tma_ray.testing import TeacherConformance, TrialStudent
+from tma_ray.testing import ScriptedStudent, TeacherConformance
 from tma_ray.testing.conformance import check_quickly
-from tma_ray.testing.trials import SCENARIOS
+from tma_ray.testing.scenarios import SCENARIOS
 
 NEW_PROCESS = "test_a_saved_teacher_continues_in_a_new_process"
 INSIDE = "test_tasks_stay_inside_the_space"
@@ -72,7 +72,7 @@ def kit_of(teacher: type[Teacher]) -> TeacherConformance:
 
 def failures(teacher: type[Teacher], *, new_process: bool) -> dict[str, str]:
     """Run the whole kit by hand; return the messages of what failed by the name of the promise."""
-    arguments = {"scenario": [CONSTANT], "pupil": [TrialStudent.HOPELESS, TrialStudent.PERFECT]}
+    arguments = {"scenario": [CONSTANT], "student": [ScriptedStudent.HOPELESS, ScriptedStudent.PERFECT]}
     kit, failed = kit_of(teacher), {}
     for name, method in inspect.getmembers(kit, inspect.ismethod):
         if not name.startswith("test_") or (name == NEW_PROCESS and not new_process):
@@ -172,7 +172,7 @@ def test_scenarios_hold_easy_and_hard_tasks_and_some_that_are_mastered_now_and_t
     """Else a kit would never see a success or a failure, and a teacher no intermediate difficulty."""
     tasks = scenario.space.sample(np.random.default_rng(0), 200)
     first, second, late = (
-        [scenario.episode(task, index, TrialStudent.IMPROVING).success for task in tasks]
+        [scenario.episode(task, index, ScriptedStudent.IMPROVING).success for task in tasks]
         for index in (0, 1, 300)
     )
     for successes in (first, late):

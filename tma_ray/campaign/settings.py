@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Final
 
 from tma_ray.runs.placement import Placement, check_device, usable_cores
-from tma_ray.students.players import CohortSettings
+from tma_ray.students.rollout_workers import CohortSettings
 from tma_ray.support.quantities import CORES, GPUS, LOSSES, MEMORY, SECONDS, WIDTH
 from tma_ray.support.validation import check_fields
 

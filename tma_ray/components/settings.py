@@ -108,7 +108,7 @@ def parse_settings(
                 hint = nearest(str(value), presets)
                 raise ValueError(f"unknown preset {value!r}: {hint}known: {', '.join(presets)}")
             return value
-        return converted(key, _from_text(value, types[key]) if is_text else value, types[key], kind)
+        return coerce(key, _from_text(value, types[key]) if is_text else value, types[key], kind)
 
     values = {key: typed(key, value, is_text=True) for key, value in text.items()}
     for key, value in (given or {}).items():
@@ -120,7 +120,7 @@ def parse_settings(
     return {key: typed(key, value) for key, value in (presets[preset] if preset else {}).items()} | values
 
 
-def differing(part: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
+def non_defaults(part: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the shortest settings that give `values`: those that differ from the defaults of `part`.
 
     A preset is used where it leaves fewer settings, not counting itself.
@@ -131,13 +131,13 @@ def differing(part: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, 
     ways: list[tuple[dict[str, Any], dict[str, Any]]] = []
     for preset in (None, *presets):
         base = defaults | dict(presets[preset] if preset else {})
-        others = {key: value for key, value in complete.items() if plain(value) != plain(base[key])}
+        others = {key: value for key, value in complete.items() if to_json(value) != to_json(base[key])}
         ways.append(({PRESET: preset} if preset else {}, others))
     named, others = min(ways, key=lambda way: len(way[1]))
     return named | others
 
 
-def identifying(part: Any) -> dict[str, Any]:
+def config_dict(part: Any) -> dict[str, Any]:
     """Return the constructor arguments of a dataclass, defaults included, as JSON values.
 
     Fields that its attribute `absent_at_default` names, those that came after the first runs, are left out
@@ -161,7 +161,7 @@ def identifying(part: Any) -> dict[str, Any]:
     }
 
 
-def plain(value: Any) -> Any:
+def to_json(value: Any) -> Any:
     """Return a value in the types of JSON as far as it has them.
 
     Enums become their value if that is text or a number, else their name; paths become text, numpy's scalars
@@ -175,13 +175,13 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, (set, frozenset)):
-        return sorted(map(plain, value), key=repr)
+        return sorted(map(to_json, value), key=repr)
     if isinstance(value, collections.abc.Mapping):
-        return {name: plain(item) for name, item in value.items()}
-    return [plain(item) for item in value] if isinstance(value, (tuple, list)) else value
+        return {name: to_json(item) for name, item in value.items()}
+    return [to_json(item) for item in value] if isinstance(value, (tuple, list)) else value
 
 
-def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter") -> Any:
+def coerce(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter") -> Any:
     """Return `value`, or a value of JSON that stands for it, as its annotation has it.
 
     Raises:
@@ -191,7 +191,7 @@ def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-paramete
     if origin in (Union, types.UnionType):
         return _one_of(key, value, get_args(annotation), kind)
     if isinstance(annotation, NewType):
-        return converted(key, value, annotation.__supertype__, kind)
+        return coerce(key, value, annotation.__supertype__, kind)
     if annotation in _ANYTHING:
         json_value(key, value, kind)
         return value
@@ -207,16 +207,16 @@ def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-paramete
 def _choices(annotation: Any) -> dict[str, Any]:
     """Return the values of a literal or an enum by their text; empty for other types."""
     if get_origin(annotation) is Literal:
-        return {text_of(plain(choice)): choice for choice in get_args(annotation)}
+        return {text_of(to_json(choice)): choice for choice in get_args(annotation)}
     if isinstance(annotation, type) and issubclass(annotation, Enum):
-        return {text_of(plain(choice)): choice for choice in annotation}
+        return {text_of(to_json(choice)): choice for choice in annotation}
     return {}
 
 
 def _chosen(key: str, value: Any, choices: Mapping[str, Any], kind: str) -> Any:
     """Return the one of `choices` that is `value`, or that it stands for in JSON."""
     for choice in choices.values():
-        if value is choice or (type(plain(choice)) is type(value) and plain(choice) == value):
+        if value is choice or (type(to_json(choice)) is type(value) and to_json(choice) == value):
             return choice
     hint = nearest(str(value), choices)
     raise ValueError(f"{kind} {key} = {value!r}: {hint}expected one of {', '.join(choices)}")
@@ -227,13 +227,13 @@ def _collection(key: str, value: Any, annotation: Any, kind: str) -> Any:
     origin = get_origin(annotation) or annotation
     if origin in _MAPPINGS and isinstance(value, collections.abc.Mapping):
         of_keys, of_values = get_args(annotation) or (Any, Any)
-        pairs = [(name, converted(key, item, of_values, kind)) for name, item in value.items()]
-        return {converted(key, name, of_keys, kind): item for name, item in pairs}
+        pairs = [(name, coerce(key, item, of_values, kind)) for name, item in value.items()]
+        return {coerce(key, name, of_keys, kind): item for name, item in pairs}
     if origin in _LISTS and isinstance(value, (list, tuple, set, frozenset)):
         annotations = _item_annotations(annotation, len(value))
         if len(annotations) == len(value):
             items = zip(value, annotations, strict=True)
-            return _LISTS[origin](converted(key, item, each, kind) for item, each in items)
+            return _LISTS[origin](coerce(key, item, each, kind) for item, each in items)
     return _UNFIT
 
 
@@ -258,7 +258,7 @@ def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
         return None
     for choice in choices:
         try:
-            return converted(key, value, choice, kind)
+            return coerce(key, value, choice, kind)
         except ValueError:
             continue
     expected = " or ".join(_expected(choice) for choice in choices)
@@ -350,7 +350,7 @@ def json_value(key: str, value: Any, kind: str = "hyper-parameter") -> Any:
     Raises:
         ValueError: JSON does not have it.
     """
-    made = plain(value)
+    made = to_json(value)
     try:
         json.dumps(made, allow_nan=False)
     except (TypeError, ValueError) as error:

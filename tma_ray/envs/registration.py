@@ -7,7 +7,7 @@ from typing import Any
 
 import gymnasium
 
-from tma_ray.components.settings import converted, parameters_of, parse_settings
+from tma_ray.components.settings import coerce, parameters_of, parse_settings
 from tma_ray.envs.catalogue import ENVIRONMENTS
 from tma_ray.support.component_names import split_name
 from tma_ray.tasks import MASTERY_RETURN, TaskSpace
@@ -56,7 +56,7 @@ def make_environment(name: str, **kwargs: Any) -> Environment:
     options = {option: value for option, value in text.items() if option not in kwargs}
     known = parameters_of(kind)
     given = {
-        option: converted(option, value, known[option].annotation, "option")
+        option: coerce(option, value, known[option].annotation, "option")
         if option in known and isinstance(value, JSON_TYPES)
         else value
         for option, value in kwargs.items()

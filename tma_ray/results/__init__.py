@@ -7,6 +7,17 @@ from tma_ray.results.committer import (
     accepted_manifest,
     write_progress,
 )
+from tma_ray.results.compaction import (
+    LEAN,
+    WHOLE,
+    Copy,
+    CopyOptions,
+    Shard,
+    add_shard,
+    compact,
+    copy_merged,
+    start_from,
+)
 from tma_ray.results.inputs import input_path, keep_input, keep_plugin, read_input, read_plugin
 from tma_ray.results.layout import (
     CHECKPOINTS,
@@ -36,18 +47,7 @@ from tma_ray.results.lease import (
     holder_of,
 )
 from tma_ray.results.manifest import Manifest, PartFile, read_checked
-from tma_ray.results.merging import (
-    LEAN,
-    WHOLE,
-    Contents,
-    Copy,
-    Shard,
-    add_shard,
-    compact,
-    copy_merged,
-    start_from,
-)
-from tma_ray.results.parquet import PUBLISHED_FILE, read_published, skip_pandas, write_published
+from tma_ray.results.parquet import PUBLISHED_FILE, read_published, write_published
 from tma_ray.results.reader import Results
 from tma_ray.results.records import (
     BOX2D,
@@ -99,8 +99,8 @@ __all__ = [
     "AttemptOutcome",
     "AttemptRecord",
     "Committer",
-    "Contents",
     "Copy",
+    "CopyOptions",
     "Damage",
     "DamagedFileError",
     "DamagedFileWarning",
@@ -151,7 +151,6 @@ __all__ = [
     "read_plugin",
     "read_published",
     "retry",
-    "skip_pandas",
     "spec_digest",
     "staged_policy",
     "start_from",

@@ -11,7 +11,7 @@ from typing import Any, Final, Self
 
 import pyarrow as pa
 
-import tma_ray.results.layout as at
+import tma_ray.results.layout as layout  # noqa: PLR0402 - this module is imported by the package
 from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile
 from tma_ray.results.parquet import decode, encode
 from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
@@ -67,12 +67,12 @@ WITHDRAWN: Final = b"null"  # content of the file that holds the record of an at
 def write_progress(store: Store, record: AttemptRecord) -> None:
     """Keep the record of an attempt under way, as if it were lost now, next to its parts."""
     content = {**asdict(record), "started_at": record.started_at.isoformat()}
-    store.write_bytes(at.progress_path(record.run_id, record.attempt), json.dumps(content).encode())
+    store.write_bytes(layout.progress_path(record.run_id, record.attempt), json.dumps(content).encode())
 
 
 def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | None:
     """Return the last record that an attempt has kept, None if there is none that can be read."""
-    path = at.progress_path(run_id, attempt)
+    path = layout.progress_path(run_id, attempt)
     try:
         record = store.read_json(path, AttemptRecord)
     except (FileNotFoundError, DamagedFileError):
@@ -95,7 +95,7 @@ class Committer:
     """
 
     def __init__(self, store: Store) -> None:
-        at.create_root(store)
+        layout.create_root(store)
         self.store = store
 
     @classmethod
@@ -127,7 +127,7 @@ class Committer:
         if published is not None:
             attempt = published.attempt + 1
         else:  # over that of every attempt with a trace: no two may ever write to the same files
-            folders = [f"{place}/{run.run_id}" for place in (at.STAGING, at.CHECKPOINTS, at.LOGS)]
+            folders = [f"{place}/{run.run_id}" for place in (layout.STAGING, layout.CHECKPOINTS, layout.LOGS)]
             names = (path.removeprefix(f"{each}/") for each in folders for path in self.store.files(each))
             attempt = 1 + max((int(n) for name in names for n in ATTEMPT.findall(name)), default=-1)
         accepted_manifest(self.store, run.run_id, attempt)
@@ -139,7 +139,7 @@ class Committer:
 
     def withdraw(self, run_id: str, attempt: int) -> None:
         """Take an attempt back that never began: it gets no row, and its number is not given again."""
-        self.store.write_bytes(at.progress_path(run_id, attempt), WITHDRAWN)
+        self.store.write_bytes(layout.progress_path(run_id, attempt), WITHDRAWN)
 
     def done(self, run_ids: Iterable[str]) -> set[str]:
         """Return those of some runs that are done and whole.
@@ -186,7 +186,7 @@ class Committer:
         """
         if sorted(file.table for file in final) != sorted(DATA_TABLES):
             raise ValueError(f"a run ends with one file for each of {', '.join(DATA_TABLES)}; got {final}")
-        moved = tuple(replace(file, path=at.table_path(file.table, run.run_id)) for file in final)
+        moved = tuple(replace(file, path=layout.table_path(file.table, run.run_id)) for file in final)
         done = Manifest(run, RunStatus.DONE, attempt, moved)
         published = _readable(self.store, run.run_id)
         if published != done:
@@ -197,11 +197,11 @@ class Committer:
                     self.store.move(source.path, destination.path)
                 else:
                     destination.read(self.store)  # moved before a kill
-            for path in self.store.files(at.staged_policy(run.run_id, attempt)):
-                self.store.move(path, f"{at.policy_folder(run.run_id)}/{PurePosixPath(path).name}")
+            for path in self.store.files(layout.staged_policy(run.run_id, attempt)):
+                self.store.move(path, f"{layout.policy_folder(run.run_id)}/{PurePosixPath(path).name}")
             self._replace(published, done)
         self._record_done(run.run_id, attempt)
-        self.store.delete(at.staging_folder(run.run_id))
+        self.store.delete(layout.staging_folder(run.run_id))
 
     def fail(self, run: RunRecord, attempt: int, error: str) -> None:
         """Mark a run as failed; what it has published stays, and a later attempt may continue it.
@@ -230,23 +230,25 @@ class Committer:
     def sweep(self) -> None:
         """Remove what kills and stale attempts left: half-made files; all but the results of runs done."""
         self.store.clear_temporaries(TEMPORARY_SECONDS)
-        for place in (at.STAGING, at.CHECKPOINTS):
+        for place in (layout.STAGING, layout.CHECKPOINTS):
             for run_id in sorted({PurePosixPath(path).parts[1] for path in self.store.files(place)}):
                 published = _readable(self.store, run_id)
                 if published is not None and published.status is RunStatus.DONE:
                     self._record_done(run_id, published.attempt)
-                    self.store.delete(f"{place}/{at.check_id(run_id)}")
+                    self.store.delete(f"{place}/{layout.check_id(run_id)}")
 
     def _record_lost(self, run_id: str, attempt: int) -> None:
         """Write the row of an attempt that has none, since its driver died with it."""
-        path = at.progress_path(run_id, attempt)
+        path = layout.progress_path(run_id, attempt)
         if self._has_row(run_id, attempt):
             return
         if self.store.exists(path) and self.store.read_bytes(path) == WITHDRAWN:
             return
         record = read_progress(self.store, run_id, attempt)
         if record is None:  # it published nothing but its number, when it was started
-            written_at, _ = self.store.stamps(at.MANIFESTS).get(at.manifest_path(run_id), (None, None))
+            written_at, _ = self.store.stamps(layout.MANIFESTS).get(
+                layout.manifest_path(run_id), (None, None)
+            )
             started_at = datetime.fromtimestamp(written_at / 1e9, UTC) if written_at else datetime.now(UTC)
             record = AttemptRecord(run_id, attempt, started_at, 0.0, 0.0, "", "{}", AttemptOutcome.LOST)
         self.record_attempt(record)
@@ -258,21 +260,21 @@ class Committer:
             self.record_attempt(replace(kept, outcome=AttemptOutcome.DONE))
 
     def _has_row(self, run_id: str, attempt: int) -> bool:
-        path = at.table_path(Table.ATTEMPTS, run_id)
+        path = layout.table_path(Table.ATTEMPTS, run_id)
         return any(row["attempt"] == attempt for row in self._rows_before(Table.ATTEMPTS, path))
 
     def _replace(self, published: Manifest | None, new: Manifest) -> None:
         """Write the run's row, then its manifest, so that a manifest never stands without its row."""
         if published is None or published.row() != new.row():
             row = to_arrow(Table.RUNS, SCHEMAS[Table.RUNS], [new.row()])
-            self.store.write_bytes(at.table_path(Table.RUNS, new.run.run_id), encode(Table.RUNS, row))
+            self.store.write_bytes(layout.table_path(Table.RUNS, new.run.run_id), encode(Table.RUNS, row))
         if published != new:
-            self.store.write_bytes(at.manifest_path(new.run.run_id), new.to_bytes())
+            self.store.write_bytes(layout.manifest_path(new.run.run_id), new.to_bytes())
 
     def _merge(
         self, table: Table, name: str, rows: Sequence[Mapping[str, Any]], key: tuple[str, ...]
     ) -> None:
-        path = at.table_path(table, name)
+        path = layout.table_path(table, name)
         before = self._rows_before(table, path)
         to_arrow(table, SCHEMAS[table], rows)  # refuses wrong columns before they are merged
         merged = {tuple(row[column] for column in key): row for row in [*before, *rows]}
@@ -310,7 +312,7 @@ class RunWriter:
     """
 
     def __init__(self, store: Store, run_id: str, attempt: int, committed: Sequence[PartFile] = ()) -> None:
-        own = at.staging_folder(run_id) + "/"
+        own = layout.staging_folder(run_id) + "/"
         foreign = [part.path for part in committed if not part.path.startswith(own)]
         if foreign:
             raise ValueError(
@@ -320,7 +322,7 @@ class RunWriter:
         self.run_id = run_id
         self.attempt = attempt
         self._parts = tuple(committed)
-        self._next = 1 + max((at.part_number(part.path) for part in committed), default=-1)
+        self._next = 1 + max((layout.part_number(part.path) for part in committed), default=-1)
         self._buffer: dict[Table, list[pa.Table]] = {table: [] for table in DATA_TABLES}
 
     def add(self, table: Table, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -345,7 +347,7 @@ class RunWriter:
             rows = pa.concat_tables(buffered) if buffered else None
             if rows is None or not len(rows):
                 continue
-            path = at.part_path(self.run_id, self.attempt, self._next, table)
+            path = layout.part_path(self.run_id, self.attempt, self._next, table)
             written.append(self._write(path, table, _with_run_id(self.run_id, rows)))
         if written:
             self._parts += tuple(written)
@@ -368,7 +370,7 @@ class RunWriter:
             parts = [decode(table, part.read(self.store)) for part in self._parts if part.table is table]
             last = [_with_run_id(self.run_id, rows) for rows in buffered]
             parts += [completed(schema, schema.names, rows) for rows in last]
-            path = at.final_path(self.run_id, self.attempt, table)
+            path = layout.final_path(self.run_id, self.attempt, table)
             files.append(self._write(path, table, pa.concat_tables([schema.empty_table(), *parts])))
         return tuple(files)
 

@@ -2,11 +2,9 @@
 
 import io
 import itertools
-import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
-from types import SimpleNamespace
 from typing import Any, Final, TypeAlias
 
 import pyarrow as pa
@@ -354,27 +352,6 @@ def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
             yield from _leaves(f"{path}.{field.name}", field.type)
     else:
         yield path, kind
-
-
-def skip_pandas() -> None:
-    """Let pyarrow convert lists without pandas in this process, unless pandas is imported already.
-
-    What asks for a data frame still gets one: pyarrow then imports pandas after all. Call it before other
-    threads import anything.
-    """
-    if "pandas" in sys.modules:
-        return
-
-    def find_spec(name: str, *_: Any) -> None:
-        if name == "pandas":
-            raise ModuleNotFoundError("pandas is left out", name=name)
-
-    refusal: Any = SimpleNamespace(find_spec=find_spec)
-    sys.meta_path.insert(0, refusal)
-    try:
-        pa.array([0])  # looks for pandas once in a process
-    finally:
-        sys.meta_path.remove(refusal)
 
 
 PUBLISHED_FILE: Final = "published.parquet"

@@ -11,7 +11,7 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.compute as pc
 
-import tma_ray.results.layout as at
+import tma_ray.results.layout as layout  # noqa: PLR0402 - this module is imported by the package
 from tma_ray.results.inputs import damaged_inputs
 from tma_ray.results.manifest import (
     UNREADABLE,
@@ -29,11 +29,11 @@ from tma_ray.results.storage import StorageError, Store
 from tma_ray.support.decoding import DamagedFileError, decode_json
 
 TRACES: Final = (
-    *(f"{at.TABLES}/{table}" for table in DATA_TABLES),
-    at.POLICIES,
-    at.LOGS,
-    at.CHECKPOINTS,
-    at.STAGING,
+    *(f"{layout.TABLES}/{table}" for table in DATA_TABLES),
+    layout.POLICIES,
+    layout.LOGS,
+    layout.CHECKPOINTS,
+    layout.STAGING,
 )
 """Folders in which something is called like a run only after the run got its manifest."""
 
@@ -157,15 +157,15 @@ def lost_manifests(
         found |= {run_id: traces[run_id] for run_id in unclear & ids}
     problem = "it is missing, although the run has been started: {} is there"
     return {
-        at.manifest_path(run_id): DamagedFileError(problem.format(found[run_id]))
-        for run_id in sorted(filter(at.is_id, found))
-        if not store.holds(at.manifest_path(run_id))  # it may have started meanwhile
+        layout.manifest_path(run_id): DamagedFileError(problem.format(found[run_id]))
+        for run_id in sorted(filter(layout.is_id, found))
+        if not store.holds(layout.manifest_path(run_id))  # it may have started meanwhile
     }
 
 
 def _unknown_files(store: Store, table: Table, run_ids: Collection[str]) -> Iterator[str]:
     """Yield the files of a table about runs that are not called like one of these runs."""
-    folder = f"{at.TABLES}/{table}"
+    folder = f"{layout.TABLES}/{table}"
     names = sorted(_names(store, folder))
     yield from (f"{folder}/{name}" for name in names if name.removesuffix(".parquet") not in run_ids)
 
@@ -216,13 +216,13 @@ def verify_root(store: Store) -> RootVerification:
     Raises:
         ResultsRootError: the root does not exist, or is one of another version.
     """
-    at.check_root(store)
+    layout.check_root(store)
     damage: list[Damage] = []
 
     def report(path: str, error: Exception) -> None:
         damage.append(Damage(path, damage_reason(error, store.where(path))))
 
-    manifests, paths = [], store.files(at.MANIFESTS)
+    manifests, paths = [], store.files(layout.MANIFESTS)
     for path in paths:
         try:
             manifests.append(load_manifest(store, path))
@@ -245,9 +245,9 @@ def verify_root(store: Store) -> RootVerification:
     damage += (Damage(*found) for found in damaged_inputs(store, [manifest.run for manifest in manifests]))
     listed = {(file.path, file.sha256) for manifest in manifests for file in manifest.files}
     known = {manifest.run.run_id for manifest in manifests}
-    rows = [path for table in DATA_TABLES for path in store.files(f"{at.TABLES}/{table}")]
+    rows = [path for table in DATA_TABLES for path in store.files(f"{layout.TABLES}/{table}")]
     unlisted = [path for path in rows if path not in {path for path, _ in listed}]
-    unlisted += [path for path in store.files(at.POLICIES) if PurePosixPath(path).parts[1] not in known]
+    unlisted += [path for path in store.files(layout.POLICIES) if PurePosixPath(path).parts[1] not in known]
     files = tuple(sorted(listed))
     return RootVerification(len(manifests), files, tuple(dict.fromkeys(damage)), tuple(unlisted))
 
@@ -287,7 +287,7 @@ def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damag
 
 def _tables_about_runs(store: Store) -> Iterator[Damage]:
     for table in (table for table in Table if table not in DATA_TABLES):
-        for path in store.files(f"{at.TABLES}/{table}"):
+        for path in store.files(f"{layout.TABLES}/{table}"):
             try:
                 decode(table, store.read_bytes(path))
             except UNREADABLE as error:
@@ -296,9 +296,9 @@ def _tables_about_runs(store: Store) -> Iterator[Damage]:
 
 def _foreign_policies(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
     """Yield policies whose spec is not that of their run."""
-    saved = set(store.files(at.POLICIES))
+    saved = set(store.files(layout.POLICIES))
     for manifest in manifests:
-        path = f"{at.policy_folder(manifest.run.run_id)}/{SPEC_FILE}"
+        path = f"{layout.policy_folder(manifest.run.run_id)}/{SPEC_FILE}"
         if path not in saved:
             continue
         try:

@@ -36,7 +36,7 @@ from tma_ray.runs.placement import Placement, Status, fingerprint, gpu
 from tma_ray.runs.run import Run
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher, TeacherLink
-from tma_ray.students.players import LearnerLostError, ask_learner
+from tma_ray.students.rollout_workers import LearnerLostError, ask_learner
 from tma_ray.support.validation import check_type
 
 RECENT_EPISODES = 100  # number of training episodes over which the episodic return of a status is averaged

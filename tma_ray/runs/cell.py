@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
-from tma_ray.components.settings import differing, identifying, json_value, parameters_of, parse_settings
+from tma_ray.components.settings import config_dict, json_value, non_defaults, parameters_of, parse_settings
 from tma_ray.envs import ENVIRONMENTS, make_environment, mastery_return
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.runs.inputs import algorithm_versions_of, captured, named, plugins_of
@@ -53,7 +53,7 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
         if option in _ELSEWHERE:
             raise ValueError(f"environment {base!r}: {option} cannot be set here; use {_ELSEWHERE[option]}")
     try:
-        chosen = differing(environment, parse_settings(environment, text, options, "option"))
+        chosen = non_defaults(environment, parse_settings(environment, text, options, "option"))
         values = {option: json_value(option, value, "option") for option, value in chosen.items()}
     except ValueError as error:
         raise ValueError(f"environment {base!r}: {error}") from error
@@ -220,7 +220,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         )
     resets = tuple(round(share * schedule.steps) for share in world.pop("resets"))
     options, inputs = captured("environment", options | (body and {"embodiment": canonical_body}))
-    student_values, student_inputs = captured("student", identifying(student))
+    student_values, student_inputs = captured("student", config_dict(student))
     teacher_values, teacher_inputs = captured("teacher", hyperparameters_of(teacher))
     return RunSpec(
         environment=named("environment", environment),

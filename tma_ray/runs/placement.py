@@ -112,7 +112,7 @@ def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = 
     Args:
         threads: torch's threads of the run.
         device: torch's name of the device of a student that learns alone.
-        hardware: result of `gpu` for that device, or of `tma_ray.students.players.ask_learner` for a cohort.
+        hardware: result of `gpu` for that device, or of `ask_learner` for a cohort.
     """
     described = dict(hardware or {})
     if "vector_extensions" not in described:  # a learner names its own: its players do without torch

@@ -15,7 +15,7 @@ from tma_ray.runs.inputs import arguments, import_plugins
 from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec, Streams, placement_generator, task_space_shuffle
 from tma_ray.runs.teaching import Reply, TeacherLink
-from tma_ray.students import Student, Transition, make_player, make_student
+from tma_ray.students import Student, Transition, make_rollout_worker, make_student
 from tma_ray.support.component_names import base_name
 from tma_ray.tasks import (
     Answer,
@@ -91,7 +91,7 @@ class Run:
         self.student: Student = (
             make_student(*parts, placement.device, placement.threads)
             if placement.learner is None
-            else make_player(*parts, placement.learner)
+            else make_rollout_worker(*parts, placement.learner)
         )
         self._landscape = task_space_shuffle(spec, placement_generator(spec))
         self._evaluation = Evaluation(spec)

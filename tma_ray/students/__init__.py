@@ -19,8 +19,8 @@ if TYPE_CHECKING:
         policy_layers,
     )
     from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
-    from tma_ray.students.players import Learner, make_player
     from tma_ray.students.policy_files import PolicyFileError, StoredPolicy, read_policy, write_policy
+    from tma_ray.students.rollout_workers import Learner, make_rollout_worker
 
 __all__ = [
     "STUDENTS",
@@ -36,7 +36,7 @@ __all__ = [
     "check_hyperparameters",
     "default_hyperparameters",
     "load_policy",
-    "make_player",
+    "make_rollout_worker",
     "make_student",
     "policy_layers",
     "read_policy",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tma_ray.components.registry import Registry, UnknownNameError
-from tma_ray.components.settings import differing, identifying, parse_settings, plain
+from tma_ray.components.settings import config_dict, non_defaults, parse_settings, to_json
 from tma_ray.students.base import Policy, Student
 from tma_ray.students.hyperparameters import ALGORITHMS, PACKAGES, PPOHyperparameters, SACHyperparameters
 from tma_ray.support.component_names import base_name, join_name, split_name
@@ -114,7 +114,7 @@ def make_student(
 def default_hyperparameters(name: str) -> dict[str, Any]:
     """Return all hyper-parameters of the student called `name` at their defaults, fit for JSON."""
     values = check_hyperparameters(name)
-    return {field.name: plain(getattr(values, field.name)) for field in dataclasses.fields(values)}
+    return {field.name: to_json(getattr(values, field.name)) for field in dataclasses.fields(values)}
 
 
 def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> Any:
@@ -142,7 +142,7 @@ def canonical_student(name: str, given: Mapping[str, Any] | None = None) -> str:
     Equal students have equal names: see `tma_ray.support.component_names`. Raises as `check_hyperparameters`.
     """
     hyperparameters = check_hyperparameters(name, given)
-    return join_name(base_name(name), differing(type(hyperparameters), identifying(hyperparameters)))
+    return join_name(base_name(name), non_defaults(type(hyperparameters), config_dict(hyperparameters)))
 
 
 def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:

@@ -37,7 +37,7 @@ class PPOHyperparameters:
     Attributes:
         algorithm_version: algorithm version of the student; here, so that it is known without torch.
         absent_at_default: hyper-parameters that came after the first runs, whose identity they leave as it
-            was: see `tma_ray.components.settings.identifying`.
+            was: see `tma_ray.components.settings.config_dict`.
         presets: hyper-parameters that belong together, by the name that ``preset=`` chooses them with.
         hidden_units: units per hidden layer of the trunk that policy and value share, or of each one's.
         activation: function after each hidden layer; ReLU as the paper says (the original release: tanh).

@@ -29,8 +29,8 @@ from tma_ray.students.layers import (
 from tma_ray.students.mlp.layout import Activation
 from tma_ray.students.mlp.network import MODULES, FlatAdam, FlatParameters, as_batch, as_modules, blocks_of
 from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, scaled
-from tma_ray.students.players.ppo import PPOActing, Rollout
 from tma_ray.students.policy_files import StoredPolicy, read_policy, write_policy
+from tma_ray.students.rollout_workers.ppo import PPOActing, Rollout
 from tma_ray.students.sb3.base import StableBaselinesStudent
 
 

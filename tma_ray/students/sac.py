@@ -26,9 +26,9 @@ from tma_ray.students.layers import (
     unscale,
 )
 from tma_ray.students.mlp.network import FlatAdam, FlatParameters, as_batch, as_modules, blocks_of
-from tma_ray.students.players.sac import LOG_STD_RANGE, SQUASH_EPSILON, SACActing, between
 from tma_ray.students.policy_files import read_policy, write_policy
 from tma_ray.students.replay import ReplayBuffer
+from tma_ray.students.rollout_workers.sac import LOG_STD_RANGE, SQUASH_EPSILON, SACActing, between
 from tma_ray.students.sb3.base import StableBaselinesStudent
 
 _HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)

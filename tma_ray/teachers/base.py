@@ -60,7 +60,7 @@ class Teacher(ABC):
             rising order. It needs at least the first; at a level that is not listed it behaves as at
             the next lower one that is, so that such runs are shared instead of repeated.
         absent_at_default: hyper-parameters that came after the first runs, whose identity they leave as it
-            was: see `tma_ray.components.settings.identifying`.
+            was: see `tma_ray.components.settings.config_dict`.
         presets: hyper-parameters that belong together, by the name that ``preset=`` chooses them with.
         wants_trajectory: True if it may ask for trajectories; for others the run does not record them.
         wants_evaluations: True if it may propose episodes from which the student does not learn, or ask for

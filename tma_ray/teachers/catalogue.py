@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from tma_ray.components.registry import Registry
-from tma_ray.components.settings import differing, identifying, parse_settings
+from tma_ray.components.settings import config_dict, non_defaults, parse_settings
 from tma_ray.support.component_names import base_name, join_name, split_name
 from tma_ray.tasks import KnowledgeLevel, TaskSpace
 from tma_ray.teachers.base import Teacher
@@ -74,12 +74,12 @@ def canonical_teacher(name: str, hyperparameters: Mapping[str, Any] | None = Non
     `make_teacher`.
     """
     teacher = make_teacher(name, hyperparameters)
-    return join_name(base_name(name), differing(type(teacher), hyperparameters_of(teacher)))
+    return join_name(base_name(name), non_defaults(type(teacher), hyperparameters_of(teacher)))
 
 
 def hyperparameters_of(teacher: Teacher) -> dict[str, Any]:
     """Return the hyper-parameters of `teacher` by name, defaults included, as values that JSON has."""
-    return identifying(teacher)
+    return config_dict(teacher)
 
 
 def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:

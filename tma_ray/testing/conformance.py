@@ -16,11 +16,11 @@ import numpy as np
 
 from tma_ray.tasks import KnowledgeLevel, TeacherUpdate
 from tma_ray.teachers import Teacher, effective_level, hyperparameters_of, make_teacher
-from tma_ray.testing.trials import (
+from tma_ray.testing.scenarios import (
     SCENARIOS,
     Saved,
     Scenario,
-    TrialStudent,
+    ScriptedStudent,
     check_tasks,
     check_update,
     continued,
@@ -86,12 +86,12 @@ class TeacherConformance:
         return claimed
 
     def pytest_generate_tests(self, metafunc: Any) -> None:
-        """Tell pytest to run the methods that take a scenario, or a pupil, for each of them."""
+        """Tell pytest to run the methods that take a scenario, or a student, for each of them."""
         if "scenario" in metafunc.fixturenames:
             claimed = self.claimed_scenarios() if hasattr(self, "teacher") else self.scenarios
             metafunc.parametrize("scenario", claimed, ids=[one.name for one in claimed])
-        if "pupil" in metafunc.fixturenames:
-            metafunc.parametrize("pupil", [TrialStudent.HOPELESS, TrialStudent.PERFECT])
+        if "student" in metafunc.fixturenames:
+            metafunc.parametrize("student", [ScriptedStudent.HOPELESS, ScriptedStudent.PERFECT])
 
     def test_hyperparameters_are_fields_with_defaults(self) -> None:
         """Hyper-parameters can be left out, listed, and stored as JSON."""
@@ -158,11 +158,11 @@ class TeacherConformance:
         """Tasks are float32, of the space's size, and within its bounds."""
         check_tasks(self._record(scenario).tasks, scenario.space, self._name)
 
-    def test_tasks_stay_inside_whatever_the_student_does(self, pupil: TrialStudent) -> None:
+    def test_tasks_stay_inside_whatever_the_student_does(self, student: ScriptedStudent) -> None:
         """Check that tasks stay inside the space when nothing or everything is mastered."""
         scenario = self.claimed_scenarios()[-1]
         teacher = self._started(scenario)
-        check_tasks(play(teacher, scenario, 0, self.episodes, pupil), scenario.space, self._name)
+        check_tasks(play(teacher, scenario, 0, self.episodes, student), scenario.space, self._name)
         for update in teacher.drain_updates():
             check_update(update, scenario.space, self._name)
 

@@ -1,4 +1,4 @@
-"""Stacks are updated as on a GPU, all slots at once; the slow tier updates them one by one, too."""
+"""LearnerPool are updated as on a GPU, all slots at once; the slow tier updates them one by one, too."""
 
 import pytest
 

@@ -19,14 +19,15 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeL
 
 from tma_ray.campaign.cluster.base import use_shipped
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
-from tma_ray.results import LearnerProgress, PartFile, Store, skip_pandas
+from tma_ray.results import LearnerProgress, PartFile, Store
 from tma_ray.runs.attempt import Attempt, Report
 from tma_ray.runs.inputs import contents, provide
 from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher
 from tma_ray.students import Learner
-from tma_ray.students.players import CohortSettings
+from tma_ray.students.rollout_workers import CohortSettings
+from tma_ray.support.import_hacks import skip_pandas
 
 NODE_LABEL = "ray.io/node-id"  # label that Ray gives every node
 

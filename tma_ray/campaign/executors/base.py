@@ -8,7 +8,7 @@ from typing import Protocol
 from tma_ray.results import AttemptOutcome, LearnerProgress, PartFile, StorageError
 from tma_ray.runs.attempt import Report
 from tma_ray.runs.spec import RunSpec
-from tma_ray.students.players import CohortFullError, LearnerLostError
+from tma_ray.students.rollout_workers import CohortFullError, LearnerLostError
 
 LOSSES = StorageError, LearnerLostError, CohortFullError
 """Errors of a run by which its attempt counts as lost: another one may succeed."""

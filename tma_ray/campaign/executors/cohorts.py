@@ -21,7 +21,7 @@ from tma_ray.runs.inputs import arguments, import_plugins
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Learner
 from tma_ray.students.base import checked_spaces
-from tma_ray.students.players import COHORT_STUDENTS, CohortSettings
+from tma_ray.students.rollout_workers import COHORT_STUDENTS, CohortSettings
 from tma_ray.support.component_names import base_name
 
 

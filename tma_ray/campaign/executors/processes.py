@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from tma_ray.campaign.executors.base import LOSSES, Ending
-from tma_ray.results import AttemptOutcome, LearnerProgress, PartFile, Store, skip_pandas
+from tma_ray.results import AttemptOutcome, LearnerProgress, PartFile, Store
 from tma_ray.runs.attempt import Attempt, Report
 from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Learner
-from tma_ray.students.players import CohortSettings
+from tma_ray.students.rollout_workers import CohortSettings
+from tma_ray.support.import_hacks import skip_pandas
 
 REPORT_SECONDS = 2.0  # shortest time between two reports of an attempt without a new checkpoint, s
 

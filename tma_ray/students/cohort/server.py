@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import torch
 
-from tma_ray.students.cohort.seats import Seat, Stacks
-from tma_ray.students.players import CohortFullError, JoinRequest, Learner, PlayerState
-from tma_ray.students.players.link import CohortSettings, SharedBuffer
+from tma_ray.students.cohort.slots import LearnerPool, RunSlot
+from tma_ray.students.rollout_workers import CohortFullError, JoinRequest, Learner, WorkerState
+from tma_ray.students.rollout_workers.link import CohortSettings, SharedBuffer
 
 
 def recorded() -> torch.cuda.Event:
@@ -68,9 +68,9 @@ class LearnerServer:
 
     def __init__(self, learner: Learner, settings: CohortSettings) -> None:
         torch.set_num_threads(settings.threads)
-        self._stacks = Stacks(settings)
+        self._stacks = LearnerPool(settings)
         self._work: deque[torch.cuda.Event] = deque()
-        self._seats: dict[Connection, Seat] = {}
+        self._seats: dict[Connection, RunSlot] = {}
         self._mailboxes: dict[Connection, SharedBuffer] = {}
         self._learning: dict[tuple[int, int], Connection] = {}
         self._deliveries: list[Delivery] = []
@@ -239,7 +239,7 @@ class LearnerServer:
         self._learning[id(seat.stack), seat.slot] = connection
         return _LATER
 
-    def _save_for(self, connection: Connection, folder: Path, state: PlayerState, incremental: bool) -> Any:
+    def _save_for(self, connection: Connection, folder: Path, state: WorkerState, incremental: bool) -> Any:
         write = self._seats[connection].save(folder, state, incremental)
         return self._aside(connection, write, lambda unchanged: unchanged)
 

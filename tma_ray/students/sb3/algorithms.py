@@ -27,14 +27,14 @@ from torch import nn
 from torch.nn.modules.module import register_module_parameter_registration_hook
 
 from tma_ray.components.registry import UnknownNameError
-from tma_ray.components.settings import identifying, parse_settings
+from tma_ray.components.settings import config_dict, parse_settings
 from tma_ray.students.base import Actions, Observations, Policy, Student, Transition
 from tma_ray.students.hyperparameters import ALGORITHMS, PACKAGES, MatmulPrecision
 from tma_ray.students.layers import acting_layers
 from tma_ray.students.mlp.network import as_batch
-from tma_ray.students.players.ppo import Rollout
 from tma_ray.students.policy_files import read_policy, write_policy
 from tma_ray.students.replay import ReplayBuffer
+from tma_ray.students.rollout_workers.ppo import Rollout
 from tma_ray.students.sb3.base import StableBaselinesStudent, single_precision
 
 NOT_OURS = frozenset(
@@ -230,7 +230,7 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
     def save_policy(self, folder: Path) -> None:
         """Write the tensors that acting needs, by stable-baselines3's names, and all hyper-parameters."""
         tensors = {name: tensor.numpy(force=True) for name, tensor in acting_tensors(self.model).items()}
-        values = identifying(self.hyperparameters)
+        values = config_dict(self.hyperparameters)
         spaces = self.observation_space, self.action_space
         write_policy(folder, self.algorithm.__name__, *spaces, tensors, values)
 

@@ -13,10 +13,10 @@ from gymnasium import Space
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 
-from tma_ray.components.settings import identifying
+from tma_ray.components.settings import config_dict
 from tma_ray.students.base import checked_spaces
-from tma_ray.students.players.base import ActingStudent
-from tma_ray.support.optimisers import skip_dynamo
+from tma_ray.students.rollout_workers.base import ActingStudent
+from tma_ray.support.import_hacks import skip_dynamo
 
 
 @contextmanager
@@ -135,7 +135,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
         counters, unchanged = self._save_experience(folder, incremental)
         state = {
-            "hyperparameters": identifying(self.hyperparameters),
+            "hyperparameters": config_dict(self.hyperparameters),
             "generators": [generator.bit_generator.state for generator in self._generators],
             "updates": self.model._n_updates,
             "counters": counters,
@@ -153,7 +153,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
 
     def load(self, folder: Path) -> None:  # noqa: D102
         state = json.loads((folder / "student.json").read_text())
-        saved, ours = state["hyperparameters"], identifying(self.hyperparameters)
+        saved, ours = state["hyperparameters"], config_dict(self.hyperparameters)
         if saved != ours:
             differing = [key for key in {**saved, **ours} if saved.get(key, "none") != ours.get(key, "none")]
             raise ValueError(

@@ -15,12 +15,12 @@ import torch
 from students_support import SMALL, Drift, actions_of, small_student, train, train_episodes
 from suite.processes import python
 
-from tma_ray.students import Learner, make_player
+from tma_ray.students import Learner, make_rollout_worker
 from tma_ray.students.cohort.server import LearnerServer
-from tma_ray.students.players import CohortSettings, LearnerError, LearnerLostError, ask_learner
-from tma_ray.students.players.base import Player
-from tma_ray.students.players.link import SharedBuffer, room_for
 from tma_ray.students.ppo import PPO
+from tma_ray.students.rollout_workers import CohortSettings, LearnerError, LearnerLostError, ask_learner
+from tma_ray.students.rollout_workers.base import RolloutWorker
+from tma_ray.students.rollout_workers.link import SharedBuffer, room_for
 
 
 @contextmanager
@@ -44,10 +44,10 @@ def learner(tmp_path: Path) -> Iterator[Learner]:
         yield learner
 
 
-def player_of(learner: Learner, name: str, seed: int = 0, **hyperparameters) -> Player:
+def player_of(learner: Learner, name: str, seed: int = 0, **hyperparameters) -> RolloutWorker:
     env, values = Drift(), {**SMALL[name], **hyperparameters}
     spaces = env.observation_space, env.action_space
-    return make_player(name, *spaces, np.random.SeedSequence(seed), values, learner)
+    return make_rollout_worker(name, *spaces, np.random.SeedSequence(seed), values, learner)
 
 
 def weights(student, folder: Path) -> dict[str, np.ndarray]:
@@ -181,7 +181,9 @@ def test_without_a_learner(tmp_path):
 def test_students_without_a_stacked_learner_are_refused(learner):
     env = Drift()
     with pytest.raises(ValueError, match="'TQC' cannot learn in a cohort: ppo, sac can"):
-        make_player("TQC", env.observation_space, env.action_space, np.random.SeedSequence(0), {}, learner)
+        make_rollout_worker(
+            "TQC", env.observation_space, env.action_space, np.random.SeedSequence(0), {}, learner
+        )
 
 
 def test_the_hardware_of_a_cohort_is_known(learner):
@@ -205,7 +207,7 @@ def test_shared_memory_changes_no_bit(tmp_path, monkeypatch, name):
     played = []
     for shared in (True, False):
         with monkeypatch.context() as patch, serving(tmp_path / str(shared)) as (learner, server):
-            patch.setattr("tma_ray.students.players.link.can_share", lambda shared=shared: shared)
+            patch.setattr("tma_ray.students.rollout_workers.link.can_share", lambda shared=shared: shared)
             player = player_of(learner, name)
             played.append(actions_of(train(player, Drift(seed=5), 160)))
             assert len(server._mailboxes) == shared

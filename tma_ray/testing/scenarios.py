@@ -81,11 +81,11 @@ VALUE_SHARE = 0.05  # discounted return and value of a state as a share of the e
 
 
 UNSTEADINESS = 60.0
-"""What the improving pupil returns more in every second episode and less in the others, so that some tasks
+"""What the improving student returns more in every second episode and less in the others, so that some tasks
 are mastered now and then."""
 
 
-class TrialStudent(StrEnum):
+class ScriptedStudent(StrEnum):
     """Source of a play's returns: a formula of task and episode, so that it can be resumed."""
 
     IMPROVING = "improving"
@@ -130,17 +130,17 @@ class Scenario:
         new.start(self.space, knowledge, np.random.default_rng(seed))
         return new
 
-    def episode(self, task: Task, index: int, pupil: TrialStudent) -> Episode:
-        """Return the pupil's episode number `index`, counted from 0, on `task`."""
+    def episode(self, task: Task, index: int, student: ScriptedStudent) -> Episode:
+        """Return the student's episode number `index`, counted from 0, on `task`."""
         free = self.space.width > 0
-        easy = self.space.clip(np.nan_to_num(task))  # the kit reports it; a pupil can play anything
+        easy = self.space.clip(np.nan_to_num(task))  # the kit reports it; a student can play anything
         mean = float(self.space.normalise(self.landscape.to_world(easy))[free].mean())
         # About uniform in [0, 1] for uniform tasks, in any number of dimensions.
         difficulty = 1 / (1 + float(np.exp(-1.7 * np.sqrt(12 * free.sum()) * (mean - 0.5))))
         observation = np.array([difficulty, 0.2 + index / 1000], dtype=np.float32)
         luck = UNSTEADINESS if index % 2 else -UNSTEADINESS
-        fixed = {TrialStudent.HOPELESS: -100.0, TrialStudent.PERFECT: 300.0}
-        episodic_return = fixed.get(pupil, float(_returns(observation[None])[0]) + luck)
+        fixed = {ScriptedStudent.HOPELESS: -100.0, ScriptedStudent.PERFECT: 300.0}
+        episodic_return = fixed.get(student, float(_returns(observation[None])[0]) + luck)
         return Episode(
             task=task,
             episodic_return=episodic_return,
@@ -151,9 +151,9 @@ class Scenario:
             step=STEPS * (index + 1),
         )
 
-    def outcomes(self, tasks: Task, index: int, pupil: TrialStudent) -> Outcomes:
-        """Return the pupil's outcomes on `tasks` (n, d) after its episode number `index`."""
-        episodes = [self.episode(task, index, pupil) for task in tasks]
+    def outcomes(self, tasks: Task, index: int, student: ScriptedStudent) -> Outcomes:
+        """Return the student's outcomes on `tasks` (n, d) after its episode number `index`."""
+        episodes = [self.episode(task, index, student) for task in tasks]
         episodic_returns = np.array([each.episodic_return for each in episodes])
         return Outcomes(
             episodic_returns, episodic_returns > MASTERY_RETURN, np.full(len(tasks), STEPS, dtype=np.int64)
@@ -171,7 +171,11 @@ SCENARIOS = (
 
 
 def play(
-    teacher: Teacher, scenario: Scenario, first: int, last: int, pupil: TrialStudent = TrialStudent.IMPROVING
+    teacher: Teacher,
+    scenario: Scenario,
+    first: int,
+    last: int,
+    student: ScriptedStudent = ScriptedStudent.IMPROVING,
 ) -> list[Task]:
     """Return the tasks of the episodes numbered from `first` up to but not including `last`."""
     tasks = []
@@ -181,18 +185,18 @@ def play(
 
     def evaluate(queried: Task, _greedy: bool) -> Outcomes:
         check_tasks(queried, scenario.space, "the query for an evaluation")
-        return scenario.outcomes(queried, index, pupil)
+        return scenario.outcomes(queried, index, student)
 
     for index in range(first, last):
         proposal = teacher.propose()
         tasks.append(proposal.task)
-        episode = replace(scenario.episode(proposal.task, index, pupil), trains=proposal.trains)
+        episode = replace(scenario.episode(proposal.task, index, student), trains=proposal.trains)
         report_episode(teacher, episode, values, evaluate)
     return tasks
 
 
 def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the improving pupil's expectations (n,) of observations (n, 2): difficulty and skill."""
+    """Return the improving student's expectations (n,) of observations (n, 2): difficulty and skill."""
     difficulty, skill = observations.astype(np.float64).T
     returns: NDArray[np.float64] = 300 - 400 * np.clip(difficulty - skill, 0, 1)
     return returns
@@ -208,7 +212,7 @@ class Saved:
     last: int
 
 
-START = "import sys; sys.path[:] = sys.argv[1:]; from tma_ray.testing.trials import main; main()"
+START = "import sys; sys.path[:] = sys.argv[1:]; from tma_ray.testing.scenarios import main; main()"
 """The new process looks for modules where this one does."""
 
 

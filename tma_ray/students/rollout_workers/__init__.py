@@ -1,7 +1,11 @@
 """Students whose networks learn in another process: they act and collect. They import no torch."""
 
-from tma_ray.students.players.catalogue import COHORT_STUDENTS, make_player, player_class
-from tma_ray.students.players.link import (
+from tma_ray.students.rollout_workers.catalogue import (
+    COHORT_STUDENTS,
+    make_rollout_worker,
+    worker_class,
+)
+from tma_ray.students.rollout_workers.link import (
     CohortFullError,
     CohortSettings,
     JoinRequest,
@@ -9,7 +13,7 @@ from tma_ray.students.players.link import (
     LearnerError,
     LearnerLink,
     LearnerLostError,
-    PlayerState,
+    WorkerState,
     ask_learner,
 )
 
@@ -22,8 +26,8 @@ __all__ = [
     "LearnerError",
     "LearnerLink",
     "LearnerLostError",
-    "PlayerState",
+    "WorkerState",
     "ask_learner",
-    "make_player",
-    "player_class",
+    "make_rollout_worker",
+    "worker_class",
 ]

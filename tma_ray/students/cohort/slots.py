@@ -13,13 +13,13 @@ from tma_ray.students.base import update_key
 from tma_ray.students.cohort.learner import StackedLearner
 from tma_ray.students.cohort.ppo import PPONetworks, StackedPPO
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
-from tma_ray.students.players import CohortFullError, JoinRequest, PlayerState
-from tma_ray.students.players.link import CohortSettings
 from tma_ray.students.ppo import PPO
+from tma_ray.students.rollout_workers import CohortFullError, JoinRequest, WorkerState
+from tma_ray.students.rollout_workers.link import CohortSettings
 from tma_ray.students.sac import SAC
 
 
-class Seat(ABC):
+class RunSlot(ABC):
     """A slot of a stack, with the student that owns the run's networks whenever they are not in the stack.
 
     That student makes the initial weights, writes and reads the files: a run may move out of a cohort and
@@ -65,7 +65,7 @@ class Seat(ABC):
         self._enter()
         return self.weights()
 
-    def save(self, folder: Path, state: PlayerState, incremental: bool) -> Callable[[], tuple[str, ...]]:
+    def save(self, folder: Path, state: WorkerState, incremental: bool) -> Callable[[], tuple[str, ...]]:
         """Return a function that writes the student's complete state, in any thread while the run waits."""
         self._copy_back()
         self.student.restore_experience(state.experience)
@@ -73,13 +73,13 @@ class Seat(ABC):
             generator.bit_generator.state = saved
         return lambda: self.student.save(folder, incremental)
 
-    def load_state(self) -> tuple[NDArray[np.float32], PlayerState]:
+    def load_state(self) -> tuple[NDArray[np.float32], WorkerState]:
         """Load the state that the student has read; return the weights and the player's half."""
         self._enter()
         generators = [dict(each.bit_generator.state) for each in self.student._generators]
-        return self.weights(), PlayerState(generators, self.student.experience())
+        return self.weights(), WorkerState(generators, self.student.experience())
 
-    def save_policy(self, folder: Path, state: PlayerState) -> None:
+    def save_policy(self, folder: Path, state: WorkerState) -> None:
         """Write the greedy policy."""
         self._copy_back()
         self.student.restore_experience(state.experience)
@@ -90,7 +90,7 @@ class Seat(ABC):
         return self.stack.figures(self.slot)
 
 
-class SACSeat(Seat):
+class SACSlot(RunSlot):
     """A run of SAC in a stack. The student keeps a copy of the replay, for checkpoints."""
 
     student_type = SAC
@@ -137,7 +137,7 @@ class SACSeat(Seat):
         self.student.changed(networks.number)
 
 
-class PPOSeat(Seat):
+class PPOSlot(RunSlot):
     """A run of PPO in a stack. Statistics and the rollout are the player's."""
 
     student_type = PPO
@@ -176,7 +176,7 @@ def _flat(values: NDArray[np.floating]) -> torch.Tensor:
     return torch.from_numpy(values).reshape(-1)
 
 
-class Stacks:
+class LearnerPool:
     """The stacks of a learner. Runs share one if student, sizes and hyper-parameters are equal.
 
     Attributes:
@@ -190,7 +190,7 @@ class Stacks:
         self._by_kind: dict[Any, StackedLearner] = {}
         self._free: dict[int, list[int]] = {}
 
-    def seat(self, membership: JoinRequest) -> Seat:
+    def seat(self, membership: JoinRequest) -> RunSlot:
         """Return a seat for a new player.
 
         Raises:
@@ -220,12 +220,12 @@ class Stacks:
             raise CohortFullError(f"all {settings.width} slots for {membership.student} are taken")
         slot = free.pop(0)
         try:
-            return (SACSeat if membership.student == "sac" else PPOSeat)(membership, stack, slot)
+            return (SACSlot if membership.student == "sac" else PPOSlot)(membership, stack, slot)
         except Exception:
             free.append(slot)
             raise
 
-    def leave(self, seat: Seat) -> None:
+    def leave(self, seat: RunSlot) -> None:
         """Free the slot of `seat`."""
         seat.stack.leave(seat.slot)
         self._free[id(seat.stack)].append(seat.slot)

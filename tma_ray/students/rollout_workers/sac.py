@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import LogStd, SACHyperparameters, UpdateSchedule
 from tma_ray.students.mlp.acting import FloatArray, RowArrays, apply_row
-from tma_ray.students.players.base import ActingStudent, Player
-from tma_ray.students.players.link import Weights
+from tma_ray.students.rollout_workers.base import ActingStudent, RolloutWorker
+from tma_ray.students.rollout_workers.link import Weights
 from tma_ray.support.jit import kernel
 
 LOG_STD_RANGE = -20.0, 2.0  # bounds of the log deviation
@@ -140,8 +140,8 @@ class SACActing(ActingStudent):
         self._steps, self._episode_steps = experience["steps"], 0
 
 
-class SACPlayer(SACActing, Player):
-    """Player of `tma_ray.students.sac.SAC`, which hands over its experience when updates are due."""
+class SACRolloutWorker(SACActing, RolloutWorker):
+    """RolloutWorker of `tma_ray.students.sac.SAC`, which hands over its experience when updates are due."""
 
     def _start(self) -> None:
         super()._start()

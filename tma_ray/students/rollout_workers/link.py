@@ -143,7 +143,7 @@ class JoinRequest(NamedTuple):
     seed: np.random.SeedSequence
 
 
-class PlayerState(NamedTuple):
+class WorkerState(NamedTuple):
     """The player's half of a student's state, which the learner writes together with its own.
 
     Attributes:
@@ -216,9 +216,9 @@ class LearnerLink:
 
         - ``values``, observations (n, o): state values (n,);
         - ``reset``: the weights of new networks;
-        - ``save``, folder, `PlayerState`, whether it is incremental: names of the files left out;
-        - ``load``, folder: weights and `PlayerState`;
-        - ``save_policy``, folder, `PlayerState`: None;
+        - ``save``, folder, `WorkerState`, whether it is incremental: names of the files left out;
+        - ``load``, folder: weights and `WorkerState`;
+        - ``save_policy``, folder, `WorkerState`: None;
         - ``scalars``: figures about the last update.
         """
         try:

@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 from safetensors.numpy import load as parse_tensors
 from safetensors.numpy import save as serialise_tensors
 
-import tma_ray.results.layout as at
+import tma_ray.results.layout as layout  # noqa: PLR0402 - this module is imported by the package
 from tma_ray.results.inputs import kept_files
 from tma_ray.results.lease import Lease
 from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile, write_index
@@ -32,8 +32,8 @@ SINGLE_RUNS = "single_runs"  # name of the files of runs that belong to no exper
 
 
 @dataclass(frozen=True)
-class Contents:
-    """Contents of a copy of a root.
+class CopyOptions:
+    """CopyOptions of a copy of a root.
 
     Attributes:
         tables: data tables that are copied.
@@ -53,10 +53,10 @@ class Contents:
     rounded: bool = False
 
 
-WHOLE: Final = Contents()
+WHOLE: Final = CopyOptions()
 """All that a root says of its runs."""
 
-LEAN: Final = Contents(
+LEAN: Final = CopyOptions(
     (Table.EVALUATIONS, Table.TRAINING, Table.CURRICULUM),
     unfinished=False,
     policies=False,
@@ -98,7 +98,7 @@ def pack(
     target: Store,
     name: str,
     tick: Callable[[], None],
-    contents: Contents = WHOLE,
+    options: CopyOptions = WHOLE,
 ) -> list[Manifest]:
     """Write one file per table with all rows of some runs; returns manifests that lead to them.
 
@@ -112,18 +112,18 @@ def pack(
         target: the root to write to, perhaps the same.
         name: name of the files; none of that name may exist.
         tick: called now and then, as long work needs signs of life.
-        contents: tables and files to write.
+        options: tables and files to write.
 
     Raises:
         DamagedFileError: rows cannot be read, or were not written as they are.
     """
     slices: dict[str, list[PartFile]] = {manifest.run.run_id: [] for manifest in manifests}
-    for table in contents.tables:
-        for run_id, file in _pack_table(results, manifests, target, (table, name), tick, contents):
+    for table in options.tables:
+        for run_id, file in _pack_table(results, manifests, target, (table, name), tick, options):
             slices[run_id].append(file)
     for table in (Table.RUNS, Table.ATTEMPTS):
-        rows, path = results.table(table, list(slices)), at.table_path(table, name)
-        if table is Table.ATTEMPTS and not contents.hosts:
+        rows, path = results.table(table, list(slices)), layout.table_path(table, name)
+        if table is Table.ATTEMPTS and not options.hosts:
             place = rows.schema.get_field_index("host")
             field = rows.schema.field(place)
             empty = pa.array([""] * len(rows), pa.string()).dictionary_encode().cast(field.type)
@@ -163,7 +163,7 @@ def _pack_table(
     target: Store,
     place: tuple[Table, str],
     tick: Callable[[], None],
-    contents: Contents,
+    options: CopyOptions,
 ) -> Iterator[tuple[str, PartFile]]:
     table, name = place
     counts: dict[str, int] = {}
@@ -171,11 +171,11 @@ def _pack_table(
     def parts() -> Iterator[pa.Table]:
         for manifest in manifests:
             tick()
-            rows = _rows_of(results, table, manifest.run, contents.rounded)
+            rows = _rows_of(results, table, manifest.run, options.rounded)
             counts[manifest.run.run_id] = len(rows)
             yield rows
 
-    data, path = encode_together(table, parts()), at.table_path(table, name)
+    data, path = encode_together(table, parts()), layout.table_path(table, name)
     if target.exists(path):
         raise DamagedFileError(f"{target.where(path)} is there already; nothing was merged")
     written = PartFile.write(target, path, table, sum(counts.values()), data)
@@ -183,7 +183,7 @@ def _pack_table(
     for manifest in manifests:
         tick()
         run_id = manifest.run.run_id
-        expected = _rows_of(results, table, manifest.run, contents.rounded)
+        expected = _rows_of(results, table, manifest.run, options.rounded)
         found = (
             decode_rows(table, stored, first, counts[run_id], SCHEMAS[table].names)
             if counts[run_id]
@@ -200,7 +200,7 @@ def _pack_table(
 JOURNAL: Final = "compacting.json"
 """Name of the list of files without use: replaced ones, or new ones of an interrupted compaction."""
 
-_MERGED: Final = re.compile(rf"{at.TABLES}/[^/]+/[^/]+\.parquet")
+_MERGED: Final = re.compile(rf"{layout.TABLES}/[^/]+/[^/]+\.parquet")
 
 
 @dataclass(frozen=True)
@@ -212,9 +212,9 @@ class Journal:
 
     def __post_init__(self) -> None:
         for path in (*self.unless_used, *self.replaced):
-            if not _MERGED.fullmatch(at.check_path(path)):
+            if not _MERGED.fullmatch(layout.check_path(path)):
                 raise ValueError(
-                    f"path {path!r}: expected a file of a table, as in {at.TABLES}/runs/NAME.parquet"
+                    f"path {path!r}: expected a file of a table, as in {layout.TABLES}/runs/NAME.parquet"
                 )
 
     @classmethod
@@ -274,7 +274,7 @@ class Copy:
     damaged: tuple[str, ...]
 
 
-def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> Copy:
+def copy_merged(results: Results, target: Store, options: CopyOptions = WHOLE) -> Copy:
     """Copy the tables and policies of a root to an empty place, with files merged.
 
     What is damaged is left out.
@@ -283,47 +283,47 @@ def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> 
         DamagedFileError: a file was written by a newer version, with columns that would be lost.
         ResultsRootError: `target` is not empty.
     """
-    sound, damaged = intact_runs(results, contents)
+    sound, damaged = intact_runs(results, options)
     ours = pa.array([manifest.run.run_id for manifest in sound], pa.string())
-    at.create_root(target)
+    layout.create_root(target)
     packed: list[Manifest] = []
     for name, manifests in grouped(sound, experiments_of(results)).items():
-        packed += pack(results, manifests, target, name, lambda: None, contents)
+        packed += pack(results, manifests, target, name, lambda: None, options)
     parts: list[pa.Table] = []
-    for path in results.store.files(f"{at.TABLES}/{Table.CELLS}"):
+    for path in results.store.files(f"{layout.TABLES}/{Table.CELLS}"):
         try:
             parts.append(decode(Table.CELLS, results.store.read_bytes(path)))
         except UNREADABLE as error:
             damaged.append(f"{path}: {error}")
     cells = pa.concat_tables([SCHEMAS[Table.CELLS].empty_table(), *parts]).unify_dictionaries()
-    if not contents.unfinished:
+    if not options.unfinished:
         cells = cells.filter(pc.is_in(cells["run_id"].cast(pa.string()), ours))
     campaigns = cells["campaign"].cast(pa.string())
     for campaign in sorted(campaigns.unique().to_pylist()):
         rows = cells.filter(pc.equal(campaigns, campaign))
-        target.write_bytes(at.table_path(Table.CELLS, campaign), encode(Table.CELLS, rows))
-    left_out = copy_extras(results, target, sound, contents)
+        target.write_bytes(layout.table_path(Table.CELLS, campaign), encode(Table.CELLS, rows))
+    left_out = copy_extras(results, target, sound, options)
     write_index(target, packed)
     return Copy(left_out, tuple(dict.fromkeys([*results.problems, *damaged])))
 
 
 def copy_extras(
-    results: Results, target: Store, manifests: Sequence[Manifest], contents: Contents
+    results: Results, target: Store, manifests: Sequence[Manifest], options: CopyOptions
 ) -> tuple[str, ...]:
     """Copy what runs read, and their policies; returns files of policies that were left out as unsafe."""
     for path in kept_files(results.store, (manifest.run for manifest in manifests)):
         target.write_bytes(path, results.store.read_bytes(path))
-    if not contents.policies:
+    if not options.policies:
         return ()
     ours = {manifest.run.run_id for manifest in manifests}
     left_out = []
-    for path in results.store.files(at.POLICIES):
+    for path in results.store.files(layout.POLICIES):
         chosen = PurePosixPath(path).parts[1] in ours
         if chosen and path.endswith(POLICY_FILES):
             data = results.store.read_bytes(path)
-            weights = contents.rounded and path.endswith(".safetensors")
+            weights = options.rounded and path.endswith(".safetensors")
             target.write_bytes(path, _halved(data) if weights else data)
-        elif chosen or contents.runs is None:
+        elif chosen or options.runs is None:
             left_out.append(path)
     return tuple(left_out)
 
@@ -337,7 +337,7 @@ def _halved(data: bytes) -> bytes:
     return serialise_tensors(tensors)
 
 
-def intact_runs(results: Results, contents: Contents) -> tuple[list[Manifest], list[str]]:
+def intact_runs(results: Results, options: CopyOptions) -> tuple[list[Manifest], list[str]]:
     """Return the runs of a root that are to be copied and whose files are whole, and the damage of others.
 
     Raises:
@@ -348,8 +348,8 @@ def intact_runs(results: Results, contents: Contents) -> tuple[list[Manifest], l
     wanted = [
         manifest
         for manifest in results.runs()
-        if (contents.unfinished or manifest.status is RunStatus.DONE)
-        and (contents.runs is None or manifest.run.run_id in contents.runs)
+        if (options.unfinished or manifest.status is RunStatus.DONE)
+        and (options.runs is None or manifest.run.run_id in options.runs)
     ]
     for manifest, found in Inspector(results.store).inspect_all(wanted):
         if found.newer:
@@ -405,7 +405,7 @@ def compact(root: str | Path) -> Compaction:
         DamagedFileError: a merged file was not written as it should be; nothing refers to it.
     """
     store = Store.open(root)
-    at.check_root(store)
+    layout.check_root(store)
     with Lease(store, f"tma-ray compact (process {os.getpid()} on {socket.gethostname()})") as lease:
         clean(store)
         before = _files(store)
@@ -433,14 +433,14 @@ def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lea
     count, name = 1, experiment
     names = {manifest.run.run_id for manifest in results.runs()}
     tables = [table for table in Table if table is not Table.CELLS]
-    while name in names or any(store.exists(at.table_path(table, name)) for table in tables):
+    while name in names or any(store.exists(layout.table_path(table, name)) for table in tables):
         count += 1
         name = f"{experiment}-{count}"
-    new = [at.table_path(table, name) for table in (*DATA_TABLES, Table.RUNS, Table.ATTEMPTS)]
+    new = [layout.table_path(table, name) for table in (*DATA_TABLES, Table.RUNS, Table.ATTEMPTS)]
     old = [file.path for manifest in manifests for file in manifest.files]
     ours, about = {manifest.run.run_id for manifest in manifests}, []
     for table in (Table.RUNS, Table.ATTEMPTS):
-        for path in store.files(f"{at.TABLES}/{table}"):
+        for path in store.files(f"{layout.TABLES}/{table}"):
             with suppress(*UNREADABLE):  # readers name it
                 said = decode(table, store.read_bytes(path), ["run_id"])["run_id"].unique().to_pylist()
                 if ours.issuperset(said):
@@ -452,12 +452,12 @@ def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lea
     lease.renew()
     for manifest in packed:
         lease.keep()
-        store.write_bytes(at.manifest_path(manifest.run.run_id), manifest.to_bytes())
+        store.write_bytes(layout.manifest_path(manifest.run.run_id), manifest.to_bytes())
     clean(store)
 
 
 def _files(store: Store) -> dict[str, int]:
-    return {path: size or 0 for path, (_, size) in store.stamps(at.TABLES).items()}
+    return {path: size or 0 for path, (_, size) in store.stamps(layout.TABLES).items()}
 
 
 @dataclass(frozen=True)
@@ -487,12 +487,14 @@ def add_shard(results: Results, target: Store, name: str) -> Shard:
         ResultsRootError: `target` is not a results root, or has files of that name.
         DamagedFileError: a file was written by a newer version, with columns that would be lost.
     """
-    at.create_root(target)
+    layout.create_root(target)
     before = Results(target)
     known = {manifest.run.run_id for manifest in before.runs()}
     for table in Table:
-        if target.exists(at.table_path(table, name)):
-            raise ResultsRootError(f"{target.where(at.table_path(table, name))} exists: choose another name")
+        if target.exists(layout.table_path(table, name)):
+            raise ResultsRootError(
+                f"{target.where(layout.table_path(table, name))} exists: choose another name"
+            )
     sound, damaged = intact_runs(results, LEAN)
     new = [manifest for manifest in sound if manifest.run.run_id not in known]
     ids = known | {manifest.run.run_id for manifest in new}
@@ -503,7 +505,7 @@ def add_shard(results: Results, target: Store, name: str) -> Shard:
         schema = SCHEMAS[Table.CELLS]
         added = [dict(zip(schema.names, row, strict=True)) for row in sorted(cells)]
         rows = to_arrow(Table.CELLS, schema, added)
-        target.write_bytes(at.table_path(Table.CELLS, name), encode(Table.CELLS, rows))
+        target.write_bytes(layout.table_path(Table.CELLS, name), encode(Table.CELLS, rows))
     unsafe = copy_extras(results, target, new, LEAN)
     write_index(target, (*before.runs(), *packed))
     return Shard(unsafe, tuple(dict.fromkeys([*results.problems, *damaged])), len(new), len(cells))
@@ -518,16 +520,16 @@ def start_from(store: Store, source: Store) -> int:
         ResultsRootError: `source` is not a results root, or a file of that path and another content is there.
         RootInUseError: a campaign is running on `store`.
     """
-    at.check_root(source)
-    at.create_root(store)
+    layout.check_root(source)
+    layout.create_root(store)
     with Lease(store, f"start from {source} (process {os.getpid()} on {socket.gethostname()})") as lease:
         there = {manifest.run.run_id for manifest in Results(store).runs()}
         done = [run for run in Results(source).runs() if run.status is RunStatus.DONE]
         new = [manifest for manifest in done if manifest.run.run_id not in there]
         paths = {file.path for manifest in new for file in manifest.files}
         for table in (table for table in Table if new and table not in DATA_TABLES):
-            paths.update(source.files(f"{at.TABLES}/{table}"))
-        for path in sorted(paths.union(source.files(at.INPUTS)) if new else ()):
+            paths.update(source.files(f"{layout.TABLES}/{table}"))
+        for path in sorted(paths.union(source.files(layout.INPUTS)) if new else ()):
             lease.keep()
             data = source.read_bytes(path)
             if not store.exists(path):
@@ -537,5 +539,5 @@ def start_from(store: Store, source: Store) -> int:
                     f"{store.where(path)} differs from {source.where(path)}: begin in a new folder"
                 )
         for manifest in new:  # last: a run is there when its manifest is
-            store.write_bytes(at.manifest_path(manifest.run.run_id), manifest.to_bytes())
+            store.write_bytes(layout.manifest_path(manifest.run.run_id), manifest.to_bytes())
     return len(new)

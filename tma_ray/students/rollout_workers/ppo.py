@@ -14,8 +14,8 @@ from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.mlp.acting import ArrayNetwork, FloatArray, RowArrays, apply_row
 from tma_ray.students.normaliser import Normaliser, scaled
-from tma_ray.students.players.base import ActingNetwork, ActingStudent, Player
-from tma_ray.students.players.link import Weights
+from tma_ray.students.rollout_workers.base import ActingNetwork, ActingStudent, RolloutWorker
+from tma_ray.students.rollout_workers.link import Weights
 from tma_ray.support.jit import kernel
 
 if TYPE_CHECKING:
@@ -275,8 +275,8 @@ class PPOActing(ActingStudent):
         self._episode_starts = True
 
 
-class PPOPlayer(PPOActing, Player):
-    """Player of `tma_ray.students.ppo.PPO`, which hands over whole rollouts in the order of updates."""
+class PPORolloutWorker(PPOActing, RolloutWorker):
+    """Rollout worker of `tma_ray.students.ppo.PPO`; hands whole rollouts to the learner."""
 
     _greedy: ArrayNetwork
 

@@ -11,26 +11,26 @@ from gymnasium import Space
 
 from tma_ray.students.base import checked_spaces
 from tma_ray.students.catalogue import check_hyperparameters
-from tma_ray.students.players.link import JoinRequest, Learner, LearnerLink
+from tma_ray.students.rollout_workers.link import JoinRequest, Learner, LearnerLink
 
 if TYPE_CHECKING:
-    from tma_ray.students.players.base import Player
+    from tma_ray.students.rollout_workers.base import RolloutWorker
 
 COHORT_STUDENTS: Final = {
-    "ppo": ("tma_ray.students.players.ppo", "PPOPlayer"),
-    "sac": ("tma_ray.students.players.sac", "SACPlayer"),
+    "ppo": ("tma_ray.students.rollout_workers.ppo", "PPORolloutWorker"),
+    "sac": ("tma_ray.students.rollout_workers.sac", "SACRolloutWorker"),
 }
-"""Module and class of the acting half of each student that has a stacked learner: see `player_class`."""
+"""Module and class of the rollout worker of each student that can learn in a cohort."""
 
 
-def make_player(
+def make_rollout_worker(
     name: str,
     observation_space: Space[Any],
     action_space: Space[Any],
     seed: np.random.SeedSequence,
     hyperparameters: Mapping[str, Any] | None,
     learner: Learner,
-) -> Player:
+) -> RolloutWorker:
     """Return a new player that has joined the cohort of `learner`.
 
     Args:
@@ -50,11 +50,11 @@ def make_player(
         raise ValueError(f"student {name!r} cannot learn in a cohort: {', '.join(COHORT_STUDENTS)} can")
     spaces = checked_spaces(observation_space, action_space)
     membership = JoinRequest(name, *spaces, check_hyperparameters(name, hyperparameters), seed)
-    return player_class(name)(membership, LearnerLink(learner))
+    return worker_class(name)(membership, LearnerLink(learner))
 
 
-def player_class(name: str) -> type[Player]:
+def worker_class(name: str) -> type[RolloutWorker]:
     """Return the acting half of a student of `COHORT_STUDENTS`; importing it takes a while."""
     module, kind = COHORT_STUDENTS[name]
-    found: type[Player] = getattr(import_module(module), kind)
+    found: type[RolloutWorker] = getattr(import_module(module), kind)
     return found

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tma_ray.students.base import Actions, Observations, Policy, Student, StudentStreams
 from tma_ray.students.mlp.acting import ArrayNetwork, FloatArray, RowNetwork
-from tma_ray.students.players.link import JoinRequest, LearnerLink, PlayerState, Weights
+from tma_ray.students.rollout_workers.link import JoinRequest, LearnerLink, Weights, WorkerState
 
 if TYPE_CHECKING:
     from gymnasium import spaces
@@ -62,7 +62,7 @@ class ActingStudent(Student):
         return self._exploration.standard_normal(self._low.size, dtype=np.float32)
 
 
-class Player(ActingStudent):
+class RolloutWorker(ActingStudent):
     """Acting half of a student: mirrored weights, and experience for a learner that returns new ones.
 
     To its run it is a student like any other: `observe` returns when the updates that are due are made.
@@ -94,7 +94,7 @@ class Player(ActingStudent):
 
     @abstractmethod
     def experience(self) -> dict[str, Any]:
-        """Return counters, statistics and steps, for `PlayerState`."""
+        """Return counters, statistics and steps, for `WorkerState`."""
 
     @abstractmethod
     def restore_experience(self, experience: dict[str, Any]) -> None:
@@ -128,6 +128,6 @@ class Player(ActingStudent):
         figures: dict[str, float] = self._link.ask("scalars")
         return figures
 
-    def _state(self) -> PlayerState:
+    def _state(self) -> WorkerState:
         states: list[dict[str, Any]] = [dict(each.bit_generator.state) for each in self._generators]
-        return PlayerState(states, self.experience())
+        return WorkerState(states, self.experience())
