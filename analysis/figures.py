@@ -23,11 +23,12 @@ from analysis.comparisons.boards import leaderboards
 from analysis.comparisons.frame import pairwise, pairwise_from_statistics
 from analysis.comparisons.measured import Measured, curricula_of, examples_of
 from analysis.comparisons.verdicts import AXES
+from analysis.data.columns import COMPARED, COMPARISON
 from analysis.data.curricula import Axis, curriculum_of, task_axes
-from analysis.data.frames import COMPARISON, Frames
+from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.measures.evaluations import ceiling_percent, mastered_tasks
-from analysis.measures.pooling import COMPARED, PLUS, by_conditions, pooled, result_runs
+from analysis.measures.pooling import PLUS, by_conditions, pooled, result_runs
 from analysis.measures.run_measures import evaluations_at, run_measures, training_returns_at
 from analysis.names import short_labels, title
 

@@ -49,18 +49,6 @@ _LABELS = {
 }
 
 
-FILTERS = {
-    "engine": "Engine",
-    "experiment": "Experiment",
-    "environment": "Environment",
-    "challenge": "Challenge",
-    "expert_knowledge": "Expert knowledge",
-    "embodiment": "Body",
-    "student": "Student",
-}
-"""Columns by which comparisons may be chosen, and what readers call them."""
-
-
 def label(part: str) -> str:
     """Return the display name of a teacher, student or environment, with its settings.
 

@@ -15,7 +15,8 @@ from analysis.baselines.catalogue import (
     BaselineManifest,
     find_baseline,
 )
-from analysis.data.frames import COMPARISON, Frames
+from analysis.data.columns import CELL
+from analysis.data.frames import Frames
 from tma_ray import results
 
 ENDINGS: Final = (".json", ".parquet", ".safetensors", ".md", ".jsonl.gz")
@@ -105,7 +106,7 @@ MOST_BYTES = 15_000_000
 FEWEST_SEEDS = 3
 """Seeds that every cell needs."""
 
-COMBINATION = ["campaign", *(column for column in COMPARISON if column != "engine")]
+COMBINATION = ["campaign", "experiment", *CELL]
 """Columns of cells that teachers have in common to be compared."""
 
 

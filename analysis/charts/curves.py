@@ -9,11 +9,12 @@ import pandas as pd
 
 from analysis.charts import base
 from analysis.comparisons.frame import pairwise
+from analysis.data.columns import COMPARED
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import amount
 from analysis.looks import MUTED, Look, look
 from analysis.measures.evaluations import aggregate
-from analysis.measures.pooling import COMPARED, PLUS, pooled
+from analysis.measures.pooling import PLUS, pooled
 from analysis.names import label, order, short_labels, teacher_order, title
 from tma_ray.tasks import KnowledgeLevel
 

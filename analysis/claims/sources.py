@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from analysis.data import columns
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount
@@ -214,7 +215,7 @@ class RootSource:
         values = pd.Series(runs[PAPERS].to_numpy(float), runs["run_id"].to_numpy(object))
         places: dict[tuple[str, ...], dict[str, Sample]] = {}
         seeds = seeds_to_pair(runs)
-        pools = runs.groupby([*pooling.POOLED, *by], dropna=False, sort=True).ngroup().to_numpy()
+        pools = runs.groupby([*columns.POOLED, *by], dropna=False, sort=True).ngroup().to_numpy()
         for number, row in table[counted].sort_values("n", kind="stable").to_dict("index").items():
             mine = np.flatnonzero(pools == number)
             place = tuple(str(row[column]) for column in ("challenge", "expert_knowledge", *by))
@@ -256,11 +257,11 @@ def _chosen_conditions(places: Mapping[str, pd.DataFrame]) -> tuple[dict[str, pd
     for environment, pools in places.items():
         complete = pools.assign(complete=pools["missing"] == "")
         complete = complete[complete["steps"].notna()]
-        counts = complete.groupby(pooling.CONDITIONS, dropna=False)["complete"].sum().reset_index()
+        counts = complete.groupby(columns.CONDITIONS, dropna=False)["complete"].sum().reset_index()
         if counts.empty:
             continue
         ordered = counts.sort_values(["complete", "steps"], ascending=False, kind="stable")
-        chosen[environment] = ordered.iloc[0][pooling.CONDITIONS]
+        chosen[environment] = ordered.iloc[0][columns.CONDITIONS]
         if len(ordered) == 1:
             continue
         told = pooling.varying(ordered)

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.comparisons.frame import ACROSS, CHALLENGES, core_of, over_challenges
+from analysis.comparisons.frame import core_of, over_challenges
 from analysis.comparisons.verdicts import AXES, on_both_axes, verdict
+from analysis.data.columns import ACROSS, CONDITIONS, STRATA
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, NO_BASELINE
 from analysis.formatting import ends, in_brief, number
-from analysis.measures.pooling import CONDITIONS, condition_words, varying
+from analysis.measures.pooling import condition_words, varying
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
 from analysis.measures.trained import NEARLY_ALL, Curves, trained_areas, trained_curves, trained_shares
 from analysis.names import label
@@ -114,7 +115,7 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
 
 def _per_trained_step(curves: Curves, runs: pd.DataFrame, teacher: str) -> Gap:
     """Return the difference of a teacher to Random until as many trained steps; `runs` hold the core's."""
-    tests = over_challenges(trained_areas(curves, runs, teacher, CHALLENGES), TRAINED, BASELINE)
+    tests = over_challenges(trained_areas(curves, runs, teacher, STRATA), TRAINED, BASELINE)
     return Gap.of(tests[tests["first"] == teacher].iloc[0])
 
 

@@ -3,7 +3,7 @@
 `runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them: runs without it do not
 count, and no run counts twice in a group. Groups have the columns `by` in common, teacher among them, and
 teachers that are compared the columns `within`; columns `strata` tell the strata of a sample apart. Over
-challenges these are ``[*ACROSS, "teacher"]``, `ACROSS` and `CHALLENGES`.
+challenges these are ``[*ACROSS, "teacher"]``, `ACROSS` and `STRATA`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from analysis.comparisons import frame
-from analysis.comparisons.frame import ACROSS, CHALLENGES, TEST
+from analysis.comparisons.frame import TEST
+from analysis.data.columns import ACROSS, COMPARED, PARTS, POOLED, STRATA
 from analysis.data.frames import check_measure
-from analysis.measures.pooling import COMPARED, PARTS, POOLED
 from analysis.measures.tested import MEASURES, Seeds, are_paired, in_common, mean_over_strata, seeds_to_pair
 from analysis.statistics import percent_interval, stratum_weights
 from analysis.statistics.estimates import (
@@ -39,7 +39,7 @@ def interquartile_means(
         runs: rows of `pooling.pool_runs`; those without the measure do not count, and no run counts twice.
         measure: column of `runs`.
         by: columns that a group has in common, teacher among them; ``[*ACROSS, "teacher"]`` over challenges.
-        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
+        strata: columns that tell the strata of a sample apart; `STRATA` over challenges.
 
     Returns:
         `by`, measure, value, low, high, n, reason (of `statistics.estimates.Estimate`), and missing: strata
@@ -80,7 +80,7 @@ def improvements(
         measure: column of `runs`.
         reference: the teacher that all others are set against; None for all pairs.
         within: columns that teachers must have in common to be compared; `ACROSS` over challenges.
-        strata: columns within which runs are compared; `CHALLENGES` over challenges.
+        strata: columns within which runs are compared; `STRATA` over challenges.
 
     Returns:
         `within`, measure, first, second, and value, low, high, n, reason of `statistics.estimates.Estimate`.
@@ -110,7 +110,7 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
         difference, low and high are the mean and its 95 % interval.
     """
     rows = []
-    seeds, table = seeds_to_pair(runs), frame.stratified_runs(runs, measure, [*within, "teacher"], CHALLENGES)
+    seeds, table = seeds_to_pair(runs), frame.stratified_runs(runs, measure, [*within, "teacher"], STRATA)
     for key, part in table[table[measure].notna()].groupby([*within, "teacher"], dropna=False, sort=True):
         places = frame.by_challenge(part, measure)
         samples = [sample for strata in places.values() for sample in strata.values()]
@@ -142,7 +142,7 @@ def profiles(
         measure: column of `runs`.
         thresholds: values of the measure.
         by: columns that a group has in common; ``[*ACROSS, "teacher"]`` over challenges.
-        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
+        strata: columns that tell the strata of a sample apart; `STRATA` over challenges.
 
     Returns:
         `by`, measure, threshold, share, low, high, n, reason.

@@ -13,13 +13,14 @@ import pandas as pd
 
 from analysis.comparisons.against_random import AgainstRandom, Gap, against_random
 from analysis.comparisons.aggregates import improvements, profiles, stratified_means
-from analysis.comparisons.frame import ACROSS, CHALLENGES, PLACES, pairwise
+from analysis.comparisons.frame import pairwise
 from analysis.comparisons.ranks import Rank, ranks
 from analysis.comparisons.verdicts import AXES
+from analysis.data.columns import ACROSS, CHALLENGE, PARTS, STRATA
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import amount, caveat, estimate, listed, number
-from analysis.measures.pooling import PARTS, condition_words, levels_together, runs_after, varying
+from analysis.measures.pooling import condition_words, levels_together, runs_after, varying
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
 from analysis.measures.trained import NEARLY_ALL, trained_shares
 from analysis.names import challenge_title, distinct_labels, label, mark_of, title
@@ -199,7 +200,7 @@ def _blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[dict[str, Any], 
     """Yield the values of `BLOCK` and the runs of each set of challenges that teachers share."""
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
         for block, (part, of) in enumerate(on_the_same(group)):
-            challenges = int(part.groupby(PLACES, dropna=False).ngroups)
+            challenges = int(part.groupby(CHALLENGE, dropna=False).ngroups)
             yield dict(zip(BLOCK, (*key, block, challenges, of), strict=True)), part
 
 
@@ -209,8 +210,8 @@ def on_the_same(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
     A set is all challenges that some teacher has with all of their bodies and students; its runs are those of
     all teachers that have these.
     """
-    places = runs.groupby(PLACES, dropna=False, sort=True).ngroup()
-    parts = runs.groupby([*PLACES, *PARTS], dropna=False, sort=True).ngroup()
+    places = runs.groupby(CHALLENGE, dropna=False, sort=True).ngroup()
+    parts = runs.groupby([*CHALLENGE, *PARTS], dropna=False, sort=True).ngroup()
     expected = parts.groupby(places).nunique()
     held: dict[str, frozenset[int]] = {}
     for teacher, mine in parts.groupby(runs["teacher"]):
@@ -236,7 +237,7 @@ def _board(
 ) -> Leaderboard:
     results: dict[str, dict[str, tuple[float, float, float]]] = {}
     titles: dict[str, None] = {}
-    for row in stratified_means(runs, HEADLINE, [*ACROSS, *PLACES]).to_dict("records"):
+    for row in stratified_means(runs, HEADLINE, [*ACROSS, *CHALLENGE]).to_dict("records"):
         name = _title_of(row)
         titles.setdefault(name)
         result = float(row["difference"]), float(row["low"]), float(row["high"])
@@ -284,13 +285,13 @@ def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
     by, found = [*ACROSS, "teacher"], []
     for where, part in _blocks(runs, measure):
         means = stratified_means(part, measure)[[*by, "n", "difference", "low", "high"]]
-        chances = improvements(part, measure, BASELINE, ACROSS, CHALLENGES)
+        chances = improvements(part, measure, BASELINE, ACROSS, STRATA)
         chances = chances[[*ACROSS, "first", "value", "low", "high"]]
         final = means[by].assign(final=math.nan)
         if FINAL in part:
             final = stratified_means(part, FINAL)[[*by, "difference"]].set_axis([*by, "final"], axis=1)
-        lowest = part.groupby([*by, *CHALLENGES], dropna=False)[measure].min()
-        shares = profiles(part, measure, THRESHOLDS, by=by, strata=CHALLENGES)
+        lowest = part.groupby([*by, *STRATA], dropna=False)[measure].min()
+        shares = profiles(part, measure, THRESHOLDS, by=by, strata=STRATA)
         wide = shares.pivot_table(index=by, columns="threshold", values="share", dropna=False, observed=True)
         table = means.set_axis([*by, "n", "mean", "low_mean", "high_mean"], axis=1)
         for columns in (
@@ -337,7 +338,7 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
 def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield level and budget, in words, and rows of `profiles` of all teachers there, every 2 per cent."""
     for where, part in _blocks(runs, measure):
-        table = profiles(part, measure, range(0, 100, 2), by=[*ACROSS, "teacher"], strata=CHALLENGES)
+        table = profiles(part, measure, range(0, 100, 2), by=[*ACROSS, "teacher"], strata=STRATA)
         yield _place_of(pd.Series(where), _told(runs)), table
 
 

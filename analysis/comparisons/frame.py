@@ -14,10 +14,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.data.frames import COMPARISON, GROUP, check_columns, check_measure
-from analysis.data.identity import CONDITIONS as SPEC_CONDITIONS
+from analysis.data.columns import (
+    ACROSS,
+    CHALLENGE,
+    COMPARED,
+    COMPARISON,
+    GROUP,
+    PARTS,
+    RANDOM_ALIKE,
+    RANDOM_APART,
+    STRATA,
+)
+from analysis.data.frames import check_columns, check_measure
 from analysis.data.reference import BASELINE, NO_BASELINE, baseline_rows, baseline_runs, is_baseline
-from analysis.measures.pooling import COMPARED, CONDITIONS, PARTS
 from analysis.measures.tested import Seeds, compared, compared_over_strata, seeds_to_pair
 from analysis.statistics import (
     Comparison,
@@ -35,15 +44,6 @@ from analysis.statistics.tests import welch_of_values
 from tma_ray.benchmark import TEACHERS
 from tma_ray.support.validation import check_known, check_sequence
 
-ACROSS = ["expert_knowledge", *CONDITIONS]
-"""Columns that runs of several challenges must have in common to be aggregated."""
-
-PLACES = ["environment", "challenge", "pool", "test_sets"]
-"""Columns that tell challenges apart."""
-
-CHALLENGES = [*PLACES, *PARTS]
-"""Columns that tell the strata of an aggregate over challenges apart."""
-
 OTHER_PARTS: Final = "other bodies or students"
 """Reason why two groups are not tested whose runs are not of the same bodies and students."""
 
@@ -56,12 +56,6 @@ FRAME = ["measure", "first", "second", "family", "challenges", "fewest", *TEST, 
 CORE, NEWCOMERS = "core", "newcomers"
 """Families of tests between teachers of a core, and between teachers that joined later; those of a newcomer
 with the core are a family of its name."""
-
-APART = ("experiment", "expert_knowledge")
-"""Columns that tell comparisons of a report apart and make no difference to Random."""
-
-ALIKE = [*(column for column in COMPARISON if column not in APART), *SPEC_CONDITIONS]
-"""Columns that Random must have in common with those that are tested against it."""
 
 Randoms: TypeAlias = Mapping[Any, pd.DataFrame]
 
@@ -80,7 +74,7 @@ def pairwise(
 
     Tests are Welch's, over strata with least variances where there are several, or paired by seed where seeds
     share a student. Runs without the measure do not count. Groups are not tested that share a run or that
-    have other bodies or students. Over challenges (``within=ACROSS, strata=CHALLENGES``) the difference is
+    have other bodies or students. Over challenges (``within=ACROSS, strata=STRATA``) the difference is
     that of the challenges that both groups have with the same bodies and students; challenges have equal
     weight, and within a challenge its bodies and students.
 
@@ -95,7 +89,7 @@ def pairwise(
             against each other, too; None for all pairs.
         within: columns that groups must have in common to be compared.
         between: column that tells groups apart: teacher, or expert_knowledge (with teacher among `within`).
-        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
+        strata: columns that tell the strata of a sample apart; `STRATA` over challenges.
         detectable: True to compute that column, which takes longer than the tests.
 
     Returns:
@@ -146,7 +140,7 @@ def over_challenges(
     runs: pd.DataFrame, measure: str, reference: str | Collection[str] | None = None
 ) -> pd.DataFrame:
     """Return the frame of comparisons over all challenges that two teachers have, each of equal weight."""
-    return pairwise(runs, measure, reference, ACROSS, strata=CHALLENGES, detectable=False)
+    return pairwise(runs, measure, reference, ACROSS, strata=STRATA, detectable=False)
 
 
 def core_of(runs: pd.DataFrame) -> frozenset[str]:
@@ -290,14 +284,14 @@ def _at_one_step(
 
 
 def randoms_of(everything: pd.DataFrame) -> Randoms:
-    """Return the rows of Random by the columns `ALIKE`, of rows with `GROUP` and `CONDITIONS`."""
-    return dict(list(baseline_rows(everything).groupby(ALIKE))) if len(everything) else {}
+    """Return the rows of Random by the columns `RANDOM_ALIKE`, of rows with `GROUP` and `RUN_CONDITIONS`."""
+    return dict(list(baseline_rows(everything).groupby(RANDOM_ALIKE))) if len(everything) else {}
 
 
 def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
     """Return the rows of Random, of `randoms_of`, that the rows of one comparison are tested against."""
-    alike = randoms.get(tuple(teachers[ALIKE].iloc[0]), teachers.head(0))
-    return baseline_runs(teachers, alike, APART).drop_duplicates(["run_id", "step"])
+    alike = randoms.get(tuple(teachers[RANDOM_ALIKE].iloc[0]), teachers.head(0))
+    return baseline_runs(teachers, alike, RANDOM_APART).drop_duplicates(["run_id", "step"])
 
 
 def pairs_of(names: Sequence[str], reference: str | Collection[str] | None) -> Iterator[tuple[str, str]]:
@@ -334,7 +328,7 @@ def stratified_runs(
     kept = [column for column in ("members", "core", "step") if column in runs]
     columns = list(dict.fromkeys([*by, "run_id", measure, *kept]))
     rows = runs[columns].assign(
-        place=_numbered(runs, [column for column in strata if column in PLACES]),
+        place=_numbered(runs, [column for column in strata if column in CHALLENGE]),
         stratum=numbers,
         stratum_name=np.array(names, dtype=object)[numbers],
     )

@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 
 from analysis.comparisons.frame import Randoms, against_baseline, randoms_of
+from analysis.data.columns import COMPARISON
 from analysis.data.curricula import Curriculum, curricula_of_runs, stack, task_axes
-from analysis.data.frames import COMPARISON, Frames
+from analysis.data.frames import Frames
 from analysis.formatting import listed
 from analysis.measures.evaluations import evaluation_curves, final_evaluations, summarise, training_curves
 from analysis.measures.tested import HEADLINE, MEASURES
@@ -22,7 +23,7 @@ TESTED = tuple(MEASURES)
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Frames of measures, all with the columns of `frames.COMPARISON`.
+    """Frames of measures, all with the columns of `columns.COMPARISON`.
 
     Attributes:
         cells: cells of `Frames`.

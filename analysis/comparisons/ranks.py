@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 
 from analysis.comparisons.aggregates import stratified_means
-from analysis.comparisons.frame import ACROSS, core_of, corrected, from_both_sides, over_challenges
+from analysis.comparisons.frame import core_of, corrected, from_both_sides, over_challenges
 from analysis.comparisons.verdicts import AXES
+from analysis.data.columns import ACROSS
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, in_brief, listed
 from analysis.measures.tested import HEADLINE

@@ -7,6 +7,7 @@ import pandas as pd
 
 from analysis.comparisons.frame import CORRECTED, TEST, pairwise
 from analysis.comparisons.verdicts import THAN, Verdict, on_both_axes, verdict
+from analysis.data import columns
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, NO_BASELINE, is_baseline
 from analysis.formatting import amount, caveat, ends, in_brief, listed, number, p_value, plus_minus
@@ -122,7 +123,7 @@ def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.D
         measure: name of one of `tested.MEASURES`.
 
     Returns:
-        `pooling.POOLED`, runs, n, missing, mean and standard deviation of the measure and of the last three
+        `columns.POOLED`, runs, n, missing, mean and standard deviation of the measure and of the last three
         evaluations (as mastered_area_mean, last_three_std and so on), worst (of a single run), rank (1 for
         the highest mean of a comparison), and of the test against Random family, the columns of
         `statistics.Comparison` but n, and `frame.CORRECTED`. Best first. Bodies and students weigh the same,
@@ -135,21 +136,21 @@ def ranked(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
     """Return the rows of `ranking`, from runs of `pooling.runs_after`."""
     measures = list(dict.fromkeys([measure, FINAL]))
     table = pooling.pooled(runs, measures)
-    parts = runs.groupby([*pooling.POOLED, *pooling.PARTS], dropna=False, sort=True)[measures]
-    pools = list(range(len(pooling.POOLED)))
+    parts = runs.groupby([*columns.POOLED, *columns.PARTS], dropna=False, sort=True)[measures]
+    pools = list(range(len(columns.POOLED)))
     for name, values in parts.mean().groupby(level=pools, dropna=False).mean().items():
         table[f"{name}_mean"] = values.to_numpy()
     for name, values in parts.var().groupby(level=pools, dropna=False).mean().items():
         table[f"{name}_std"] = np.sqrt(values.to_numpy())
     tests = pairwise(runs, measure, BASELINE, detectable=False).rename(columns={"first": "teacher"})
-    columns = ["measure", "family", *(name for name in TEST if name != "n"), *CORRECTED]
-    table = table.merge(tests[[*pooling.POOLED, *columns]], on=pooling.POOLED, how="left")
+    tested = ["measure", "family", *(name for name in TEST if name != "n"), *CORRECTED]
+    table = table.merge(tests[[*columns.POOLED, *tested]], on=columns.POOLED, how="left")
     table["reason"] = table["reason"].fillna("")
-    worst = runs.groupby(pooling.POOLED, dropna=False, sort=True)[measure].min()  # in the order of `table`
+    worst = runs.groupby(columns.POOLED, dropna=False, sort=True)[measure].min()  # in the order of `table`
     table["worst"] = worst.to_numpy()
-    means = table.groupby(pooling.COMPARED, dropna=False)[f"{measure}_mean"]
+    means = table.groupby(columns.COMPARED, dropna=False)[f"{measure}_mean"]
     table["rank"] = means.rank(ascending=False, method="min")
-    return table.sort_values([*pooling.COMPARED, "rank", "teacher"], ignore_index=True)
+    return table.sort_values([*columns.COMPARED, "rank", "teacher"], ignore_index=True)
 
 
 def ranking_sentences(table: pd.DataFrame) -> list[str]:
@@ -165,7 +166,7 @@ def sentences(tests: pd.DataFrame) -> list[str]:
     """
     order = tests.assign(last=[not is_baseline(name) for name in tests["second"]])
     told = pooling.varying(order)
-    same = ["environment", "expert_knowledge", *pooling.CONDITIONS, "first"]
+    same = ["environment", "expert_knowledge", *columns.CONDITIONS, "first"]
     found: dict[str, list[str]] = {}
     for _, rows in order.groupby([*same, "last", "second"], sort=True, dropna=False):
         row = rows.iloc[0]
@@ -199,10 +200,10 @@ def _found(rows: pd.DataFrame) -> str:
 def places(table: pd.DataFrame) -> list[str]:
     """Return the challenge of each row, with what sets it apart from others of its name in the table.
 
-    The table has the columns `pooling.COMPARED`.
+    The table has the columns `columns.COMPARED`.
     """
     here = ["environment", "challenge", "expert_knowledge"]
-    several = ["pool", "test_sets", *(name for name in pooling.CONDITIONS if name != "variant")]
+    several = ["pool", "test_sets", *(name for name in columns.CONDITIONS if name != "variant")]
     told = {name: table.groupby(here)[name].transform("nunique", dropna=False) > 1 for name in several}
     found = []
     for position, (_, row) in enumerate(table.iterrows()):
@@ -210,7 +211,7 @@ def places(table: pd.DataFrame) -> list[str]:
             row["environment"], row["challenge"], f"{row['environment']} {row['challenge']}"
         )
         apart = [name for name in several if told[name].iloc[position]]
-        named = [str(row[name]) for name in apart if name not in pooling.CONDITIONS and pd.notna(row[name])]
-        words = pooling.condition_words(row, [name for name in apart if name in pooling.CONDITIONS])
+        named = [str(row[name]) for name in apart if name not in columns.CONDITIONS and pd.notna(row[name])]
+        words = pooling.condition_words(row, [name for name in apart if name in columns.CONDITIONS])
         found.append(", ".join([title, *named, *words]))
     return found

@@ -10,35 +10,18 @@ from numpy.typing import NDArray
 
 from analysis.baselines.catalogue import BaselineKind, as_baseline, read
 from analysis.comparisons.frame import corrected, from_both_sides, pairwise
+from analysis.data.columns import CHALLENGE_LEVEL, COMPARED, CONDITION_LABELS, NAMED, POOLED
 from analysis.data.frames import Frames, joined
-from analysis.data.identity import NAMED, disambiguate_names
+from analysis.data.identity import disambiguate_names
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, listed
-from analysis.measures.pooling import COMPARED, POOLED, parts_of, pooled, result_runs
+from analysis.measures.pooling import parts_of, pooled, result_runs
 from analysis.measures.run_measures import evaluations_at, run_measures
 from analysis.measures.tested import HEADLINE, PAPERS
 from analysis.names import label
 from tma_ray.benchmark import MATRICES, TEACHERS
 from tma_ray.results import CHIPMUNK, SIMULATED
 from tma_ray.support.component_names import base_name
-
-PLACE = ["environment", "challenge", "expert_knowledge"]
-"""Columns that say where a result was had."""
-
-SAID = {
-    "environment": "environment",
-    "challenge": "challenge",
-    "steps": "training steps",
-    "pool": "bodies or students",
-    "test_sets": "test tasks",
-    "engine": "engine",
-    "physics_version": "physics version",
-    "mastery_threshold": "threshold of mastery",
-}
-"""Columns that results must share besides their place to be compared, and their names in sentences."""
-
-PLACES = {"challenge": "challenges", "expert_knowledge": "expert knowledge"}
-"""Further columns of which two sides may have nothing in common, and their names in sentences."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +81,7 @@ def baseline_side(place: str) -> Side:
     if baseline is None or baseline.manifest.kind is BaselineKind.RUNS:
         return side_of(read(place), name)
     frame = baseline.published()
-    whole = frame.groupby(PLACE)["n"].transform("max") == frame["n"]
+    whole = frame.groupby(CHALLENGE_LEVEL)["n"].transform("max") == frame["n"]
     return Side(name, ", ".join(sorted(frame["engine"].unique())), frame[whole].reset_index(drop=True))
 
 
@@ -168,11 +151,12 @@ def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> l
 def _apart(mine: Side, baseline: Side) -> str:
     """Return the conditions that a baseline shares with no result of mine, and a command to repeat them."""
     differing = []
-    for column, words in {**PLACES, **SAID}.items():
+    for column in dict.fromkeys(["challenge", "expert_knowledge", *CONDITION_LABELS]):
+        name = CONDITION_LABELS.get(column, "expert knowledge")
         words_of = amount if column == "steps" else str
         ours, theirs = (dict.fromkeys(map(words_of, side.table[column])) for side in (mine, baseline))
         if not set(ours) & set(theirs):
-            differing.append(f"{words} {listed(theirs)}, yours {listed(ours)}")
+            differing.append(f"{name} {listed(theirs)}, yours {listed(ours)}")
     reasons = "; ".join(differing) or "no result has all of its conditions in common with one of yours"
     repeat = f"tma-ray campaign --like {baseline.name} --teachers MODULE:NAME"
     if set(baseline.table["engine"]) == {SIMULATED}:
@@ -184,13 +168,13 @@ def beside(mine: Side, baseline: Side) -> pd.DataFrame:
     """Return the results of a baseline that are incomparable with mine, on challenges with results of mine.
 
     Returns:
-        `PLACE`, teacher, n, mastered_percent_mean and _std, and differs: what is not the same, in words.
+        `CHALLENGE_LEVEL`, teacher, n, mastered_percent_mean and _std, and differs: what is not the same.
     """
-    theirs = baseline.table[_among(_plain_places(baseline.table), _plain_places(mine.table), PLACE)]
+    theirs = baseline.table[_among(_plain_places(baseline.table), _plain_places(mine.table), CHALLENGE_LEVEL)]
     if baseline.runs is not None:
         theirs = theirs[~_among(theirs, mine.table, COMPARED)]
     differs = [_differences(row, mine, baseline) for _, row in theirs.iterrows()]
-    columns = [*PLACE, "teacher", "n", f"{PAPERS}_mean", f"{PAPERS}_std"]
+    columns = [*CHALLENGE_LEVEL, "teacher", "n", f"{PAPERS}_mean", f"{PAPERS}_std"]
     return theirs[columns].assign(differs=differs).reset_index(drop=True)
 
 
@@ -209,7 +193,7 @@ def _plain_places(table: pd.DataFrame) -> pd.DataFrame:
 
 def _differences(row: pd.Series, mine: Side, baseline: Side) -> str:
     place = [base_name(row["environment"]), base_name(row["challenge"]), row["expert_knowledge"]]
-    here = mine.table[(_plain_places(mine.table)[PLACE] == place).all(axis=1)]
+    here = mine.table[(_plain_places(mine.table)[CHALLENGE_LEVEL] == place).all(axis=1)]
     if baseline.runs is None:
         found = [f"engine {baseline.engine}"]
         if set(here["steps"]) != {row["steps"]}:
@@ -220,7 +204,7 @@ def _differences(row: pd.Series, mine: Side, baseline: Side) -> str:
         return "; ".join(found)
     return "; ".join(
         f"{words}: {amount(row[column]) if column == 'steps' else row[column]}"
-        for column, words in SAID.items()
+        for column, words in CONDITION_LABELS.items()
         if row[column] not in set(here[column])
     )
 

@@ -12,17 +12,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.data import identity
+from analysis.data.columns import FROM_RUN, GROUP, RUN_CONDITIONS
 from tma_ray.results import CHIPMUNK, SCHEMAS, Results, Table
 from tma_ray.support.texts import counted
 from tma_ray.support.validation import check_known, check_sequence, check_type
-
-COMPARISON = [
-    *("engine", "experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge")
-]
-"""Columns that teachers must have in common to be compared."""
-
-GROUP = [*COMPARISON, "teacher"]
-"""Columns that seeds must have in common to be averaged."""
 
 OF_ONE_RUN = {
     Table.EPISODES: ["step", "episode", "task", "world_task", "episodic_return"],
@@ -50,7 +43,7 @@ class Frames:
 
     Attributes:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
-            test_set, physics_version, and of the spec `SETTINGS`: engine (what simulated the worlds),
+            test_set, physics_version, and of the spec `FROM_SPEC`: engine (what simulated the worlds),
             mastery_threshold, settings and identity. core is True in the campaigns of `core`. Names that
             would mean several things are split: see `identity.disambiguate_names`.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
@@ -247,8 +240,8 @@ def positions(run_ids: pd.Series) -> dict[str, NDArray[np.int64]]:
 
 
 def unfailed(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return `GROUP`, `CONDITIONS`, seed, run_id and status of the cells whose runs did not fail."""
-    return cells.loc[cells["status"] != "failed", [*GROUP, *identity.CONDITIONS, "seed", "run_id", "status"]]
+    """Return `GROUP`, `RUN_CONDITIONS`, seed, run_id and status of the cells whose runs did not fail."""
+    return cells.loc[cells["status"] != "failed", [*GROUP, *RUN_CONDITIONS, "seed", "run_id", "status"]]
 
 
 def _frame(
@@ -265,7 +258,7 @@ def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
     alone = runs[~runs["run_id"].isin(cells["run_id"])]
     single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
     cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
-    joined = cells.merge(runs[["run_id", *STATE]], on="run_id", how="left")
+    joined = cells.merge(runs[["run_id", *FROM_RUN]], on="run_id", how="left")
     # Only campaigns of ours have runs that wait.
     joined = joined.fillna({"engine": CHIPMUNK, "status": "waiting", "error": ""})
     # Two campaigns on one root may list the same cell: its runs count once.
@@ -283,10 +276,6 @@ def cell_warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
     if len(engines) > 1:
         found.append(f"Runs of different engines ({', '.join(engines)}) stand apart and are never compared.")
     return found
-
-
-STATE = ["status", "error", "spec", "steps", "test_set", "physics_version", *identity.SETTINGS]
-"""Columns of cells that come from the run, not from the campaign that lists it."""
 
 
 def joined(frames: Sequence[Frames]) -> Frames:
@@ -342,9 +331,9 @@ def _joined_cells(frames: Sequence[Frames], places: Mapping[str, int]) -> pd.Dat
     cells = pd.concat(parts, ignore_index=True)
     here = cells["place"] == cells["run_id"].map(places)
     if not here.all():
-        state = cells[here].drop_duplicates("run_id").set_index("run_id")[STATE]
-        cells[STATE] = cells[STATE].astype(object)  # whole numbers of any width fit then
-        cells.loc[~here, STATE] = state.loc[cells.loc[~here, "run_id"]].to_numpy(object)
+        state = cells[here].drop_duplicates("run_id").set_index("run_id")[FROM_RUN]
+        cells[FROM_RUN] = cells[FROM_RUN].astype(object)  # whole numbers of any width fit then
+        cells.loc[~here, FROM_RUN] = state.loc[cells.loc[~here, "run_id"]].to_numpy(object)
     cells = cells.drop(columns="place").infer_objects()
     return cells.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
 

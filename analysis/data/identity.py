@@ -17,29 +17,15 @@ from typing import Any
 
 import pandas as pd
 
+from analysis.data.columns import COMPARISON, FROM_SPEC, NAME_SCOPE, NAMED, RUN_CONDITIONS
 from tma_ray.benchmark import EXPERIMENTS, Matrix
 from tma_ray.results import CHIPMUNK
 from tma_ray.support.component_names import join_name, split_name
 from tma_ray.support.decoding import DamagedFileError, decode_json
 from tma_ray.tasks import MASTERY_RETURN
 
-NAMED = ["challenge", "environment", "embodiment", "student", "teacher", "test_set"]
-"""Columns of cells whose names identify a part of a run; those of challenges belong to an environment, and
-are split before its own."""
-
 OF_BODIES = ("embodiment", "original_embodiment")
 """Options of environments that name the body, as its own column does; the second of imported runs."""
-
-WITHIN = ["engine", "physics_version"]
-"""Columns that keep runs apart everywhere, so that the same name may mean something else there."""
-
-CONDITIONS = {
-    "steps": "{:,.0f} steps",
-    "physics_version": "physics version {:.0f}",
-    "mastery_threshold": "mastered over {:g}",
-    "test_set": "test set {}",
-}
-"""Columns that runs of one experiment must have in common, and how a name says one of their values."""
 
 MOST_SETTINGS = 4
 """Settings that a name lists; more are told by their hash."""
@@ -114,18 +100,17 @@ def split_experiments(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...
     The runs of a place that differ from most get another name of their experiment, which says how; a sentence
     for each new name is returned, too.
     """
-    place = ["engine", "experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge"]
     begun = cells[cells["steps"].notna()]
     names, said = cells["experiment"].copy(), []
-    for key, rows in begun.groupby(place, sort=True):
-        variants = Counter(rows[list(CONDITIONS)].itertuples(index=False, name=None))
+    for key, rows in begun.groupby(COMPARISON, sort=True):
+        variants = Counter(rows[list(RUN_CONDITIONS)].itertuples(index=False, name=None))
         if len(variants) < 2:
             continue
         most = max(variants, key=lambda values: (variants[values], str(values)))
         for values in sorted(set(variants) - {most}, key=str):
-            pairs = zip(CONDITIONS.values(), values, most, strict=True)
+            pairs = zip(RUN_CONDITIONS.values(), values, most, strict=True)
             words = ", ".join(text.format(value) for text, value, other in pairs if value != other)
-            mine = (rows[list(CONDITIONS)] == list(values)).all(axis=1)
+            mine = (rows[list(RUN_CONDITIONS)] == list(values)).all(axis=1)
             names[mine.index[mine]] = f"{key[1]} ({words})"
             where = f"{key[2]} {key[3]}, {key[5]}"
             said.append(f"{_runs(int(mine.sum()))} of {key[1]} ({where}) stand apart: {words}.")
@@ -170,7 +155,7 @@ def _with_plain_names(cells: pd.DataFrame) -> pd.DataFrame:
 
 def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
     """Return the scope of the name of each row, the name, and the settings that it means."""
-    places = [*WITHIN, "environment"] if column == "challenge" else WITHIN
+    places = [*NAME_SCOPE, "environment"] if column == "challenge" else NAME_SCOPE
     codes, texts = pd.factorize(cells["identity"], use_na_sentinel=False)  # long, and few
     settings = [_settings(text, column) for text in texts]
     columns = [cells[name].to_numpy(object) for name in (*places, column)]
@@ -178,7 +163,7 @@ def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
 
 
 def _names(of_runs: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
-    """Return the new name of each variant but that of most runs, by `WITHIN`, old name and settings."""
+    """Return the new name of each variant but that of most runs, by `NAME_SCOPE`, old name and settings."""
     variants: dict[tuple[Any, ...], Counter[str]] = {}
     for *key, settings in of_runs:
         variants.setdefault(tuple(key), Counter())[settings] += 1
@@ -212,10 +197,6 @@ def _runs(count: int) -> str:
 def _digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:8]
 
-
-SETTINGS = ["engine", "mastery_threshold", "settings", "identity"]
-"""Columns of cells that come from the spec; settings is a short hash of all of it but the seed, identity the
-JSON of `identity.identity`."""
 
 SEED = re.compile(r'"seed": \d+, "student":')
 """The seed in a spec, whose keys are sorted, with the key that follows it."""
@@ -252,7 +233,7 @@ def with_settings(runs: pd.DataFrame) -> pd.DataFrame:
         digest = hashlib.sha256(text.encode()).hexdigest()[:12]
         identities = json.dumps(identity(spec), sort_keys=True)
         known[text] = str(spec.get("engine", CHIPMUNK)), threshold, digest, identities
-    return runs.assign(**{name: [known[text][i] for text in texts] for i, name in enumerate(SETTINGS)})
+    return runs.assign(**{name: [known[text][i] for text in texts] for i, name in enumerate(FROM_SPEC)})
 
 
 def thresholds_of(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | float:

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from analysis.data.columns import COMPARISON, GROUP, RUN_CONDITIONS
 from analysis.data.frames import (
-    COMPARISON,
-    GROUP,
     STATUSES,
     Frames,
     check_columns,
@@ -16,7 +15,7 @@ from analysis.data.frames import (
     computed_once,
     unfailed,
 )
-from analysis.data.identity import CONDITIONS, of_searches, parsed, searches
+from analysis.data.identity import of_searches, parsed, searches
 from analysis.formatting import number
 from analysis.statistics import describe
 from tma_ray.support.component_names import base_name
@@ -130,7 +129,7 @@ def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
 def final_evaluations(frames: Frames) -> pd.DataFrame:
     """Return the evaluation at which each run is read, with its measures.
 
-    The columns are `GROUP`, `CONDITIONS`, seed, run_id, status, step, provisional, `MEASURED` and the
+    The columns are `GROUP`, `RUN_CONDITIONS`, seed, run_id, status, step, provisional, `MEASURED` and the
     training return in the first and the last quarter. A finished run is read at its last evaluation. A group
     in which no run has finished is read, and marked provisional, at the last step that all its running runs
     have reached. Failed runs are left out: where they stopped says nothing about the teacher. So are runs
@@ -150,7 +149,7 @@ def final_evaluations(frames: Frames) -> pd.DataFrame:
     rows["mastered_area"] = area_over(rows["steps"].astype(float).where(ended, rows["step"]), rows)
     rows = rows.merge(training_quarters(frames), how="left")
     columns = ["step", "provisional", *MEASURED, "first_quarter", "last_quarter"]
-    rows = rows[[*GROUP, *CONDITIONS, "seed", "run_id", "status", *columns]]
+    rows = rows[[*GROUP, *RUN_CONDITIONS, "seed", "run_id", "status", *columns]]
     return rows.sort_values([*GROUP, "seed"], ignore_index=True)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from analysis.data.columns import COMPARED, CONDITIONS, PARTS, POOLED, SETTINGS
 from analysis.data.frames import STATUSES, Frames, check_measure, computed_once, with_plain_texts
 from analysis.data.identity import of_searches
 from analysis.data.reference import baseline_runs
@@ -23,9 +24,6 @@ from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK, SIMULATED
 from tma_ray.support.component_names import base_name, join_name, split_name
 from tma_ray.support.validation import check_sequence
 from tma_ray.tasks import KnowledgeLevel
-
-CONDITIONS = ["steps", "engine", "physics_version", "mastery_threshold", "variant"]
-"""Columns of pools that results must have in common to be counted, drawn or aggregated together."""
 
 NOT_BEGUN = "not begun"
 
@@ -113,19 +111,6 @@ def variant(engine: str, environment: str, challenge: str, pool: str, test_sets:
     if alike and isinstance(test_sets, str) and test_sets != PLUS.join(shipped):
         words.append(f"test set {test_sets}")
     return "; ".join(words)
-
-
-SETTINGS = ["steps", "test_sets", "engine", "physics_version", "mastery_threshold"]
-"""Further columns that runs must have in common for their numbers to mean the same."""
-
-COMPARED = ["environment", "challenge", "pool", "expert_knowledge", *SETTINGS, "variant"]
-"""Columns that teachers must have in common to be compared."""
-
-POOLED = [*COMPARED, "teacher"]
-"""Columns that runs must have in common to be pooled; experiments do not matter, nor campaigns."""
-
-PARTS = ["embodiment", "student"]
-"""Columns that tell the parts of a pool apart."""
 
 
 def pool_runs(

@@ -24,12 +24,13 @@ from analysis.comparisons.ranks import Rank, ranks
 from analysis.comparisons.sentences import places as titles_of
 from analysis.comparisons.sentences import sentences
 from analysis.comparisons.verdicts import AXES
+from analysis.data.columns import CHALLENGE_LEVEL, COMPARED, SETTINGS
 from analysis.data.frames import Frames
 from analysis.data.reference import PAPER
 from analysis.formatting import amount, listed, number, p_value, plus_minus
 from analysis.looks import shown_together
 from analysis.measures.evaluations import aggregate
-from analysis.measures.pooling import COMPARED, SETTINGS, by_students, parts_of, pooled
+from analysis.measures.pooling import by_students, parts_of, pooled
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES, PAPERS, QUANTITIES, how_tested
 from analysis.names import label, own_first, teacher_order
 from analysis.pages.page import SHOWN, controls, leading, overall_section, page, page_folder, write_page
@@ -254,7 +255,7 @@ def _radar(
 
 
 def _beside_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    rows = table.assign(order=table["teacher"].map(teacher_order)).sort_values([*sides.PLACE, "order"])
+    rows = table.assign(order=table["teacher"].map(teacher_order)).sort_values([*CHALLENGE_LEVEL, "order"])
     return [
         {
             "place": f"{row['environment']} {row['challenge']}, {row['expert_knowledge']}".replace("_", " "),

@@ -14,12 +14,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from analysis.charts.page import on_page, packed, plotly_library
 from analysis.charts.profiles import FEWEST, profile_chart
 from analysis.comparisons.boards import THRESHOLDS, overall_rows, performance_profiles
+from analysis.data.columns import COMPARED, FILTERS
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, caveat, plus_minus
 from analysis.looks import look
-from analysis.measures.pooling import COMPARED
 from analysis.measures.tested import HEADLINE, QUANTITIES
-from analysis.names import FILTERS, challenge_title, label, mark_of, marked_label, teacher_order
+from analysis.names import challenge_title, label, mark_of, marked_label, teacher_order
 from analysis.statistics import SIGNIFICANCE
 from tma_ray.console.exit_codes import installed_version
 from tma_ray.support.texts import visible

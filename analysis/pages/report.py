@@ -11,7 +11,8 @@ import pandas as pd
 from analysis.baselines.catalogue import Sources, as_baseline, places_of, read
 from analysis.claims.judging import decided, root_verdicts
 from analysis.comparisons.measured import TESTED, Measured, measure, titled
-from analysis.data.frames import COMPARISON, GROUP, STATUSES, Frames
+from analysis.data.columns import COMPARISON, GROUP
+from analysis.data.frames import STATUSES, Frames
 from analysis.data.identity import parsed
 from analysis.formatting import amount, duration, listed, number
 from analysis.looks import shown_together

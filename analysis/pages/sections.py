@@ -22,6 +22,7 @@ from analysis.comparisons.frame import along_baseline, reference_of
 from analysis.comparisons.measured import Measured, curricula_of, in_whose_space, titled, which_runs
 from analysis.comparisons.sentences import findings
 from analysis.comparisons.verdicts import AXES, on_both_axes, verdict
+from analysis.data.columns import FILTERS
 from analysis.data.curricula import Curriculum, moments, task_axes
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
@@ -29,7 +30,7 @@ from analysis.formatting import amount, caveat, listed, number, p_value, plus_mi
 from analysis.measures import evaluations
 from analysis.measures.tested import FINAL, HEADLINE, PAPERS, QUANTITIES
 from analysis.measures.trained import NEARLY_ALL, trained_shares, with_trained_steps
-from analysis.names import FILTERS, label, teacher_order
+from analysis.names import label, teacher_order
 from analysis.statistics import describe
 
 
@@ -40,7 +41,7 @@ class Section:
     Attributes:
         anchor: identifier on the page.
         title: title of the comparison.
-        chosen_by: its values in the columns of `page.FILTERS`.
+        chosen_by: its values in the columns of `columns.FILTERS`.
         rows: cells of the table, one row per teacher, at the ends of runs.
         step_rows: their changes at every evaluation, by step, teacher and column.
         points: teacher, seed, step (or `END`) and value of every run.

@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from analysis.data.columns import TABLE_CONDITIONS
 from analysis.data.frames import Frames
 from analysis.data.reference import paper_frame
 from analysis.formatting import amount
@@ -25,9 +26,6 @@ RESULTS = [
 ]
 """Columns of results: embodiments and students are sorted tuples of those pooled, mean and std are of
 mastered tasks in per cent, digits the decimals that count, missing and doubt as in `table.Cell`."""
-
-APART = ["steps", "engine", "physics_version", "mastery_threshold", "test_set"]
-"""Columns of pooled results whose values never share a table; test_set is empty for the shipped ones."""
 
 
 @dataclass(frozen=True)
@@ -120,10 +118,10 @@ def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.Data
         for place, each in zip(places, frame["test_sets"], strict=True)
     ]
     frame = frame.assign(test_set=own)
-    for column in APART[:-1]:
+    for column in TABLE_CONDITIONS[:-1]:
         known = frame[column].dropna().unique()
         frame[column] = frame[column].fillna(known[0]) if len(known) == 1 else frame[column]
-    groups = list(frame.groupby(APART, dropna=False, sort=True))
+    groups = list(frame.groupby(TABLE_CONDITIONS, dropna=False, sort=True))
     key: Any
     for key, rows in sorted(groups, key=lambda group: -len(group[1])):
         budget, engine, physics, threshold, test_set = key

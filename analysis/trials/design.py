@@ -12,6 +12,7 @@ import pandas as pd
 from scipy import optimize
 
 from analysis.baselines.catalogue import Baseline
+from analysis.data.columns import CELL
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.measures.run_measures import NOT_FINITE, run_measures
@@ -40,11 +41,8 @@ MARGIN = 2.5
 """Difference in points of `HEADLINE` that does not matter. Mastery grows about evenly over a run, so that its
 mean over the budget is half of its end: this is half of the 5 points by which ends are judged."""
 
-PLACE = ["environment", "challenge", "embodiment", "student", "expert_knowledge"]
-"""Columns that tell the cells of a trial."""
-
 CHALLENGE = 2
-"""Number of the columns of `PLACE` that name a challenge; its cells share the weight of one."""
+"""Number of the columns of `CELL` that name a challenge; its cells share the weight of one."""
 
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
 """Errors to spend: a design has the largest whose verdicts are wrong in at most `ERROR` of trials."""
@@ -109,8 +107,8 @@ class TrialCell:
 
     @property
     def place(self) -> tuple[str, ...]:
-        """Values of `PLACE`."""
-        return tuple(getattr(self, name) for name in PLACE)
+        """Values of `CELL`."""
+        return tuple(getattr(self, name) for name in CELL)
 
 
 @dataclass(frozen=True)
@@ -224,21 +222,21 @@ def released_runs(frames: Frames) -> pd.DataFrame:
 
 
 def ended_runs(frames: Frames) -> pd.DataFrame:
-    """Return the runs that have ended: `PLACE`, teacher, run_id, seed, `AXES` and `SCALED` columns.
+    """Return the runs that have ended: `CELL`, teacher, run_id, seed, `AXES` and `SCALED` columns.
 
     All measures of a run whose returns are not finite are NaN.
     """
-    cells = frames.cells[[*PLACE, "teacher", "seed", "run_id"]].drop_duplicates()
+    cells = frames.cells[[*CELL, "teacher", "seed", "run_id"]].drop_duplicates()
     measures = run_measures(frames, training=False)
     ended = measures["reason"].isin(["", NOT_FINITE])
     rows = cells.merge(measures.loc[ended, ["run_id", *AXES]], on="run_id")
     scaled = {column: SCALES[measure].of(rows[measure]) for measure, column in SCALED.items()}
-    return rows.assign(**scaled).astype(dict.fromkeys([*PLACE, "teacher"], str))
+    return rows.assign(**scaled).astype(dict.fromkeys([*CELL, "teacher"], str))
 
 
 def in_cell(runs: pd.DataFrame, place: tuple[str, ...]) -> pd.DataFrame:
-    """Return those of `runs` in the cell at a place, values of `PLACE`."""
-    return runs[(runs[PLACE] == list(place)).all(axis=1)]
+    """Return those of `runs` in the cell at a place, values of `CELL`."""
+    return runs[(runs[CELL] == list(place)).all(axis=1)]
 
 
 def moments_of(
@@ -307,7 +305,7 @@ def make_design(
 def _chosen(cells: pd.DataFrame, wanted: Collection[str]) -> dict[str, tuple[str, ...]]:
     """Return the places of Random at the highest level of knowledge that each has, by name."""
     own = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
-    found = {tuple(map(str, row)) for row in own[PLACE].itertuples(index=False)}
+    found = {tuple(map(str, row)) for row in own[CELL].itertuples(index=False)}
     ordered = sorted(found, key=lambda place: (place[:-1], KnowledgeLevel(place[-1]).rank))
     places = {place[:-1]: place for place in ordered}  # the last of each, which is the highest
     challenges = [place[:2] for place in places.values()]
@@ -342,7 +340,7 @@ def _cells(
         signal = max(float(groups.mean().var()) - noise * float((1 / groups.size()).mean()), 0.0)
         cell = TrialCell(
             name,
-            **dict(zip(PLACE, place, strict=True)),
+            **dict(zip(CELL, place, strict=True)),
             slope=own.slope,
             deviation=own.deviation,
             hours=hours,
@@ -388,7 +386,7 @@ def _best(released: pd.DataFrame, places: Sequence[tuple[str, ...]], name: str) 
     if needed.min() < 3:
         runs = counted(int(needed.min()), "run")
         raise ValueError(f"{name} has {runs} of Random in a cell: a trial needs 3")
-    areas, weights = released.groupby(["teacher", *PLACE])[HEADLINE].mean(), _weights(places)
+    areas, weights = released.groupby(["teacher", *CELL])[HEADLINE].mean(), _weights(places)
     means = {
         teacher: float(np.dot(weights, [areas[teacher, *place] for place in places]))
         for teacher in _candidates(released, places)

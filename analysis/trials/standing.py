@@ -11,6 +11,7 @@ import pandas as pd
 
 from analysis.comparisons.against_random import LARGEST
 from analysis.comparisons.verdicts import AXES, on_both_axes
+from analysis.data.columns import CELL
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
 from analysis.formatting import ends, number
@@ -18,7 +19,7 @@ from analysis.measures.evaluations import aggregate
 from analysis.measures.tested import FINAL, HEADLINE
 from analysis.names import label
 from analysis.trials.boundaries import median_unbiased
-from analysis.trials.design import PLACE, TRIALS, Design, detectable, moments_of, planned
+from analysis.trials.design import TRIALS, Design, detectable, moments_of, planned
 from analysis.trials.rules import ERROR, FUTILE, Moments, Verdict, difference
 from tma_ray.support.texts import counted
 
@@ -203,11 +204,11 @@ def curves(design: Design, frames: Frames, own: Frames) -> pd.DataFrame:
     Returns:
         teacher, step, n, mean, std and standard_error of the mastered test tasks, in per cent.
     """
-    places = pd.DataFrame(design.places, columns=PLACE)
+    places = pd.DataFrame(design.places, columns=CELL)
     found = []
     for source, names in ((frames, design.references), (own, (design.teacher,))):
-        cells = source.cells[source.cells["teacher"].isin(names)].astype(dict.fromkeys(PLACE, str))
-        runs = cells.merge(places, on=PLACE)[["teacher", "run_id"]].drop_duplicates()
+        cells = source.cells[source.cells["teacher"].isin(names)].astype(dict.fromkeys(CELL, str))
+        runs = cells.merge(places, on=CELL)[["teacher", "run_id"]].drop_duplicates()
         rows = source.measured[["run_id", "step", "mastered_percent"]].astype({"run_id": object})
         found.append(runs.astype(object).merge(rows, on="run_id"))
     return aggregate(pd.concat(found, ignore_index=True), "mastered_percent", ["teacher"])

@@ -6,7 +6,8 @@ from scipy import stats
 from synthetic_pools import cell, cells, parkour, pool
 
 from analysis.comparisons.aggregates import improvements, interquartile_means, profiles
-from analysis.comparisons.frame import ACROSS, CHALLENGES, over_challenges
+from analysis.comparisons.frame import over_challenges
+from analysis.data.columns import ACROSS, STRATA
 from analysis.data.reference import NO_BASELINE
 
 BODIES = {"classic_bipedal": [30, 50, 41, 38], "fish": [0, 60, 70, 1], "climbing_chimpanzee": [0, 1, 0, 0]}
@@ -23,13 +24,13 @@ def test_interquartile_means_of_pools() -> None:
 def test_across_challenges_each_is_a_stratum() -> None:
     both, trivial = {"adr": [0, 1, 2, 3], "random": [10, 11, 12, 13]}, {"random": [10, 11, 12, 13]}
     runs = pool(*cells(both), *cells(trivial, challenge="mostly_trivial"))
-    table = interquartile_means(runs, "mastered_percent", [*ACROSS, "teacher"], CHALLENGES)
+    table = interquartile_means(runs, "mastered_percent", [*ACROSS, "teacher"], STRATA)
     table = table.set_index("teacher")
     assert table["n"].to_dict() == {"adr": 4, "random": 8}
     assert table["value"].to_dict() == {"adr": 1.5, "random": 11.5}
     assert "mostly_trivial" in table.loc["adr", "missing"]
     assert table.loc["random", "missing"] == ""
-    pair = improvements(runs, "mastered_percent", within=ACROSS, strata=CHALLENGES).iloc[0]
+    pair = improvements(runs, "mastered_percent", within=ACROSS, strata=STRATA).iloc[0]
     assert (pair["reason"], math.isnan(pair["value"])) == ("other strata", True)
 
 
@@ -40,7 +41,7 @@ def test_a_run_at_several_levels_counts_once() -> None:
         for seed in range(4)
     ]
     by = [column for column in ACROSS if column != "expert_knowledge"]
-    table = interquartile_means(pool(*levels), "mastered_percent", [*by, "teacher"], CHALLENGES)
+    table = interquartile_means(pool(*levels), "mastered_percent", [*by, "teacher"], STRATA)
     assert table["n"].tolist() == [4]
 
 

@@ -12,8 +12,9 @@ from synthetic_pools import cell, pool
 
 from analysis.baselines import find_baseline
 from analysis.comparisons.against_random import against_random
-from analysis.comparisons.frame import CHALLENGES, pairwise
+from analysis.comparisons.frame import pairwise
 from analysis.comparisons.verdicts import Verdict, on_both_axes
+from analysis.data.columns import STRATA
 from analysis.data.frames import Frames
 from analysis.measures.pooling import levels_together, runs_after
 from analysis.measures.tested import TRAINED
@@ -47,7 +48,7 @@ def test_better_without_more_needs_both_axes() -> None:
 
 def test_mean_until_the_same_number_of_trained_steps_by_hand(lite: Frames, runs: pd.DataFrame) -> None:
     own = runs[runs["teacher"].isin(["accel:budget=2000000", "random"]) & (runs["challenge"] == "original")]
-    areas = trained_areas(trained_curves(lite), own, "accel:budget=2000000", CHALLENGES).set_index("run_id")
+    areas = trained_areas(trained_curves(lite), own, "accel:budget=2000000", STRATA).set_index("run_id")
     shares = trained_shares(lite)
     limit = min(2e6 * shares[run_id] / 100 for run_id in own.loc[own["teacher"] != "random", "run_id"])
     for run_id in own.loc[own["teacher"] == "random", "run_id"]:

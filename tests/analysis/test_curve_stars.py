@@ -18,10 +18,11 @@ from synthetic_results import SyntheticCampaign
 
 from analysis.charts.paper.style import png
 from analysis.comparisons.frame import pairwise
+from analysis.data.columns import COMPARED
 from analysis.data.frames import load
 from analysis.figures import CurvePanel, body_panels, curves_with_stars, knowledge_panels, pairwise_curves
 from analysis.looks import look
-from analysis.measures.pooling import COMPARED, pool_runs, pooled
+from analysis.measures.pooling import pool_runs, pooled
 from analysis.measures.run_measures import evaluations_at, training_returns_at
 
 pytestmark = pytest.mark.slow

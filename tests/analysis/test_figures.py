@@ -21,8 +21,8 @@ from views import Told
 from analysis.charts.base import END
 from analysis.charts.paper.style import Vector, png, save, svg
 from analysis.commands.figures import write_figures
+from analysis.data.columns import GROUP
 from analysis.data.curricula import Axis
-from analysis.data.frames import GROUP
 from analysis.figures import learning_curve, mastery_map, seeds_chart
 from analysis.formatting import amount, duration, number, plus_minus
 from analysis.looks import look, shown_together

@@ -16,8 +16,9 @@ from views import printed
 from analysis.commands.rankings import show_ranking
 from analysis.comparisons.sentences import ranking
 from analysis.comparisons.sides import beside, named_jointly, side_of, together
-from analysis.data.frames import COMPARISON, load
-from analysis.data.identity import NAMED, disambiguate_names, identity
+from analysis.data.columns import COMPARISON, NAMED
+from analysis.data.frames import load
+from analysis.data.identity import disambiguate_names, identity
 from analysis.measures.evaluations import final_evaluations
 from analysis.pages.report import write_report
 from analysis.tables.paper_tables import table_results

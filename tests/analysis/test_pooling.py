@@ -8,8 +8,9 @@ import pytest
 from synthetic_pools import PARKOUR_POOL, cell, parkour, pool
 from synthetic_results import SyntheticCampaign
 
+from analysis.data.columns import POOLED
 from analysis.data.frames import load
-from analysis.measures.pooling import POOLED, pool_runs, pooled, reuse_random
+from analysis.measures.pooling import pool_runs, pooled, reuse_random
 from analysis.measures.run_measures import evaluations_at, every, run_measures
 
 THREE_BODIES = {"classic_bipedal": [30, 50], "fish": [0, 60], "climbing_chimpanzee": [0, 1]}

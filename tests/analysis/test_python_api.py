@@ -12,7 +12,7 @@ import pytest
 
 import analysis
 from analysis.baselines import BaselineError
-from analysis.measures.pooling import COMPARED
+from analysis.data.columns import COMPARED
 from tma_ray.results import ResultsRootError
 
 HERE = Path(__file__).parents[2]

@@ -17,8 +17,9 @@ from analysis.comparisons.aggregates import (
     profiles,
     stratified_means,
 )
-from analysis.comparisons.frame import ACROSS, CHALLENGES, over_challenges, pairwise
+from analysis.comparisons.frame import over_challenges, pairwise
 from analysis.comparisons.ranks import ranks
+from analysis.data.columns import ACROSS, STRATA
 from analysis.measures.tested import compared, mean_over_strata, seeds_to_pair
 from analysis.statistics import Method, Scale, paired_strata, percent_interval
 from analysis.statistics.estimates import interquartile_mean_of, performance_profile
@@ -101,9 +102,9 @@ def test_a_teacher_is_ranked_on_the_seeds_that_others_have_too() -> None:
 
 def test_improvement_is_told_on_common_seeds() -> None:
     runs = results({"random": [0.0, 50.0, 80.0, 90.0], "adr": [10.0, 60.0]})
-    row = improvements(runs, "mastered_percent", within=ACROSS, strata=CHALLENGES).iloc[0]
+    row = improvements(runs, "mastered_percent", within=ACROSS, strata=STRATA).iloc[0]
     assert (row["first"], row["n"], row["value"]) == ("adr", 12, pytest.approx(0.75))
-    others = improvements(runs.assign(engine=CHIPMUNK), "mastered_percent", within=ACROSS, strata=CHALLENGES)
+    others = improvements(runs.assign(engine=CHIPMUNK), "mastered_percent", within=ACROSS, strata=STRATA)
     assert others["value"].iloc[0] < 0.5
 
 
@@ -111,8 +112,8 @@ def test_what_depends_on_the_seed_widens_intervals_over_challenges(runs: pd.Data
     by = [*ACROSS, "teacher"]
     apart = runs.assign(engine=CHIPMUNK)
     for function in (
-        lambda table: interquartile_means(table, "mastered_percent", by, CHALLENGES),
-        lambda table: profiles(table, "mastered_percent", [10.0], by, CHALLENGES),
+        lambda table: interquartile_means(table, "mastered_percent", by, STRATA),
+        lambda table: profiles(table, "mastered_percent", [10.0], by, STRATA),
         lambda table: stratified_means(table, "mastered_percent"),
     ):
         widths = [(each["high"] - each["low"]).to_numpy() for each in map(function, (runs, apart))]
