@@ -20,12 +20,12 @@ from PIL import Image
 
 from tma_ray.embodiments import Embodiment, load_embodiment
 from tma_ray.envs.drawing import Renderer, height_at
-from tma_ray.envs.scene import Look, scene_of
+from tma_ray.envs.scene import RenderOptions, scene_of
 from tma_ray.physics import Engine, Rules, make_engine
 from tma_ray.physics.kernels import NOTHING
 from tma_ray.terrain import Terrain
-from tma_ray.terrain.base import STEP
 from tma_ray.terrain.parkour import CPPN, DEFAULT_WEIGHTS, GROUND_LIMIT, outlines, parkour
+from tma_ray.terrain.terrain import TERRAIN_STEP
 from tma_ray.viewing.rendering import write_frames
 
 COLUMNS = 3
@@ -118,7 +118,7 @@ def world_of(view: View, cppn: CPPN) -> tuple[Terrain, NDArray[np.float32]]:
     level = 0.0
     if view.water is not None:
         bottom = GROUND_LIMIT / view.delta
-        points = np.arange(len(ground)) * STEP
+        points = np.arange(len(ground)) * TERRAIN_STEP
         here = np.interp(level_place(np.stack([points, ground], axis=1), view.x), points, ground)
         level = (here + view.water - bottom) / (ceiling.max() - bottom)
     task = np.array([*theta, level, 0.25, *view.creepers, view.delta], np.float32)
@@ -237,7 +237,7 @@ def sheet(path: Path) -> None:
         upper = figure.add_axes(_share((left, top - width * 2 / 3, width, width * 2 / 3), size))
         lower = figure.add_axes(_share((left, top - width * 2 / 3 - MAP, width, MAP), size))
         renderer = Renderer(body, False, 50)
-        upper.imshow(renderer.draw(scene_of(engine, terrain, observation), Look()))
+        upper.imshow(renderer.draw(scene_of(engine, terrain, observation), RenderOptions()))
         upper.set_axis_off()
         upper.set_title(caption(view, task), fontsize=8, loc="left")
         draw_map(lower, terrain, *engine.state[body.head, :2])
@@ -257,7 +257,7 @@ def clip(view: View, acting: Callable[[Engine], Acting]) -> list[NDArray[np.uint
     observation, act = engine.reset(terrain, 0.0), acting(engine)
     for step in range(view.steps):
         if step % STEPS_PER_FRAME == 0:
-            frame = Image.fromarray(renderer.draw(scene_of(engine, terrain, observation), Look()))
+            frame = Image.fromarray(renderer.draw(scene_of(engine, terrain, observation), RenderOptions()))
             frames.append(np.asarray(frame.resize(CLIP_SIZE, Image.Resampling.LANCZOS)))
         observation, *_ = engine.step(act(step, engine))
     return frames

@@ -16,12 +16,12 @@ from parkour_demands import demands, difficulty
 
 from tma_ray.benchmark import find_challenge, load_test_set
 from tma_ray.terrain import Terrain
-from tma_ray.terrain.base import STEP
 from tma_ray.terrain.parkour import CPPN, TRACK_POINTS, parkour
+from tma_ray.terrain.terrain import TERRAIN_STEP
 
 NETWORK = CPPN.load()
 MEDIUM = find_challenge("parkour", "original").task_space
-LENGTH = (TRACK_POINTS - 1) * STEP
+LENGTH = (TRACK_POINTS - 1) * TERRAIN_STEP
 BELOW, ABOVE = 20.0, 28.0
 """How far pictures reach under and over the start's ground, in m."""
 

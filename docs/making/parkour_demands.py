@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.terrain import Terrain
-from tma_ray.terrain.base import STARTPAD_STEPS, STEP
+from tma_ray.terrain.terrain import STARTPAD_STEPS, TERRAIN_STEP
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def demands(terrain: Terrain, body_type: str) -> dict[str, float]:
         raise ValueError(f"body type {body_type!r}: expected one of {', '.join(_DEMANDS)}")
     # from the end of the flat start to the goal, one height a terrain step
     left = terrain.surface[:, 0]
-    track = (left > (STARTPAD_STEPS - 0.5) * STEP) & (left < terrain.goal_x + 0.5 * STEP)
+    track = (left > (STARTPAD_STEPS - 0.5) * TERRAIN_STEP) & (left < terrain.goal_x + 0.5 * TERRAIN_STEP)
     return _DEMANDS[body_type](terrain, terrain.surface[track, 1], terrain.ceiling[track, 1])
 
 

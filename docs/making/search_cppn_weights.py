@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import truncnorm
 
-from tma_ray.terrain.base import STEP
 from tma_ray.terrain.parkour import CPPN, POINTS, SHAPES, softplus
+from tma_ray.terrain.terrain import TERRAIN_STEP
 
 STD, CUT = 2.0, 2.0
 """Standard deviation of the weights before they are cut, and where, in standard deviations."""
@@ -112,7 +112,7 @@ def aligned(curves: np.ndarray) -> np.ndarray:
 def figures(ground: np.ndarray, ceiling: np.ndarray) -> Figures:
     """Return the figures of grounds and ceilings (n, 200), in m above their starts."""
     clearance = (ceiling - ground).min(axis=1) + START_CLEARANCE
-    slope = np.abs(np.diff(ground, axis=1)) / STEP
+    slope = np.abs(np.diff(ground, axis=1)) / TERRAIN_STEP
     return Figures(
         over_2_7=float(np.mean(clearance > 2.7)),
         over_5=float(np.mean(clearance > 5)),
@@ -140,7 +140,7 @@ def deviations(measured: Figures, target: Figures) -> np.ndarray:
 def grounds_that_fit(ground: np.ndarray, target: Figures, chosen: np.ndarray) -> np.ndarray:
     """Return those of the `chosen` among grounds (n, 200, HEADS) that are about as the target."""
     curves = ground[..., chosen]
-    slope = np.abs(np.diff(curves, axis=1)).mean(axis=(0, 1)) / STEP
+    slope = np.abs(np.diff(curves, axis=1)).mean(axis=(0, 1)) / TERRAIN_STEP
     extent = np.ptp(curves, axis=1).mean(axis=0)
     fits = np.abs(slope / target.mean_slope - 1) < 1.2 * TOLERANCES.mean_slope
     fits &= np.abs(extent / target.ground_range - 1) < 1.2 * TOLERANCES.ground_range

@@ -27,7 +27,7 @@ from tma_ray.envs.drawing import (
     height_at,
     view_of,
 )
-from tma_ray.envs.scene import Look, Scene, scene_of
+from tma_ray.envs.scene import RenderOptions, Scene, scene_of
 from tma_ray.physics import engine_in_use, make_engine
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks
@@ -45,7 +45,7 @@ def scene(body: str, terrain: Terrain, steps: int = 0) -> Scene:
 
 
 def frame_of(body: str, shown: Scene) -> np.ndarray:
-    return Renderer(load_embodiment(body), False, 50).draw(shown, Look())
+    return Renderer(load_embodiment(body), False, 50).draw(shown, RenderOptions())
 
 
 def pixels(frame: np.ndarray, colour: Colour, tolerance: int = 8) -> int:

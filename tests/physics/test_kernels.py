@@ -13,9 +13,9 @@ from tma_ray.physics.kernels import (
     GROUND_SIDE,
     command_motors,
     hit_fraction,
-    judge,
     observe,
     shaping,
+    step_outcome,
     world_of,
 )
 from tma_ray.physics.rules import step_arrays
@@ -100,28 +100,28 @@ def test_observation_follows_the_releases_layout() -> None:
 
 def test_reward_is_progress_less_tilt_and_cost() -> None:
     before, after = state_at(5.0, angle=-0.2), state_at(5.3, angle=0.1)
-    reward, ended, potential = judge(after, NOTHING, ARRAYS, GOAL, 0.02, shaping(before, ARRAYS))
+    reward, ended, potential = step_outcome(after, NOTHING, ARRAYS, GOAL, 0.02, shaping(before, ARRAYS))
     assert reward == pytest.approx(130 / 30 * 0.3 + 5 * (0.2 - 0.1) - 0.02)
     assert not ended
     assert potential == shaping(after, ARRAYS)
 
 
 def test_the_head_touching_anything_is_a_fall() -> None:
-    reward, ended, _ = judge(state_at(), touching({0: (1, 0)}), ARRAYS, GOAL, 0.0, 0.0)
+    reward, ended, _ = step_outcome(state_at(), touching({0: (1, 0)}), ARRAYS, GOAL, 0.0, 0.0)
     assert (reward, ended) == (-100.0, True)
-    _, ended, _ = judge(
+    _, ended, _ = step_outcome(
         state_at(), touching({1: (3, 0), 2: (1, 2), 3: (1, 0), 4: (0, 1)}), ARRAYS, GOAL, 0.0, 0.0
     )
     assert not ended
 
 
 def test_leaving_the_track_backwards_is_a_fall() -> None:
-    assert judge(state_at(-0.01), NOTHING, ARRAYS, GOAL, 0.0, 0.0)[:2] == (-100.0, True)
+    assert step_outcome(state_at(-0.01), NOTHING, ARRAYS, GOAL, 0.0, 0.0)[:2] == (-100.0, True)
 
 
 def test_the_goal_ends_the_episode_and_keeps_the_reward() -> None:
     before = shaping(state_at(GOAL - 0.1), ARRAYS)
-    reward, ended, _ = judge(state_at(GOAL + 0.1), NOTHING, ARRAYS, GOAL, 0.0, before)
+    reward, ended, _ = step_outcome(state_at(GOAL + 0.1), NOTHING, ARRAYS, GOAL, 0.0, before)
     assert ended
     assert reward == pytest.approx(130 / 30 * 0.2)
-    assert not judge(state_at(GOAL), NOTHING, ARRAYS, GOAL, 0.0, before)[1]
+    assert not step_outcome(state_at(GOAL), NOTHING, ARRAYS, GOAL, 0.0, before)[1]

@@ -9,7 +9,17 @@ from tma_ray.embodiments import LidarLayout, load_embodiment
 from tma_ray.physics import LIDAR_RANGE
 from tma_ray.physics.base import HANGING_STEPS
 from tma_ray.physics.compiled.engine import CompiledEngine
-from tma_ray.physics.kernels import CEILING, CREEPER, NOTHING, SOLID, WATER, World, graspable, look, world_of
+from tma_ray.physics.kernels import (
+    CEILING,
+    CREEPER,
+    NOTHING,
+    SOLID,
+    WATER,
+    World,
+    cast_ray,
+    graspable,
+    world_of,
+)
 from tma_ray.physics.rules import lidar_angles
 from tma_ray.terrain import Terrain
 
@@ -54,7 +64,7 @@ def test_a_ray_meets_what_is_nearest(depth: float, swinging: bool) -> None:
             if hit is not None and shape.point_query(start).distance > 0:
                 hits.append((hit.alpha, kind))
         expected = min(hits)
-        share, kind = look(x, y, ray, world)
+        share, kind = cast_ray(x, y, ray, world)
         assert share == pytest.approx(expected[0], abs=1e-9)
         assert kind == expected[1]
         kinds.append(kind if share < 1 else None)
@@ -66,11 +76,11 @@ def test_a_ray_does_not_see_what_it_starts_in() -> None:
     world = world_of(parkour_world(0.9, (1.0, 3.0, 2.0)))
     left, low, right, _ = world.creepers[3]
     inside = (left + right) / 2, low + 1.0
-    assert look(*inside, np.array([0.0, -0.5]), world) == (1.0, SOLID)
-    assert look(left - 0.2, low + 1.0, np.array([0.4, 0.0]), world) == (pytest.approx(0.5), CREEPER)
-    assert look(left - 0.2, low + 1.0, np.array([-0.1, 0.0]), world) == (1.0, SOLID)
+    assert cast_ray(*inside, np.array([0.0, -0.5]), world) == (1.0, SOLID)
+    assert cast_ray(left - 0.2, low + 1.0, np.array([0.4, 0.0]), world) == (pytest.approx(0.5), CREEPER)
+    assert cast_ray(left - 0.2, low + 1.0, np.array([-0.1, 0.0]), world) == (1.0, SOLID)
     under = world.water_y - 1.0
-    assert look(inside[0], under, np.array([0.0, 1.5]), world)[1] != WATER
+    assert cast_ray(inside[0], under, np.array([0.0, 1.5]), world)[1] != WATER
 
 
 def test_a_ray_from_above_sees_water_and_what_is_over_it() -> None:
@@ -78,10 +88,10 @@ def test_a_ray_from_above_sees_water_and_what_is_over_it() -> None:
     x, ground = 4.7, 10 / 3
     assert world.water_y > ground
     ray = np.array([0.0, -(world.water_y - ground + 1.0)])
-    share, kind = look(x, world.water_y + 0.5, ray, world)
+    share, kind = cast_ray(x, world.water_y + 0.5, ray, world)
     assert (share, kind) == (pytest.approx(-0.5 / ray[1]), WATER)
     dry = world._replace(water_y=ground - 0.5)
-    share, kind = look(x, ground + 0.5, np.array([0.0, -2.0]), dry)
+    share, kind = cast_ray(x, ground + 0.5, np.array([0.0, -2.0]), dry)
     assert (share, kind) == (pytest.approx(0.25), SOLID)
 
 

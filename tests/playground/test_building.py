@@ -13,7 +13,7 @@ from suite.locked import locked
 
 from tma_ray.playground.compiling import WASM, CompilerMissingError, build, digest, kernels_in_c, require_zig
 from tma_ray.playground.page import SCRIPTS, SOURCES
-from tma_ray.playground.translation import REAL, WHOLE, Array, Record, Translation, TranslationError
+from tma_ray.playground.translation import REAL, WHOLE, ArrayType, Translation, TranslationError, TupleType
 
 DOCS = Path(__file__).parents[2] / "docs/playground"
 
@@ -64,8 +64,8 @@ def several(pair: Pair, limit: float) -> tuple[float, int]:
 def test_a_translation_follows_types() -> None:
     translation = Translation({})
     translation.export("several", several, Pair(np.zeros(2), 2), 0.5)
-    pair = Record((Array(REAL, 1), WHOLE), ("values", "count"))
-    assert translation.function(several, (pair, REAL))[1] == Record((REAL, WHOLE))
+    pair = TupleType((ArrayType(REAL, 1), WHOLE), ("values", "count"))
+    assert translation.function(several, (pair, REAL))[1] == TupleType((REAL, WHOLE))
     assert "max_double(" in translation.functions[0]
     assert 'export_name("several")' in translation.text()
 
@@ -76,4 +76,4 @@ def unknown(values: np.ndarray) -> float:
 
 def test_what_has_no_counterpart_is_named() -> None:
     with pytest.raises(TranslationError, match=r"unknown: .*np\.linalg"):
-        Translation({}).function(unknown, (Array(REAL, 1),))
+        Translation({}).function(unknown, (ArrayType(REAL, 1),))

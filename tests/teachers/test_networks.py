@@ -10,7 +10,7 @@ import pytest
 import torch
 from simulated_play import SPACES, play, started
 
-from tma_ray.teachers.networks import DTYPE, MARGIN, RealNVP, descend, slow_softplus
+from tma_ray.teachers.networks import DTYPE, FACE_DISTANCE, RealNVP, descend, slow_softplus
 
 NETWORK_TEACHERS = ["goal_gan", "setter_solver"]
 
@@ -81,8 +81,8 @@ def test_the_inverse_leads_back_with_the_same_density(size: int) -> None:
     with torch.no_grad():
         points, log_density = setter(latents, condition)
         back, same = setter.inverse(points, condition)
-    assert points.min() > MARGIN
-    assert points.max() < 1 - MARGIN
+    assert points.min() > FACE_DISTANCE
+    assert points.max() < 1 - FACE_DISTANCE
     torch.testing.assert_close(back, latents, rtol=0, atol=1e-8)
     torch.testing.assert_close(same, log_density, rtol=0, atol=1e-8)
 
@@ -133,8 +133,8 @@ def test_it_begins_as_a_sigmoid_of_its_noise() -> None:
 def test_far_latents_stay_inside_with_finite_slopes() -> None:
     setter, latents = rough(2), 1e6 * noise(20, 2)
     points, log_density = setter(latents, conditions(20))
-    assert points.min() >= MARGIN - 1e-12
-    assert points.max() <= 1 - MARGIN + 1e-12
+    assert points.min() >= FACE_DISTANCE - 1e-12
+    assert points.max() <= 1 - FACE_DISTANCE + 1e-12
     (points.sum() + log_density.sum()).backward()
     assert all(torch.isfinite(weight.grad).all() for weight in setter.parameters())
 

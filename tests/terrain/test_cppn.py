@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from tma_ray.terrain.base import STARTPAD_STEPS, STEP
 from tma_ray.terrain.parkour import CPPN, POINTS, SHAPES, outlines, softplus
+from tma_ray.terrain.terrain import STARTPAD_STEPS, TERRAIN_STEP
 
 SEEDS = range(3)
 
@@ -159,7 +159,7 @@ def test_grounds_are_as_steep_and_reach_as_far(
     box: str, heights: tuple[np.ndarray, np.ndarray], release
 ) -> None:
     ground, _ = heights
-    slope = np.abs(np.diff(ground, axis=1)).mean() / STEP
+    slope = np.abs(np.diff(ground, axis=1)).mean() / TERRAIN_STEP
     assert slope == pytest.approx(release[box, "mean_slope"], rel=0.2)
     assert np.ptp(ground, axis=1).mean() == pytest.approx(release[box, "ground_range"], rel=0.2)
 

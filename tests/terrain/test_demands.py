@@ -7,9 +7,9 @@ import pytest
 from parkour_demands import demands, difficulty, greatest_rise, smoothest_path
 
 from tma_ray.terrain import FIXED, GROUND_HEIGHT, Terrain
-from tma_ray.terrain.base import STEP
+from tma_ray.terrain.terrain import TERRAIN_STEP
 
-GOAL_X = 215 * STEP
+GOAL_X = 215 * TERRAIN_STEP
 
 
 def world(
@@ -19,7 +19,7 @@ def world(
     creepers: np.ndarray | None = None,
 ) -> Terrain:
     """Return a world whose ground and ceiling (220,), one value a terrain step, are given over the start."""
-    ends = np.array([-20.0, *(np.arange(20, 220) * STEP), 219 * STEP + 20])
+    ends = np.array([-20.0, *(np.arange(20, 220) * TERRAIN_STEP), 219 * TERRAIN_STEP + 20])
 
     def segments(heights: np.ndarray | float) -> np.ndarray:
         track = np.broadcast_to(heights, 220)[20:] + GROUND_HEIGHT
@@ -31,7 +31,7 @@ def world(
         solids=np.empty((0, 4, 2)),
         friction=2.5,
         surface=segments(ground),
-        spawn=np.array([10 * STEP, GROUND_HEIGHT]),
+        spawn=np.array([10 * TERRAIN_STEP, GROUND_HEIGHT]),
         goal_x=GOAL_X,
         ground_solids=0,
         ceiling=segments(ceiling),

@@ -10,7 +10,6 @@ from parkour_worlds import SHIPPED, parkour_world
 from suite.processes import python
 
 from tma_ray.terrain import CEILING, FIXED, GROUND_HEIGHT, Terrain
-from tma_ray.terrain.base import STEP
 from tma_ray.terrain.parkour import (
     CPPN,
     CREEPER_HEIGHT_STD,
@@ -19,6 +18,7 @@ from tma_ray.terrain.parkour import (
     creeper_points,
     outlines,
 )
+from tma_ray.terrain.terrain import TERRAIN_STEP
 
 LOW = np.array([-2, -2, -2, 0, 0, 0, 0, 2], dtype=np.float32)
 HIGH = np.array([2, 2, 2, 1, 1, 4, 5, 40], dtype=np.float32)
@@ -119,11 +119,12 @@ def from_the_left(solids: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("delta", [2.0, 10.0, 40.0])
 def test_the_track_begins_flat_with_a_ceiling_whose_height_depends_on_delta(delta: float) -> None:
     terrain = world(delta=delta)
-    assert terrain.surface[0] == pytest.approx([-20, 10 / 3, 20 * STEP, 10 / 3])
-    assert terrain.ceiling[0] == pytest.approx([-20, 10 / 3 + 200 / delta, 20 * STEP, 10 / 3 + 200 / delta])
-    assert terrain.spawn == pytest.approx([10 * STEP, 10 / 3])
+    assert terrain.surface[0] == pytest.approx([-20, 10 / 3, 20 * TERRAIN_STEP, 10 / 3])
+    height = 10 / 3 + 200 / delta
+    assert terrain.ceiling[0] == pytest.approx([-20, height, 20 * TERRAIN_STEP, height])
+    assert terrain.spawn == pytest.approx([10 * TERRAIN_STEP, 10 / 3])
     assert terrain.goal_x == pytest.approx(100.3333, abs=1e-4)
-    assert terrain.surface[-1, 0] == pytest.approx(219 * STEP)
+    assert terrain.surface[-1, 0] == pytest.approx(219 * TERRAIN_STEP)
 
 
 @pytest.mark.parametrize("delta", [5.0, 10.0, 20.0])
@@ -159,17 +160,17 @@ def test_water_rises_from_far_below_to_the_highest_point_of_the_ceiling(delta: f
 def test_creepers_stand_on_the_grid_at_the_rounded_spacing(spacing: float, steps: int) -> None:
     left, _, right, _ = world(creepers=(0.25, 1.0, spacing)).creepers.T
     assert left[0] == 0
-    assert np.diff(left) == pytest.approx(steps * STEP)
+    assert np.diff(left) == pytest.approx(steps * TERRAIN_STEP)
     assert right - left == pytest.approx(0.25)
-    last = (TRACK_POINTS - 1) * STEP
-    assert left[-1] < last <= left[-1] + (steps + 1) * STEP
+    last = (TRACK_POINTS - 1) * TERRAIN_STEP
+    assert left[-1] < last <= left[-1] + (steps + 1) * TERRAIN_STEP
 
 
 @pytest.mark.parametrize(("width", "points"), [(0.0, 1), (0.25, 1), (0.9, 1), (1.0, 2)])
 def test_creepers_hang_from_the_higher_of_two_points(width: float, points: int) -> None:
     _, ceiling = outlines(np.array(MEDIUM, np.float32), 10.0, SHIPPED)
     left, _, right, top = world(creepers=(width, 1.0, 0.0)).creepers.T
-    index = np.rint(left / STEP).astype(int)
+    index = np.rint(left / TERRAIN_STEP).astype(int)
     assert right - left == pytest.approx(max(0.2, width))
     np.testing.assert_array_equal(top, np.maximum(ceiling[index], ceiling[index + points]))
     np.testing.assert_array_equal(index, creeper_points(width, 0.0))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tma_ray.terrain import GROUND_HEIGHT
-from tma_ray.terrain.base import STEP
 from tma_ray.terrain.stump_tracks import GOAL_X, MINIMUM_STUMP_HEIGHT, TRACK_LENGTH, stump_tracks
+from tma_ray.terrain.terrain import TERRAIN_STEP
 
 TASKS = [(0.0, 0.0), (0.0, 6.0), (1.5, 3.0), (3.0, 1.0), (9.0, 0.0), (9.0, 6.0), (-3.0, 2.0)]
 
@@ -16,16 +16,16 @@ def world(height: float, spacing: float, seed: int = 0):
 
 def stumps(height: float, spacing: float, seed: int = 0):
     solids = world(height, spacing, seed).solids[1:]
-    return solids[:, 0, 0], solids[:, 1, 0], (solids[:, 2, 1] - GROUND_HEIGHT) / STEP
+    return solids[:, 0, 0], solids[:, 1, 0], (solids[:, 2, 1] - GROUND_HEIGHT) / TERRAIN_STEP
 
 
 @pytest.mark.parametrize("task", TASKS)
 def test_stumps_stand_at_the_tasks_spacing_from_the_startpad_on(task: tuple[float, float]) -> None:
     left, right, _ = stumps(*task)
-    assert left[0] == pytest.approx(20 * STEP)
-    assert right - left == pytest.approx(STEP)
+    assert left[0] == pytest.approx(20 * TERRAIN_STEP)
+    assert right - left == pytest.approx(TERRAIN_STEP)
     assert left[1:] - right[:-1] == pytest.approx(max(0.01, task[1]), abs=1e-6)
-    assert right[-1] <= TRACK_LENGTH < right[-1] + max(0.01, task[1]) + STEP
+    assert right[-1] <= TRACK_LENGTH < right[-1] + max(0.01, task[1]) + TERRAIN_STEP
 
 
 @pytest.mark.parametrize("mean", [0.5, 1.5, 9.0])

@@ -1,16 +1,12 @@
-"""Teachers in anyone's training loop: wrappers of environments, one teacher for many processes, its record.
-
-What is listed here is imported when it is first asked for.
-"""
+"""Teachers in anyone's training loop, imported on first access."""
 
 from typing import TYPE_CHECKING
 
 from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
-    from tma_ray.curriculum.curriculum import Curriculum
-    from tma_ray.curriculum.evaluation import TaskEvaluation
-    from tma_ray.curriculum.needs import teacher_needs
+    from tma_ray.curriculum.curriculum import Curriculum, teacher_needs
+    from tma_ray.curriculum.episodes import TaskEvaluation
     from tma_ray.curriculum.shared import SharedCurriculum
 
 __all__ = ["Curriculum", "SharedCurriculum", "TaskEvaluation", "teacher_needs"]

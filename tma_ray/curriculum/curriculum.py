@@ -1,10 +1,10 @@
-"""A teacher for someone else's training loop."""
+"""Curriculum of a teacher in any training loop."""
 
 import copy
 import os
 import pickle
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 from typing import Any, TypeAlias
@@ -14,10 +14,9 @@ import pandas as pd
 from gymnasium.vector import AsyncVectorEnv, VectorEnv
 
 from tma_ray.curriculum.episodes import Apply, Array, Assignment, Environment, PlayedEpisode
-from tma_ray.curriculum.needs import needs_of, without_needs
 from tma_ray.curriculum.record import EpisodeRow, write_record
 from tma_ray.curriculum.shared import CurriculumServer, SharedCurriculum
-from tma_ray.curriculum.wrappers import CurriculumEnvironment, start_anew, wrap_vector
+from tma_ray.curriculum.wrappers import CurriculumEnvironment, restarted, wrap_vector
 from tma_ray.runs.run import teacher_log_row
 from tma_ray.runs.teaching import CheckedTeacher
 from tma_ray.support.quantities import SEED
@@ -34,10 +33,8 @@ from tma_ray.tasks import (
     TaskSpace,
     Trajectory,
 )
-from tma_ray.tasks import (
-    expert_knowledge as knowledge_of,
-)
-from tma_ray.teachers import Teacher, check_limits, effective_level, make_teacher
+from tma_ray.tasks import expert_knowledge as knowledge_of
+from tma_ray.teachers import TEACHERS, Teacher, check_limits, effective_level, make_teacher
 
 Values: TypeAlias = Callable[[Array], Array]
 Act: TypeAlias = Callable[[Array], Array]
@@ -47,51 +44,61 @@ Space: TypeAlias = TaskSpace | Mapping[str, tuple[float, float]] | Environment
 STATE = "curriculum.pickle"  # file of a saved curriculum, beside its record
 
 
-@dataclass(frozen=True)
-class Open:
-    """An assigned episode: its assignment, and what the teacher's `sample` set for it."""
+def needs_of(teacher: type[Teacher]) -> list[str]:
+    """Return the arguments of a `Curriculum` that a teacher requires."""
+    evaluates = teacher.wants_evaluations and not teacher.withholds_episodes
+    needed = {"values": teacher.wants_values, "act": teacher.withholds_episodes, "evaluate": evaluates}
+    return [name for name, needs in needed.items() if needs]
 
-    assignment: Assignment
-    state: Mapping[str, Any]
+
+def teacher_needs() -> pd.DataFrame:
+    """Return the requirements of each teacher on a training loop.
+
+    Returns:
+        Columns ``teacher``, ``needs`` (arguments of `Curriculum`), ``expert_knowledge`` (the lowest level)
+        and ``several_worlds`` (True if episodes may overlap).
+    """
+    rows = []
+    for name in TEACHERS.names():
+        teacher = TEACHERS.get(name)
+        least: KnowledgeLevel = teacher.knowledge_levels[0]
+        rows.append((name, ", ".join(needs_of(teacher)), least.value, teacher.overlapping))
+    return pd.DataFrame(rows, columns=["teacher", "needs", "expert_knowledge", "several_worlds"])
 
 
 class Curriculum:
-    """A teacher that chooses the tasks of a training loop of any kind.
+    """Curriculum of a teacher in any training loop.
 
-    Wrap the loop's environments: each `reset` takes the teacher's next task, and each end of an episode goes
-    back to the teacher, truncated ones, too. Episodes from which the student must not learn (those of robust
-    PLR, ACCEL and TRACED) never reach the loop, since the wrapper plays them with `act`; or they reach it
-    marked, with `marks_withheld`. `teacher_needs` lists which teacher needs which argument.
+    Wrap the loop's environments: each `reset` takes the teacher's next task, and each end of an episode, by
+    truncation, too, is reported to the teacher. Episodes from which the student must not learn (those of
+    robust PLR, ACCEL and TRACED) are played by the wrapper with `act` or, with `marks_withheld`, by the loop.
+    `teacher_needs` lists the arguments that each teacher requires.
 
     A pickle or a copy is a handle of the same curriculum, as `shared` returns it.
 
     Args:
         teacher: name with settings ("alp_gmm:fit_every=100", "file:Class"), a class, or a teacher that has
             not been started.
-        space: the tasks: a task space, a dict of names to bounds, or an environment with a `task_space`.
+        space: task space, dict of names to bounds, or environment with a `task_space`.
         mastery_return: episodic return over which a task is mastered.
         seed: seed of the teacher.
         expert_knowledge: level of expert knowledge; the teacher may use less.
         easy_task: an easy task (d,), mean of the initial distribution at the level high.
-        initial: the initial distribution, None for the benchmark's.
-        target: the target distribution, None for the benchmark's.
+        initial: initial distribution; None for the benchmark's.
+        target: target distribution; None for the benchmark's.
         gamma: the student's discount factor.
-        values: function that returns values (n,) of observations (n, o) under the present student.
+        values: function that returns values (n,) of observations (n, o) under the current student.
         act: function that returns actions (n, a) of the exploring policy for observations (n, o).
         evaluate: function (tasks (n, d), greedy) that returns the `Outcomes` of one episode of each, such as
             a `TaskEvaluation`.
-        marks_withheld: True for a loop that leaves steps with a false ``info["trains"]`` out of its updates:
-            then it plays the episodes from which the student must not learn, and `act` is not needed.
+        marks_withheld: True for a loop that excludes steps with a false ``info["trains"]`` from its updates,
+            so that it can play episodes without learning, and `act` is not needed.
 
     Raises:
-        UnknownNameError: no such teacher.
-        ValueError: a setting, level or space that the teacher does not have, or a missing function.
+        UnknownNameError: if the teacher is unknown.
+        ValueError: if the teacher does not support a setting, the level or the space, or needs a function.
 
     Attributes:
-        space: the task space.
-        gamma: the student's discount factor.
-        mastery_return: episodic return over which a task is mastered.
-        marks_withheld: True if the loop plays the episodes from which the student must not learn.
         steps: environment steps of the episodes so far.
 
     Examples:
@@ -124,11 +131,8 @@ class Curriculum:
         self.marks_withheld, self.seed, self.steps = marks_withheld, seed, 0
         self._teacher, self._name = _new_teacher(teacher)
         check_limits(type(self._teacher), self._name, self.space)
-        self._answers: dict[str, Callable[..., Any] | None] = {
-            "values": values,
-            "act": act,
-            "evaluate": evaluate,
-        }
+        self._answers: dict[str, Callable[..., Any] | None]
+        self._answers = {"values": values, "act": act, "evaluate": evaluate}
         self._check_needs()
         level = effective_level(type(self._teacher), self._name, KnowledgeLevel(expert_knowledge))
         placement, teaching = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(2))
@@ -138,43 +142,36 @@ class Curriculum:
         )
         self._teacher.start(self.space, knowledge, teaching)
         self._checked = CheckedTeacher(self._teacher, self._name)
-        self._open: dict[int, Open] = {}
+        # assignments under way, with the attributes that the teacher's `sample` set for them
+        self._open: dict[int, tuple[Assignment, dict[str, Any]]] = {}
         self._assigned = 0
         self._rows: list[EpisodeRow] = []
         self._log: list[dict[str, object]] = []
         self._prepare()
 
     def _prepare(self) -> None:
-        """Set what belongs to this process and is not saved."""
+        """Initialise attributes of this process, which are not saved."""
         self._lock, self._process = RLock(), os.getpid()
         self._server: CurriculumServer | None = None
 
     @property
     def episodes(self) -> pd.DataFrame:
-        """The reported episodes: step, task by name ("task_mass"), return, length, success, trains."""
+        """Reported episodes: step, task by name ("task_mass"), return, length, success, trains."""
         tasks = [f"task_{name}" for name in self.space.names]
         columns = ["episode", "step", *tasks, "episodic_return", "length", "success", "trains"]
         with self._lock:
             rows = [
-                (
-                    index,
-                    row.step,
-                    *map(float, row.task),
-                    row.episodic_return,
-                    row.length,
-                    row.success,
-                    row.trains,
-                )
-                for index, row in enumerate(self._rows)
+                (index, step, *map(float, task), *outcome)
+                for index, (step, task, *outcome) in enumerate(self._rows)
             ]
         return pd.DataFrame(rows, columns=columns)
 
     def wrap(self, environment: Environment, apply: Apply | None = None) -> CurriculumEnvironment:
-        """Return `environment` with the tasks of the curriculum.
+        """Wrap `environment` to play the tasks of the curriculum.
 
         Args:
-            environment: the environment; its `reset` takes ``options={"task": …}``, or `apply` is given.
-            apply: function (environment, task by name) that prepares any other for a task, before each
+            environment: environment whose `reset` takes ``options={"task": …}``, unless `apply` is given.
+            apply: function (environment, task by name) that prepares any environment for a task, before each
                 `reset`.
         """
         return CurriculumEnvironment(environment, self, apply)
@@ -182,31 +179,31 @@ class Curriculum:
     def wrap_vector(
         self, worlds: VectorEnv[Any, Any, Any], apply: Apply | None = None
     ) -> VectorEnv[Any, Any, Any]:
-        """Return vector environments with the tasks of the curriculum, in any autoreset mode.
+        """Wrap vector environments of any autoreset mode to play the tasks of the curriculum.
 
         Args:
-            worlds: worlds of `gymnasium.make_vec` for our environments; a `SyncVectorEnv` of any, whose
-                environments are wrapped in place; or an `AsyncVectorEnv`, which is closed, and whose
-                processes are started anew. With the mode SAME_STEP our worlds take the next task before the
-                teacher observes the episode that ends in the step.
-            apply: as for `wrap`.
+            worlds: worlds of `gymnasium.make_vec` for the benchmark's environments; a `SyncVectorEnv`, whose
+                environments are wrapped in place; or an `AsyncVectorEnv`, which is closed and restarted. With
+                the mode SAME_STEP the benchmark's worlds take the next task before the teacher observes the
+                episode that ends in the step.
+            apply: function as for `wrap`.
 
         Raises:
-            TypeError: other vector environments: see `shared`.
-            ValueError: the teacher cannot teach several worlds.
+            TypeError: if the vector environments are of another type: see `shared`.
+            ValueError: if the teacher cannot teach several worlds.
         """
         if worlds.num_envs > 1 and not self._teacher.overlapping:
             raise ValueError(f"num_envs = {worlds.num_envs}: expected 1, {self._needs_one_world()}")
         if isinstance(worlds, AsyncVectorEnv):
-            return start_anew(worlds, self.shared(), apply)
+            return restarted(worlds, self.shared(), apply)
         return wrap_vector(worlds, self, apply)
 
     def shared(self, host: str | None = None) -> SharedCurriculum:
-        """Return a handle for other processes, which can be pickled.
+        """Return a picklable handle for other processes.
 
         Args:
-            host: name or address of this machine, for processes of others; None for this machine alone. The
-                first call decides.
+            host: name or address of this machine for other machines; None for this machine only. Only the
+                first call has an effect.
         """
         self._check_process()
         with self._lock:
@@ -216,46 +213,45 @@ class Curriculum:
         return SharedCurriculum(self._server.address, self._server.key, *settings)
 
     def begin(self) -> Assignment:
-        """Return the task of the next episode of a world, for loops without a wrapper.
+        """Return the task of the next episode, for loops without a wrapper.
 
         Raises:
-            ValueError: an episode is under way, and the teacher teaches one world only.
+            ValueError: if an episode is under way, and the teacher does not support overlapping ones.
         """
         self._check_process()
         with self._lock:
             if self._open and not self._teacher.overlapping:
                 raise ValueError(f"an episode is under way: end or abandon it, {self._needs_one_world()}")
             proposal = self._checked.propose()
-            wanted = self._teacher.wants_trajectory
-            assignment = Assignment(self._assigned, proposal.task, proposal.trains, wanted)
+            records = self._teacher.wants_trajectory
+            assignment = Assignment(self._assigned, proposal.task, proposal.trains, records)
             state = {name: getattr(self._teacher, name) for name in self._teacher.episode_state}
-            self._open[self._assigned] = Open(assignment, state)
+            self._open[self._assigned] = assignment, state
             self._assigned += 1
             self._drain()
             return assignment
 
     def end(self, played: PlayedEpisode) -> None:
-        """Report an episode to the teacher, and answer what it asks.
+        """Report an episode to the teacher, and answer its queries.
 
         Raises:
-            ValueError: the episode was not assigned, or was reported or abandoned before.
+            ValueError: if the episode is not under way.
         """
         with self._lock:
-            opened = self._open.pop(played.number, None)
-            if opened is None:
+            if played.number not in self._open:
                 raise ValueError(f"episode {played.number} is not under way: report each once")
-            vars(self._teacher).update(opened.state)
+            assignment, state = self._open.pop(played.number)
+            vars(self._teacher).update(state)
             self.steps += played.length
-            mastered = played.episodic_return > self.mastery_return
             episode = Episode(
-                opened.assignment.task,
-                played.episodic_return,
-                mastered,
-                played.length,
-                played.initial_observation,
-                played.discounted_return,
-                self.steps,
-                opened.assignment.trains,
+                task=assignment.task,
+                episodic_return=played.episodic_return,
+                success=played.episodic_return > self.mastery_return,
+                length=played.length,
+                initial_observation=played.initial_observation,
+                discounted_return=played.discounted_return,
+                step=self.steps,
+                trains=assignment.trains,
             )
             self._rows.append(EpisodeRow.of(episode))
             query = self._checked.observe(episode)
@@ -264,7 +260,7 @@ class Curriculum:
             self._drain()
 
     def abandon(self, number: int) -> None:
-        """Drop an episode that will not be reported."""
+        """Discard an episode without a report."""
         with self._lock:
             self._open.pop(number, None)
 
@@ -273,17 +269,17 @@ class Curriculum:
         return np.asarray(self._function("act", "proposed an episode that must not train")(observations))
 
     def probe(self, count: int) -> Task:
-        """Return tasks (count, d) of the teacher without exploration; leave no trace."""
+        """Return tasks (count, d) of the teacher without exploration, leaving its state unchanged."""
         with self._lock:
             return self._checked.probe(count)
 
     def save(self, folder: str | Path) -> None:
-        """Write the curriculum, and its record as a results root; episodes under way are not part of it.
+        """Write the curriculum, without episodes under way, and its record as a results root.
 
-        A curriculum that was saved there before is replaced.
+        A curriculum saved in the folder before is replaced.
 
         Raises:
-            FileExistsError: the folder has something else.
+            FileExistsError: if the folder has other contents.
         """
         with self._lock:
             self._check_process()
@@ -299,9 +295,9 @@ class Curriculum:
         act: Act | None = None,
         evaluate: Evaluate | None = None,
     ) -> "Curriculum":
-        """Return the curriculum that `save` wrote, which continues bit for bit.
+        """Load a curriculum written by `save`, which continues bit for bit.
 
-        It is a pickle: load only what you trust. The functions are not saved; see the class.
+        It is a pickle: load only files that you trust. The functions are not saved; see the class.
         """
         loaded = cls.__new__(cls)
         vars(loaded).update(pickle.loads((Path(folder) / STATE).read_bytes()))
@@ -326,9 +322,10 @@ class Curriculum:
         missing = [f"{name}=" for name in needs if self._answers[name] is None]
         if missing:
             instead = " (or marks_withheld=True)" if "act=" in missing else ""
+            undemanding = [name for name in TEACHERS.names() if not needs_of(TEACHERS.get(name))]
             raise ValueError(
                 f"teacher {self._name!r} needs {', '.join(missing)}{instead}: see Curriculum; teachers "
-                f"without such needs: {', '.join(without_needs())}"
+                f"without such needs: {', '.join(undemanding)}"
             )
 
     def _needs_one_world(self) -> str:

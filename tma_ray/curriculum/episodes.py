@@ -1,4 +1,4 @@
-"""Episodes under a curriculum: the task that a world is assigned, and what it reports at the end."""
+"""Episodes of a curriculum: assignments of tasks, and reports of played episodes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -8,24 +8,24 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.tasks import EpisodeSoFar, Recorder, Task, TaskSpace, Trajectory
+from tma_ray.tasks import EpisodeSoFar, Outcomes, Recorder, Task, TaskSpace, Trajectory
 
 Environment: TypeAlias = gymnasium.Env[Any, Any]
 Array: TypeAlias = NDArray[Any]
 
 Apply: TypeAlias = Callable[[Any, Mapping[str, float]], object]
-"""Function (environment, task by name) that prepares an environment for a task, before its `reset`."""
+"""Function (environment, task by name) that prepares an environment for a task before its `reset`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Assignment:
-    """A task for one episode of one world.
+    """Task for one episode.
 
     Attributes:
         number: number of the episode, in the order of assignment.
-        task: the task, float32 (d,).
+        task: task, float32 (d,).
         trains: True if the student learns from the episode.
-        records: True if the teacher wants its steps.
+        records: True if the teacher needs the trajectory.
     """
 
     number: int
@@ -36,7 +36,7 @@ class Assignment:
 
 @dataclass(frozen=True, eq=False)
 class PlayedEpisode:
-    """An episode that ended; fields as of `tma_ray.tasks.Episode`, and the number of its assignment."""
+    """Finished episode, with fields of `tma_ray.tasks.Episode` and the number of its assignment."""
 
     number: int
     episodic_return: float
@@ -47,7 +47,7 @@ class PlayedEpisode:
 
 
 class Link(Protocol):
-    """Interface of a world to its curriculum, in this process or another."""
+    """Curriculum of a world, in this process or another."""
 
     space: TaskSpace
     gamma: float
@@ -55,13 +55,13 @@ class Link(Protocol):
     marks_withheld: bool
 
     def begin(self) -> Assignment:
-        """Return the task of the next episode of a world."""
+        """Return the task of the next episode."""
 
     def end(self, played: PlayedEpisode) -> None:
         """Report an episode."""
 
     def abandon(self, number: int) -> None:
-        """Drop an episode that will not be reported."""
+        """Discard an episode without a report."""
 
     def act(self, observations: Array) -> Array:
         """Return actions (n, a) of the exploring policy for observations (n, o)."""
@@ -69,10 +69,10 @@ class Link(Protocol):
 
 @dataclass
 class EpisodeUnderWay:
-    """Totals, and steps if wanted, of an episode under way.
+    """Totals of an episode under way, and its trajectory if needed.
 
     Args:
-        assignment: the task.
+        assignment: assignment of the episode.
         initial_observation: observation of `reset` (o,).
         gamma: the student's discount factor.
     """
@@ -102,7 +102,7 @@ class EpisodeUnderWay:
             self._recorder.add(np.atleast_1d(action), reward, np.array(observation), terminated)
 
     def played(self) -> PlayedEpisode:
-        """Return the episode, which has ended."""
+        """Return the finished episode."""
         return PlayedEpisode(
             self.assignment.number,
             self._so_far.episodic_return,
@@ -121,12 +121,12 @@ def by_name(space: TaskSpace, task: Task) -> dict[str, float]:
 def reset_to(
     environment: Environment, task: Mapping[str, float], apply: Apply | None, **kwargs: Any
 ) -> tuple[Any, dict[str, Any]]:
-    """Return what `reset` of `environment` returns for a task.
+    """Reset `environment` to a task.
 
     Args:
-        environment: the environment.
-        task: the task by name.
-        apply: function that prepares the environment; None for one whose `reset` takes the option "task".
+        environment: environment to reset.
+        task: task by name.
+        apply: function that prepares the environment; None if its `reset` takes the option "task".
         kwargs: further arguments of `reset`.
     """
     if apply is not None:
@@ -139,19 +139,16 @@ def reset_to(
 def next_assignment(
     environment: Environment, link: Link, apply: Apply | None, seed: int | None = None
 ) -> tuple[Assignment, int | None]:
-    """Return the next task of the loop, after episodes on those from which the student does not learn.
-
-    These are played here, in `environment`, by the policy of the link, and reported, unless the loop plays
-    them.
+    """Return the next assignment for the training loop, after playing those without learning.
 
     Args:
-        environment: the environment, for these episodes.
-        link: the curriculum.
+        environment: environment for episodes without learning.
+        link: curriculum of the environment.
         apply: function that prepares the environment for a task.
         seed: seed of the next `reset`.
 
     Returns:
-        The assignment, and `seed` if no episode has used it.
+        Assignment, and `seed` if no episode has used it.
     """
     assignment = link.begin()
     while not (assignment.trains or link.marks_withheld):
@@ -165,3 +162,46 @@ def next_assignment(
         link.end(episode.played())
         assignment = link.begin()
     return assignment, seed
+
+
+class TaskEvaluation:
+    """Evaluation of tasks in a copy of the training loop's environment, for the argument `evaluate`.
+
+    Args:
+        make: function that returns a copy of the environment.
+        act: function that returns actions (n, a) for observations (n, o).
+        space: space of the tasks.
+        mastery_return: episodic return over which a task is mastered.
+        apply: function that prepares the environment for a task; see `Curriculum.wrap`.
+        seed: seed of the first episode.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[], Environment],
+        act: Callable[[Array], Array],
+        space: TaskSpace,
+        mastery_return: float,
+        *,
+        apply: Apply | None = None,
+        seed: int = 0,
+    ) -> None:
+        self._environment, self._act = make(), act
+        self._space, self._mastery_return, self._apply = space, mastery_return, apply
+        self._seed: int | None = seed
+
+    def __call__(self, tasks: Task, greedy: bool) -> Outcomes:  # noqa: ARG002 - there is one policy
+        """Return the outcomes of one episode of each of `tasks` (n, d)."""
+        returns: NDArray[np.float64] = np.zeros(len(tasks))
+        lengths = np.zeros(len(tasks), np.int64)
+        for row, task in enumerate(tasks):
+            named = by_name(self._space, task)
+            observation, _ = reset_to(self._environment, named, self._apply, seed=self._seed)
+            self._seed, over = None, False
+            while not over:
+                action = self._act(np.asarray(observation)[None])[0]
+                observation, reward, terminated, truncated, _ = self._environment.step(action)
+                returns[row] += float(reward)
+                lengths[row] += 1
+                over = terminated or truncated
+        return Outcomes(returns, returns > self._mastery_return, lengths)

@@ -1,4 +1,4 @@
-"""The record of a curriculum as a results root, for figures and reports."""
+"""Record of a curriculum as a results root, for figures and reports."""
 
 import json
 import re
@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from tma_ray.benchmark import BENCHMARK_VERSION
 from tma_ray.results import NO_PHYSICS_VERSION, Committer, RunRecord, RunWriter, Table, spec_digest
@@ -14,14 +14,12 @@ from tma_ray.support.component_names import base_name
 from tma_ray.tasks import Episode, Task, TaskSpace
 from tma_ray.teachers import Teacher, hyperparameters_of
 
-EXTERNAL = "external"
-"""Environment, embodiment, student and test set of a run in somebody else's training loop, and its engine."""
-
+EXTERNAL = "external"  # environment, embodiment, student, test set and engine of a curriculum's run
 PROBE_SIZE = 100  # tasks of the probe at the end
 
 
 class EpisodeRow(NamedTuple):
-    """A reported episode; fields as of `Episode`."""
+    """Reported episode, with fields of `Episode`."""
 
     step: int
     task: Task
@@ -37,7 +35,7 @@ class EpisodeRow(NamedTuple):
 
 
 class Recorded(Protocol):
-    """What a record is made of; see `Curriculum`."""
+    """Attributes of a `Curriculum` that are recorded."""
 
     space: TaskSpace
     mastery_return: float
@@ -53,10 +51,10 @@ class Recorded(Protocol):
 
 
 def write_record(folder: Path, curriculum: Recorded, state_file: str, state: bytes) -> None:
-    """Write the record and the state of a curriculum; replace one that was saved in `folder` before.
+    """Write the record and the state of a curriculum, in place of one saved in `folder` before.
 
     Raises:
-        FileExistsError: the folder has something else.
+        FileExistsError: if the folder has other contents.
     """
     if folder.exists() and any(folder.iterdir()) and not (folder / state_file).is_file():
         raise FileExistsError(f"{folder} has something else than a saved curriculum: choose a new folder")
@@ -73,17 +71,8 @@ def write_record(folder: Path, curriculum: Recorded, state_file: str, state: byt
 
 def _write_root(root: Path, curriculum: Recorded) -> None:
     record, committer = _run_record(curriculum), Committer.open(root)
-    names = (
-        "environment",
-        "challenge",
-        "embodiment",
-        "student",
-        "teacher",
-        "expert_knowledge",
-        "seed",
-        "run_id",
-    )
-    cell = {name: getattr(record, name) for name in names}
+    names = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge", "seed")
+    cell = {name: getattr(record, name) for name in (*names, "run_id")}
     committer.write_cells(EXTERNAL, [{"experiment": EXTERNAL, **cell}])
     attempt = committer.start(record)
     writer = RunWriter(committer.store, record.run_id, attempt)
@@ -91,49 +80,42 @@ def _write_root(root: Path, curriculum: Recorded) -> None:
         {"episode": index, "world_task": None, **row._asdict()} for index, row in enumerate(curriculum._rows)
     ]
     writer.add(Table.EPISODES, rows)
-    probe = enumerate(curriculum.probe(PROBE_SIZE))
-    writer.add(
-        Table.CURRICULUM,
-        [{"step": curriculum.steps, "sample": index, "task": task} for index, task in probe],
-    )
+    tasks = enumerate(curriculum.probe(PROBE_SIZE))
+    rows = [{"step": curriculum.steps, "sample": index, "task": task} for index, task in tasks]
+    writer.add(Table.CURRICULUM, rows)
     writer.add(Table.TEACHER_LOG, curriculum._log)
     committer.finish(record, attempt, writer.finish())
 
 
 def _run_record(curriculum: Recorded) -> RunRecord:
-    """Return the run with what determines the curriculum, under the names of a `RunSpec`."""
-    level = curriculum._teacher.knowledge.level.value
-    spec = {
-        "engine": EXTERNAL,
+    """Return the run of a curriculum, with a spec in the fields of a `RunSpec`."""
+    common: dict[str, Any] = {
         "environment": EXTERNAL,
-        "environment_options": {"embodiment": EXTERNAL},
         "challenge": EXTERNAL,
+        "student": EXTERNAL,
+        "teacher": curriculum._name,
+        "expert_knowledge": curriculum._teacher.knowledge.level.value,
+        "seed": curriculum.seed,
+        "physics_version": NO_PHYSICS_VERSION,
+    }
+    spec = common | {
+        "engine": EXTERNAL,
+        "environment_options": {"embodiment": EXTERNAL},
         "task_space": [asdict(dimension) for dimension in curriculum.space.dimensions],
         "mastery_threshold": curriculum.mastery_return,
         "test_set": {"name": EXTERNAL, "dimensions": list(curriculum.space.names)},
-        "student": EXTERNAL,
         "student_hyperparameters": {},
-        "teacher": curriculum._name,
         "teacher_hyperparameters": hyperparameters_of(curriculum._teacher),
-        "expert_knowledge": level,
         "schedule": {"steps": curriculum.steps},
-        "seed": curriculum.seed,
-        "physics_version": NO_PHYSICS_VERSION,
     }
     text = json.dumps(spec, sort_keys=True)
     readable = re.sub(r"[^0-9a-zA-Z]+", "_", base_name(curriculum._name)).strip("_")
     return RunRecord(
         run_id=f"{EXTERNAL}-{readable}-s{curriculum.seed}-{spec_digest(text)[:12]}",
         spec=text,
-        environment=EXTERNAL,
-        challenge=EXTERNAL,
         embodiment=EXTERNAL,
-        student=EXTERNAL,
-        teacher=curriculum._name,
-        expert_knowledge=level,
         test_set=EXTERNAL,
         steps=curriculum.steps,
-        seed=curriculum.seed,
-        physics_version=NO_PHYSICS_VERSION,
         benchmark_version=BENCHMARK_VERSION,
+        **common,
     )

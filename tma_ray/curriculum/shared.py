@@ -1,4 +1,4 @@
-"""One curriculum for several processes: a server, and handles that can be pickled."""
+"""Curriculum shared by several processes: its server, and picklable handles."""
 
 import os
 import secrets
@@ -16,14 +16,13 @@ BACKLOG = 256  # processes that may connect at the same time
 
 
 class CurriculumServer:
-    """Answers the handles of other processes, each in a thread of its own, as long as this process lives.
+    """Server for the handles of other processes, with a thread per process.
 
-    Episodes of a process that dies are dropped.
+    Episodes of a process that dies are abandoned.
 
     Args:
-        link: the curriculum.
-        host: name or address under which processes of other machines reach this one; None for a socket of
-            this machine alone.
+        link: curriculum to share.
+        host: name or address of this machine for other machines; None for a local socket.
     """
 
     def __init__(self, link: Link, host: str | None = None) -> None:
@@ -38,7 +37,7 @@ class CurriculumServer:
         while True:
             try:
                 connection = self._listener.accept()
-            except (OSError, EOFError, AuthenticationError):  # of one process alone
+            except (OSError, EOFError, AuthenticationError):  # concerns one process only
                 continue
             Thread(target=self._serve, args=(connection,), name="tma_ray curriculum", daemon=True).start()
 
@@ -49,7 +48,7 @@ class CurriculumServer:
                 method, arguments = connection.recv()
                 try:
                     result = getattr(self._link, method)(*arguments)
-                except Exception as error:  # handed to the process that asked
+                except Exception as error:  # raised in the calling process
                     connection.send((False, f"{type(error).__name__}: {error}"))
                     continue
                 if method == "begin":
@@ -57,7 +56,7 @@ class CurriculumServer:
                 elif method in ("end", "abandon"):
                     begun.discard(getattr(arguments[0], "number", arguments[0]))
                 connection.send((True, result))
-        except (EOFError, OSError):  # the process ended, or died
+        except (EOFError, OSError):  # the process has ended
             pass
         finally:
             for number in begun:
@@ -66,13 +65,13 @@ class CurriculumServer:
 
 
 class SharedCurriculum:
-    """A handle of a curriculum that other processes can have, pickled or forked.
+    """Handle of a curriculum for other processes, pickled or forked.
 
-    The process that has the curriculum must live; the handle connects to it when it is first used.
+    It connects on first use to the process with the curriculum, which must be alive.
 
     Args:
         address: address of the server.
-        key: secret that both sides know.
+        key: shared secret.
         space: space of the tasks.
         gamma: the student's discount factor.
         mastery_return: episodic return over which a task is mastered.
@@ -94,11 +93,11 @@ class SharedCurriculum:
         self._lock, self._connections = Lock(), dict[int, Connection]()
 
     def wrap(self, environment: Environment, apply: Apply | None = None) -> CurriculumEnvironment:
-        """Return `environment` with the tasks of the curriculum; see `Curriculum.wrap`."""
+        """Wrap `environment` to play the tasks of the curriculum; see `Curriculum.wrap`."""
         return CurriculumEnvironment(environment, self, apply)
 
     def begin(self) -> Assignment:
-        """Return the task of the next episode of a world."""
+        """Return the task of the next episode."""
         assignment: Assignment = self._call("begin")
         return assignment
 
@@ -107,7 +106,7 @@ class SharedCurriculum:
         self._call("end", played)
 
     def abandon(self, number: int) -> None:
-        """Drop an episode that will not be reported."""
+        """Discard an episode without a report."""
         self._call("abandon", number)
 
     def act(self, observations: Array) -> Array:

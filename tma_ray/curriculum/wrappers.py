@@ -1,4 +1,4 @@
-"""Wrappers that take tasks from a curriculum: of one environment, and of worlds that are stepped together."""
+"""Wrappers of environments and vector environments that take tasks from a curriculum."""
 
 import copy
 import inspect
@@ -26,17 +26,16 @@ from tma_ray.tasks import Task
 
 
 class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment whose episodes are on the tasks of a curriculum.
+    """Environment that plays the tasks of a curriculum.
 
-    Each `reset` takes the next task, unless its options have a "task" of the caller's, whose episode is not
-    reported. Nor is one that is abandoned by `reset`. `info` has the "task" (d,) after `reset`, "trains" in
-    every step, which is false where the student must not learn from the episode, and "is_success" at its end.
+    Each `reset` takes the next task, unless the caller's options have a "task". Episodes on such a task, or
+    abandoned by `reset`, are not reported. `info` has the "task" (d,) after `reset`, "trains" in every step,
+    which is False if the student must not learn from the episode, and "is_success" at its end.
 
     Args:
-        env: the environment.
-        link: the curriculum.
-        apply: function that prepares the environment for a task; None for one whose `reset` takes the option
-            "task".
+        env: environment to wrap.
+        link: curriculum of the environment.
+        apply: function that prepares the environment for a task; None if its `reset` takes the option "task".
     """
 
     def __init__(self, env: Environment, link: Link, apply: Apply | None = None) -> None:
@@ -47,7 +46,7 @@ class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode on the next task of the curriculum; see the class."""
+        """Begin an episode on the next task of the curriculum."""
         self._abandon()
         if options and "task" in options:
             return self.env.reset(seed=seed, options=options)
@@ -58,7 +57,7 @@ class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         return observation, {**info, "task": assignment.task.copy(), "trains": assignment.trains}
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Take a step; report the episode if it ends."""
+        """Take a step, and report the episode if it ends."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         episode = self._episode
         if episode is not None:
@@ -71,7 +70,7 @@ class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
-        """Close the environment, and drop its episode."""
+        """Close the environment, and abandon its episode."""
         self._abandon()
         super().close()
 
@@ -82,13 +81,13 @@ class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 
 class CurriculumWorlds(VectorWrapper):
-    """Worlds of a `VectorEnvironment` whose episodes are on the tasks of a curriculum; see `wrap_vector`."""
+    """Worlds of a `VectorEnvironment` that play the tasks of a curriculum; see `wrap_vector`."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], link: Link) -> None:
         super().__init__(env)
         self._worlds: VectorEnvironment = env.unwrapped  # type: ignore[assignment]
         self._link = link
-        self._spare = copy.deepcopy(self._worlds.envs[0])  # of episodes from which the student does not learn
+        self._spare = copy.deepcopy(self._worlds.envs[0])  # plays episodes without learning
         self._spare_seed: int | None = None
         self._assigned: list[Assignment] = []
         self._episodes: list[EpisodeUnderWay | None] = [None] * self.num_envs
@@ -97,7 +96,7 @@ class CurriculumWorlds(VectorWrapper):
         self._worlds.next_task = self._next_task
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin episodes on the next tasks of the curriculum, but for those whose tasks the caller gives."""
+        """Begin episodes on the next tasks of the curriculum, unless the caller gives tasks."""
         mask = (options or {}).get("reset_mask")
         begun = np.ones(self.num_envs, np.bool_) if mask is None else np.asarray(mask)
         self._abandon(begun)
@@ -112,7 +111,7 @@ class CurriculumWorlds(VectorWrapper):
         return observations, {**info, "trains": self._trains & begun, "_trains": begun.copy()}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Take a step in every world; report the episodes that end."""
+        """Take a step in every world, and report the episodes that end."""
         self._assigned = []
         observations, rewards, terminated, truncated, info = self.env.step(actions)
         mode, begun = self._worlds.autoreset_mode, self._over
@@ -137,7 +136,7 @@ class CurriculumWorlds(VectorWrapper):
         return observations, rewards, terminated, truncated, info
 
     def close(self, **kwargs: Any) -> None:
-        """Close the worlds, and drop their episodes."""
+        """Close the worlds, and abandon their episodes."""
         self._abandon(np.ones(self.num_envs, np.bool_))
         self._spare.close()
         super().close(**kwargs)
@@ -159,15 +158,10 @@ class CurriculumWorlds(VectorWrapper):
             self._trains[row] = assignment.trains
 
 
-def start_anew(worlds: AsyncVectorEnv, link: Link, apply: Apply | None) -> AsyncVectorEnv:
-    """Return `worlds` with processes that take the tasks of a curriculum; those that there are end.
+def restarted(worlds: AsyncVectorEnv, link: Link, apply: Apply | None) -> AsyncVectorEnv:
+    """Restart the processes of `worlds` with environments that play the tasks of a curriculum.
 
-    Gymnasium gives no way into environments that run already.
-
-    Args:
-        worlds: environments in other processes, on which nothing is lost: their episodes begin with `reset`.
-        link: the curriculum, which can be pickled.
-        apply: as for `CurriculumEnvironment`.
+    Gymnasium cannot wrap environments in running processes. The arguments must be picklable.
     """
     settings = {name: getattr(worlds, name) for name in inspect.signature(AsyncVectorEnv).parameters}
     worlds.close()
@@ -182,10 +176,10 @@ def _made(make: Callable[[], Environment], link: Link, apply: Apply | None) -> C
 def wrap_vector(
     worlds: VectorEnv[Any, Any, Any], link: Link, apply: Apply | None
 ) -> VectorEnv[Any, Any, Any]:
-    """Return vector environments whose episodes are on the tasks of a curriculum; see `Curriculum`.
+    """Wrap vector environments to play the tasks of a curriculum; see `Curriculum.wrap_vector`.
 
     Raises:
-        TypeError: the environments cannot be prepared one by one.
+        TypeError: if the environments cannot be wrapped one by one.
     """
     if isinstance(worlds.unwrapped, VectorEnvironment) and apply is None:
         return CurriculumWorlds(worlds, link)

@@ -1,6 +1,6 @@
-"""Bodies as data: parts, joints, motors; read from one file each, with parameters."""
+"""Bodies as data (parts, joints, motors), each loaded from a file with parameters."""
 
-from tma_ray.embodiments.base import (
+from tma_ray.embodiments.embodiment import (
     BodyType,
     Embodiment,
     EmbodimentError,

@@ -1,4 +1,4 @@
-"""Loading of bodies from their data files."""
+"""Loading of bodies from their TOML files."""
 
 import re
 import tomllib
@@ -13,33 +13,39 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from tma_ray.embodiments.base import Embodiment, EmbodimentError, GripSensor, Joint, Part, Point, Polygon
+from tma_ray.embodiments.embodiment import (
+    Embodiment,
+    EmbodimentError,
+    GripSensor,
+    Joint,
+    Part,
+    Point,
+    Polygon,
+)
 from tma_ray.support.component_names import join_name, nearest, split_name
 from tma_ray.support.decoding import MOST_TEXT_BYTES, check_file
 from tma_ray.support.quantities import BODY_SIZE, TORQUE
 
 Entry = dict[str, Any]
 
-PLACES = ("position", "anchor", "anchor_b")  # fields that move with a copy
+POSITION_FIELDS = ("position", "anchor", "anchor_b")  # shifted in copies
 LAST = "last"  # value of `head`: true in the last copy only
-
-NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")
-"""Number of a copy in names, k = 1, 2, ...: as in {k}, {2k-1} or {k+1}."""
+NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")  # number k = 1, 2, ... of a copy in texts: {k}, {2k-1}, {k+1}
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """A section whose entries are written out once per copy.
+    """Section whose entries are expanded once per copy, with the copy's number in their texts.
 
     Attributes:
         parameter: name of the number of copies.
-        count: that number, unless another is asked for.
-        at_most: largest number.
-        parts: entries of parts, whose texts may hold the copy's number.
-        joints: entries of joints, whose texts may hold it too.
+        count: default number of copies.
+        at_most: largest number of copies.
+        parts: entries of parts.
+        joints: entries of joints.
         links: entries of joints between copies k and k + 1.
-        grip_sensors: entries of grip sensors, whose texts may hold it too.
-        step: distance between the copies, in m; they are centred on the place written down.
+        grip_sensors: entries of grip sensors.
+        step: offset between the copies, in m, which are centred on the given position.
     """
 
     parameter: str
@@ -52,21 +58,17 @@ class Repeat:
     step: tuple[float, float] = (0.0, 0.0)
 
     def check(self, count: object) -> None:
-        """Check a number of copies; 3.0 is as whole as 3.
-
-        Raises:
-            ValueError: it is not a whole number from 1 to `at_most`.
-        """
+        """Check that a number of copies, int or float, is a whole number from 1 to `at_most`."""
         is_number = isinstance(count, int | float) and not isinstance(count, bool)
         if not is_number or count not in range(1, self.at_most + 1):
             raise ValueError(f"{self.parameter} {count!r} must be a whole number from 1 to {self.at_most}")
 
 
 def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
-    """Return the sections of a body's file, by parameter.
+    """Return the repeated sections of a body's file by parameter.
 
     Raises:
-        ValueError: a section without a parameter, or with one that makes no sense.
+        ValueError: if a section is invalid or its parameter is repeated.
     """
     sections: dict[str, Repeat] = {}
     for entry in data.get("repeat", []):
@@ -86,19 +88,16 @@ def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
 
 
 def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return a body's file with its repeated sections written out `counts` times."""
-    parts, joints = list(data.get("parts", [])), list(data.get("joints", []))
-    sensors = list(data.get("grip_sensors", []))
-    for name, section in repeats(data).items():
-        count = counts[name]
+    """Return a body's file with its repeated sections expanded to `counts` copies."""
+    expanded = {name: list(data.get(name, [])) for name in ("parts", "joints", "grip_sensors")}
+    for parameter, section in repeats(data).items():
+        count = counts[parameter]
         for number in range(1, count + 1):
-            parts += [_copied(entry, section, number, count) for entry in section.parts]
-            joints += [_copied(entry, section, number, count) for entry in section.joints]
-            sensors += [_copied(entry, section, number, count) for entry in section.grip_sensors]
+            for name, entries in expanded.items():
+                entries += [_copied(entry, section, number, count) for entry in getattr(section, name)]
         for number in range(1, count):
-            joints += [_copied(entry, section, number, count - 1) for entry in section.links]
-    others = {key: value for key, value in data.items() if key != "repeat"}
-    return others | {"parts": parts, "joints": joints, "grip_sensors": sensors}
+            expanded["joints"] += [_copied(entry, section, number, count - 1) for entry in section.links]
+    return {key: value for key, value in data.items() if key != "repeat"} | expanded
 
 
 def _copied(entry: Entry, section: Repeat, number: int, count: int) -> Entry:
@@ -111,18 +110,18 @@ def _copied(entry: Entry, section: Repeat, number: int, count: int) -> Entry:
         key: NUMBER.sub(numbered, value) if isinstance(value, str) else value for key, value in entry.items()
     }
     shift = number - 1 - (count - 1) / 2
-    for key in PLACES & copy.keys():
-        copy[key] = [place + shift * step for place, step in zip(copy[key], section.step, strict=True)]
+    for key in POSITION_FIELDS & copy.keys():
+        copy[key] = [value + shift * step for value, step in zip(copy[key], section.step, strict=True)]
     if copy.get("head") == LAST:
         copy["head"] = number == count
     return copy
 
 
 def body_parameters(text: str) -> tuple[str, dict[str, float]]:
-    """Return a body's name or path without its parameters, and the parameters.
+    """Split a body's name or path from its parameters.
 
     Raises:
-        ValueError: a parameter that is not a number, or is given twice.
+        ValueError: if a parameter is not a number, or is given twice.
 
     Examples:
         >>> body_parameters("spider:pairs_of_legs=3:size=1.2")
@@ -139,10 +138,10 @@ def body_parameters(text: str) -> tuple[str, dict[str, float]]:
 
 
 def resized(body: Embodiment, size: float) -> Embodiment:
-    """Return `body` with all lengths multiplied by `size`; densities and torques stay.
+    """Return `body` with all lengths multiplied by `size`, and the same densities and torques.
 
     Raises:
-        ValueError: a size that is not over 0, or absurd.
+        ValueError: if the size is not positive, or implausible.
     """
     BODY_SIZE.check("size", size)
 
@@ -178,7 +177,7 @@ def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
     """Return `body` with the largest torque of every motor set to `torque` N m.
 
     Raises:
-        ValueError: a torque that is not over 0, or absurd.
+        ValueError: if the torque is not positive, or implausible.
     """
     TORQUE.check("motor_torque", torque)
     joints = [joint if joint.passive else replace(joint, motor_torque=float(torque)) for joint in body.joints]
@@ -188,7 +187,7 @@ def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
 SIZE, MOTOR_TORQUE = "size", "motor_torque"
 SURVIVAL = ("steps_survivable_under_water", "steps_survivable_outside_water")
 ENTRIES = ("parts", "joints", "grip_sensors", "repeat")  # fields of a body's file that are lists of sections
-LARGEST = 1e9  # bound of every number in a body's file
+LARGEST_NUMBER = 1e9  # bound of every number in a body's file
 
 _FOLDER = resources.files("tma_ray.embodiments") / "data"
 
@@ -205,16 +204,16 @@ def embodiment_names() -> list[str]:
 
 
 def load_embodiment(name_or_path: str | Path, **parameters: float) -> Embodiment:
-    """Return a body by name, or from a TOML file laid out as those in `tma_ray/embodiments/data`.
+    """Load a body by name, or from a TOML file in the format of `tma_ray/embodiments/data`.
 
     Args:
-        name_or_path: the name or the path, which may end with parameters.
+        name_or_path: name or path, which may end with parameters.
         parameters: differences from the file: `size` (a factor of all lengths), `motor_torque` (of
             every motor, in N m), `steps_survivable_under_water` and `steps_survivable_outside_water` (time
             steps), and the number of copies of each repeated section.
 
     Raises:
-        EmbodimentError: unknown name or parameter, unreadable file, or a body that cannot be built.
+        EmbodimentError: if a name or parameter is unknown, or the file or the body is invalid.
 
     Examples:
         >>> load_embodiment("spider").action_size, load_embodiment("spider", pairs_of_legs=3).action_size
@@ -223,10 +222,10 @@ def load_embodiment(name_or_path: str | Path, **parameters: float) -> Embodiment
         True
     """
     try:
-        name, named = body_parameters(str(name_or_path))
+        name, settings = body_parameters(str(name_or_path))
     except ValueError as error:
         raise EmbodimentError(f"embodiment {str(name_or_path)!r}: {error}") from error
-    settings = named | parameters
+    settings |= parameters
     if name.endswith(".toml"):
         return _parse(Path(name), settings)
     if name not in embodiment_names():
@@ -244,7 +243,7 @@ def _shipped(name: str, settings: tuple[tuple[str, float], ...]) -> Embodiment:
 
 
 def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
-    """Return the body of a file with `settings`; its name includes those that differ from the defaults."""
+    """Return the body of a file with `settings`, and with those that make a difference in its name."""
     try:
         if isinstance(path, Path):
             check_file(path, MOST_TEXT_BYTES)
@@ -265,8 +264,8 @@ def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
 def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
     """Return the body of a file's contents with `settings`, under the file's name."""
     for name in ENTRIES:
-        sections_of = data.get(name, [])
-        if not isinstance(sections_of, list) or not all(isinstance(entry, dict) for entry in sections_of):
+        tables = data.get(name, [])
+        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
             raise ValueError(f"{name} {data[name]!r:.80}: expected sections, as in [[{name}]]")
     sections = repeats(data)
     counts = {name: section.count for name, section in sections.items()}
@@ -275,9 +274,8 @@ def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
             sections[name].check(value)
             counts[name] = int(value)
         elif name not in EVERY_BODY:
-            known = ", ".join([*sections, *EVERY_BODY])
-            hint = nearest(name, (*sections, *EVERY_BODY))
-            raise ValueError(f"unknown parameter {name!r}: {hint}known: {known}")
+            names = (*sections, *EVERY_BODY)
+            raise ValueError(f"unknown parameter {name!r}: {nearest(name, names)}known: {', '.join(names)}")
     entries = expand_repeats(data, counts)
     values = _decoded("body", entries, Embodiment)
     values |= {name: settings[name] for name in SURVIVAL if name in settings}
@@ -303,22 +301,22 @@ def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
 def _decoded(
     what: str, entry: dict[str, Any], kind: type[Embodiment | Part | Joint | GripSensor]
 ) -> dict[str, Any]:
-    """Return the fields of an entry as `kind` declares them; nested lists of entries are left unchanged."""
+    """Convert the fields of an entry to the types in `kind`, except nested lists of entries."""
     types = _TYPES[kind]
     vertices = {"shape": "vertices"} if kind is Part else {}
     names = {field.name: vertices.get(field.name, field.name) for field in fields(kind)}
-    given = {("shape" if key in vertices.values() else key): value for key, value in entry.items()}
-    for name in sorted(given.keys() - names.keys()):
+    entry = {("shape" if key in vertices.values() else key): value for key, value in entry.items()}
+    for name in sorted(entry.keys() - names.keys()):
         hint = nearest(name, names.values())
         raise ValueError(f"{what}: unknown field {name!r}: {hint}known: {', '.join(names.values())}")
     required = {field.name for field in fields(kind) if field.default is MISSING}
-    for name in sorted(required - given.keys()):
+    for name in sorted(required - entry.keys()):
         raise ValueError(f"{what}: field {names[name]!r} is missing")
     decoded = {}
-    for name, value in given.items():
+    for name, value in entry.items():
         label = f"{what}: {names[name]} {value!r:.80}"
         if not _is_bounded(value):
-            raise ValueError(f"{label}: expected numbers within ±{LARGEST:g}")
+            raise ValueError(f"{label}: expected numbers within ±{LARGEST_NUMBER:g}")
         try:
             if name == "shape":
                 decoded[name] = Polygon(msgspec.convert(value, tuple[Point, ...]))
@@ -334,7 +332,7 @@ def _decoded(
 
 
 def _is_bounded(value: object) -> bool:
-    """Return True if numbers in `value` are finite and of a plausible size."""
+    """Return True if all numbers in `value` are finite and plausible."""
     if isinstance(value, list):
         return all(map(_is_bounded, value))
-    return not isinstance(value, (int, float)) or abs(value) <= LARGEST
+    return not isinstance(value, (int, float)) or abs(value) <= LARGEST_NUMBER

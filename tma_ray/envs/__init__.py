@@ -1,7 +1,4 @@
-"""Environments with procedurally generated worlds, as Gymnasium environments.
-
-What is listed here is imported when it is first asked for: names of environments need no gymnasium.
-"""
+"""Gymnasium environments with procedurally generated worlds, imported on first access."""
 
 from typing import TYPE_CHECKING
 
@@ -9,17 +6,24 @@ from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
     from tma_ray.envs.catalogue import ENVIRONMENTS
-    from tma_ray.envs.registration import Environment, make_environment, mastery_return, register_environments
-    from tma_ray.envs.scene import Look
+    from tma_ray.envs.registration import (
+        Environment,
+        box_spaces,
+        make_environment,
+        mastery_return,
+        register_environments,
+    )
+    from tma_ray.envs.scene import RenderOptions
     from tma_ray.envs.vector import VectorEnvironment, make_vector_environment
     from tma_ray.physics import Signal
 
 __all__ = [
     "ENVIRONMENTS",
     "Environment",
-    "Look",
+    "RenderOptions",
     "Signal",
     "VectorEnvironment",
+    "box_spaces",
     "make_environment",
     "make_vector_environment",
     "mastery_return",

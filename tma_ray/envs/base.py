@@ -1,4 +1,4 @@
-"""The base of the benchmark's environments: one body in a world that a task describes."""
+"""Base of the benchmark's environments: one body in a world generated from a task."""
 
 from abc import abstractmethod
 from functools import cached_property
@@ -11,7 +11,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.embodiments import Embodiment, load_embodiment
-from tma_ray.envs.scene import Look
+from tma_ray.envs.scene import RenderOptions, scene_of
 from tma_ray.physics import (
     LIDARS,
     TIME_STEP,
@@ -30,47 +30,42 @@ from tma_ray.terrain import Terrain
 if TYPE_CHECKING:
     from tma_ray.envs.drawing import Renderer
 
-
-MAX_EPISODE_STEPS = 2000
-"""Steps after which an episode is truncated (the original release leaves this to its students)."""
-
+MAX_EPISODE_STEPS = 2000  # before truncation, which the original release leaves to its students
 PUSH = 5.0  # largest random push on the head in the first step, in N
 
 NO_COPY = (
     "an environment in an episode cannot be copied or pickled, since the state of its world cannot: copy it "
     "before reset() or after the episode, or play the same seed, task and actions in another one"
 )
-"""Refusal of copies during an episode."""
+"""Error message of copies during an episode."""
 
 Observation = NDArray[np.float32]
 
 
 class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """A body on its way through a world to a goal.
+    """Environment in which a body moves through a world to a goal.
 
-    An action is one value in [-1, 1] per motor, whose sign is the direction and whose size the share of the
-    torque, then one per grip sensor: over 0 closes it. `reset` takes a task (``options={"task": [...]}``) or
-    draws one uniformly from `task_space`. `info` holds "success" (an episodic return over 230) and the "task"
-    (d,), at the end of an episode also "is_success", the same under the name that stable-baselines3 logs.
-    Seed and actions determine a trajectory bit for bit. In an episode an environment can be neither copied
-    nor pickled.
+    An action has one value in [-1, 1] per motor, whose sign is the direction and whose absolute value the
+    share of the torque, then one per grip sensor, which closes it if positive. `reset` takes a task
+    (``options={"task": [...]}``) or draws one uniformly from `task_space`. `info` holds "success" (an
+    episodic return over 230), the "task" (d,) and, at the end of an episode, "is_success", the key that
+    stable-baselines3 logs. Seed and actions determine a trajectory bit for bit. During an episode an
+    environment can be neither copied nor pickled.
 
-    A subclass says what its tasks are and builds their worlds.
+    A subclass declares its tasks and builds their worlds.
 
     Args:
-        embodiment: the body, its name or the path of its file.
-        rules: the environment's rules for that body.
+        embodiment: body of the environment.
+        rules: the environment's rules for the body.
         render_mode: None, "rgb_array" or "human".
 
     Attributes:
-        algorithm_version: part of the identity of every run: raised with each change of worlds, bodies,
+        algorithm_version: part of the identity of every run, raised with each change of worlds, bodies,
             observations or rewards that the version of the physics does not cover.
         task_space: tasks that a teacher may choose; `reset` accepts more.
         valid_domain: tasks that `reset` accepts.
         max_episode_steps: steps after which an episode is truncated.
-        embodiment: the body.
-        rules: the environment's rules for the body.
-        look: settings of frames; may be changed between two frames.
+        render_options: options of frames, which may change between two frames.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": round(1 / TIME_STEP)}
@@ -86,28 +81,28 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.embodiment, self.rules = embodiment, rules
         self.observation_space = _observation_space(observation_size(step_arrays(embodiment, rules)), rules)
         self.action_space = spaces.Box(-1.0, 1.0, (embodiment.action_size,), dtype=np.float32)
-        self.look = Look()
+        self.render_options = RenderOptions()
         self._renderer: Renderer | None = None
         self._running = False
 
     @cached_property
     def _engine(self) -> Engine:
-        """Engine, created on first use, so that reading the spaces compiles nothing."""
+        """Engine, created on first use, so that reading the spaces does not compile it."""
         return make_engine(self.embodiment, self.rules)
 
     @property
     def observation_signals(self) -> tuple[Signal, ...]:
-        """The values of an observation, in order."""
+        """Signals of an observation, in order."""
         return observation_signals(self.embodiment, self.rules)
 
     @property
     def action_signals(self) -> tuple[Signal, ...]:
-        """The values of an action, in order."""
+        """Signals of an action, in order."""
         return action_signals(self.embodiment)
 
     @abstractmethod
     def build(self, task: Task, rng: np.random.Generator) -> Terrain:
-        """Return the world of `task`; `rng` draws what the task leaves open."""
+        """Return the terrain of `task`, with random details drawn from `rng`."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -115,16 +110,16 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Build the world of a task and return its first observation.
 
         Args:
-            seed: number that makes this episode, and those after it, repeatable.
+            seed: seed of this episode and those after it.
             options: {"task": one value per dimension of `valid_domain`, in order or by name}.
 
         Raises:
-            ValueError: a task outside `valid_domain`, or an unknown option.
+            ValueError: if the task is outside `valid_domain` or an option is unknown.
         """
         super().reset(seed=seed)
         task = self._chosen_task(options or {})
         push = self.np_random.uniform(-PUSH, PUSH)
-        engine = self._engine  # before the world compiles anything: all kernels are known from then on
+        engine = self._engine  # first: loading the engine registers all kernels, before `build` compiles one
         self._terrain = self.build(task, self.np_random)
         observation = engine.reset(self._terrain, push)
         self._observation = observation
@@ -137,11 +132,10 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Advance the world by 1/50 s.
 
         Raises:
-            ValueError: an action of another shape, or not finite.
-            gymnasium.error.ResetNeeded: the episode has ended, or not begun.
+            ValueError: if the action has another shape or is not finite.
+            gymnasium.error.ResetNeeded: if the episode has ended or not begun.
         """
-        if not self._running:
-            raise gymnasium.error.ResetNeeded("the episode has ended or not begun; call reset()")
+        self._check_running()
         observation, reward, terminated = self._engine.step(action)
         self._observation = observation
         self._episode.add(reward)
@@ -149,40 +143,37 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._running = not (terminated or truncated)
         if self.render_mode == "human":
             self.render()
-        success = self._episode.episodic_return > MASTERY_RETURN  # a `bool`, which Gymnasium can stack
+        success = self._episode.episodic_return > MASTERY_RETURN
         info = {"success": success, "task": self._task.copy()}
         if not self._running:
             info["is_success"] = success
         return observation, reward, terminated, truncated, info
 
     def release_engine(self) -> Engine:
-        """Return the engine, to play the episode that has begun without this environment.
-
-        The environment itself must be reset before its next step.
+        """Return the engine of the episode under way, which ends for the environment itself.
 
         Raises:
-            gymnasium.error.ResetNeeded: the episode has ended, or not begun.
+            gymnasium.error.ResetNeeded: if the episode has ended or not begun.
         """
-        if not self._running:
-            raise gymnasium.error.ResetNeeded("the episode has ended or not begun; call reset()")
+        self._check_running()
         self._running = False
         return self._engine
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the world around the head: (400, 600, 3) for "rgb_array", a window for "human"."""
+        """Draw the world around the head as an array (400, 600, 3) or, for "human", in a window."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() needs a render_mode: make the environment with 'rgb_array'")
             return None
-        from tma_ray.envs.drawing import Renderer  # here, so that training never loads pygame
-        from tma_ray.envs.scene import scene_of
+        from tma_ray.envs.drawing import Renderer  # deferred: training must not load pygame
 
         if self._renderer is None:
             window = self.render_mode == "human"
             self._renderer = Renderer(self.embodiment, window, self.metadata["render_fps"])
-        return self._renderer.draw(scene_of(self._engine, self._terrain, self._observation), self.look)
+        scene = scene_of(self._engine, self._terrain, self._observation)
+        return self._renderer.draw(scene, self.render_options)
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if any."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -191,6 +182,10 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self._running:
             raise TypeError(NO_COPY)
         return {name: value for name, value in vars(self).items() if name != "_engine"} | {"_renderer": None}
+
+    def _check_running(self) -> None:
+        if not self._running:
+            raise gymnasium.error.ResetNeeded("the episode has ended or not begun; call reset()")
 
     def _chosen_task(self, options: dict[str, Any]) -> Task:
         unknown = sorted(options.keys() - {"task"})
@@ -202,12 +197,12 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
 
 def embodiment_of(embodiment: str | Path | Embodiment) -> Embodiment:
-    """Return a body by name or path, or the body itself."""
+    """Return a body, loaded if given by name or path."""
     return embodiment if isinstance(embodiment, Embodiment) else load_embodiment(embodiment)
 
 
 def _observation_space(size: int, rules: Rules) -> spaces.Space[Observation]:
-    """Return bounds that always hold; joints have none, since one that is hit hard overshoots its limits."""
+    """Return the space of observations, without bounds for joints, which overshoot their limits when hit."""
     low, high = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
     if rules.observes_medium:
         low[4:6], high[4:6] = 0.0, 1.0

@@ -1,4 +1,4 @@
-"""Names under which the command line finds the environments. It imports no gymnasium."""
+"""Registry of the environments, without gymnasium."""
 
 from __future__ import annotations
 
@@ -15,4 +15,4 @@ ENVIRONMENTS: Registry[type[gymnasium.Env[Any, Any]]] = Registry(
     {"stump_tracks": "tma_ray.envs.stump_tracks:StumpTracks", "parkour": "tma_ray.envs.parkour:Parkour"},
     "gymnasium:Env",
 )
-"""Environments by name; more through `ENVIRONMENTS.register`, an entry point, or ``module:Name``."""
+"""Environments by name; plug-ins use `ENVIRONMENTS.register`, an entry point, or ``module:Name``."""

@@ -1,4 +1,4 @@
-"""Drawing of a body in its world with pygame, as frames or in a window."""
+"""Frames of a body in its world, drawn with pygame."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ import pygame
 from numpy.typing import NDArray
 
 from tma_ray.embodiments import Embodiment
-from tma_ray.envs.scene import Look, Scene
+from tma_ray.envs.scene import RenderOptions, Scene
 from tma_ray.terrain import GROUND_HEIGHT, Terrain
 
 Colour = tuple[int, int, int]
@@ -21,7 +21,6 @@ WATER, WATER_EDGE = (70, 150, 205), (44, 112, 172)
 COLOURS = HEAD, LIMB, FAR_LIMB, OUTLINE = (86, 98, 178), (126, 138, 212), (104, 110, 150), (42, 48, 96)
 DEAD_HEAD = (128,) * 3
 DEAD_COLOURS = DEAD_HEAD, (166,) * 3, (142,) * 3, (70,) * 3
-"""Colours of the head, of limbs, of those behind others, and of outlines."""
 
 GRIP_FREE, GRIP_TOUCHING, GRIP_HOLDING = (246, 208, 52), (242, 138, 40), (210, 40, 36)
 
@@ -31,25 +30,20 @@ GOAL, TRACK = (216, 66, 50), (120, 140, 158)
 
 WIDTH, HEIGHT = 600, 400  # size of a frame, in pixels
 PIXELS_PER_METRE = 48  # of the nearest view, and of every view under an open sky
-HEAD_SHARE = 0.3  # where the camera keeps the head, as a share of the width: the lidars look ahead
+HEAD_SHARE = 0.3  # x of the head as a share of the width: the lidars point ahead
 
-GROUND_SHARE = 0.22
-"""Height of the ground in the frame, as a share of the frame's, while the head is low enough."""
+# shares of the frame's height
+GROUND_SHARE = 0.22  # height of the ground, unless the head would leave the frame
+PASSAGE_SHARE = 0.8  # height of a low passage
+SOLID_SHARE = 0.12  # height of the ground in the lowest view, and of the ceiling in the highest
+HEAD_MARGIN = 0.15  # least distance of the head from the upper and lower edge
 
-HIGHEST_VIEW = 12.0  # how much of a high passage is shown, in m
-PASSAGE_SHARE = 0.8  # share of the frame's height that a lower passage takes
-
-SOLID_SHARE = 0.12
-"""Share of the frame's height that is ground in the lowest view, and ceiling in the highest."""
-
-HEAD_MARGIN = 0.15  # how near to the upper and lower edge the head may come, as a share of the frame's height
-
-REACH = 5.0
-"""Ground and ceiling are averaged so far behind and ahead of the head, in m: else the camera would shake."""
+HIGHEST_VIEW = 12.0  # height of the view in a high passage, in m
+REACH = 5.0  # half width in m over which ground and ceiling are averaged, so that the camera does not shake
 
 
-class View(NamedTuple):
-    """The part of the world that a frame shows.
+class Viewport(NamedTuple):
+    """Section of the world in a frame.
 
     Attributes:
         left: x of the left edge, in m.
@@ -63,26 +57,27 @@ class View(NamedTuple):
 
     @property
     def right(self) -> float:
-        """The right edge (x), in m."""
+        """Right edge (x), in m."""
         return self.left + WIDTH / self.scale
 
     @property
     def top(self) -> float:
-        """The upper edge (y), in m."""
+        """Upper edge (y), in m."""
         return self.bottom + HEIGHT / self.scale
 
 
-def view_of(head: NDArray[np.float64], terrain: Terrain) -> View:
-    """Return the section of the world that is shown for a head at `head` (2,).
+def view_of(head: NDArray[np.float64], terrain: Terrain) -> Viewport:
+    """Return the viewport for a head at `head` (2,).
 
     Under an open sky the scale is fixed, and the camera rises only with a head that would leave the frame.
-    Under a ceiling it follows the head, and shows the whole passage where that is low.
+    Under a ceiling it follows the head, and shows the whole height of a low passage.
     """
     x, y = float(head[0]), float(head[1])
     if not len(terrain.ceiling):
         height = HEIGHT / PIXELS_PER_METRE
         left = x - HEAD_SHARE * WIDTH / PIXELS_PER_METRE
-        return View(left, max(GROUND_HEIGHT - GROUND_SHARE * height, y - 0.8 * height), PIXELS_PER_METRE)
+        bottom = max(GROUND_HEIGHT - GROUND_SHARE * height, y - 0.8 * height)
+        return Viewport(left, bottom, PIXELS_PER_METRE)
     floor, roof = _around(terrain.surface, x), _around(terrain.ceiling, x)
     height = float(np.clip((roof - floor) / PASSAGE_SHARE, HEIGHT / PIXELS_PER_METRE, HIGHEST_VIEW))
     lowest, highest = floor + (0.5 - SOLID_SHARE) * height, roof - (0.5 - SOLID_SHARE) * height
@@ -90,34 +85,30 @@ def view_of(head: NDArray[np.float64], terrain: Terrain) -> View:
     off = (0.5 - HEAD_MARGIN) * height
     middle = float(np.clip(middle, y - off, y + off))
     scale = HEIGHT / height
-    return View(x - HEAD_SHARE * WIDTH / scale, middle - height / 2, scale)
+    return Viewport(x - HEAD_SHARE * WIDTH / scale, middle - height / 2, scale)
 
 
 def height_at(segments: NDArray[np.float64], x: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Return the height of ground or ceiling, `segments` as in Terrain (m, 4), at each of `x`, in m."""
+    """Return the height in m of ground or ceiling, `segments` (m, 4) of a Terrain, at each of `x`."""
     ends = np.append(segments[:, 0], segments[-1, 2]), np.append(segments[:, 1], segments[-1, 3])
     return np.asarray(np.interp(x, *ends))
 
 
 def _around(segments: NDArray[np.float64], x: float) -> float:
-    """Return the mean height around `x`, weighted by nearness."""
+    """Return the mean height around `x`, weighted by proximity."""
     offsets = np.linspace(-1, 1, 41)
     weights = 1 + np.cos(np.pi * offsets)
     return float(np.average(height_at(segments, x + REACH * offsets), weights=weights))
 
 
 SUPERSAMPLING = 2
-CROP = 10.0  # shapes are cut off this far outside the frame, in m: pygame's coordinates are small
+CROP = 10.0  # distance outside the frame at which shapes are cut, in m: pygame's coordinates are small
 
 Floats = NDArray[np.float64]
 
 
 class Canvas:
-    """Canvas for lines, outlines and text in world coordinates; widths are in pixels of a frame.
-
-    Attributes:
-        view: section of the world that the frame shows.
-    """
+    """Canvas for shapes and text in world coordinates, with widths in pixels of a frame."""
 
     def __init__(self) -> None:
         self.surface = pygame.Surface((WIDTH * SUPERSAMPLING, HEIGHT * SUPERSAMPLING))
@@ -129,17 +120,17 @@ class Canvas:
         pygame.font.init()
         self._font = pygame.font.Font(None, 18 * SUPERSAMPLING)
 
-    def start(self, view: View) -> None:
+    def start(self, view: Viewport) -> None:
         """Begin a frame with an empty sky."""
         self.view = view
         self.surface.blit(self._sky, (0, 0))
 
     def frame(self) -> pygame.Surface:
-        """Return the frame, smoothed."""
+        """Return the frame, scaled down smoothly."""
         return pygame.transform.smoothscale(self.surface, (WIDTH, HEIGHT))
 
     def pixels(self, smooth: bool = True) -> NDArray[np.uint8]:
-        """Return the frame (height, width, 3), or larger and rough, as it was drawn."""
+        """Return the frame (height, width, 3), or the larger surface if not `smooth`."""
         frame = self.frame() if smooth else self.surface
         width, height = frame.get_size()
         content = bytearray(pygame.image.tobytes(frame, "RGB"))  # several times faster than pygame.surfarray
@@ -151,7 +142,7 @@ class Canvas:
         pygame.draw.line(self.surface, colour, start, end, width * SUPERSAMPLING)
 
     def fill(self, points: Floats, colour: Colour, outline: Colour | None = None) -> None:
-        """Draw an area with the corners `points` (n, 2), and its outline."""
+        """Draw a polygon with the corners `points` (n, 2), and its outline."""
         corners = self._pixels(self._cropped(points)).tolist()
         pygame.draw.polygon(self.surface, colour, corners)
         if outline is not None:
@@ -163,7 +154,7 @@ class Canvas:
         pygame.draw.circle(self.surface, colour, centre, radius * SUPERSAMPLING)
 
     def tint(self, top: float, colour: Colour, opacity: int) -> None:
-        """Tint everything below the height `top`, in m, with `colour`; an opacity of 255 hides it."""
+        """Tint everything below the height `top`, in m, with `colour`, at an opacity from 0 to 255."""
         height = HEIGHT * SUPERSAMPLING
         row = int(np.clip((self.view.top - top) * self.view.scale * SUPERSAMPLING, 0, height))
         self._glass.fill(colour)
@@ -176,16 +167,16 @@ class Canvas:
         self.surface.blit(drawn, drawn.get_rect(midtop=self._pixels(point).tolist()))
 
     def bar(self, share: float, colours: tuple[Colour, Colour, Colour]) -> None:
-        """Draw a progress bar along the top, in colours of the track, the part done, and the end."""
+        """Draw a progress bar along the top, with colours of the track, the done share, and the end."""
         left, right, y = (SUPERSAMPLING * value for value in (20, WIDTH - 20, 16))
-        at, (way, done, end) = left + share * (right - left), colours
-        pygame.draw.line(self.surface, way, (left, y), (right, y), 2 * SUPERSAMPLING)
-        pygame.draw.line(self.surface, done, (left, y), (at, y), 4 * SUPERSAMPLING)
-        pygame.draw.circle(self.surface, done, (at, y), 5 * SUPERSAMPLING)
+        x, (track, done, end) = left + share * (right - left), colours
+        pygame.draw.line(self.surface, track, (left, y), (right, y), 2 * SUPERSAMPLING)
+        pygame.draw.line(self.surface, done, (left, y), (x, y), 4 * SUPERSAMPLING)
+        pygame.draw.circle(self.surface, done, (x, y), 5 * SUPERSAMPLING)
         pygame.draw.circle(self.surface, end, (right, y), 4 * SUPERSAMPLING)
 
     def sees(self, left: Floats, right: Floats) -> NDArray[np.bool_]:
-        """Return True (n,) for objects between x = `left` and `right` (n,) that the frame shows."""
+        """Return True (n,) for objects between x = `left` and `right` (n,) that are in the frame."""
         return np.asarray((right >= self.view.left) & (left <= self.view.right))
 
     def _pixels(self, points: Floats) -> Floats:
@@ -200,7 +191,7 @@ class Canvas:
         return np.clip(points, low, np.array([self.view.right + CROP, self.view.top + CROP]))
 
 
-SMALLEST_GRIP = 4.0  # radius at which a grip sensor is drawn if its own were smaller, in pixels
+SMALLEST_GRIP = 4.0  # smallest radius of a drawn grip sensor, in pixels
 FLAGPOLE = 3.2  # height of the goal's flag, in m
 MARK_SPACING = 5  # distance between marks on the ground, in m
 
@@ -209,14 +200,14 @@ class Renderer:
     """Renderer of frames of one body.
 
     Args:
-        body: body whose shapes are drawn.
-        window: True to show frames in a window as well, at the pace of the simulation.
-        frames_per_second: pace of the window.
+        body: body to draw.
+        window: True to show frames in a window, in real time.
+        frames_per_second: frame rate of the window.
     """
 
     def __init__(self, body: Embodiment, window: bool, frames_per_second: int) -> None:
         self._body = body
-        # parts behind others of the same shape and position
+        # True for parts behind others of the same shape and position
         self._far = [
             any(other.position == part.position and other.shape == part.shape for other in body.parts[:index])
             for index, part in enumerate(body.parts)
@@ -229,8 +220,8 @@ class Renderer:
             pygame.display.set_caption("tma_ray")
             self._window = pygame.display.set_mode((WIDTH, HEIGHT))
 
-    def draw(self, scene: Scene, look: Look) -> NDArray[np.uint8] | None:
-        """Return the frame (400, 600, 3), or show it and return None if there is a window."""
+    def draw(self, scene: Scene, options: RenderOptions) -> NDArray[np.uint8] | None:
+        """Return the frame (400, 600, 3), or show it in the window and return None."""
         head, canvas, terrain = scene.poses[self._body.head, :2], self._canvas, scene.terrain
         canvas.start(view_of(head, terrain))
         foot = np.array([terrain.goal_x, _base(terrain, terrain.goal_x)])
@@ -238,7 +229,7 @@ class Renderer:
         canvas.line(np.stack([foot, top]), OUTLINE, 3)
         canvas.fill(top + np.array([[0.0, 0.0], [1.0, -0.35], [0.0, -0.7]]), GOAL, OUTLINE)
         self._draw_world(scene)
-        if look.lidars:
+        if options.lidars:
             for end, hit in zip(scene.lidars, scene.hits, strict=True):
                 colour = LIDAR_CREEPER if hit > 0 else LIDAR_WATER if hit < 0 else LIDAR
                 canvas.line(np.stack([head, end]), colour, 1)
@@ -248,7 +239,7 @@ class Renderer:
         start = terrain.spawn[0]
         canvas.bar(float(np.clip((head[0] - start) / (terrain.goal_x - start), 0, 1)), (TRACK, HEAD, GOAL))
         if self._window is None:
-            return canvas.pixels(look.smooth)
+            return canvas.pixels(options.smooth)
         self._window.blit(canvas.frame(), (0, 0))
         pygame.event.pump()
         pygame.display.flip()
@@ -262,13 +253,13 @@ class Renderer:
             self._window = None
 
     def _draw_world(self, scene: Scene) -> None:
-        """Draw water, creepers, and ground and ceiling with the distances from the start."""
+        """Draw water, creepers, ground and ceiling, and marks of the distance from the start."""
         canvas, view, terrain = self._canvas, self._canvas.view, scene.terrain
         canvas.tint(terrain.water_y, WATER, 120)
         edge = np.array([[view.left, terrain.water_y], [view.right, terrain.water_y]])
         if view.bottom < terrain.water_y < view.top:
             canvas.line(edge, WATER_EDGE, 1)
-        # creepers before the solids, into which they reach where the ceiling slopes
+        # creepers before the solids, into which they reach under a sloping ceiling
         sizes = terrain.creepers[:, 2:] - terrain.creepers[:, :2]
         reach = np.hypot(*sizes.T) / 2
         seen = canvas.sees(scene.creepers[:, 0] - reach, scene.creepers[:, 0] + reach)
@@ -287,12 +278,12 @@ class Renderer:
                 canvas.line(ends, edge_colour, 2)
         first = int(view.left) // MARK_SPACING * MARK_SPACING
         for mark in range(first, int(view.right) + 1 + MARK_SPACING, MARK_SPACING):
-            place = np.array([float(mark), _base(terrain, mark) - 0.25])
-            if place[1] > view.bottom:
-                canvas.text(place, f"{mark} m", MARK)
+            position = np.array([float(mark), _base(terrain, mark) - 0.25])
+            if position[1] > view.bottom:
+                canvas.text(position, f"{mark} m", MARK)
 
     def _draw_body(self, scene: Scene) -> None:
-        """Draw the parts from the last, which is farthest away, to the head; grey if it is dead."""
+        """Draw the parts from the farthest, which is the last, to the head, in grey if the body is dead."""
         canvas, body, poses = self._canvas, self._body, scene.poses
         head, limb, far_limb, outline = DEAD_COLOURS if scene.dead else COLOURS
         for joint in body.joints:
@@ -313,11 +304,11 @@ class Renderer:
 
 
 def _placed(pose: Floats, points: Floats) -> Floats:
-    """Return `points` (..., 2) of a frame at `pose` (x, y, angle) in world axes."""
+    """Transform `points` (..., 2) from a frame at `pose` (x, y, angle) to world coordinates."""
     sine, cosine = np.sin(pose[2]), np.cos(pose[2])
     return np.asarray(pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]]))
 
 
 def _base(terrain: Terrain, x: float) -> float:
-    """Return the height of the ground at `x` in m, under any stumps."""
+    """Return the height of the ground at `x` in m, below any stump."""
     return float(height_at(terrain.surface, x)) if len(terrain.ceiling) else GROUND_HEIGHT

@@ -1,4 +1,4 @@
-"""Parkour: uneven ground, ceiling, creepers and water, for every medium (paper, section 4.2, appendix B)."""
+"""Parkour: uneven ground, ceiling, creepers and water (paper, section 4.2, appendix B)."""
 
 from pathlib import Path
 
@@ -11,10 +11,7 @@ from tma_ray.tasks import Task, TaskSpace
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.parkour import CPPN, DEFAULT_WEIGHTS, parkour
 
-_UNITS = {
-    "theta_1": "input of the CPPN",
-    "theta_2": "input of the CPPN",
-    "theta_3": "input of the CPPN",
+_UNITS = dict.fromkeys(("theta_1", "theta_2", "theta_3"), "input of the CPPN") | {
     "water_level": "share of the height up to the ceiling's highest point",
     "creepers_width": "m",
     "creepers_height": "m",
@@ -24,33 +21,26 @@ _UNITS = {
 
 
 class Parkour(BodyEnvironment):
-    """A body between an uneven ground and a ceiling, with creepers to climb on and water.
+    """Uneven ground and ceiling with water and climbable creepers between them.
 
     Observations are the head's angle and velocities; whether the head is under water, and whether the body is
     dead; each joint's angle, speed and contact; what each grip sensor touches and holds (0 or 1 each); ten
-    lidars, and what each hits (-1 water, 1 a creeper, 0 ground, ceiling or nothing). Reward is progress,
-    less head tilt and the cost of actions. Too many consecutive steps in the wrong medium kill: actions
-    become 0, and the episode goes on. A critical part that touches the ground (a climber's) ends it with
-    -100; passing the goal ends it too. Bodies with grip sensors start hanging from the ceiling.
-    See `BodyEnvironment` for actions, `reset` and `info`.
+    lidars, and what each hits (-1 water, 1 a creeper, 0 ground, ceiling or nothing). Reward is progress
+    minus head tilt and the cost of actions. A body dies after too many consecutive steps in the wrong medium:
+    its actions become 0 until the episode ends. Ground contact of a critical part (a climber's) ends the
+    episode with -100; so does passing the goal, without a bonus. Bodies with grip sensors start hanging from
+    the ceiling. Actions, `reset`, `info` and attributes are those of `BodyEnvironment`; `task_space` is the
+    paper's medium space (appendix C) with our own weights of the CPPN.
 
     Args:
-        embodiment: a body's name or the path of its file, each with parameters if wanted (as in
-            "fish:size=1.5"), or the body itself.
+        embodiment: a body, its name or the path of its file, with optional parameters ("fish:size=1.5").
         render_mode: None, "rgb_array" or "human".
         lidars: directions of the lidars; None for the body's own.
-        cppn_weights: path of a ``.npz`` file with other weights of the CPPN than those shipped.
+        cppn_weights: path of an ``.npz`` file with weights of the CPPN.
         swinging_creepers: True for creepers that are swinging chains (not used in the paper).
 
-    Attributes:
-        algorithm_version: part of the identity of every run; see `BodyEnvironment`.
-        task_space: the paper's medium space (appendix C), with our own weights of the CPPN; creepers' width
-            and the scale do not vary. `reset` accepts more.
-        valid_domain: tasks that `reset` accepts.
-        max_episode_steps: steps after which an episode is truncated.
-
     Raises:
-        ValueError: an unknown layout of lidars, or no weights in that file.
+        ValueError: if the layout of lidars is unknown or the file has no weights.
 
     Examples:
         >>> import gymnasium
@@ -106,5 +96,5 @@ class Parkour(BodyEnvironment):
         super().__init__(body, Rules("parkour", layout, observes_medium=True), render_mode)
 
     def build(self, task: Task, rng: np.random.Generator) -> Terrain:
-        """Return the world of `task`; `rng` draws one height per creeper."""
+        """Return the terrain of `task`, with one height per creeper drawn from `rng`."""
         return parkour(task, rng, cppn=self._cppn, swinging_creepers=self._swinging_creepers)

@@ -1,4 +1,4 @@
-"""Names under which gymnasium and the command line find the environments."""
+"""Registration of the environments with gymnasium, and their creation by name."""
 
 import math
 from collections.abc import Callable
@@ -6,6 +6,7 @@ from numbers import Real
 from typing import Any
 
 import gymnasium
+from gymnasium import spaces
 
 from tma_ray.components.settings import coerce, parameters_of, parse_settings
 from tma_ray.envs.catalogue import ENVIRONMENTS
@@ -13,27 +14,25 @@ from tma_ray.support.component_names import split_name
 from tma_ray.tasks import MASTERY_RETURN, TaskSpace
 
 Environment = gymnasium.Env[Any, Any]
-"""Any Gymnasium environment with the attributes `task_space` and `valid_domain` (TaskSpace) whose `reset`
-takes ``options={"task": …}``. It may have an attribute `mastery_return`, the episodic return over which a
-task counts as mastered, and `observation_signals` and `action_signals`, which tell what the values mean
-(sequences of `Signal`)."""
+"""Gymnasium environment with the attributes `task_space` and `valid_domain` (TaskSpace) whose `reset` takes
+``options={"task": …}``. Optional attributes are `mastery_return`, the episodic return over which a task is
+mastered, and `observation_signals` and `action_signals` (sequences of `Signal`)."""
 
-JSON_TYPES = (str, int, float, list, dict)
-"""Types in which the options of a run are kept, whatever their annotations."""
+JSON_TYPES = (str, int, float, list, dict)  # of the options of a run, whatever their annotations
 
 GYMNASIUM_IDS = {
     "tma_ray/StumpTracks-v0": ("tma_ray.envs.stump_tracks:StumpTracks", "tma_ray.envs.vector:stump_tracks"),
     "tma_ray/Parkour-v0": ("tma_ray.envs.parkour:Parkour", "tma_ray.envs.vector:parkour"),
 }
-"""Names for `gymnasium.make` and `gymnasium.make_vec`. Environments truncate their episodes themselves."""
+"""Entry points for `gymnasium.make` and `gymnasium.make_vec`, of environments that truncate by themselves."""
 
 
 def register_environments() -> None:
-    """Register the environments with gymnasium; called when this module is imported."""
-    for name, (one, many) in GYMNASIUM_IDS.items():
+    """Register the environments with gymnasium, as importing this module does."""
+    for name, (single, vector) in GYMNASIUM_IDS.items():
         if name not in gymnasium.registry:
             gymnasium.register(
-                id=name, entry_point=one, vector_entry_point=many, reward_threshold=MASTERY_RETURN
+                id=name, entry_point=single, vector_entry_point=vector, reward_threshold=MASTERY_RETURN
             )
 
 
@@ -41,27 +40,26 @@ def make_environment(name: str, **kwargs: Any) -> Environment:
     """Return a new environment.
 
     Args:
-        name: a name in ENVIRONMENTS, or ``module:Name``, with options if wanted
+        name: a name in ENVIRONMENTS, or ``module:Name``, with optional settings
             (``parkour:swinging_creepers=true``).
-        kwargs: for its constructor, such as `embodiment` and `render_mode`; they take precedence over options
-            after the name. Values of JSON stand for those of their annotations, as a text for an enum.
+        kwargs: arguments of its constructor, such as `embodiment` and `render_mode`, which take precedence
+            over settings in the name. JSON values are converted to annotated types, as a text to an enum.
 
     Raises:
-        UnknownNameError: nothing answers to `name`.
-        ValueError: an option that it does not have, a value of another type, or an environment without a task
-            space, with which no teacher could work.
+        UnknownNameError: if `name` is unknown.
+        ValueError: if an option is unknown or of another type, or the environment has no task space.
     """
     base, text = split_name(name)
     kind: Callable[..., Environment] = ENVIRONMENTS.get(base)
     options = {option: value for option, value in text.items() if option not in kwargs}
-    known = parameters_of(kind)
-    given = {
-        option: coerce(option, value, known[option].annotation, "option")
-        if option in known and isinstance(value, JSON_TYPES)
+    parameters = parameters_of(kind)
+    arguments = {
+        option: coerce(option, value, parameters[option].annotation, "option")
+        if option in parameters and isinstance(value, JSON_TYPES)
         else value
         for option, value in kwargs.items()
     }
-    environment = kind(**parse_settings(kind, options, kind="option"), **given)
+    environment = kind(**parse_settings(kind, options, kind="option"), **arguments)
     for attribute in ("task_space", "valid_domain"):
         declared = environment.has_wrapper_attr(attribute)
         if not declared or not isinstance(environment.get_wrapper_attr(attribute), TaskSpace):
@@ -69,13 +67,23 @@ def make_environment(name: str, **kwargs: Any) -> Environment:
     return environment
 
 
-def mastery_return(environment: Environment) -> float:
-    """Return the episodic return over which a task of `environment` is mastered.
-
-    That is its attribute `mastery_return`; without one, the benchmark's.
+def box_spaces(environment: Environment) -> tuple[spaces.Box, spaces.Box]:
+    """Return the observation space and the action space of `environment`.
 
     Raises:
-        ValueError: the attribute is not a finite number.
+        ValueError: if they are not boxes.
+    """
+    observations, actions = environment.observation_space, environment.action_space
+    if not (isinstance(observations, spaces.Box) and isinstance(actions, spaces.Box)):
+        raise ValueError(f"{environment} has spaces {observations}, {actions}; expected boxes")
+    return observations, actions
+
+
+def mastery_return(environment: Environment) -> float:
+    """Return the mastery return of `environment`, which defaults to the benchmark's.
+
+    Raises:
+        ValueError: if the environment's attribute is not a finite number.
     """
     if not environment.has_wrapper_attr("mastery_return"):
         return MASTERY_RETURN

@@ -1,4 +1,4 @@
-"""The scene of a frame, and the choices of how frames are drawn. Imports no pygame."""
+"""Scene of a frame, and options of frames, without pygame."""
 
 from dataclasses import dataclass
 
@@ -18,9 +18,9 @@ class Scene:
 
     Attributes:
         poses: x, y, angle of every part's frame (p, 3), in m and rad.
-        terrain: the world.
+        terrain: terrain of the world.
         creepers: each creeper's centre in m, cosine and sine of its angle (c, 4).
-        grips: True where a grip sensor touches, and where it holds, something (g, 2).
+        grips: True for grip sensors that touch, and that hold, an object (g, 2).
         lidars: ends of the rays (r, 2), in m.
         hits: kind of object that each ray hits (r,): -1 water, 1 a creeper, 0 anything else.
         dead: True if the body has been in the wrong medium for too long.
@@ -36,7 +36,7 @@ class Scene:
 
 
 def scene_of(engine: Engine, terrain: Terrain, observation: NDArray[np.float32]) -> Scene:
-    """Return the visible scene of `engine`, whose last observation (o,) ends with the lidars' values."""
+    """Return the scene of `engine` after its last `observation` (o,)."""
     poses, body = engine.state[:, :3], engine.arrays
     rays = len(body.rays)
     if body.observes_medium:
@@ -55,13 +55,13 @@ def scene_of(engine: Engine, terrain: Terrain, observation: NDArray[np.float32])
 
 
 @dataclass(frozen=True)
-class Look:
-    """Settings of an environment's frames.
+class RenderOptions:
+    """Options of an environment's frames.
 
     Attributes:
         lidars: True to draw the rays.
-        smooth: True to scale frames down to their size. False gives frames twice as wide and high,
-            (800, 1200, 3), with rough edges, for callers that scale them.
+        smooth: True to scale frames down to their size; False for frames (800, 1200, 3) with rough edges, for
+            callers that scale them.
     """
 
     lidars: bool = True

@@ -1,4 +1,4 @@
-"""Stump Tracks: walk over stumps to the end of the track (paper, section 4.1 and appendix B)."""
+"""Stump Tracks: flat ground with stumps (paper, section 4.1 and appendix B)."""
 
 from pathlib import Path
 
@@ -12,29 +12,23 @@ from tma_ray.terrain import Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks
 
 RULES = Rules("stump_tracks", LidarLayout.DOWN, observes_medium=False)
-"""All bodies look down and ahead, as in the original release."""
+"""Rules of Stump Tracks, where the lidars of all bodies point down and ahead, as in the original release."""
 
 _UNITS = {"stump_height": "terrain steps", "obstacle_spacing": "m"}
 
 
 class StumpTracks(BodyEnvironment):
-    """A body on flat ground with stumps, whose height and spacing are the task.
+    """Flat ground with stumps, whose height and spacing are the task.
 
     Observations are the head's angle and velocities, each joint's angle, speed and (feet only) contact, what
-    grip sensors touch and hold, and ten lidars looking down and ahead. Reward is progress, less head tilt and
-    torque cost. Touching anything with the head ends the episode with -100; passing the goal ends it too.
-    See `BodyEnvironment` for actions, `reset` and `info`.
+    grip sensors touch and hold, and ten lidars down and ahead. Reward is progress minus head tilt and torque
+    cost. A contact of the head ends the episode with -100; so does passing the goal, without a penalty.
+    Actions, `reset`, `info` and attributes are those of `BodyEnvironment`.
 
     Args:
-        embodiment: a body's name or the path of its file, each with parameters if wanted (as in
-            "spider:pairs_of_legs=3"), or the body itself.
+        embodiment: a body, its name or the path of its file, with optional parameters
+            ("spider:pairs_of_legs=3").
         render_mode: None, "rgb_array" or "human".
-
-    Attributes:
-        algorithm_version: part of the identity of every run; see `BodyEnvironment`.
-        task_space: tasks that a teacher may choose (paper, appendix B); `reset` accepts more.
-        valid_domain: tasks that `reset` accepts: those of every challenge.
-        max_episode_steps: steps after which an episode is truncated.
 
     Examples:
         >>> import gymnasium
@@ -55,5 +49,5 @@ class StumpTracks(BodyEnvironment):
         super().__init__(embodiment_of(embodiment), RULES, render_mode)
 
     def build(self, task: Task, rng: np.random.Generator) -> Terrain:
-        """Return the world of `task`; `rng` draws one height per stump."""
+        """Return the terrain of `task`, with one height per stump drawn from `rng`."""
         return stump_tracks(task, rng)

@@ -1,4 +1,4 @@
-"""Vector environments: n worlds stepped in one compiled call by one or more threads, each on its own task."""
+"""Vector environments: n worlds, each on its own task, stepped in one compiled call."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 
 class Outcome(NamedTuple):
-    """What a step of k environments gives.
+    """Outcome of a step of k environments.
 
     Attributes:
-        observations: values (k, o).
-        rewards: values (k,).
-        terminated: True for episodes that ended in their worlds (k,).
-        truncated: True for episodes that reached their longest length (k,).
+        observations: observations (k, o).
+        rewards: rewards (k,).
+        terminated: True for terminated episodes (k,).
+        truncated: True for episodes truncated at their longest length (k,).
     """
 
     observations: NDArray[np.float32]
@@ -38,38 +38,38 @@ class Outcome(NamedTuple):
 
     @property
     def over(self) -> NDArray[np.bool_]:
-        """Which episodes are over (k,)."""
+        """True for episodes that have ended (k,)."""
         return self.terminated | self.truncated
 
 
 @runtime_checkable
 class EngineEnvironment(Protocol):
-    """An environment whose steps are its engine's, so that many can be made in one call."""
+    """Environment whose steps are those of its engine."""
 
     max_episode_steps: int
 
     def release_engine(self) -> Engine:
-        """Return the engine, for an episode that has begun and is played without the environment."""
+        """Return the engine of the episode under way, which the environment no longer steps."""
         ...
 
 
 def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> "LockStep":
-    """Return the fastest way to step `environments`, which are new and of one kind, together by `threads`.
+    """Return the fastest stepper of new `environments` of one kind.
 
     Raises:
-        ValueError: more threads than environments, or several without the benchmark's engine.
+        ValueError: if there are more threads than environments, or several without the benchmark's engine.
     """
     check_whole("threads", threads, least=1)
-    own = all(isinstance(environment, EngineEnvironment) for environment in environments)
-    most = len(environments) if own else 1
+    have_engines = all(isinstance(environment, EngineEnvironment) for environment in environments)
+    most = len(environments) if have_engines else 1
     if threads > most:
-        reason = "one for each world" if own else "these worlds do not have the benchmark's engine"
+        reason = "one for each world" if have_engines else "these worlds do not have the benchmark's engine"
         raise ValueError(f"threads = {threads}: expected at most {most}, {reason}")
-    return EngineLockStep(environments, threads) if own else LockStep(environments)
+    return EngineLockStep(environments, threads) if have_engines else LockStep(environments)
 
 
 class LockStep:
-    """n environments of one kind, stepped in turn.
+    """Stepper of n environments of one kind, in turn.
 
     Attributes:
         episodic_returns: sum of the rewards of each episode so far (n,).
@@ -80,36 +80,36 @@ class LockStep:
         self.episodic_returns = np.zeros(len(environments))
 
     def read_limits(self) -> None:
-        """Read the longest episodes of the environments again, which may have changed."""
+        """Update the longest lengths of episodes from the environments."""
 
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
-        """Begin an episode in those at `rows` (k,); the first call names all.
+        """Begin episodes in some environments, in all of them on the first call.
 
         Args:
             rows: indices of the environments (k,).
-            seeds: seeds of their episodes (k,); None goes on with an environment's own stream.
+            seeds: seeds of their episodes (k,); None continues an environment's own stream.
             tasks: tasks of the episodes, each (d,); None draws one.
 
         Returns:
             Observations (k, o) and tasks (k, d), float32 as those of single worlds.
         """
-        given = list(tasks)
+        tasks = list(tasks)
         resets = [
             self._environments[row].reset(seed=seed, options=None if task is None else {"task": task})
-            for row, seed, task in zip(rows, seeds, given, strict=True)
+            for row, seed, task in zip(rows, seeds, tasks, strict=True)
         ]
         observations = np.stack([observation for observation, _ in resets]).astype(np.float32, copy=False)
         played = [
             info["task"] if task is None else np.asarray(task, np.float32)
-            for task, (_, info) in zip(given, resets, strict=True)
+            for task, (_, info) in zip(tasks, resets, strict=True)
         ]
         self.episodic_returns[rows] = 0.0
         return observations, np.stack(played)
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
-        """Take one step in those at `rows` (k,), with `actions` (k, a); no episode that is over."""
+        """Take one step with `actions` (k, a) in the environments `rows` (k,)."""
         outcome = self._step(rows, actions)
         self.episodic_returns[rows] += outcome.rewards
         return outcome
@@ -126,7 +126,7 @@ class LockStep:
 
 
 class EngineLockStep(LockStep):
-    """Environments that hand compiled engines over, each with a counter of its steps."""
+    """Stepper of environments with engines, in one compiled call."""
 
     def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> None:
         super().__init__(environments)
@@ -136,22 +136,22 @@ class EngineLockStep(LockStep):
         self.read_limits()
 
     def read_limits(self) -> None:
-        """Read the longest episodes of the environments again; see `LockStep`."""
+        """Update the longest lengths of episodes; see `LockStep`."""
         self._longest = np.array([environment.max_episode_steps for environment in self._environments])  # type: ignore[attr-defined]
 
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
-        """Begin an episode in some; see `LockStep`."""
+        """Begin episodes in some environments; see `LockStep`."""
         observations, played = super().reset(rows, seeds, tasks)
         choice = engine_in_use()
-        if choice.name != "compiled":  # each environment steps its own
+        if choice.name != "compiled":  # each environment steps its own engine
             if self._threads > 1:
                 raise ValueError(
                     f"threads = {self._threads}: expected 1 with the {choice.name} engine ({choice.reason})"
                 )
             return observations, played
-        from tma_ray.physics.compiled.engine import EngineBatch  # here, since it loads numba
+        from tma_ray.physics.compiled.engine import EngineBatch  # deferred: loads numba
 
         engines = [self._environments[row].release_engine() for row in rows]
         if self._batch is None:
@@ -175,30 +175,28 @@ OPTIONS = ("reset_mask", "task")  # options of a reset
 
 
 class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
-    """n environments of one kind, stepped together; they play what each would play alone, bit for bit.
+    """Environments of one kind, stepped together with the same bits as alone.
 
-    The episode of a world ends alone, and the next one begins as in Gymnasium's vector environments: in the
-    next step, whose action is ignored (NEXT_STEP), in the same step, with the last observation and info
-    under "final_obs" and "final_info" (SAME_STEP), or by `reset` with ``options["reset_mask"]`` (n,)
-    (DISABLED). Its task is that of ``options["task"]`` (n, d), of `next_task`, or drawn uniformly from
-    `task_space`. `info` holds "success" (n,), a return over the one at which a task is mastered, "task"
-    (n, d) and, where episodes end, "is_success" (n,), each with its mask. A copy or a pickle has copies of
-    the environments, and must be reset before its first step, as after `close`; during episodes it is
-    refused.
+    Each world begins its next episode as in Gymnasium's vector environments: in the next step, whose action
+    is ignored (NEXT_STEP), in the same step, with the last observation and info under "final_obs" and
+    "final_info" (SAME_STEP), or by `reset` with ``options["reset_mask"]`` (n,) (DISABLED). Its task comes
+    from ``options["task"]`` (n, d), from `next_task`, or uniformly from `task_space`. `info` holds "success"
+    (n,), a return over the mastery return, "task" (n, d) and, at the end of episodes, "is_success" (n,), each
+    with its mask. A copy or a pickle, which is refused during episodes, has copies of the environments, and
+    must be reset before its first step, as after `close`.
 
     Args:
         environments: new environments of one kind.
-        threads: number of threads that step them, from the first reset until `close`; the bits are the same.
-            A forked process has one.
-        autoreset_mode: when the next episode of a world begins, or the mode's value ("NextStep").
+        threads: number of threads from the first reset until `close`, which does not change results. A
+            forked process has one.
+        autoreset_mode: mode or its value ("NextStep").
         next_task: function that returns the task of the next episode, (d,) or a dict of names, such as a
             teacher's `sample`; called in the order of the worlds.
 
     Raises:
-        ValueError: no environments, an unknown mode, or a number of threads that they cannot have.
+        ValueError: if `environments` is empty, the mode is unknown, or there are too many threads.
 
     Attributes:
-        autoreset_mode: when the next episode of a world begins.
         next_task: function that returns the task of the next episode; may be replaced between two calls.
 
     Examples:
@@ -249,7 +247,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     @property
     def envs(self) -> tuple[Environment, ...]:
-        """The environments (n), for their attributes; their worlds are stepped without them."""
+        """Environments (n), for their attributes; their engines are stepped without them."""
         return tuple(self._environments)
 
     def reset(
@@ -258,23 +256,22 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         """Begin episodes, in all worlds or in those of a mask.
 
         Args:
-            seed: seeds of the worlds, or that of the first one, whose successors have the next numbers.
-            options: {"task": (n, d) or a dict of names to (n,), "reset_mask": (n,) of bool}, either of them
-                or both.
+            seed: seeds of the worlds, or that of the first one, from which the others count up.
+            options: {"task": (n, d) or a dict of names to (n,), "reset_mask": (n,) of bool}, both optional.
 
         Returns:
-            Observations (n, o), in which the rows of other worlds are as before, and `info`.
+            Observations (n, o), in which the rows of other worlds are unchanged, and `info`.
 
         Raises:
-            ValueError: a task outside `valid_domain`, another shape, or an unknown option.
-            gymnasium.error.ResetNeeded: a mask leaves out a world that has never been reset.
+            ValueError: if a task is outside `valid_domain`, a shape differs, or an option is unknown.
+            gymnasium.error.ResetNeeded: if a mask leaves out a world that has never been reset.
         """
-        given = dict(options or {})
-        unknown = sorted(given.keys() - set(OPTIONS))
+        options = options or {}
+        unknown = sorted(options.keys() - set(OPTIONS))
         if unknown:
             raise ValueError(f"unknown reset option {unknown[0]!r}; known: {', '.join(OPTIONS)}")
-        mask = self._mask(given.get("reset_mask"))
-        seeds, tasks = self._seeds(seed), self._given_tasks(given.get("task"))
+        mask = self._mask(options.get("reset_mask"))
+        seeds, tasks = self._seeds(seed), self._given_tasks(options.get("task"))
         observations = self._begin(mask, seeds, tasks)
         shown = np.where(mask[:, None], self._tasks, 0)
         success = {"success": np.zeros(self.num_envs, np.bool_), "_success": mask.copy()}
@@ -283,15 +280,13 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observations, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Advance every world by one step, or begin its next episode; see the class.
+        """Advance every world by one step with `actions` (n, a), or begin its next episode.
 
-        Args:
-            actions: values (n, a).
+        No world moves if an error is raised.
 
         Raises:
-            ValueError: actions of another shape, or not finite; no world has moved.
-            gymnasium.error.ResetNeeded: an episode is over, or not begun, and does not begin by itself; no
-                world has moved.
+            ValueError: if actions have another shape or are not finite.
+            gymnasium.error.ResetNeeded: if a world without an episode does not begin one by itself.
         """
         values = np.asarray(actions, dtype=np.float32)
         if values.shape != self.action_space.shape:
@@ -325,11 +320,11 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         """Set an attribute of each environment.
 
         Args:
-            name: the attribute, such as "max_episode_steps".
-            values: a list or tuple of n values, or one for all.
+            name: name of the attribute, such as "max_episode_steps".
+            values: a list or tuple of n values, or one value for all.
 
         Raises:
-            ValueError: another number of values.
+            ValueError: if there is another number of values.
         """
         several = values if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(several) != self.num_envs:
@@ -345,7 +340,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return tuple(value(*args, **kwargs) if callable(value) else value for value in attributes)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002  (the signature of the base)
-        """Close all worlds, and end the threads."""
+        """Close all worlds, and stop the threads."""
         for environment in self._environments:
             environment.close()
         self._worlds, self._observations = lock_step(self._environments, self._threads), None
@@ -358,9 +353,9 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return VectorEnvironment, arguments, {"spec": self.spec}
 
     def _begin(self, mask: Flags, seeds: Sequence[int | None], tasks: Sequence[Task | None]) -> Observations:
-        """Begin episodes in the worlds of `mask`; return the observations of all, not a copy."""
+        """Begin episodes in the worlds of `mask`, and return the observations of all, not copied."""
         chosen = self._rows[mask]
-        self._running[chosen] = False  # and stays so where a task is refused
+        self._running[chosen] = False  # remains False if a task is refused
         observations, played = self._worlds.reset(
             chosen, [seeds[row] for row in chosen], [self._chosen_task(tasks[row]) for row in chosen]
         )
@@ -371,11 +366,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return self._observations
 
     def _step_after_ends(self, actions: NDArray[np.float32]) -> tuple[Outcome, Flags]:
-        """Begin the episodes that follow others, and step the other worlds; return also which were stepped.
-
-        Raises:
-            gymnasium.error.ResetNeeded: a world is not running, and none of its episodes has just ended.
-        """
+        """Begin episodes in worlds whose last one ended, step the others, and return a mask of the latter."""
         moved, begun = self._running.copy(), self._ended.copy()
         if self.autoreset_mode is AutoresetMode.DISABLED or not (moved | begun).all():
             over = ", ".join(map(str, self._rows[~moved]))
@@ -393,7 +384,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return Outcome(observations, rewards, terminated, truncated), moved
 
     def _begin_same_step(self, over: Flags, success: Flags) -> dict[str, Any]:
-        """Begin the episodes that follow those of the worlds `over`, and return `info` of the step."""
+        """Begin the next episodes of the worlds `over`, and return `info` of the step."""
         assert self._observations is not None
         last = np.full(self.num_envs, None, dtype=object)
         for row in self._rows[over]:
@@ -403,21 +394,12 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         ended["is_success"], ended["_is_success"] = success & over, over.copy()
         nothing = [None] * self.num_envs
         self._begin(over, nothing, nothing)
-        final = {
-            "final_obs": last,
-            "_final_obs": over.copy(),
-            "final_info": ended,
-            "_final_info": over.copy(),
-        }
-        return {**final, **self._info(success & ~over, self._everyone)}
+        final = {"final_obs": last, "final_info": ended}
+        masks = {"_final_obs": over.copy(), "_final_info": over.copy()}
+        return {**final, **masks, **self._info(success & ~over, self._everyone)}
 
     def _info(self, success: Flags, mask: Flags) -> dict[str, Any]:
-        return {
-            "success": success,
-            "_success": mask.copy(),
-            "task": self._tasks.copy(),
-            "_task": mask.copy(),
-        }
+        return {"success": success, "_success": mask.copy(), "task": self._tasks.copy(), "_task": mask.copy()}
 
     def _read_mastery_returns(self) -> None:
         self._mastery_returns = np.array([mastery_return(environment) for environment in self._environments])
@@ -443,7 +425,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return list(values)
 
     def _chosen_task(self, task: Task | None) -> Task | None:
-        """Return `task`, if any, or the next of `next_task`; None to draw one."""
+        """Return `task` or, if None, the next of `next_task`; None to draw one."""
         if task is not None or self.next_task is None:
             return task
         return np.asarray(task_values(self.next_task(), self.valid_domain), np.float32)
@@ -466,21 +448,21 @@ def make_vector_environment(
     max_episode_steps: int | None = None,
     **kwargs: Any,
 ) -> VectorEnvironment:
-    """Return `num_envs` worlds of the environment `name`, stepped by `threads`; see `VectorEnvironment`.
+    """Return a `VectorEnvironment` of `num_envs` worlds.
 
     Args:
         name: name of the environment, as for `make_environment`.
         num_envs: number of worlds.
         threads: number of threads that step them.
-        autoreset_mode: when the next episode of a world begins.
+        autoreset_mode: mode of Gymnasium in which the next episode of a world begins.
         next_task: function that returns the task of the next episode.
         max_episode_steps: steps after which an episode is truncated; None for the environment's own number.
         kwargs: options of the environment, as for `make_environment`.
 
     Raises:
-        UnknownNameError: nothing answers to `name`.
-        ValueError: no worlds, an option that the environment does not have, a render mode, a number of
-            threads that the worlds cannot have, or longer episodes than the environment's.
+        UnknownNameError: if `name` is unknown.
+        ValueError: if the number of worlds or threads or an option is invalid, a render mode is given, or
+            episodes are longer than the environment's.
     """
     check_whole("num_envs", num_envs, least=1)
     if kwargs.get("render_mode") is not None:
@@ -495,11 +477,7 @@ def make_vector_environment(
 
 
 def _shortened(environment: Environment, steps: int) -> Environment:
-    """Return `environment` with episodes of at most `steps`.
-
-    Raises:
-        ValueError: fewer than one step, or more than the environment's own.
-    """
+    """Return `environment` with episodes of at most `steps`, which must not exceed its own length."""
     check_whole("max_episode_steps", steps, least=1)
     if not isinstance(environment, EngineEnvironment):
         return TimeLimit(environment, steps)
@@ -512,8 +490,6 @@ def _shortened(environment: Environment, steps: int) -> Environment:
     return environment
 
 
+# entry points of `gymnasium.make_vec`
 stump_tracks = partial(make_vector_environment, "stump_tracks")
-"""Return worlds of Stump Tracks, for `gymnasium.make_vec`."""
-
 parkour = partial(make_vector_environment, "parkour")
-"""Return worlds of Parkour, for `gymnasium.make_vec`."""

@@ -1,4 +1,4 @@
-"""Trained policies as folders for others: safetensors, ONNX and a model card."""
+"""Export of trained policies as folders with safetensors, ONNX and a model card."""
 
 from tma_ray.export.exporting import Export, export
 

@@ -1,4 +1,4 @@
-"""A trained policy as a folder for others: safetensors, ONNX and a model card."""
+"""Export of a trained policy as a folder with safetensors, ONNX and a model card."""
 
 import os
 import re
@@ -11,10 +11,9 @@ from typing import Final
 from uuid import uuid4
 
 import numpy as np
-from gymnasium import spaces
 
 from tma_ray import __version__
-from tma_ray.envs import Environment, make_environment
+from tma_ray.envs import Environment, box_spaces, make_environment
 from tma_ray.export.model_card import CARD_FILE, history_of, model_card
 from tma_ray.export.onnx_file import COMPARED, ONNX_FILE, largest_difference, onnx_model, require_onnx
 from tma_ray.runs.inputs import arguments, import_plugins, write_inputs
@@ -26,13 +25,12 @@ PLAYGROUND_FILE: Final = "playground.html"
 
 @dataclass(frozen=True)
 class Export:
-    """Files of an export.
+    """Result of an export.
 
     Attributes:
         folder: folder of the export.
         run_id: id of the run that trained the policy.
-        difference: largest absolute difference between actions of the ONNX file and of the policy; None
-            without such a file.
+        difference: largest absolute difference between actions of the ONNX file and of the policy, if any.
     """
 
     folder: Path
@@ -48,22 +46,21 @@ def export(
     onnx: bool = True,
     playground: bool = False,
 ) -> Export:
-    """Write a policy, its ONNX file and its model card into the folder `output`.
+    """Write a policy, its ONNX file and its model card atomically into the folder `output`.
 
-    The folder appears when all is written and the ONNX file has been checked; what is saved there is loaded
-    like the policy of a run.
+    The result can be loaded like the policy of a run.
 
     Args:
-        policy: a run of `results`, its id or an unambiguous beginning of it; or the folder of a saved policy.
-        output: a new or empty folder.
-        results: folder or URI of a results root; a card says what it knows of the run.
+        policy: unambiguous prefix of a run id in `results`, or the folder of a saved policy.
+        output: new or empty folder.
+        results: folder or URI of a results root, which also provides the history of the run for the card.
         licence: licence of the policy, an SPDX identifier such as ``CC-BY-4.0``.
         onnx: True to write ``policy.onnx``.
         playground: True to write ``playground.html``, a page that plays the policy in a browser.
 
     Raises:
-        ValueError: a folder that is not empty, no such policy, one that cannot be said in ONNX or shown in
-            the playground, no package onnx, or no identifier of a licence; nothing is left then.
+        ValueError: if the folder is not empty, the policy is unknown or not supported by ONNX or the
+            playground, the package onnx is missing, or the licence is invalid.
     """
     output = Path(output)
     _check_output(output)
@@ -78,12 +75,12 @@ def export(
         with _unfinished(output) as folder:
             saved.copy(folder)
             write_inputs(saved.spec, folder)
-            for name in (CARD_FILE, ONNX_FILE, PLAYGROUND_FILE):  # of a folder that was exported itself
+            for name in (CARD_FILE, ONNX_FILE, PLAYGROUND_FILE):  # if the policy is itself an export
                 (folder / name).unlink(missing_ok=True)
-            saved.load(*_spaces(environment))  # refuses one that does not fit
+            saved.load(*box_spaces(environment))  # raises an error if the policy does not fit
             difference = _write_onnx(saved, environment, folder) if onnx else None
             if playground:
-                from tma_ray.playground.page import policy_page  # here, since it needs the compiled engine
+                from tma_ray.playground.page import policy_page  # deferred: needs the compiled engine
 
                 (folder / PLAYGROUND_FILE).write_text(policy_page(saved, results), encoding="utf-8")
             history = history_of(saved, results)
@@ -106,7 +103,7 @@ def _check_output(output: Path) -> None:
 
 @contextmanager
 def _unfinished(output: Path) -> Iterator[Path]:
-    """Yield a folder that takes the place of `output` if all goes well, and vanishes otherwise."""
+    """Yield a temporary folder that becomes `output` unless there is an error."""
     output = output.resolve()
     folder = output.with_name(f".{output.name}-{uuid4().hex}")
     folder.mkdir(parents=True)
@@ -117,16 +114,9 @@ def _unfinished(output: Path) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _spaces(environment: Environment) -> tuple[spaces.Box, spaces.Box]:
-    observations, actions = environment.observation_space, environment.action_space
-    if not (isinstance(observations, spaces.Box) and isinstance(actions, spaces.Box)):
-        raise ValueError(f"{environment} has spaces {observations}, {actions}; expected boxes")
-    return observations, actions
-
-
 def _write_onnx(saved: SavedPolicy, environment: Environment, folder: Path) -> float:
-    """Write the ONNX file; return the largest difference of its actions from the policy's."""
-    observations, actions = _spaces(environment)
+    """Write the ONNX file, and return the largest difference of its actions from the policy's."""
+    observations, actions = box_spaces(environment)
     policy: Policy = saved.read(folder, load_policy)
     layers, spec = saved.read(folder, policy_layers), saved.spec
     properties = {
@@ -141,14 +131,13 @@ def _write_onnx(saved: SavedPolicy, environment: Environment, folder: Path) -> f
         "tma_ray_version": __version__,
     }
     model = onnx_model(layers, (observations.shape[0], actions.shape[0]), properties)
-    # Random observations: normal without bounds, uniform between bounds.
+    # random observations, uniform between bounds, else normal
     rng = np.random.default_rng(0)
     bounded = np.isfinite(observations.low) & np.isfinite(observations.high)
     low, high = (np.where(bounded, bound, 0.0) for bound in (observations.low, observations.high))
     shape = (COMPARED, *observations.shape)
-    examples = np.where(bounded, rng.uniform(low, high, shape), rng.normal(0.0, 2.0, shape)).astype(
-        np.float32
-    )
-    difference = largest_difference(model, policy, examples, actions.high - actions.low)
+    examples = np.where(bounded, rng.uniform(low, high, shape), rng.normal(0.0, 2.0, shape))
+    widths = actions.high - actions.low
+    difference = largest_difference(model, policy, examples.astype(np.float32), widths)
     (folder / ONNX_FILE).write_bytes(model.SerializeToString(deterministic=True))
     return difference

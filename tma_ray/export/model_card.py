@@ -1,4 +1,4 @@
-"""The model card of an exported policy: ``README.md`` with the front matter that Hugging Face reads."""
+"""Model card of an exported policy: ``README.md`` with the front matter of Hugging Face."""
 
 import hashlib
 import json
@@ -26,30 +26,28 @@ from tma_ray.support.component_names import base_name
 from tma_ray.support.decoding import DamagedFileError, decode_json
 from tma_ray.tasks import TaskSpace
 
-SHOWN_EVALUATIONS: Final = 11
-"""Largest number of evaluations on a card: the first, the last, and some between."""
-
+SHOWN_EVALUATIONS: Final = 11  # at most, on a card
 CARD_FILE: Final = "README.md"
 
 
 def history_of(saved: SavedPolicy, results: str | Path) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """Return the evaluations of the run of `saved`, by step, and the library versions of its last attempt.
+    """Return the evaluations of the run of `saved` by step, and the library versions of its last attempt.
 
-    They come from the root that it lies in, else from `results`; both are empty if neither has the run.
+    They come from its own results root, else from `results`, and are empty if neither has the run.
     """
-    found, spec = results_of(saved, results), saved.spec
-    if found is None:
+    root, spec = results_of(saved, results), saved.spec
+    if root is None:
         return [], {}
-    rows = found.table(Table.EVALUATIONS, [spec.run_id], ["step", "episodic_return"])
-    steps, returns = (rows[name].to_numpy() for name in ("step", "episodic_return"))
+    rows = root.table(Table.EVALUATIONS, [spec.run_id], ["step", "episodic_return"])
+    steps, all_returns = (rows[name].to_numpy() for name in ("step", "episodic_return"))
     evaluations = []
     for step in np.unique(steps):
-        at = returns[steps == step]
-        share = 100 * float(np.mean(at > spec.mastery_threshold))
+        returns = all_returns[steps == step]
+        share, mean = 100 * float(np.mean(returns > spec.mastery_threshold)), float(returns.mean())
         evaluations.append(
-            {"step": int(step), "tasks": len(at), "mastered_percent": share, "mean_return": float(at.mean())}
+            {"step": int(step), "tasks": len(returns), "mastered_percent": share, "mean_return": mean}
         )
-    attempts = found.table(Table.ATTEMPTS, [spec.run_id], ["attempt", "fingerprint"]).to_pylist()
+    attempts = root.table(Table.ATTEMPTS, [spec.run_id], ["attempt", "fingerprint"]).to_pylist()
     last = max(attempts, key=lambda attempt: int(attempt["attempt"]), default={"fingerprint": "{}"})
     try:
         content = decode_json(last["fingerprint"], dict[str, Any], "a fingerprint")
@@ -60,17 +58,17 @@ def history_of(saved: SavedPolicy, results: str | Path) -> tuple[list[dict[str, 
 
 
 def value_rows(environment: Environment, kind: str) -> list[dict[str, Any]]:
-    """Return the meaning of the values of its observations or actions, as far as `environment` tells.
+    """Return one row per signal of the observations or actions of `environment`.
 
     Args:
-        environment: environment that the policy acts in.
+        environment: environment of the policy.
         kind: "observation" or "action".
 
     Returns:
-        For each signal: index of its first and last value, the signal, smallest and largest value of any.
+        Index of the first and last value, the signal, and the smallest and largest value of each row.
 
     Raises:
-        ValueError: its signals are of more or fewer values than its space has.
+        ValueError: if the signals and the space have different numbers of values.
     """
     space = environment.observation_space if kind == "observation" else environment.action_space
     if not isinstance(space, spaces.Box) or len(space.shape) != 1:
@@ -98,16 +96,15 @@ def model_card(
     difference: float | None,
     licence: str,
 ) -> str:
-    """Return the card of the policy of the run `spec`.
+    """Return the card of a policy.
 
     Args:
         spec: specification of the run.
-        environment: environment that it was trained in.
+        environment: environment of the run.
         history: result of `history_of`.
-        folder: folder of the card, whose files it lists.
-        difference: largest absolute difference of the ONNX file's actions from the policy's; None without
-            such a file.
-        licence: licence of the policy, empty if none was given.
+        folder: folder of the export, whose files the card lists.
+        difference: largest absolute difference of the ONNX file's actions from the policy's, if any.
+        licence: licence of the policy, or empty.
     """
     evaluations, libraries = history
     body = environment.get_wrapper_attr("embodiment") if environment.has_wrapper_attr("embodiment") else None
@@ -122,16 +119,11 @@ def model_card(
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=_plain,  # Markdown, not HTML: names may be somebody else's
+        finalize=_plain,  # escapes Markdown, not HTML
         autoescape=False,  # noqa: S701
     )
-    templates.filters |= {
-        "yaml": _yaml,
-        "python": _python,
-        "number": _number,
-        "code": _code,
-        "base": base_name,
-    }
+    filters = {"yaml": _yaml, "python": _python, "number": _number, "code": _code, "base": base_name}
+    templates.filters |= filters
     text = templates.get_template("model_card.md.j2").render(
         spec=spec,
         body=body if isinstance(body, Embodiment) else None,
@@ -167,7 +159,7 @@ def _number(value: float) -> str:
 
 
 def _yaml(value: object) -> Markup:
-    """Return a value as YAML takes it: JSON is YAML."""
+    """Return a value as JSON, which is valid YAML."""
     return Markup(json.dumps(value, ensure_ascii=False))  # noqa: S704
 
 
@@ -176,12 +168,14 @@ def _python(value: object) -> Markup:
 
 
 def _code(value: object) -> Markup:
-    """Return plain values as code within a line, also in a table."""
+    """Return a value as inline code, also for tables."""
     return Markup(f"`{json.dumps(value)}`".replace("|", "\\|")) if value else Markup("none")  # noqa: S704
 
 
 def _plain(value: object) -> object:
-    """Return text without what Markdown or a table would take for its own."""
+    """Escape the special characters of Markdown in a text."""
     if isinstance(value, Markup) or not isinstance(value, str):
         return value
-    return "".join(f"&#{ord(each)};" if each in "|`<>[]*\\\n\r" else each for each in value)
+    return "".join(
+        f"&#{ord(character)};" if character in "|`<>[]*\\\n\r" else character for character in value
+    )

@@ -1,4 +1,4 @@
-"""A policy as an ONNX file: one graph from raw observations to actions, checked before it is kept."""
+"""Export of a policy as an ONNX graph from raw observations to actions."""
 
 from __future__ import annotations
 
@@ -20,23 +20,21 @@ if TYPE_CHECKING:
 
 ONNX_FILE: Final = "policy.onnx"
 
-COMPARED: Final = 256  # number of random observations on which the ONNX file is compared with the policy
+COMPARED: Final = 256  # random observations for the comparison with the policy
 OPSET: Final = 20  # version of ONNX's operators: the first with GELU
 INPUT, OUTPUT = "observations", "actions"  # names of the graph's input and output
-
-TOLERANCE: Final = 1e-4
-"""Largest difference between actions of the file and of the policy, as a share of the range of each."""
+TOLERANCE: Final = 1e-4  # largest difference between actions, as a share of their ranges
 
 
 class NotExpressibleError(ValueError):
-    """A policy that ONNX cannot express, or not accurately enough."""
+    """Error of a policy that ONNX cannot express, or not accurately enough."""
 
 
 def require_onnx() -> None:
-    """Refuse to go on without the packages that write ONNX files.
+    """Check that the packages for ONNX files are installed.
 
     Raises:
-        ValueError: onnx or onnxscript is not installed.
+        ValueError: if onnx or onnxscript is not installed.
     """
     try:
         import onnx  # noqa: F401
@@ -51,20 +49,20 @@ def require_onnx() -> None:
 def onnx_model(
     layers: nn.Sequential, sizes: tuple[int, int], properties: Mapping[str, str]
 ) -> onnx.ModelProto:
-    """Return `layers` as a model; the same layers give the same bytes.
+    """Convert `layers` to a model, reproducibly.
 
     Args:
-        layers: module that `tma_ray.students.policy_layers` returns.
+        layers: result of `tma_ray.students.policy_layers`.
         sizes: lengths of an observation and of an action.
         properties: metadata of the file.
 
     Raises:
-        NotExpressibleError: torch cannot export a layer.
+        NotExpressibleError: if torch cannot export a layer.
     """
     import torch
     from onnx import checker, helper
 
-    logger = logging.getLogger("torch.onnx")  # remarks on operators of packages that are not installed
+    logger = logging.getLogger("torch.onnx")  # silenced: it warns of packages that are not installed
     level = logger.level
     logger.setLevel(logging.ERROR)
     try:
@@ -91,7 +89,7 @@ def onnx_model(
     model: onnx.ModelProto = program.model_proto
     graph = model.graph
     for part in (graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
-        del part.metadata_props[:]  # paths of this machine's files among them
+        del part.metadata_props[:]  # may contain local paths
     model.producer_name, model.producer_version = "tma_ray", __version__
     helper.set_model_props(model, dict(properties))
     checker.check_model(model, full_check=True)
@@ -103,16 +101,16 @@ def largest_difference(
 ) -> float:
     """Return the largest absolute difference between actions of `model` and of `policy`.
 
-    It is computed by ONNX's reference implementation, and by onnxruntime where that is installed.
+    The model is run by ONNX's reference implementation and, if installed, by onnxruntime.
 
     Args:
-        model: the policy as ONNX.
-        policy: the policy.
-        observations: inputs of both (n, o), together and one by one.
+        model: policy as ONNX.
+        policy: policy to compare with.
+        observations: inputs (n, o), of which the first is also tried alone.
         widths: range of each action (a,).
 
     Raises:
-        NotExpressibleError: it is over `TOLERANCE` of the range of an action.
+        NotExpressibleError: if the difference is over `TOLERANCE` of the range of an action.
     """
     from onnx.reference import ReferenceEvaluator
 

@@ -1,7 +1,4 @@
-"""Engines: a body in a world, simulated by Chipmunk.
-
-Importing this package loads neither numba nor pymunk; making an engine does.
-"""
+"""Engines that simulate a body in a world with Chipmunk; only making one loads numba and pymunk."""
 
 from tma_ray.physics.base import PHYSICS_VERSION, TIME_STEP, Engine, SolverSettings
 from tma_ray.physics.rules import LIDAR_RANGE, LIDARS, Rules, observation_size, step_arrays

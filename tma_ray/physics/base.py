@@ -1,4 +1,4 @@
-"""The interface of every physics engine, and the settings that all of them share."""
+"""Protocol of physics engines, and the settings that they share."""
 
 from typing import NamedTuple, Protocol
 
@@ -9,34 +9,27 @@ from tma_ray.embodiments import Embodiment
 from tma_ray.physics.rules import StepArrays
 from tma_ray.terrain import Terrain
 
-PHYSICS_VERSION = 3
-"""Rises whenever a trajectory changes; part of every run's identity."""
+PHYSICS_VERSION = 3  # rises with each change of a trajectory; part of every run's identity
 
-TIME_STEP = 1 / 50
-"""Time between two actions, in s."""
-
+TIME_STEP = 1 / 50  # between two actions, in s
 GRAVITY = -10.0  # in m/s²
-
-
 CEILING_TYPE = 1 << 20  # collision type of the ceiling's shapes
-
-HANGING_STEPS = 6
-"""Steps with closed grips before the episode of a body that starts hanging; those of others have one."""
+HANGING_STEPS = 6  # with closed grips, before the episode of a body that starts hanging; others have one step
 
 
 class SolverSettings(NamedTuple):
-    """Settings of Chipmunk's solver; see docs/fidelity.md for the measurements behind them.
+    """Settings of Chipmunk's solver, from the measurements in docs/fidelity.md.
 
     Attributes:
         iterations: solver iterations per substep.
         substeps: substeps per time step.
         motor_share: share of a time step's substeps, the first ones, in which the motors act, in (0, 1]. The
-            torque is divided by it, so that the largest impulse of a time step stays the same.
+            torque is divided by it, which keeps the largest impulse of a time step.
         joint_error_bias: share of a joint's error left after one second.
-        limit_correction_speed: fastest way back into a joint's limits, in rad/s. Chipmunk leaves the joint
-            that speed, so that a fast way back would be a bounce, which Box2D's limits do not have.
+        limit_correction_speed: highest speed back into a joint's limits, in rad/s. Chipmunk leaves the joint
+            that speed, so that a high one would be a bounce, which Box2D's limits do not have.
         collision_bias: share of a penetration left after one second.
-        collision_slop: penetration that is allowed, in m.
+        collision_slop: allowed penetration, in m.
         skin_radius: rounding added around every part, in m (Box2D's polygons have it too).
     """
 
@@ -51,7 +44,7 @@ class SolverSettings(NamedTuple):
 
 
 def settings_for(body: Embodiment) -> SolverSettings:
-    """Return the settings with what `body` says of its own."""
+    """Return the solver settings of `body`."""
     return SolverSettings(body.iterations, body.substeps, body.motor_share, (1 - body.joint_correction) ** 60)
 
 
@@ -61,14 +54,16 @@ def motor_substeps(settings: SolverSettings) -> int:
 
 
 class Engine(Protocol):
-    """One body in one world at a time.
+    """Simulation of one body in one world at a time.
+
+    A step overwrites all arrays but the body's.
 
     Attributes:
-        state: values (p, 6) as kernels.py has it, rewritten by every step.
-        contacts: pieces of ground and of ceiling that each part touches (p, 2), rewritten by every step.
-        grips: object that each grip sensor touches and holds (g, 2), rewritten by every step.
-        medium: consecutive steps under water and outside it (2,), rewritten by every step.
-        arrays: the kernels' view of the body.
+        arrays: arrays of the body for the kernels.
+        state: values (p, 6) in the layout of kernels.py.
+        contacts: number of pieces of ground and of ceiling that each part touches (p, 2).
+        grips: object that each grip sensor touches and holds (g, 2).
+        medium: consecutive steps under water and outside it (2,).
     """
 
     arrays: StepArrays
@@ -79,20 +74,17 @@ class Engine(Protocol):
 
     @property
     def creeper_poses(self) -> NDArray[np.float64]:
-        """Each creeper's centre in m, cosine and sine of its angle (c, 4), rewritten by every step."""
+        """Each creeper's centre in m, cosine and sine of its angle (c, 4)."""
         ...
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Build a new world and let a step without torque pass, as the original release does.
+        """Build a new world, run one step without torque as the original release does, and return (o,).
 
-        A body with grip sensors starts hanging where there is a ceiling, and has HANGING_STEPS.
+        Under a ceiling, a body with grip sensors starts hanging and runs HANGING_STEPS instead.
 
         Args:
-            terrain: the world.
-            push: horizontal force on the head during that step, in N.
-
-        Returns:
-            The observation (o,).
+            terrain: terrain of the world.
+            push: horizontal force on the head during the first step, in N.
         """
         ...
 
@@ -103,18 +95,18 @@ class Engine(Protocol):
             action: one value in [-1, 1] per motor, then one per grip sensor (j + g,).
 
         Returns:
-            Observation (o,), reward, and whether the episode has ended.
+            Observation (o,), reward, and True if the episode has ended.
 
         Raises:
-            ValueError: an action of another shape, or not finite.
+            ValueError: if the action has another shape or is not finite.
         """
         ...
 
 
 def first_steps(engine: Engine, hanging: bool) -> NDArray[np.float32]:
-    """Let the steps pass that come before an episode, with closed grips if `hanging`; return what is seen.
+    """Run the steps before an episode, with closed grips if `hanging`, and return the observation (o,).
 
-    They count neither under water nor outside it.
+    They do not count as time in a medium.
     """
     motors, grips = len(engine.arrays.motors), len(engine.arrays.grips)
     action = np.zeros(motors + grips)

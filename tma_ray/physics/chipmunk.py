@@ -13,17 +13,13 @@ from tma_ray.physics.base import CEILING_TYPE, TIME_STEP, SolverSettings
 from tma_ray.physics.rules import BodyArrays, StepArrays, body_arrays
 from tma_ray.terrain import FIXED, Terrain
 
-SETTLING_STEPS = 20
-"""Steps in which a body is bent into its limits; they leave 2 % of the error of the softest joints."""
-
-CLOSING_SWEEPS = 60
-"""How often every joint of a stretched body is corrected (Box2D's iterations for positions)."""
-
+SETTLING_STEPS = 20  # in which a body bends into its limits; the softest joints keep 2 % of their error
+CLOSING_SWEEPS = 60  # corrections of every joint of a stretched body (Box2D's position iterations)
 CONTACT_CORRECTION = 0.2  # share of a penetration that one sweep corrects (Box2D's)
 
 
 def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
-    """Add the solids of `terrain` to `space`; those of the ceiling have a collision type of their own."""
+    """Add the solids of `terrain` to `space`, with the collision type CEILING_TYPE for the ceiling."""
     shapes = [pymunk.Poly(space.static_body, corners) for corners in terrain.solids.tolist()]
     for index, shape in enumerate(shapes):
         shape.friction = math.sqrt(terrain.friction)
@@ -35,7 +31,7 @@ def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
 def add_parts(
     space: pymunk.Space, body: BodyArrays, spawn: NDArray[np.float64], skin_radius: float
 ) -> list[pymunk.Body]:
-    """Add the parts of `body` to `space` and return them; part i has the collision type i + 1."""
+    """Add the parts of `body` to `space`, part i with the collision type i + 1, and return them."""
     parts = []
     for index in range(len(body.mass)):
         part = pymunk.Body(body.mass[index], body.inertia[index])
@@ -44,9 +40,8 @@ def add_parts(
         part.position = tuple((spawn + body.position[index]).tolist())
         corners = body.vertices[body.first_vertex[index] : body.first_vertex[index + 1]]
         shape = pymunk.Poly(part, corners.tolist(), radius=skin_radius)
-        shape.friction = math.sqrt(
-            body.friction[index]
-        )  # Chipmunk multiplies; Box2D has the root of the product
+        # Chipmunk multiplies the coefficients of a contact; Box2D takes the root of their product
+        shape.friction = math.sqrt(body.friction[index])
         shape.filter = pymunk.ShapeFilter(group=1)  # parts of one group do not collide
         shape.collision_type = index + 1
         space.add(part, shape)
@@ -76,7 +71,7 @@ def add_joints(
 
 
 def hung(terrain: Terrain, body: BodyArrays, step: StepArrays) -> Terrain:
-    """Return `terrain` with a spawn point from which `body`'s highest grip sensor reaches the ceiling."""
+    """Return `terrain` with the spawn point at which `body`'s highest grip sensor reaches the ceiling."""
     heights = []
     for part, (x, y, _) in zip(step.grip_part, step.grips, strict=True):
         turned = math.sin(body.angle[part]) * x + math.cos(body.angle[part]) * y
@@ -87,10 +82,10 @@ def hung(terrain: Terrain, body: BodyArrays, step: StepArrays) -> Terrain:
 
 @cache
 def settled(embodiment: Embodiment, settings: SolverSettings) -> BodyArrays:
-    """Return `embodiment` bent into its joints' limits, and with the joints closed that are drawn stretched.
+    """Return the arrays of `embodiment`, bent into its joint limits and with its stretched joints closed.
 
-    Bodies are drawn straight, which may be outside their limits. Box2D puts that right within the first step
-    and without a velocity, Chipmunk could only at the price of one: hence here, in a space with nothing else.
+    Bodies are drawn straight, which may be outside their limits. Box2D corrects that within the first step
+    and without adding velocity; Chipmunk would add some, so the body is settled in an empty space.
     """
     body = body_arrays(embodiment)
     if embodiment.stretched:
@@ -104,11 +99,11 @@ def settled(embodiment: Embodiment, settings: SolverSettings) -> BodyArrays:
 def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
     """Return `body` with its stretched joints closed, standing on the ground.
 
-    As Box2D does, corrects one joint and contact after the other, each from where the others left the parts:
-    straight legs buckle so, while a solution for all of them at once lifts the body onto stiff legs.
+    Joints and contacts are corrected one after the other, as in Box2D, so that straight legs buckle; solving
+    for all of them at once would lift the body onto stiff legs.
     """
     for _ in range(CLOSING_SWEEPS):
-        space, parts = _still_space(body, settings)  # a new one: an old one remembers its impulses
+        space, parts = _still_space(body, settings)  # a new one: a reused one keeps its impulses
         space.iterations = 1
         for constraint in space.constraints:
             constraint.error_bias = 0.0
@@ -117,14 +112,14 @@ def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
         space.add(
             pymunk.Poly(space.static_body, [(-100.0, -10.0), (100.0, -10.0), (100.0, 0.0), (-100.0, 0.0)])
         )
-        for _ in range(2):  # the second step goes where the first one's solver wants to
+        for _ in range(2):  # the second step applies the corrections of the first
             space.step(TIME_STEP)
         body = _posed(body, parts)
     return body
 
 
 def _still_space(body: BodyArrays, settings: SolverSettings) -> tuple[pymunk.Space, list[pymunk.Body]]:
-    """Return a space without gravity in which no velocity outlives its step, and `body`'s parts in it."""
+    """Return a space without gravity and momentum, and the parts of `body` in it."""
     space = pymunk.Space()
     space.damping = 0.0
     parts = add_parts(space, body, np.zeros(2), settings.skin_radius)
@@ -135,25 +130,27 @@ def _still_space(body: BodyArrays, settings: SolverSettings) -> tuple[pymunk.Spa
 
 
 def _posed(body: BodyArrays, parts: list[pymunk.Body]) -> BodyArrays:
-    """Return `body` in the present pose of its `parts`."""
+    """Return `body` in the current pose of its `parts`."""
     return body._replace(
         position=np.array([part.position for part in parts]), angle=np.array([part.angle for part in parts])
     )
 
 
-DENSITY = 5.0  # in kg/m² (the original release's, like the next)
-LARGEST_ANGLE = 0.4 * np.pi  # how far a segment may turn from what it hangs from, in rad
+DENSITY = 5.0  # of creepers, in kg/m² (original release)
+LARGEST_ANGLE = 0.4 * np.pi  # between a part of a creeper and its holder, in rad (original release)
 
 
 class Chains(NamedTuple):
-    """Creepers as an engine builds them, none if none of them swings; the values of fixed ones mean nothing.
+    """Arrays from which an engine builds c creepers, empty if none of them swings.
+
+    Values of fixed creepers are not used.
 
     Attributes:
-        holders: holder of each creeper, coded as in Terrain (c,).
-        mass: mass of each creeper, in kg (c,).
-        inertia: about the centre, in kg m² (c,).
-        centre: at rest (c, 2), in m.
-        anchors: hinge in the frame of the holder and in the creeper's own (c, 2, 2), in m.
+        holders: holder of each creeper, as in Terrain (c,).
+        mass: masses (c,), in kg.
+        inertia: moments of inertia about the centre (c,), in kg m².
+        centre: centres at rest (c, 2), in m.
+        anchors: hinges in the frames of the holder and of the creeper (c, 2, 2), in m.
     """
 
     holders: NDArray[np.int64]
@@ -164,7 +161,7 @@ class Chains(NamedTuple):
 
 
 def chains(terrain: Terrain) -> Chains:
-    """Return the creepers of `terrain` as an engine builds them."""
+    """Return the arrays from which an engine builds the creepers of `terrain`."""
     if not (terrain.holders != FIXED).any():
         return Chains(np.empty(0, np.int64), *(np.empty((0, *rest)) for rest in ((), (), (2,), (2, 2))))
     low, high = terrain.creepers[:, :2], terrain.creepers[:, 2:]
@@ -181,7 +178,7 @@ def chains(terrain: Terrain) -> Chains:
 
 
 def add_creepers(space: pymunk.Space, creepers: Chains, settings: SolverSettings) -> dict[int, pymunk.Body]:
-    """Add the creepers that swing to `space` and return their bodies by index."""
+    """Add the swinging creepers to `space` and return their bodies by index."""
     bodies: dict[int, pymunk.Body] = {}
     for index in np.flatnonzero(creepers.holders != FIXED).tolist():
         body = pymunk.Body(creepers.mass[index], creepers.inertia[index])

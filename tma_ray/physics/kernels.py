@@ -1,8 +1,12 @@
-"""Motors, lidars, grips, water, reward and termination, written once for every engine.
+"""Motors, lidars, grips, water, reward and termination, shared by all engines.
 
-Small functions over arrays that run compiled or as plain Python, bit for bit the same.
-A state is (p, 6): each part's origin x, y, angle, velocity x, y of its centre of mass, angular velocity
-(m, rad, s). `contacts` (p, 2) counts the pieces of ground and of ceiling that each part touches.
+The functions run compiled or as plain Python, with the same bits. Their arguments, unless described:
+
+- `state` (p, 6): each part's origin x, y, angle, velocity x, y of its centre of mass, and angular velocity
+  (m, rad, s); `rotations` (p, 2): cosine and sine of each part's angle;
+- `contacts` (p, 2): number of pieces of ground and of ceiling that each part touches;
+- `medium` (2,): consecutive steps under water and outside it;
+- `grips` (g, 2): object that each grip sensor touches and holds.
 """
 
 import math
@@ -17,17 +21,17 @@ from tma_ray.terrain import FIXED, Terrain
 
 
 class World(NamedTuple):
-    """Terrain, water and creepers as seen by sensors and grips.
+    """Terrain, water and creepers, as sensors and grips need them.
 
     Attributes:
         ground: lidar segments of the ground, as in Terrain (m, 4).
         ceiling: lidar segments of the ceiling, as in Terrain (k, 4).
         creepers: rectangles at rest, as in Terrain (c, 4).
         poses: each creeper's centre in m, cosine and sine of its angle (c, 4).
-        movable: 1 for a creeper that swings, else 0 (c,).
+        movable: 1 for a swinging creeper, else 0 (c,).
         sway: largest distance of a creeper from its rest position, in m.
-        water_y: height of the water's surface, in m; -inf where it is dry.
-        goal_x: x that ends the episode once the head is past it, in m.
+        water_y: height of the water's surface, in m; -inf in a dry world.
+        goal_x: x of the goal, in m.
     """
 
     ground: NDArray[np.float64]
@@ -41,7 +45,7 @@ class World(NamedTuple):
 
 
 def world_of(terrain: Terrain) -> World:
-    """Return `terrain` with its creepers at rest, its arrays contiguous: compiled code knows addresses."""
+    """Return the world of `terrain` with creepers at rest, as contiguous arrays."""
     poses = np.zeros((len(terrain.creepers), 4))
     poses[:, :2] = (terrain.creepers[:, :2] + terrain.creepers[:, 2:]) / 2
     poses[:, 2] = 1.0
@@ -59,7 +63,7 @@ def world_of(terrain: Terrain) -> World:
 
 
 def _longest_chain(terrain: Terrain) -> float:
-    """Return the length of the longest chain of creepers in m, which is how far it can swing."""
+    """Return the length of the longest chain of creepers, in m."""
     lengths = terrain.creepers[:, 3] - terrain.creepers[:, 1]
     for index, holder in enumerate(terrain.holders):
         if holder >= 0:
@@ -69,24 +73,18 @@ def _longest_chain(terrain: Terrain) -> float:
 
 Floats = NDArray[np.float64]
 
-GROUND_SIDE, CEILING_SIDE = 1.0, -1.0
-"""Sides of a surface's segments: the ground is solid on their right, the ceiling on their left."""
-
-SOLID, CREEPER, WATER = 0.0, 1.0, -1.0
-"""What a lidar reports to have hit; SOLID also if it hit nothing."""
+GROUND_SIDE, CEILING_SIDE = (
+    1.0,
+    -1.0,
+)  # segments of the ground are solid on their right, the ceiling's on the left
+SOLID, CREEPER, WATER = 0.0, 1.0, -1.0  # kinds of objects that a lidar hits; SOLID also without a hit
 
 
 @kernel
-def look(x: float, y: float, ray: Floats, world: World) -> tuple[float, float]:
-    """Return the share of a ray's length at which it first meets something (1: nothing), and what.
+def cast_ray(x: float, y: float, ray: Floats, world: World) -> tuple[float, float]:
+    """Return the share of a ray's length up to its first hit (1 without one), and the kind of object hit.
 
-    What the ray starts in, it does not see.
-
-    Args:
-        x: start of the ray, in m.
-        y: start of the ray, in m.
-        ray: its end relative to the start (2,), in m.
-        world: surfaces and creepers that the ray may hit.
+    Objects that contain the start (x, y) are not hit. The end of `ray` (2,) is relative to the start, in m.
     """
     nearest = hit_fraction(x, y, ray, world.ground, GROUND_SIDE)
     if len(world.ceiling) > 0:
@@ -105,7 +103,7 @@ def look(x: float, y: float, ray: Floats, world: World) -> tuple[float, float]:
 
 @kernel
 def first_segment(surface: Floats, x: float) -> int:
-    """Return the index of the first segment (of m, sorted by x) that does not end before `x`."""
+    """Return the index of the first of m segments, sorted by x, that does not end before `x`."""
     low, high = 0, len(surface)
     while low < high:
         middle = (low + high) // 2
@@ -118,15 +116,7 @@ def first_segment(surface: Floats, x: float) -> int:
 
 @kernel
 def hit_fraction(x: float, y: float, ray: Floats, surface: Floats, side: float) -> float:
-    """Return the share of a ray's length at which it first enters a solid, 1 if it meets none.
-
-    Args:
-        x: start of the ray, in m.
-        y: start of the ray, in m.
-        ray: its end relative to the start (2,), in m.
-        surface: segments (m, 4); a ray that starts inside a solid does not see it.
-        side: GROUND_SIDE or CEILING_SIDE.
-    """
+    """Return the share of a ray's length at which it enters a surface (m, 4), 1 without a hit."""
     nearest = 1.0
     reach = max(x, x + ray[0])
     index = first_segment(surface, min(x, x + ray[0]))
@@ -145,7 +135,7 @@ def hit_fraction(x: float, y: float, ray: Floats, surface: Floats, side: float) 
 
 @kernel
 def creepers_between(left: float, right: float, world: World) -> tuple[int, int]:
-    """Return the range of indices of the creepers that may lie between two x (m), and some more."""
+    """Return the range of indices of all creepers, and possibly more, between two x (m)."""
     first = first_segment(world.creepers, left - world.sway)
     last = first
     while last < len(world.creepers) and world.creepers[last, 0] <= right + world.sway:
@@ -155,7 +145,7 @@ def creepers_between(left: float, right: float, world: World) -> tuple[int, int]
 
 @kernel
 def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
-    """Return the share of a ray's length at which it first enters a creeper, 1 if it meets none."""
+    """Return the share of a ray's length at which it first enters a creeper, 1 without a hit."""
     nearest = 1.0
     first, last = creepers_between(min(x, x + ray[0]), max(x, x + ray[0]), world)
     for index in range(first, last):
@@ -165,9 +155,9 @@ def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
 
 @kernel
 def _box_fraction(x: float, y: float, ray: Floats, rectangle: Floats, pose: Floats) -> float:
-    """Return the share of a ray's length at which it enters a turned rectangle, 1 if it does not.
+    """Return the share of a ray's length at which it enters a rotated rectangle, 1 without a hit.
 
-    Clips the ray by the rectangle's two pairs of sides, in axes of the rectangle.
+    The ray is clipped by the rectangle's two pairs of sides, in the rectangle's axes.
     """
     cosine, sine = pose[2], pose[3]
     along, across = x - pose[0], y - pose[1]
@@ -189,27 +179,15 @@ def _box_fraction(x: float, y: float, ray: Floats, rectangle: Floats, pose: Floa
     return enter if outside and enter <= leave else 1.0
 
 
-SKIN = 0.01
-"""A sensor reaches this far beyond its radius, in m: the margin of the original release's polygons."""
-
-NOTHING, CEILING = -2, -1
-"""What a sensor touches or holds, if not a creeper, whose index says which."""
+SKIN = 0.01  # reach of a sensor beyond its radius, in m: the margin of the original release's polygons
+NOTHING, CEILING = -2, -1  # objects that a sensor touches or holds, besides the index of a creeper
 
 
 @kernel
-def feel(
+def update_grip_contacts(
     state: Floats, rotations: Floats, body: StepArrays, world: World, points: Floats, grips: NDArray[np.int64]
 ) -> None:
-    """Find what each sensor touches, a creeper before the ceiling.
-
-    Args:
-        state: values (p, 6).
-        rotations: cosine and sine of each part's angle (p, 2).
-        body: the body with g sensors.
-        world: the world.
-        points: positions of the sensors (g, 2), in m, written.
-        grips: object that each sensor touches, written, and holds (g, 2).
-    """
+    """Write the sensors' positions in m to `points` (g, 2), and the touched objects to `grips`."""
     for sensor in range(len(body.grips)):
         part = body.grip_part[sensor]
         x, y, radius = body.grips[sensor]
@@ -221,7 +199,7 @@ def feel(
 
 @kernel
 def graspable(x: float, y: float, reach: float, world: World) -> int:
-    """Return the object within `reach` m of a point: the index of a creeper, CEILING or NOTHING."""
+    """Return the object within `reach` m of a point: the index of a creeper, else CEILING or NOTHING."""
     first, last = creepers_between(x - reach, x + reach, world)
     for index in range(first, last):
         if _near_box(x, y, reach, world.creepers[index], world.poses[index]):
@@ -257,7 +235,7 @@ def _near_segment(x: float, y: float, reach: float, segment: Floats) -> bool:
 
 @kernel
 def holder_anchor(point: Floats, held: int, world: World) -> tuple[float, float]:
-    """Return `point` in the frame of its holder: a creeper that swings, else the world."""
+    """Return `point` in the frame of its holder, which is a swinging creeper or the world."""
     if held < 0 or world.movable[held] == 0:
         return point[0], point[1]
     pose = world.poses[held]
@@ -279,16 +257,11 @@ VELOCITY_Y_SCALE = 0.3 * (400 / 30) / 50
 def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floats) -> float:
     """Write each motor's target speed (rad/s) and largest torque (N m) to `commands` (j, 2).
 
-    An action's sign is the direction, its size (at most 1) the share of the torque; 0 leaves the joint limp.
-
-    Args:
-        action: values for motors, then for grip sensors (j + g,); all 0 afterwards if the body is dead.
-        alive: True if the body has survived its medium.
-        body: the body.
-        commands: written.
+    The sign of an action is the direction, its absolute value (at most 1) the share of the torque; 0 leaves
+    the joint limp. `action` (j + g,) becomes 0 if the body is not `alive`.
 
     Returns:
-        What the actions cost in reward; NaN if one is not finite.
+        Cost of the actions in reward; NaN if one is not finite.
     """
     effort = 0.0
     for index in range(len(action)):
@@ -308,15 +281,15 @@ def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floa
 
 @kernel
 def survives(medium: Integers, body: StepArrays) -> bool:
-    """Return True if the body is alive after consecutive steps under water and outside it (2,)."""
+    """Return True if the body is alive after its steps in a `medium`."""
     drowned = 0 <= body.survivable[0] < medium[0]
     dried = 0 <= body.survivable[1] < medium[1]
     return not (drowned or dried)
 
 
 @kernel
-def breathe(state: Floats, water_y: float, body: StepArrays, medium: Integers) -> None:
-    """Count a step in `medium` (2,): under water or outside it, where the head is. The dead do not count."""
+def count_breath(state: Floats, water_y: float, body: StepArrays, medium: Integers) -> None:
+    """Count a step of the head in its `medium`, unless the body is dead."""
     if survives(medium, body):
         submerged = state[body.head, 1] <= water_y
         medium[0] = medium[0] + 1 if submerged else 0
@@ -333,53 +306,44 @@ def observe(
     world: World,
     observation: NDArray[np.float32],
 ) -> None:
-    """Write what the body senses, in the release's units and order.
+    """Write the `observation` (o,), in the release's units and order.
 
-    That is its head; whether the head is under water and the body was dead when it acted; joints and
-    contacts; what each grip sensor touches and holds; lidars, and what they hit. Rules say whether the medium
-    is observed.
-
-    Args:
-        state: values (p, 6).
-        contacts: values (p, 2).
-        medium: consecutive steps under water and outside it before this one (2,).
-        grips: object that each sensor touches and holds (g, 2).
-        body: the body.
-        world: the world.
-        observation: values (o,), written.
+    It holds the head; with `observes_medium`, whether the head is under water and the body was dead when it
+    acted; joints and contacts; what each grip sensor touches and holds; lidars, and what they hit. `medium`
+    is that before this step.
     """
     head = state[body.head]
     observation[0] = head[2]
     observation[1] = ANGULAR_VELOCITY_SCALE * head[5]
     observation[2] = VELOCITY_X_SCALE * head[3]
     observation[3] = VELOCITY_Y_SCALE * head[4]
-    at = 4
+    index = 4
     if body.observes_medium:
-        observation[at] = 1.0 if head[1] <= world.water_y else 0.0
-        observation[at + 1] = 0.0 if survives(medium, body) else 1.0
-        at += 2
+        observation[index] = 1.0 if head[1] <= world.water_y else 0.0
+        observation[index + 1] = 0.0 if survives(medium, body) else 1.0
+        index += 2
     for joint in range(len(body.joint_parts)):
         a, b = state[body.joint_parts[joint, 0]], state[body.joint_parts[joint, 1]]
-        observation[at] = b[2] - a[2] + body.motors[joint, 2]
-        observation[at + 1] = (b[5] - a[5]) / body.motors[joint, 1]
-        at += 2
+        observation[index] = b[2] - a[2] + body.motors[joint, 2]
+        observation[index + 1] = (b[5] - a[5]) / body.motors[joint, 1]
+        index += 2
         if body.contact_part[joint] >= 0:
             touches = contacts[body.contact_part[joint]]
-            observation[at] = 1.0 if touches[0] + touches[1] > 0 else 0.0
-            at += 1
+            observation[index] = 1.0 if touches[0] + touches[1] > 0 else 0.0
+            index += 1
     for sensor in range(len(grips)):
-        observation[at] = 1.0 if grips[sensor, 0] != NOTHING else 0.0
-        observation[at + 1] = 1.0 if grips[sensor, 1] != NOTHING else 0.0
-        at += 2
-    _observe_lidars(head, body, world, observation[at:])
+        observation[index] = 1.0 if grips[sensor, 0] != NOTHING else 0.0
+        observation[index + 1] = 1.0 if grips[sensor, 1] != NOTHING else 0.0
+        index += 2
+    _observe_lidars(head, body, world, observation[index:])
 
 
 @kernel
 def _observe_lidars(head: Floats, body: StepArrays, world: World, observation: NDArray[np.float32]) -> None:
-    """Write what the rays meet, and how far away, to the end of an observation."""
+    """Write the distances of the rays' hits, and the kinds of objects, to the end of an observation."""
     rays = len(body.rays)
     for ray in range(rays):
-        fraction, kind = look(head[0], head[1], body.rays[ray], world)
+        fraction, kind = cast_ray(head[0], head[1], body.rays[ray], world)
         observation[ray] = fraction
         if body.observes_medium:
             observation[rays + ray] = kind
@@ -387,7 +351,7 @@ def _observe_lidars(head: Floats, body: StepArrays, world: World, observation: N
 
 @kernel
 def shaping(state: Floats, body: StepArrays) -> float:
-    """Return the potential whose growth is the reward: progress of the head, less its tilt."""
+    """Return the potential of reward shaping: progress of the head minus its tilt."""
     head = state[body.head]
     potential: float = FORWARD_WEIGHT * head[0] - body.upright_weight * abs(head[2])
     return potential
@@ -395,7 +359,7 @@ def shaping(state: Floats, body: StepArrays) -> float:
 
 @kernel
 def has_fallen(state: Floats, contacts: Integers, body: StepArrays) -> bool:
-    """Return True if a critical part touches a forbidden surface or the head is behind the track's start."""
+    """Return True if a critical part touches a forbidden surface or the head is behind the start."""
     for part in range(len(contacts)):
         if body.critical[part]:
             if contacts[part, 0] > 0:
@@ -407,21 +371,13 @@ def has_fallen(state: Floats, contacts: Integers, body: StepArrays) -> bool:
 
 
 @kernel
-def judge(
+def step_outcome(
     state: Floats, contacts: Integers, body: StepArrays, goal_x: float, cost: float, before: float
 ) -> tuple[float, bool, float]:
-    """Judge a step.
+    """Return reward, termination and shaping after a step.
 
-    Args:
-        state: values (p, 6) after the step.
-        contacts: values (p, 2) after the step.
-        body: the body.
-        goal_x: the head past this x has arrived, which ends the episode without a bonus.
-        cost: cost of the torques.
-        before: shaping before the step.
-
-    Returns:
-        Reward (growth of the shaping less the cost; a fall replaces it), end of the episode, shaping.
+    The reward is the growth of the shaping minus `cost`, the cost of torques, or FALL_REWARD. An arrival
+    beyond `goal_x` ends the episode without a bonus.
     """
     after = shaping(state, body)
     if has_fallen(state, contacts, body):
@@ -441,13 +397,13 @@ TORQUE_SCALE = 60 / 50  # the release takes a motor's torque for steps of 1/60 s
 def water_forces(
     state: Floats, rotations: Floats, torques: Floats, body: StepArrays, water_y: float, forces: Floats
 ) -> bool:
-    """Write the forces of still water on each part; return True if there are any.
+    """Write the forces of still water on each part, and return True if there are any.
 
     Args:
-        state: values (p, 6).
+        state: state of the body (p, 6).
         rotations: cosine and sine of each part's angle (p, 2).
-        torques: torque of each motor in the last step, in N m (j,).
-        body: the body.
+        torques: torques of the motors in the last step, in N m (j,).
+        body: arrays of the body.
         water_y: height of the surface, in m.
         forces: force on the centre of mass, x and y in N, and torque about it in N m (p, 3), written.
     """
@@ -464,7 +420,7 @@ def water_forces(
 
 @kernel
 def _submerged(part: int, pose: Floats, rotation: Floats, body: StepArrays, water_y: float) -> Floats:
-    """Return the corners (k, 2) of the submerged area of a part, in world axes, counter-clockwise."""
+    """Return the corners (k, 2) of a part's submerged area in world coordinates, counter-clockwise."""
     first, count = body.first_vertex[part], body.first_vertex[part + 1] - body.first_vertex[part]
     corners = np.empty((count, 2))
     for index in range(count):
@@ -473,13 +429,13 @@ def _submerged(part: int, pose: Floats, rotation: Floats, body: StepArrays, wate
         corners[index, 1] = pose[1] + rotation[1] * x + rotation[0] * y
     clipped, size = np.empty((count + 1, 2)), 0
     for index in range(count):
-        here, there = corners[index], corners[(index + 1) % count]
-        if here[1] <= water_y:
-            clipped[size] = here
+        start, end = corners[index], corners[(index + 1) % count]
+        if start[1] <= water_y:
+            clipped[size] = start
             size += 1
-        if (here[1] <= water_y) != (there[1] <= water_y):
-            share = (water_y - here[1]) / (there[1] - here[1])
-            clipped[size, 0] = here[0] + share * (there[0] - here[0])
+        if (start[1] <= water_y) != (end[1] <= water_y):
+            share = (water_y - start[1]) / (end[1] - start[1])
+            clipped[size, 0] = start[0] + share * (end[0] - start[0])
             clipped[size, 1] = water_y
             size += 1
     return clipped[:size]
@@ -495,7 +451,7 @@ def _press(
     body: StepArrays,
     force: Floats,
 ) -> None:
-    """Add all forces on the submerged `polygon` of a part to `force` (3,)."""
+    """Add the forces on the submerged `polygon` of a part to `force` (3,)."""
     rotation = rotations[part]
     across, up = body.bounds[part, 2], body.bounds[part, 3]
     centre_x = state[part, 0] + rotation[0] * across - rotation[1] * up
@@ -533,13 +489,15 @@ def _centroid(polygon: Floats) -> tuple[float, float]:
 def _resist(
     edge: tuple[float, float, float], lever: tuple[float, float], motion: Floats, force: Floats
 ) -> None:
-    """Add drag and lift on an edge that moves outwards (paper: drag against the motion, lift across it).
+    """Add drag and lift of an edge that moves outwards to `force` (3,).
+
+    Drag acts against the motion, lift across it (paper).
 
     Args:
         edge: direction and length of the edge.
         lever: middle of the edge relative to the centre of mass.
         motion: state of the part (6,).
-        force: force and torque (3,), added to.
+        force: force and torque (3,), written.
     """
     velocity_x, velocity_y = motion[3] - motion[5] * lever[1], motion[4] + motion[5] * lever[0]
     speed = math.sqrt(velocity_x * velocity_x + velocity_y * velocity_y)
@@ -565,7 +523,7 @@ def _push(
     body: StepArrays,
     force: Floats,
 ) -> None:
-    """Add what pushes a part forwards whose joint turns it, if the joint is not at a limit."""
+    """Add the propulsion of a part by its motor, unless the joint is at a limit."""
     first, second = body.joint_parts[joint]
     hinge, motion = body.hinges[joint], state[second]
     if not hinge[2] < motion[2] - state[first, 2] < hinge[3]:
@@ -586,7 +544,7 @@ def _push(
 
 @kernel
 def _add(x: float, y: float, lever_x: float, lever_y: float, force: Floats) -> None:
-    """Add the force (x, y) that acts at a lever from the centre of mass."""
+    """Add the force (x, y) at a lever from the centre of mass."""
     force[0] += x
     force[1] += y
     force[2] += lever_x * y - lever_y * x

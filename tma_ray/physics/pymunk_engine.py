@@ -1,4 +1,4 @@
-"""Chipmunk through pymunk's public API: portable, and the oracle for faster engines."""
+"""Engine on pymunk's public API: portable, and the reference for the compiled engine."""
 
 import math
 
@@ -20,35 +20,25 @@ from tma_ray.physics.base import (
 from tma_ray.physics.chipmunk import add_creepers, add_joints, add_parts, add_terrain, chains, hung, settled
 from tma_ray.physics.kernels import (
     NOTHING,
-    breathe,
     command_motors,
-    feel,
+    count_breath,
     holder_anchor,
-    judge,
     observe,
+    step_outcome,
     survives,
+    update_grip_contacts,
     water_forces,
     world_of,
 )
 from tma_ray.physics.rules import Rules, observation_size, step_arrays
 from tma_ray.terrain import Terrain
 
-STATE_FIELDS = (
-    batch.BodyFields.POSITION
-    | batch.BodyFields.ANGLE
-    | batch.BodyFields.VELOCITY
-    | batch.BodyFields.ANGULAR_VELOCITY
-)
+_FIELDS = batch.BodyFields
+STATE_FIELDS = _FIELDS.POSITION | _FIELDS.ANGLE | _FIELDS.VELOCITY | _FIELDS.ANGULAR_VELOCITY
 
 
 class PymunkEngine:
-    """Engine that runs a body on Chipmunk; see `Engine`.
-
-    Args:
-        body: the body.
-        rules: the environment's rules for the body.
-        settings: settings of Chipmunk's solver; None for the usual ones with the body's substeps.
-    """
+    """Engine that calls Chipmunk through pymunk; arguments as of `make_engine`."""
 
     def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
         self.settings = settings or settings_for(body)
@@ -67,7 +57,7 @@ class PymunkEngine:
         self._space: pymunk.Space | None = None
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Build a new world and let the first step pass; see `Engine`."""
+        """Build a new world and run its first steps; see `Engine`."""
         hangs = len(self.grips) > 0 and len(terrain.ceiling) > 0
         if hangs:
             terrain = hung(terrain, self._body, self.arrays)
@@ -97,8 +87,8 @@ class PymunkEngine:
         self._take_hold(self._space)
         observation = np.empty(self._observation_size, dtype=np.float32)
         observe(self.state, self.contacts, self.medium, self.grips, self.arrays, self._world, observation)
-        breathe(self.state, self._world.water_y, self.arrays, self.medium)
-        reward, terminated, self._shaping = judge(
+        count_breath(self.state, self._world.water_y, self.arrays, self.medium)
+        reward, terminated, self._shaping = step_outcome(
             self.state, self.contacts, self.arrays, self._world.goal_x, cost, self._shaping
         )
         return observation, float(reward), bool(terminated)
@@ -113,7 +103,7 @@ class PymunkEngine:
     def _build(self, terrain: Terrain, push: float) -> None:
         self._world = world_of(terrain)
         self.contacts = np.zeros_like(self.contacts)
-        # A new Space every time: a reused one keeps counters that change later trajectories.
+        # a new Space every time: a reused one keeps counters that change later trajectories
         self._space = space = pymunk.Space()
         space.iterations = self.settings.iterations
         space.gravity = (0.0, GRAVITY)
@@ -130,7 +120,7 @@ class PymunkEngine:
             self._parts[index].apply_impulse_at_local_point((push * TIME_STEP, 0.0), centre)
 
     def _drive(self, share: float) -> None:
-        """Commands the motors, with their torques times `share`."""
+        """Command the motors, with their torques times `share`."""
         for motor, (speed, torque) in zip(self._motors, self._commands.tolist(), strict=True):
             motor.rate = -speed  # Chipmunk's rate is the speed of the first part relative to the second
             motor.max_force = share * torque
@@ -147,10 +137,10 @@ class PymunkEngine:
                 for part, (x, y, torque) in zip(self._parts, self._forces.tolist(), strict=True):
                     part.force, part.torque = (x, y), torque
             space.step(duration)
-            if index == driven - 1:  # the torques are those impulses, spread over the time step
-                for place, motor in enumerate(self._motors):
+            if index == driven - 1:  # torques are the impulses, spread over the time step
+                for joint, motor in enumerate(self._motors):
                     torque = motor.impulse / (duration * share)
-                    self._torques[place] = math.copysign(torque, self._commands[place, 0])
+                    self._torques[joint] = math.copysign(torque, self._commands[joint, 0])
 
     def _read_state(self, space: pymunk.Space) -> None:
         self._buffer.clear()
@@ -169,14 +159,17 @@ class PymunkEngine:
             )
 
     def _take_hold(self, space: pymunk.Space) -> None:
-        feel(self.state, self._rotations, self.arrays, self._world, self._grip_points, self.grips)
+        update_grip_contacts(
+            self.state, self._rotations, self.arrays, self._world, self._grip_points, self.grips
+        )
         for sensor, closing in enumerate(self._action[len(self._commands) :]):
             touched = int(self.grips[sensor, 0])
             if closing > 0 and sensor not in self._held and touched != NOTHING:
                 holder = self._creepers.get(touched, space.static_body)
                 anchor = holder_anchor(self._grip_points[sensor], touched, self._world)
-                place = tuple(self.arrays.grips[sensor, :2].tolist())
-                pivot = pymunk.PivotJoint(holder, self._parts[self.arrays.grip_part[sensor]], anchor, place)
+                part = self._parts[self.arrays.grip_part[sensor]]
+                position = tuple(self.arrays.grips[sensor, :2].tolist())
+                pivot = pymunk.PivotJoint(holder, part, anchor, position)
                 pivot.error_bias = self.settings.joint_error_bias
                 space.add(pivot)
                 self._held[sensor] = pivot

@@ -1,4 +1,4 @@
-"""An environment's rules for the physics, and the kernels' view of a body under these rules."""
+"""Rules of an environment, and arrays of a body for engines and kernels."""
 
 from typing import NamedTuple
 
@@ -9,20 +9,20 @@ from tma_ray.embodiments import Embodiment, GripSensor, Joint, LidarLayout, Part
 
 
 class BodyArrays(NamedTuple):
-    """p parts and h joints, those with motors first, as an engine builds them.
+    """Arrays from which an engine builds p parts and h joints, those with motors first.
 
     Attributes:
-        mass: masses with the grip sensors that are welded to a part (p,), in kg.
-        inertia: about the centre of mass (p,), in kg m².
+        mass: masses, including those of grip sensors on the part (p,), in kg.
+        inertia: moments of inertia about the centre of mass (p,), in kg m².
         centre: centre of mass in the part's frame (p, 2), in m.
         position: origin of the part's frame relative to the ground under the spawn point (p, 2), in m.
         angle: angle of the part's frame (p,), in rad.
-        friction: coefficient (p,).
+        friction: coefficients (p,).
         vertices: corners of all parts in their frames (v, 2), in m.
-        first_vertex: part i has the vertices from `first_vertex[i]` to `first_vertex[i + 1]` (p + 1,).
-        pushed: True for parts on which the push at an episode's start acts (p,).
+        first_vertex: index of the first vertex of each part, and their number (p + 1,).
+        pushed: True for parts that get the push at an episode's start (p,).
         joint_parts: indices of the two parts (h, 2).
-        anchors: anchor in the frames of the two parts (h, 2, 2), in m.
+        anchors: anchors in the frames of the two parts (h, 2, 2), in m.
         limits: smallest and largest angle of the second part relative to the first (h, 2), in rad.
         motors: number of joints with a motor.
     """
@@ -43,11 +43,12 @@ class BodyArrays(NamedTuple):
 
 
 def body_arrays(body: Embodiment) -> BodyArrays:
-    """Return `body` as an engine builds it."""
+    """Return the arrays from which an engine builds `body`."""
     counts = [len(part.shape.vertices) for part in body.parts]
     joints = (*body.motors, *body.passive_joints)
     masses = [
-        _mass(part, [each for each in body.grip_sensors if each.part == part.name]) for part in body.parts
+        _mass(part, [sensor for sensor in body.grip_sensors if sensor.part == part.name])
+        for part in body.parts
     ]
     anchors, limits = [], []
     for joint in joints:
@@ -78,13 +79,13 @@ def joint_parts(body: Embodiment, joints: tuple[Joint, ...]) -> NDArray[np.int64
 
 
 def drawn_angle(body: Embodiment, joint: Joint) -> float:
-    """Return the angle of the joint's second part relative to the first where the joint's angle is 0."""
+    """Return the angle of the joint's second part relative to the first at joint angle 0."""
     first, second = (body.parts[body.part_index(name)] for name in (joint.part_a, joint.part_b))
     return second.angle - first.angle
 
 
 def _mass(part: Part, sensors: list[GripSensor]) -> tuple[float, Point, float]:
-    """Return mass, centre of mass and the inertia about it of `part` with its `sensors`."""
+    """Return mass, centre of mass and inertia about it of `part` with its `sensors`."""
     if not sensors:
         return part.mass, part.shape.centroid, part.inertia
     masses = np.array([part.mass, *[sensor.mass for sensor in sensors]])
@@ -95,14 +96,10 @@ def _mass(part: Part, sensors: list[GripSensor]) -> tuple[float, Point, float]:
     return float(masses.sum()), (float(x), float(y)), float(inertia)
 
 
-LIDARS = 10
-"""Number of lidar rays."""
-
-LIDAR_RANGE = 160 / 30
-"""Length of a ray, in m."""
-
+LIDARS = 10  # number of rays
+LIDAR_RANGE = 160 / 30  # length of a ray, in m
 UPRIGHT_WEIGHT = 5.0  # reward per radian by which the head's tilt shrinks
-NO_LIMIT = -1  # of steps survivable: for ever
+NO_LIMIT = -1  # on the steps that a body survives in a medium
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -112,9 +109,9 @@ class Rules(NamedTuple):
     """Differences between environments other than their terrain.
 
     Attributes:
-        environment: name, whose critical parts count.
+        environment: name of the environment, which selects a body's critical parts.
         lidars: directions of the rays.
-        observes_medium: True if observations have water, death and the kind of object that each lidar hits.
+        observes_medium: True if observations contain water, death and the kind of object that each ray hits.
     """
 
     environment: str
@@ -127,25 +124,24 @@ class StepArrays(NamedTuple):
 
     Attributes:
         head: index of the head.
-        observes_medium: 1 if observations tell of the medium, else 0.
+        observes_medium: 1 if observations contain the medium, else 0.
         may_touch_ceiling: 1 if critical parts may touch the ceiling, else 0.
         survivable: consecutive steps that the body survives under water and outside it (2,), or NO_LIMIT.
-        critical: parts whose contact ends the episode (p,).
+        critical: 1 for parts whose contact ends the episode, else 0 (p,).
         joint_parts: indices of the two parts (j, 2).
-        contact_part: part whose contact is observed after the joint, -1 for none (j,).
-        first_vertex: index of each part's first vertex, as in BodyArrays (p + 1,).
-        grip_part: part that a sensor is welded to (g,).
+        contact_part: index of the part whose contact is observed after the joint, -1 for none (j,).
+        first_vertex: index of the first vertex of each part, and their number (p + 1,).
+        grip_part: index of the part that a sensor is welded to (g,).
         torque_cost: reward charged per action and step at full torque.
-        upright_weight: reward per radian of tilt, 0 where the tilt does not count.
-        motors: torque in N m, speed in rad/s, observed angle less that of the second part relative to the
-            first in rad (j, 3).
+        upright_weight: reward per radian of tilt, 0 if the tilt does not count.
+        motors: torque in N m, speed in rad/s, and offset of the observed angle in rad (j, 3).
         rays: ends of the lidar rays relative to the head (r, 2), in m.
         vertices: corners of all parts in their frames (v, 2), in m.
         bounds: largest distance of a part's corners from its origin in m, its inertia about the origin in
-            kg m², its centre of mass in its frame in m (p, 4).
+            kg m², and its centre of mass in its frame in m (p, 4).
         hinges: anchor in the frame of the second part in m, smallest and largest angle of the second part
             relative to the first in rad (j, 4).
-        grips: place in the frame of its part, and radius, in m (g, 3).
+        grips: position in the frame of its part, and radius, in m (g, 3).
     """
 
     head: int
@@ -168,7 +164,7 @@ class StepArrays(NamedTuple):
 
 
 def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
-    """Return the kernels' arrays of `body` under `rules`."""
+    """Return the arrays of `body` for the kernels under `rules`."""
     built, joints, sensors = body_arrays(body), body.motors, body.grip_sensors
     contacts = [-1 if j.contact_part is None else body.part_index(j.contact_part) for j in joints]
     motors = [(j.motor_torque, j.motor_speed, j.angle_offset - drawn_angle(body, j)) for j in joints]
@@ -201,9 +197,9 @@ def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
 
 
 def lidar_angles(layout: LidarLayout) -> Floats:
-    """Return the directions of the rays (r,), in rad; 0 is straight down, pi/2 forward, pi straight up.
+    """Return the directions of the rays (r,) in rad, from 0 (down) over pi/2 (forward) to pi (up).
 
-    Source: the original release. The paper rounds: its layouts cover 90, 90 and 180 degrees.
+    Source: the original release; the paper rounds the layouts to 90, 90 and 180 degrees.
     """
     ray = np.arange(LIDARS) / LIDARS
     angles: dict[LidarLayout, Floats] = {
@@ -215,7 +211,7 @@ def lidar_angles(layout: LidarLayout) -> Floats:
 
 
 def observation_size(body: StepArrays) -> int:
-    """Return the number of values that `observe` writes."""
+    """Return the number of values of an observation."""
     contacts, rays = int(np.sum(body.contact_part >= 0)), len(body.rays)
     medium = 2 + rays if body.observes_medium else 0
     return 4 + 2 * len(body.motors) + contacts + 2 * len(body.grips) + rays + medium

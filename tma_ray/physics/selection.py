@@ -1,4 +1,4 @@
-"""Choice of the engine: the compiled one where it works, else pymunk's. The results are the same bits."""
+"""Choice of the engine: compiled where that works, else pymunk, with the same bits."""
 
 from __future__ import annotations
 
@@ -21,10 +21,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-VARIABLE = "TMA_RAY_ENGINE"
-"""Environment variable that demands an engine: "compiled" (an error where it does not work) or "pymunk"."""
-
-TRIAL_STEPS = 40  # steps that both engines must agree on before the compiled one is trusted
+VARIABLE = "TMA_RAY_ENGINE"  # environment variable that forces an engine: "compiled" or "pymunk"
+TRIAL_STEPS = 40  # on which both engines must agree before the compiled one is used
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,7 @@ class EngineChoice:
 
     Attributes:
         name: "compiled" or "pymunk".
-        reason: why this one, as a sentence without a full stop.
+        reason: reason for the choice, without a full stop.
     """
 
     name: str
@@ -41,27 +39,23 @@ class EngineChoice:
 
 
 def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> Engine:
-    """Return a new engine of the kind that `engine_in_use` names.
+    """Return a new engine of the kind that `engine_in_use` chooses, and raises its errors.
 
     Args:
-        body: the body.
+        body: body to simulate.
         rules: the environment's rules for the body.
-        settings: settings of Chipmunk's solver; None for the usual ones with the body's substeps.
-
-    Raises:
-        ValueError: TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
-        RuntimeError: TMA_RAY_ENGINE demands the compiled engine, which does not work here.
+        settings: settings of Chipmunk's solver; None for those of the body.
     """
     return _engine_class(engine_in_use().name)(body, rules, settings)
 
 
 @cache
 def engine_in_use() -> EngineChoice:
-    """Return the engine of this process and the reason; the choice is made, and logged, once.
+    """Choose the engine of this process, once.
 
     Raises:
-        ValueError: TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
-        RuntimeError: TMA_RAY_ENGINE demands the compiled engine, which does not work here.
+        ValueError: if TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
+        RuntimeError: if TMA_RAY_ENGINE forces the compiled engine, which does not work here.
     """
     demanded = os.environ.get(VARIABLE, "")
     if demanded not in ("", "compiled", "pymunk"):
@@ -89,10 +83,10 @@ def _engine_class(name: str) -> type[CompiledEngine | PymunkEngine]:
 
 
 def _try_compiled() -> None:
-    """Play with both engines.
+    """Compare a short trajectory of both engines.
 
     Raises:
-        RuntimeError: they differ, or this machine has no known way to call Chipmunk.
+        RuntimeError: if the trajectories differ, or Chipmunk cannot be called on this machine.
     """
     from tma_ray.terrain.stump_tracks import stump_tracks  # here, since it loads numba
 

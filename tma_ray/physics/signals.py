@@ -13,9 +13,9 @@ class Signal:
     """Values of an observation or an action that belong together.
 
     Attributes:
-        name: part, joint or sensor that the values belong to.
-        meaning: quantity that is observed or controlled.
-        unit: unit of the values; empty for a share or a yes (1) or no (0).
+        name: part, joint or sensor of the values.
+        meaning: observed or controlled quantity.
+        unit: unit of the values; empty for a share or a flag (0 or 1).
         size: number of consecutive values.
     """
 
@@ -26,12 +26,9 @@ class Signal:
 
 
 def observation_signals(body: Embodiment, rules: Rules) -> tuple[Signal, ...]:
-    """Return the parts of an observation of `body` under `rules`, in order."""
-    from tma_ray.physics.kernels import (  # with numba
-        ANGULAR_VELOCITY_SCALE,
-        VELOCITY_X_SCALE,
-        VELOCITY_Y_SCALE,
-    )
+    """Return the signals of an observation of `body` under `rules`, in order."""
+    # deferred: loads numba
+    from tma_ray.physics.kernels import ANGULAR_VELOCITY_SCALE, VELOCITY_X_SCALE, VELOCITY_Y_SCALE
 
     signals = [
         Signal("head", "angle", "rad"),
@@ -61,7 +58,7 @@ def observation_signals(body: Embodiment, rules: Rules) -> tuple[Signal, ...]:
 
 
 def action_signals(body: Embodiment) -> tuple[Signal, ...]:
-    """Return the parts of an action of `body`, in order."""
+    """Return the signals of an action of `body`, in order."""
     motors = tuple(
         Signal(
             _joint(joint.part_a, joint.part_b),

@@ -1,1 +1,1 @@
-"""The playground: Stump Tracks and Parkour on a page, with the kernels of the engine as WebAssembly."""
+"""Playground: Stump Tracks and Parkour on a page, with the engine's kernels as WebAssembly."""

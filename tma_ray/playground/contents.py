@@ -1,4 +1,4 @@
-"""Contents of the page: bodies, worlds and constants, as the engine's memory has them."""
+"""Data of the page: bodies, worlds and constants, in the layout of the engine's memory."""
 
 from collections.abc import Iterable
 from typing import Any, Final
@@ -16,40 +16,33 @@ from tma_ray.physics.compiled.step import BEFORE, GOAL_X, TERRAIN, new_memory, s
 from tma_ray.physics.kernels import NOTHING
 from tma_ray.tasks import MASTERY_RETURN, TaskSpace
 from tma_ray.terrain import FIXED, GROUND_HEIGHT, Terrain, parkour, stump_tracks
-from tma_ray.terrain.base import STARTPAD_STEPS, STEP
 from tma_ray.terrain.parkour import CPPN, SHAPES
+from tma_ray.terrain.terrain import STARTPAD_STEPS, TERRAIN_STEP
 
-KINDS: Final = {"float64": "double", "float32": "float", "int64": "i64", "bool": "bool"}
-"""The page's names for types of numbers."""
-
-WHOLE: Final = ("contacts", "medium", "wet", "grips", "handles", "holds")
-"""Parts of a simulation that are whole numbers."""
-
+C_TYPES: Final = {"float64": "double", "float32": "float", "int64": "i64", "bool": "bool"}
+INTEGER_VIEWS: Final = ("contacts", "medium", "wet", "grips", "handles", "holds")
 PLAYED: Final = ("stump_tracks", "parkour")  # environments of the page
-
-SIZES: Final = (0.6, 0.8, 1.25, 1.6)
-"""Factors of a body's lengths that the page offers beside its own size."""
+BODY_SIZES: Final = (0.6, 0.8, 1.25, 1.6)  # offered besides a body's own size
 
 
 def stored(values: NDArray[Any]) -> list[Any]:
-    """Return an array as the page takes it: its kind, its sizes and its values one after the other."""
-    return [KINDS[values.dtype.name], list(values.shape), values.ravel().tolist()]
+    """Return C type, shape and flat values of an array."""
+    return [C_TYPES[values.dtype.name], list(values.shape), values.ravel().tolist()]
 
 
 def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
-    """Return everything that the page's engine needs of `body` in an environment."""
+    """Return the data of `body` in an environment for the page's engine."""
     made: Any = make_environment(environment, embodiment=body)
     settings = settings_for(body)
     arrays, built = step_arrays(body, made.rules), settled(body, settings)
     floats, integers = vectors = new_memory(arrays, len(built.limits), settings, 0)
-    parts = simulation_in(*vectors)._asdict()
     views = {}
-    for name, part in parts.items():
-        vector = integers if name in WHOLE else floats
-        place = (part.ctypes.data - vector.ctypes.data) // 8 if part.size else 0
-        views[name] = [place, list(part.shape)]
+    for name, part in simulation_in(*vectors)._asdict().items():
+        vector = integers if name in INTEGER_VIEWS else floats
+        index = (part.ctypes.data - vector.ctypes.data) // 8 if part.size else 0
+        views[name] = [index, list(part.shape)]
     reach = 0.0
-    if len(arrays.grips):  # height of a hanging body's highest grip sensor over its spawn point, m
+    if len(arrays.grips):  # height of a hanging body's highest grip sensor over its spawn point, in m
         nothing, flat = np.zeros((0, 4)), np.array([[-1.0, 0.0, 1.0, 0.0]])
         world = Terrain(nothing, 1.0, nothing, np.zeros(2), 0.0, 0, flat, nothing, np.zeros(0, np.int64), 0.0)
         reach = -float(hung(world, built, arrays).spawn[1])
@@ -61,7 +54,7 @@ def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
         "floats": ["double", len(floats), np.trim_zeros(floats, "b").tolist()],
         "integers": ["i64", len(integers), integers.tolist()],
         "views": views,
-        "whole": list(WHOLE),
+        "whole": list(INTEGER_VIEWS),
         "settings": list(settings),
         "observation": observation_size(arrays),
         "head": arrays.head,
@@ -71,14 +64,14 @@ def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
         "reach": reach,
         "rays": arrays.rays.tolist(),
         "sensors": [
-            [int(part), *place] for part, place in zip(arrays.grip_part, arrays.grips.tolist(), strict=True)
+            [int(part), *grip] for part, grip in zip(arrays.grip_part, arrays.grips.tolist(), strict=True)
         ],
     }
 
 
 def variants(name: str) -> list[str]:
-    """Return the names of a body in all sizes that the page offers, its own first."""
-    return [name, *(f"{name}:size={size}" for size in SIZES)]
+    """Return the names of a body in all sizes of the page, its own first."""
+    return [name, *(f"{name}:size={size}" for size in BODY_SIZES)]
 
 
 def bodies(names: Iterable[str]) -> dict[str, Any]:
@@ -90,7 +83,7 @@ def bodies(names: Iterable[str]) -> dict[str, Any]:
 
 
 def constants() -> dict[str, dict[str, Any]]:
-    """Return numbers of the engine and of episodes, and those that modules of worlds name in capitals."""
+    """Return the constants of the engine and of episodes, and those of the terrain modules."""
     engine: dict[str, float] = {
         "BEFORE": BEFORE,
         "GOAL_X": GOAL_X,
@@ -100,7 +93,7 @@ def constants() -> dict[str, dict[str, Any]]:
     }
     engine |= {"GRAVITY": GRAVITY, "TIME_STEP": TIME_STEP, "HANGING_STEPS": HANGING_STEPS, "PUSH": PUSH}
     engine |= {"MAX_EPISODE_STEPS": MAX_EPISODE_STEPS, "MASTERY_RETURN": MASTERY_RETURN}
-    engine |= {"STEP": STEP, "GROUND_HEIGHT": GROUND_HEIGHT, "STARTPAD_STEPS": STARTPAD_STEPS}
+    engine |= {"STEP": TERRAIN_STEP, "GROUND_HEIGHT": GROUND_HEIGHT, "STARTPAD_STEPS": STARTPAD_STEPS}
     worlds: dict[str, dict[str, Any]] = {
         module.__name__.rpartition(".")[2]: {
             name: value
@@ -114,15 +107,15 @@ def constants() -> dict[str, dict[str, Any]]:
 
 
 def space_record(space: TaskSpace) -> list[dict[str, Any]]:
-    """Return the dimensions of a space of tasks."""
+    """Return the dimensions of a task space."""
     return [
-        {"name": each.name, "low": each.low, "high": each.high, "unit": each.unit}
-        for each in space.dimensions
+        {"name": dimension.name, "low": dimension.low, "high": dimension.high, "unit": dimension.unit}
+        for dimension in space.dimensions
     ]
 
 
 def worlds() -> dict[str, Any]:
-    """Return spaces of tasks by environment, and the network that draws Parkour."""
+    """Return the task spaces by environment, and the network of Parkour."""
     weights = [CPPN.load().weights[name] for name in SHAPES]
     return {
         "spaces": {

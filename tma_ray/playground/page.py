@@ -1,4 +1,4 @@
-"""The page as one file: markup, style, scripts, the engine, bodies and trained policies."""
+"""Playground page as one file with markup, style, scripts, engine, bodies and policies."""
 
 import base64
 import json
@@ -27,22 +27,21 @@ from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.support.component_names import base_name
 
 SOURCES: Final = Path(__file__).parent / "page"
-
 SCRIPTS: Final = ("engine.js", "worlds.js", "drawing.js", "play.js")
 
-RANDOM, ZERO = -2, -1  # places of the untrained policies in the page's list, whose end they are
+RANDOM, ZERO = -2, -1  # indices of the two untrained policies, appended to the page's list
 
 
 @dataclass(frozen=True)
 class Start:
-    """What the page plays first.
+    """Initial settings of the page.
 
     Attributes:
         environment: name of the environment.
         embodiment: name of the body, with its parameters.
-        policies: places in the list of policies, or RANDOM or ZERO.
-        task: the task (d,); None for the middle of the space.
-        seed: seed of the page's own worlds.
+        policies: indices in the list of policies, or RANDOM or ZERO.
+        task: task (d,); None for the middle of the space.
+        seed: seed of the page's worlds.
     """
 
     environment: str = "stump_tracks"
@@ -53,19 +52,20 @@ class Start:
 
 
 def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[str] | None = None) -> str:
-    """Return the page as HTML, which needs no other file and no network.
+    """Return the page as self-contained HTML.
 
     Args:
-        policies: records of policies, as `policy_record` makes them.
-        start: world that is played first.
+        policies: records of policies from `policy_record`.
+        start: initial settings of the page.
         names: bodies, with parameters; None for every body in its own size and the first one in all sizes.
     """
-    own = [*embodiment_names(), start.embodiment, *(policy["embodiment"] for policy in policies)]
-    shown = dict.fromkeys([*own, *variants(start.embodiment.partition(":")[0])] if names is None else names)
+    if names is None:
+        names = [*embodiment_names(), start.embodiment, *(policy["embodiment"] for policy in policies)]
+        names += variants(start.embodiment.partition(":")[0])
     data = {
         "wasm": np.frombuffer(WASM.read_bytes(), np.uint8),
         "constants": constants(),
-        "bodies": bodies(shown),
+        "bodies": bodies(dict.fromkeys(names)),
         **worlds(),
         "policies": list(policies),
         "start": vars(start),
@@ -78,9 +78,9 @@ def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[
 
 
 def _packed(data: dict[str, Any]) -> bytes:
-    """Return `data` compressed: the length of a JSON text, the text, and the arrays that it names.
+    """Compress `data` as the length of a JSON text, the text, and the arrays that it references.
 
-    The first bytes of all numbers of an array come first, then the second ones: they are more alike.
+    Arrays are stored byte by byte, the first bytes of all numbers first, which compresses better.
     """
     arrays = bytearray()
 
@@ -94,11 +94,7 @@ def _packed(data: dict[str, Any]) -> bytes:
 
 
 def policy_page(saved: SavedPolicy, results: str | Path) -> str:
-    """Return the page with one policy, in its environment and body.
-
-    Raises:
-        ValueError: the page cannot show the policy; see `policy_record`.
-    """
+    """Return the page with one policy, in its environment and body; errors are those of `policy_record`."""
     record = policy_record(saved, results)
     return page_html([record], Start(record["environment"], record["embodiment"], (0,)))
 
@@ -107,14 +103,14 @@ ACTIVATIONS: dict[type[nn.Module], Activation] = {nn.ReLU: Activation.RELU, nn.T
 
 
 def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
-    """Return everything that the page shows of a policy.
+    """Return the data of a policy for the page.
 
     Args:
-        saved: the policy.
-        results: folder or URI of a results root, which is asked for its run if it lies in none.
+        saved: policy to show.
+        results: folder or URI of the results root with its run, unless the policy lies in one.
 
     Raises:
-        ValueError: the page has no such environment or network; the message says which.
+        ValueError: if the page does not support the environment or the network.
     """
     spec = saved.spec
     if spec.environment not in PLAYED or spec.environment_options.keys() - {"embodiment"}:
@@ -124,9 +120,9 @@ def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
             f"the playground has {' and '.join(PLAYED)} with the option embodiment"
         )
     import_plugins(spec, "student")
-    with tempfile.TemporaryDirectory() as place:
-        saved.copy(Path(place))
-        layers = saved.read(Path(place), policy_layers)
+    with tempfile.TemporaryDirectory() as folder:
+        saved.copy(Path(folder))
+        layers = saved.read(Path(folder), policy_layers)
     try:
         network = network_record(layers)
     except ValueError as error:
@@ -147,22 +143,23 @@ def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
 
 
 def network_record(layers: nn.Sequential) -> dict[str, Any]:
-    """Return `layers` as a record: a normaliser, linear layers with one activation, bounds of actions.
+    """Return the data of a network of a normaliser, linear layers with one activation, and action bounds.
 
     Raises:
-        ValueError: they compute something else.
+        ValueError: if there are other layers.
     """
     rest: list[Any] = [layer for layer in layers if not isinstance(layer, nn.Identity | nn.Dropout)]
     normaliser = rest.pop(0) if isinstance(rest[0], Standardise) else None
     end = max((index + 1 for index, layer in enumerate(rest) if isinstance(layer, nn.Linear)), default=0)
     linear, between, tail = rest[:end:2], rest[1:end:2], rest[end:]
     kinds = {type(layer) for layer in between} or {nn.ReLU}
-    known = (
+    supported = (
         len(kinds) == 1
         and kinds <= ACTIVATIONS.keys()
         and {type(layer) for layer in tail} <= {nn.Tanh, Affine, Clamp}
+        and all(isinstance(layer, nn.Linear) for layer in linear)
     )
-    if not end or not known or not all(isinstance(layer, nn.Linear) for layer in linear):
+    if not end or not supported:
         names = ", ".join(type(layer).__name__ for layer in layers)
         raise ValueError(f"layers {names}: the playground has linear layers with ReLU or tangent hyperbolic")
     activation = ACTIVATIONS[kinds.pop()]
@@ -190,20 +187,20 @@ def _buffers(layer: Any) -> dict[str, list[float]]:
 
 
 def _history(results: Results | None, spec: RunSpec) -> dict[str, Any]:
-    """Return the curriculum of a run over time, and its test tasks with those that it masters at last."""
-    found: dict[str, Any] = {"curriculum": [], "tests": [], "tests_mastered": [], "mastered": None}
+    """Return the run's curriculum over time, and its test tasks with their mastery at the end."""
+    history: dict[str, Any] = {"curriculum": [], "tests": [], "tests_mastered": [], "mastered": None}
     if results is None:
-        return found
+        return history
     probes = results.table(Table.CURRICULUM, [spec.run_id], ["step", "task"]).to_pandas()
     for step, chosen in probes.groupby("step").task:
         tasks = [[round(float(value), 3) for value in task] for task in chosen]
-        found["curriculum"].append({"step": int(step), "tasks": tasks})
+        history["curriculum"].append({"step": int(step), "tasks": tasks})
     columns = ["step", "task_index", "episodic_return"]
     evaluations = results.table(Table.EVALUATIONS, [spec.run_id], columns).to_pandas()
     last = evaluations[evaluations.step == evaluations.step.max()]
     if len(last) and spec.test_set.dimensions == spec.task_space.names:
         mastered = last.episodic_return > spec.mastery_threshold
-        found["tests"] = spec.test_set.tasks[last.task_index].tolist()
-        found["tests_mastered"] = mastered.astype(int).tolist()
-        found["mastered"] = round(100 * float(mastered.mean()))
-    return found
+        history["tests"] = spec.test_set.tasks[last.task_index].tolist()
+        history["tests_mastered"] = mastered.astype(int).tolist()
+        history["mastered"] = round(100 * float(mastered.mean()))
+    return history

@@ -1,8 +1,8 @@
-"""Translation of kernels to C: the part of Python that they use, statement by statement.
+"""Translation of kernels, in the subset of Python that they use, to C.
 
-As numba does, one version of a function is made for the types of its arguments, and types of variables
-follow from what is assigned to them. Arrays are contiguous, and only constant indices may be negative. Sums
-and products keep their order, so that C without contraction gives the bits of the compiled kernel.
+As in numba, each function is specialised for the types of its arguments, and types of variables are inferred
+from assignments. Arrays are contiguous, and only constant indices may be negative. Sums and products keep
+their order, so that C without contraction gives the bits of the compiled kernel.
 """
 
 import ast
@@ -15,14 +15,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-FLAG, WHOLE, SINGLE, REAL, NOTHING = "bool", "i64", "float", "double", "void"
-"""Types of single values in C, the first four in the order in which they are promoted."""
+FLAG, WHOLE, SINGLE, REAL, NOTHING = "bool", "i64", "float", "double", "void"  # scalar types in C
 
 _PROMOTION = (FLAG, WHOLE, SINGLE, REAL)
-_KINDS = {"float64": REAL, "float32": SINGLE, "int64": WHOLE, "bool": FLAG}
+_TYPES = {"float64": REAL, "float32": SINGLE, "int64": WHOLE, "bool": FLAG}
 _PAIRS = "Add +;Sub -;Mult *;Div /;FloorDiv /;Mod %;Lt <;LtE <=;Gt >;GtE >=;Eq ==;NotEq !="
-_SIGNS: dict[str, str] = dict(pair.split() for pair in _PAIRS.split(";"))
-"""Operators in C by the names of their nodes."""
+_SIGNS: dict[str, str] = dict(pair.split() for pair in _PAIRS.split(";"))  # C operators by names of nodes
 
 PRELUDE = """\
 #include <math.h>
@@ -39,60 +37,50 @@ static void reset_arrays(void);
   static kind max_of_##kind(kind *p, i64 n) { kind m = *p; while (--n) m = max_##kind(m, *++p); return m; }
 EXTREMES(double) EXTREMES(float) EXTREMES(i64)
 """
-"""Beginning of every translation; ``new_array`` gives memory that lives until the next exported call."""
+"""Beginning of every translation, in which ``new_array`` allocates memory until the next exported call."""
 
 
 class TranslationError(ValueError):
-    """A kernel with something that has no counterpart in C here; the message names function and line."""
+    """Error in a kernel whose code is outside the supported subset."""
 
 
 @dataclass(frozen=True)
-class Array:
-    """Type of a contiguous array.
-
-    Attributes:
-        kind: type of its values.
-        dimensions: number of dimensions.
-    """
+class ArrayType:
+    """Type of a contiguous array, with the type of its values and its number of dimensions."""
 
     kind: str
     dimensions: int
 
 
 @dataclass(frozen=True)
-class Record:
-    """Type of a tuple, with names if it is a NamedTuple.
-
-    Attributes:
-        items: type of each item.
-        names: name of each item, empty for a plain tuple.
-    """
+class TupleType:
+    """Type of a tuple, with the types of its items, and their names if it is a NamedTuple."""
 
     items: tuple["Type", ...]
     names: tuple[str, ...] = ()
 
     @property
     def uniform(self) -> bool:
-        """True if an item may be chosen by a variable: a plain tuple of items of one type."""
+        """True for a plain tuple with items of one type, which can be indexed by a variable."""
         return not self.names and len(set(self.items)) == 1
 
     def member(self, index: int) -> str:
-        """Return the struct member that holds an item."""
+        """Return the struct member of an item."""
         if self.uniform:
             return f"v[{index}]"
         return self.names[index] if self.names else f"v{index}"
 
 
-Type: TypeAlias = str | Array | Record
+Type: TypeAlias = str | ArrayType | TupleType
 Value: TypeAlias = tuple[str, Type]  # an expression in C and its type
 
 
 def type_of(example: Any) -> Type:
     """Return the type of a value: a number, an array, or a tuple of these."""
     if isinstance(example, np.ndarray):
-        return Array(_KINDS[example.dtype.name], example.ndim)
+        return ArrayType(_TYPES[example.dtype.name], example.ndim)
     if isinstance(example, tuple):
-        return Record(tuple(map(type_of, example)), tuple(getattr(example, "_fields", ())))
+        return TupleType(tuple(map(type_of, example)), tuple(getattr(example, "_fields", ())))
     if isinstance(example, bool | np.bool_):
         return FLAG
     return WHOLE if isinstance(example, int | np.integer) else REAL
@@ -100,13 +88,13 @@ def type_of(example: Any) -> Type:
 
 @dataclass
 class Translation:
-    """Functions in C, written as they are asked for.
+    """C code of functions, generated on demand.
 
     Args:
-        externals: type of the result of every function that C has by itself, by its name in Python's module.
+        externals: result type of every external C function, by its name in Python.
 
     Attributes:
-        functions: definitions in C in the order in which they call each other.
+        functions: definitions in C, callees first.
     """
 
     externals: Mapping[str, Type]
@@ -117,22 +105,21 @@ class Translation:
     _exports: list[str] = field(default_factory=list)
 
     def export(self, name: str, kernel: Callable[..., Any], *examples: Any) -> None:
-        """Add `kernel`, for arguments of the types of `examples`, under a name that the page calls.
+        """Export `kernel`, for arguments of the types of `examples`, under a name.
 
-        It is called with the addresses of two vectors of doubles. The first has the arguments one after
-        the other: a number as it is, an array as its address and its sizes, a tuple as its items. The result
-        goes to the second.
+        Its parameters are the addresses of two vectors of doubles, for the arguments (an array is its address
+        and sizes, a tuple its items) and for the result.
         """
         types = tuple(map(type_of, examples))
         called, result = self.function(kernel, types)
-        places = iter(range(1000))
-        arguments = ", ".join(self._unpacked(kind, places) for kind in types)
+        indices = iter(range(1000))
+        arguments = ", ".join(self._unpacked(kind, indices) for kind in types)
         lines = [
             f"{self.name(result)} r = {called}({arguments});"
             if result != NOTHING
             else f"{called}({arguments});"
         ]
-        lines += [f"out[{at}] = {value};" for at, value in enumerate(_leaves("r", result))]
+        lines += [f"out[{index}] = {value};" for index, value in enumerate(_leaves("r", result))]
         body = " ".join(lines)
         self._exports.append(
             f'__attribute__((export_name("{name}"))) void export_{name}(const double *in, double *out)'
@@ -140,8 +127,8 @@ class Translation:
         )
 
     def text(self, externals: str = "") -> str:
-        """Return everything as a file in C, with the code `externals` between types and functions."""
-        vector = f"typedef {self.name(Record((REAL, REAL)))} vector;"
+        """Return the file in C, with the code `externals` between types and functions."""
+        vector = f"typedef {self.name(TupleType((REAL, REAL)))} vector;"
         parts = [PRELUDE, *self._structs, vector, externals, *self.functions, *self._exports]
         return "\n".join(parts) + "\n"
 
@@ -156,7 +143,7 @@ class Translation:
         return self._types[kind]
 
     def function(self, kernel: Callable[..., Any], arguments: tuple[Type, ...]) -> Value:
-        """Return name and type of the result of `kernel`'s version for some types."""
+        """Return name and result type of `kernel` for the types of its arguments."""
         plain: Any = getattr(kernel, "py_func", None) or getattr(kernel, "_pyfunc", kernel)
         key = plain, arguments
         if key not in self._made:
@@ -165,8 +152,8 @@ class Translation:
             self._made[key] = name, _Function(self, plain, arguments).define(name)
         return self._made[key]
 
-    def _members(self, kind: Array | Record) -> str:
-        if isinstance(kind, Array):
+    def _members(self, kind: ArrayType | TupleType) -> str:
+        if isinstance(kind, ArrayType):
             return f"{kind.kind} *p; i64 {', '.join(f'n{axis}' for axis in range(kind.dimensions))};"
         if kind.uniform:
             return f"{self.name(kind.items[0])} v[{len(kind.items)}];"
@@ -175,25 +162,25 @@ class Translation:
             or "int _;"
         )
 
-    def _unpacked(self, kind: Type, places: Iterator[int]) -> str:
-        """Return an argument of an export, read from the next places."""
+    def _unpacked(self, kind: Type, indices: Iterator[int]) -> str:
+        """Return an argument of an export, read from the next indices of the vector."""
         if isinstance(kind, str):
-            return f"({kind})in[{next(places)}]"
-        if isinstance(kind, Array):
-            address = f"({kind.kind} *)(intptr_t)in[{next(places)}]"
-            items = [address, *(f"(i64)in[{next(places)}]" for _ in range(kind.dimensions))]
+            return f"({kind})in[{next(indices)}]"
+        if isinstance(kind, ArrayType):
+            address = f"({kind.kind} *)(intptr_t)in[{next(indices)}]"
+            items = [address, *(f"(i64)in[{next(indices)}]" for _ in range(kind.dimensions))]
         else:
-            items = [self._unpacked(item, places) for item in kind.items]
+            items = [self._unpacked(item, indices) for item in kind.items]
             if kind.uniform:
                 return f"({self.name(kind)}){{{{{', '.join(items)}}}}}"
         return f"({self.name(kind)}){{{', '.join(items)}}}"
 
 
 def _leaves(code: str, kind: Type) -> Iterator[str]:
-    if isinstance(kind, Array):
+    if isinstance(kind, ArrayType):
         yield f"(double)(intptr_t){code}.p"
         yield from (f"{code}.n{axis}" for axis in range(kind.dimensions))
-    elif isinstance(kind, Record):
+    elif isinstance(kind, TupleType):
         for index, item in enumerate(kind.items):
             yield from _leaves(f"{code}.{kind.member(index)}", item)
     elif kind != NOTHING:
@@ -201,7 +188,7 @@ def _leaves(code: str, kind: Type) -> Iterator[str]:
 
 
 class _Function:
-    """One function on its way to C: its variables' types, then its statements."""
+    """Translation of one function: inference of its variables' types, then of its statements."""
 
     def __init__(self, translation: Translation, function: Any, arguments: tuple[Type, ...]) -> None:
         self._translation, self._function = translation, function
@@ -215,16 +202,16 @@ class _Function:
         self._temporaries = 0
 
     def define(self, name: str) -> Type:
-        """Write the definition; return the type of the result."""
-        known = None
-        while known != (self._variables, self._result):  # a type may follow from a later assignment
-            known = dict(self._variables), self._result
+        """Add the definition, and return the type of the result."""
+        inferred = None
+        while inferred != (self._variables, self._result):  # a later assignment may change a type
+            inferred = dict(self._variables), self._result
             self._lines, self._temporaries = [], 0
             self._block(self._tree.body)
         c = self._translation.name
-        parameters = ", ".join(f"{c(self._variables[each])} {_safe(each)}" for each in self._parameters)
-        own = [each for each in self._variables if each not in self._parameters]
-        declared = [f"{c(self._variables[each])} {_safe(each)};" for each in own]
+        variables = {variable: f"{c(kind)} {_safe(variable)}" for variable, kind in self._variables.items()}
+        parameters = ", ".join(variables.pop(parameter) for parameter in self._parameters)
+        declared = [f"{variable};" for variable in variables.values()]
         body = "\n".join([*declared, *self._lines])
         self._translation.functions.append(
             f"static {c(self._result)} {name}({parameters})\n{{\n{textwrap.indent(body, '  ')}\n}}"
@@ -259,8 +246,8 @@ class _Function:
         target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
         assert statement.value is not None
         if isinstance(target, ast.Tuple):
-            for each, value in zip(target.elts, self._items(statement.value, len(target.elts)), strict=True):
-                self._store(each, value)
+            for item, value in zip(target.elts, self._items(statement.value, len(target.elts)), strict=True):
+                self._store(item, value)
         else:
             self._store(target, self._value(statement.value))
 
@@ -287,7 +274,7 @@ class _Function:
         assert isinstance(statement.target, ast.Name)
         over = statement.iter
         if isinstance(over, ast.Call) and isinstance(over.func, ast.Name) and over.func.id == "range":
-            limits = [self._value(each)[0] for each in over.args]
+            limits = [self._value(limit)[0] for limit in over.args]
             start, stop, step = ["0", *limits, "1"] if len(limits) == 1 else [*limits, "1"][:3]
             name, kind = statement.target.id, WHOLE
             self._assigned(name, kind)
@@ -299,7 +286,7 @@ class _Function:
             )
         else:
             array = self._value(over)
-            assert isinstance(array[1], Array)
+            assert isinstance(array[1], ArrayType)
             counter = self._temporary()
             self._lines.append(f"for (i64 {counter} = 0; {counter} < ({array[0]}).n0; {counter}++) {{")
             self._store(statement.target, self._element(array, [counter]))
@@ -312,22 +299,22 @@ class _Function:
             self._assigned(target.id, kind)
             self._lines.append(f"{_safe(target.id)} = {code};")
             return
-        place, wanted = self._value(_loaded(target))
-        if isinstance(wanted, Array):
-            self._fill((place, wanted), value)
+        destination = self._value(_loaded(target))
+        if isinstance(destination[1], ArrayType):
+            self._fill(destination, value)
         else:
-            self._lines.append(f"{place} = {code};")
+            self._lines.append(f"{destination[0]} = {code};")
 
-    def _fill(self, place: Value, value: Value) -> None:
-        """Copy a number, an array or the items of a tuple into the array at `place`."""
-        (into, kind), (source, given) = self._kept(place), self._kept(value)
-        assert isinstance(kind, Array)
-        if isinstance(given, Record):
-            for index in range(len(given.items)):
-                self._lines.append(f"{into}.p[{index}] = {source}.{given.member(index)};")
+    def _fill(self, destination: Value, value: Value) -> None:
+        """Copy a number, an array or the items of a tuple into an array."""
+        (into, kind), (source, source_kind) = self._kept(destination), self._kept(value)
+        assert isinstance(kind, ArrayType)
+        if isinstance(source_kind, TupleType):
+            for index in range(len(source_kind.items)):
+                self._lines.append(f"{into}.p[{index}] = {source}.{source_kind.member(index)};")
             return
         counter, size = self._temporary(), " * ".join(f"{into}.n{axis}" for axis in range(kind.dimensions))
-        item = f"{source}.p[{counter}]" if isinstance(given, Array) else source
+        item = f"{source}.p[{counter}]" if isinstance(source_kind, ArrayType) else source
         self._lines.append(
             f"for (i64 {counter} = 0; {counter} < {size}; {counter}++) {into}.p[{counter}] = {item};"
         )
@@ -336,19 +323,18 @@ class _Function:
         self._variables[name] = _unified(self._variables[name], kind) if name in self._variables else kind
 
     def _items(self, node: ast.expr, count: int) -> list[Value]:
-        """Return the items of an expression, all computed before any is stored."""
+        """Return the items of an expression, all evaluated before any is stored."""
         if isinstance(node, ast.Tuple):
-            values = [self._value(each) for each in node.elts]
-        else:
-            whole = self._kept(self._value(node))
-            if isinstance(whole[1], Array):
-                return [self._element(whole, [str(index)]) for index in range(count)]
-            assert isinstance(whole[1], Record)
-            return [(f"{whole[0]}.{whole[1].member(index)}", whole[1].items[index]) for index in range(count)]
-        return [self._kept(value) for value in values]
+            values = [self._value(item) for item in node.elts]
+            return [self._kept(value) for value in values]
+        whole = self._kept(self._value(node))
+        if isinstance(whole[1], ArrayType):
+            return [self._element(whole, [str(index)]) for index in range(count)]
+        assert isinstance(whole[1], TupleType)
+        return [(f"{whole[0]}.{whole[1].member(index)}", whole[1].items[index]) for index in range(count)]
 
     def _kept(self, value: Value) -> Value:
-        """Return a value in a variable of its own."""
+        """Store a value in a new variable, and return the variable."""
         name = self._temporary()
         self._lines.append(f"{self._translation.name(value[1])} {name} = {value[0]};")
         return name, value[1]
@@ -381,16 +367,16 @@ class _Function:
             assert isinstance(node.value, ast.Attribute)
             return f"(i64)(intptr_t)({self._value(node.value.value)[0]}).p", WHOLE
         code, kind = self._value(node.value)
-        if not isinstance(kind, Record) or node.attr not in kind.names:
+        if not isinstance(kind, TupleType) or node.attr not in kind.names:
             raise self._error(node, "is not a field")
         return f"{code}.{node.attr}", kind.items[kind.names.index(node.attr)]
 
     def _of_tuple(self, node: ast.Tuple) -> Value:
-        return self._record([self._value(each) for each in node.elts], ())
+        return self._record([self._value(item) for item in node.elts], ())
 
     def _of_subscript(self, node: ast.Subscript) -> Value:
         whole = self._value(node.value)
-        if isinstance(whole[1], Record):
+        if isinstance(whole[1], TupleType):
             if isinstance(node.slice, ast.Constant):
                 index = int(node.slice.value)  # type: ignore[arg-type]
                 return f"{whole[0]}.{whole[1].member(index)}", whole[1].items[index]
@@ -400,7 +386,9 @@ class _Function:
         if isinstance(node.slice, ast.Slice):
             return self._sliced(whole, node.slice)
         indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-        return self._element(whole, [self._index(whole[0], axis, each) for axis, each in enumerate(indices)])
+        return self._element(
+            whole, [self._index(whole[0], axis, index) for axis, index in enumerate(indices)]
+        )
 
     def _index(self, array: str, axis: int, node: ast.expr) -> str:
         code = self._value(node)[0]
@@ -409,20 +397,20 @@ class _Function:
 
     def _element(self, array: Value, indices: Sequence[str]) -> Value:
         code, kind = array
-        assert isinstance(kind, Array)
+        assert isinstance(kind, ArrayType)
         offset = f"({indices[0]})"
         for axis in range(1, kind.dimensions):
             inner = f" + ({indices[axis]})" if axis < len(indices) else ""
             offset = f"({offset} * ({code}).n{axis}{inner})"
         if len(indices) == kind.dimensions:
             return f"({code}).p[{offset}]", kind.kind
-        rest = Array(kind.kind, kind.dimensions - len(indices))
+        rest = ArrayType(kind.kind, kind.dimensions - len(indices))
         sizes = [f"({code}).n{axis}" for axis in range(len(indices), kind.dimensions)]
         return self._view(rest, f"({code}).p + {offset}", sizes)
 
     def _sliced(self, array: Value, cut: ast.Slice) -> Value:
         code, kind = array
-        assert isinstance(kind, Array)
+        assert isinstance(kind, ArrayType)
         start = self._value(cut.lower)[0] if cut.lower else "0"
         stop = self._index(code, 0, cut.upper) if cut.upper else f"({code}).n0"
         sizes = [f"({stop}) - ({start})", *(f"({code}).n{axis}" for axis in range(1, kind.dimensions))]
@@ -435,7 +423,7 @@ class _Function:
 
     def _of_boolop(self, node: ast.BoolOp) -> Value:
         sign = " && " if isinstance(node.op, ast.And) else " || "
-        return f"({sign.join(self._value(each)[0] for each in node.values)})", FLAG
+        return f"({sign.join(self._value(value)[0] for value in node.values)})", FLAG
 
     def _of_unaryop(self, node: ast.UnaryOp) -> Value:
         code, kind = self._value(node.operand)
@@ -444,7 +432,7 @@ class _Function:
         return f"(-{code})", kind
 
     def _of_compare(self, node: ast.Compare) -> Value:
-        codes = [self._value(each)[0] for each in (node.left, *node.comparators)]
+        codes = [self._value(operand)[0] for operand in (node.left, *node.comparators)]
         signs = [_SIGNS[type(operator).__name__] for operator in node.ops]
         pairs = [f"({a} {sign} {b})" for a, sign, b in zip(codes, signs, codes[1:], strict=False)]
         return f"({' && '.join(pairs)})", FLAG
@@ -467,25 +455,25 @@ class _Function:
             return self._library(module.__name__, function.attr, node)
         assert isinstance(function, ast.Name)
         if function.id in _BUILT_IN:
-            return _BUILT_IN[function.id](self, [self._value(each) for each in node.args])
+            return _BUILT_IN[function.id](self, [self._value(argument) for argument in node.args])
         called = self._globals.get(function.id)
         if called is None:
             raise self._error(node, "calls what C does not have")
         if function.id == "carray":
-            address, shape = (self._value(each) for each in node.args[:2])
+            address, shape = (self._value(argument) for argument in node.args[:2])
             return self._shaped(address[0], shape, _dtype(node, WHOLE))
-        values = [self._value(each) for each in node.args]
+        values = [self._value(argument) for argument in node.args]
         if hasattr(called, "_fields"):
             return self._record(values, called._fields)
         name, result = self._translation.function(called, tuple(kind for _, kind in values))
         return f"{name}({', '.join(code for code, _ in values)})", result
 
     def _library(self, module: str, name: str, node: ast.Call) -> Value:
-        """Return a call of `math`, of numpy, or of one of C's own functions."""
+        """Return a call of `math`, numpy, or an external function."""
         if module == "numpy" and name in ("empty", "zeros"):
             return self._new_array(self._sizes(self._value(node.args[0])), _dtype(node, REAL))
-        values = [self._value(each) for each in node.args]
-        if module == "numpy" and name in ("array", "float32"):  # an array of a tuple is only stored in rows
+        values = [self._value(argument) for argument in node.args]
+        if module == "numpy" and name in ("array", "float32"):  # arrays of tuples are only stored in rows
             return values[0] if name == "array" else (f"(float)({values[0][0]})", SINGLE)
         if module in ("math", "numpy"):
             kind = values[0][1] if name in ("sqrt", "tanh") else REAL
@@ -494,7 +482,7 @@ class _Function:
             return f"{name}{suffix}({', '.join(code for code, _ in values)})", FLAG if flags else kind
         if name == "part":
             start = f"(i64)(intptr_t)(({values[0][0]}).p + {values[1][0]})"
-            assert isinstance(values[0][1], Array)
+            assert isinstance(values[0][1], ArrayType)
             return self._shaped(start, values[2], values[0][1].kind)
         if name == "as_pointer":
             return values[0]
@@ -506,7 +494,7 @@ class _Function:
 
     def _method(self, array: Value, name: str, node: ast.Call) -> Value:
         code, kind = array
-        assert isinstance(kind, Array)
+        assert isinstance(kind, ArrayType)
         if name == "reshape":
             return self._shaped(f"(i64)(intptr_t)({code}).p", self._value(node.args[0]), kind.kind)
         if name == "copy":
@@ -521,23 +509,23 @@ class _Function:
     def _new_array(self, sizes: Sequence[str], kind: str) -> Value:
         """Return a new array of zeros."""
         memory = f"new_array(sizeof({kind}) * {' * '.join(f'({size})' for size in sizes)})"
-        return self._kept(self._view(Array(kind, len(sizes)), memory, sizes))
+        return self._kept(self._view(ArrayType(kind, len(sizes)), memory, sizes))
 
     def _shaped(self, address: str, shape: Value, kind: str) -> Value:
         """Return the array at an address."""
         sizes = self._sizes(shape)
-        return self._view(Array(kind, len(sizes)), f"({kind} *)(intptr_t)({address})", sizes)
+        return self._view(ArrayType(kind, len(sizes)), f"({kind} *)(intptr_t)({address})", sizes)
 
     def _sizes(self, shape: Value) -> list[str]:
-        if isinstance(shape[1], Record):
+        if isinstance(shape[1], TupleType):
             return [f"({shape[0]}).{shape[1].member(axis)}" for axis in range(len(shape[1].items))]
         return [shape[0]]
 
-    def _view(self, kind: Array, pointer: str, sizes: Sequence[str]) -> Value:
+    def _view(self, kind: ArrayType, pointer: str, sizes: Sequence[str]) -> Value:
         return f"(({self._translation.name(kind)}){{{', '.join([pointer, *sizes])}}})", kind
 
     def _record(self, values: Sequence[Value], names: tuple[str, ...]) -> Value:
-        kind = Record(tuple(each for _, each in values), names)
+        kind = TupleType(tuple(item for _, item in values), names)
         items = ", ".join(code for code, _ in values)
         return f"(({self._translation.name(kind)}){{{f'{{{items}}}' if kind.uniform else items}}})", kind
 
@@ -572,20 +560,20 @@ _BUILT_IN: dict[str, Callable[[_Function, list[Value]], Value]] = {
     "int": lambda _, values: (f"(i64)({values[0][0]})", WHOLE),
     "len": lambda _, values: (
         (f"({values[0][0]}).n0", WHOLE)
-        if isinstance(values[0][1], Array)
+        if isinstance(values[0][1], ArrayType)
         else (str(len(values[0][1].items)), WHOLE)  # type: ignore[union-attr]
     ),
 }
 
 
 def _dtype(node: ast.Call, usual: str) -> str:
-    """Return the type that a call names, as np.int64 among its arguments."""
-    named = [each.attr for each in node.args if isinstance(each, ast.Attribute)]
-    return next((_KINDS[name] for name in named if name in _KINDS), usual)
+    """Return the dtype among the arguments of a call, else the `usual` one."""
+    names = [argument.attr for argument in node.args if isinstance(argument, ast.Attribute)]
+    return next((_TYPES[name] for name in names if name in _TYPES), usual)
 
 
 def _unified(first: Type, second: Type) -> Type:
-    """Return the type that holds values of both."""
+    """Return the common type of values of both types."""
     if first == second:
         return first
     if not (isinstance(first, str) and isinstance(second, str)):
@@ -594,10 +582,10 @@ def _unified(first: Type, second: Type) -> Type:
 
 
 def _loaded(target: ast.expr) -> ast.expr:
-    """Return a target of an assignment as an expression that reads it."""
+    """Return the target of an assignment as an expression."""
     return ast.parse(ast.unparse(target), mode="eval").body
 
 
 def _safe(name: str) -> str:
-    """Return a variable's name as C may have it."""
+    """Return the name of a variable in C, which cannot be a keyword."""
     return f"{name}_"

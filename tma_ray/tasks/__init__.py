@@ -1,4 +1,4 @@
-"""The language all parts share: task spaces, test sets, expert knowledge, episodes."""
+"""Types shared by all packages: task spaces, test sets, expert knowledge, episodes."""
 
 from tma_ray.tasks.episodes import (
     Answer,
@@ -8,6 +8,7 @@ from tma_ray.tasks.episodes import (
     Proposal,
     Query,
     QueryKind,
+    Recorder,
     ScoredBox,
     TeacherUpdate,
     Trajectory,
@@ -22,7 +23,6 @@ from tma_ray.tasks.knowledge import (
     TestSet,
     expert_knowledge,
 )
-from tma_ray.tasks.recording import Recorder
 from tma_ray.tasks.spaces import Dimension, ShuffledSpace, Task, TaskSpace, check_task, task_values
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Messages between a run and its teacher: proposals, episodes, queries and answers, logged updates."""
+"""Messages between a run and its teacher: proposals, episodes, queries, answers and updates."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,12 +13,12 @@ from tma_ray.tasks.spaces import Task
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A task for the next episode.
+    """Task for the next episode.
 
     Attributes:
-        task: float32 (d,), inside the task space.
-        trains: True if the student learns from the episode. If not, it plays its exploring policy and does
-            not change: nothing is stored, counted or updated. The steps count to the budget all the same.
+        task: task in the task space, float32 (d,).
+        trains: True if the student learns from the episode. Otherwise it plays its exploring policy without
+            storing or updating anything; the steps count towards the budget all the same.
     """
 
     task: Task
@@ -31,7 +31,7 @@ class EpisodeSoFar:
 
     Attributes:
         steps: number of steps so far.
-        episodic_return: undiscounted sum of their rewards.
+        episodic_return: undiscounted sum of rewards so far.
     """
 
     steps: int = 0
@@ -44,15 +44,15 @@ class EpisodeSoFar:
 
 
 def check_return(episodic_return: float, task: Task, episode: str) -> None:
-    """Refuse an episodic return that is not a finite number: no teacher can learn from one.
+    """Check that a return is finite, since teachers cannot learn from others.
 
     Args:
         episodic_return: return of an episode.
         task: task of the episode (d,).
-        episode: the episode in words, for the message.
+        episode: description of the episode for the message.
 
     Raises:
-        ValueError: the return is infinite or NaN.
+        ValueError: if the return is infinite or NaN.
     """
     if not math.isfinite(episodic_return):
         raise ValueError(
@@ -64,20 +64,20 @@ def check_return(episodic_return: float, task: Task, episode: str) -> None:
 
 @dataclass(frozen=True)
 class Episode:
-    """One finished training episode.
+    """Finished training episode.
 
     Raises:
-        ValueError: its return is not finite.
+        ValueError: if its return is not finite.
 
     Attributes:
-        task: the task as the teacher chose it, float32 (d,).
-        episodic_return: undiscounted sum of the environment's own rewards.
-        success: True if `episodic_return` was over the mastery threshold.
-        length: steps played.
-        initial_observation: the observation that `reset` gave, float32 (o,).
+        task: task of the teacher, float32 (d,).
+        episodic_return: undiscounted sum of the environment's rewards.
+        success: True if `episodic_return` is over the mastery threshold.
+        length: number of steps.
+        initial_observation: observation of `reset`, float32 (o,).
         discounted_return: sum of rewards discounted by the student's gamma.
-        step: environment steps of the run so far, this episode included.
-        trains: True if the student learned from it, as the `Proposal` said.
+        step: environment steps of the run, including this episode.
+        trains: True if the student learned from it, as in the `Proposal`.
     """
 
     task: Task
@@ -96,7 +96,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class WeightedGaussian:
-    """A mixture component of a teacher's task distribution: weight, mean (d,), covariance (d, d)."""
+    """Mixture component of a teacher's task distribution: weight, mean (d,), covariance (d, d)."""
 
     weight: float
     mean: NDArray[np.float64]
@@ -105,7 +105,7 @@ class WeightedGaussian:
 
 @dataclass(frozen=True)
 class ScoredBox:
-    """A region of a teacher's task distribution: low (d,), high (d,), score."""
+    """Region of a teacher's task distribution: low (d,), high (d,), score."""
 
     low: NDArray[np.float64]
     high: NDArray[np.float64]
@@ -123,17 +123,17 @@ class TeacherUpdate:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """All steps of one episode, t of them.
+    """Steps of one episode of length t.
 
     Attributes:
-        observations: float32 (t + 1, o), raw, from the initial one to the one after the last step.
-        actions: float32 (t, a), as chosen by the student.
-        rewards: float64 (t,), the environment's own.
-        terminated: True if the environment ended the episode; else it was cut, and the value of the last
-            observation still counts.
-        gamma: the student's discount factor, by which it values states.
-        entropy_bonuses: float64 (t,), what the student's values count in addition to rewards, as SAC's do;
-            None for a student whose values count rewards only.
+        observations: raw observations, float32 (t + 1, o), from the initial one to that after the last step.
+        actions: actions of the student, float32 (t, a).
+        rewards: rewards of the environment, float64 (t,).
+        terminated: True if the environment ended the episode; False after truncation, where the value of the
+            last observation still counts.
+        gamma: discount factor of the student's values.
+        entropy_bonuses: bonuses, float64 (t,), that the student's values add to rewards, as in SAC; None
+            without any.
     """
 
     observations: NDArray[np.float32]
@@ -146,12 +146,12 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Outcomes of the episodes of an evaluation, one of each of n tasks.
+    """Outcomes of an evaluation, with one episode of each of n tasks.
 
     Attributes:
-        episodic_returns: float64 (n,).
-        successes: bool (n,), whether each return was over the mastery threshold.
-        lengths: int64 (n,), steps played.
+        episodic_returns: returns, float64 (n,).
+        successes: True for returns over the mastery threshold (n,).
+        lengths: numbers of steps, int64 (n,).
     """
 
     episodic_returns: NDArray[np.float64]
@@ -160,28 +160,27 @@ class Outcomes:
 
 
 class QueryKind(StrEnum):
-    """Kinds of queries that a teacher may make between `observe` and the next `sample`."""
+    """Kind of a query that a teacher makes between `observe` and the next `sample`."""
 
     STATE_VALUES = "state_values"
-    """V(s) of observations under the current student: float64 (n,)."""
+    """Query for V(s) of observations under the current student, float64 (n,)."""
 
     TRAJECTORY = "trajectory"
-    """The `Trajectory` of the episode just observed; for teachers that declare `wants_trajectory`."""
+    """Query for the `Trajectory` of the last episode, for teachers that declare `wants_trajectory`."""
 
     EVALUATION = "evaluation"
-    """The `Outcomes` of one episode of each task, from which the student does not learn; for teachers that
-    declare `wants_evaluations`. Their steps count to the budget of the run, which may end in an
-    evaluation: then it is not answered."""
+    """Query for the `Outcomes` of one episode of each task, without learning, for teachers that declare
+    `wants_evaluations`. The steps count towards the budget; a run that ends meanwhile gives no answer."""
 
 
 @dataclass(frozen=True)
 class Query:
-    """A question from a teacher.
+    """Query of a teacher.
 
     Attributes:
-        kind: kind of question.
-        observations: float32 (n, o), raw as the environment gave them, for `STATE_VALUES` only.
-        tasks: float32 (n, d), inside the task space, for `EVALUATION` only; a task may be named repeatedly.
+        kind: kind of the query.
+        observations: raw observations, float32 (n, o), for `STATE_VALUES` only.
+        tasks: tasks in the task space, float32 (n, d), for `EVALUATION` only; repetitions are allowed.
         greedy: True if an evaluation plays the deterministic policy instead of the exploring one.
     """
 
@@ -195,15 +194,52 @@ class Query:
             ("observations", QueryKind.STATE_VALUES, "(n, o)"),
             ("tasks", QueryKind.EVALUATION, "(n, d)"),
         ):
-            given, wanted = getattr(self, name) is not None, self.kind is kind
-            if given != wanted:
-                raise ValueError(
-                    f"a query for {self.kind.value} "
-                    + (f"takes no {name}" if given else f"needs {name} {shape}")
-                )
+            is_given = getattr(self, name) is not None
+            if is_given != (self.kind is kind):
+                problem = f"takes no {name}" if is_given else f"needs {name} {shape}"
+                raise ValueError(f"a query for {self.kind.value} {problem}")
         if self.greedy and self.kind is not QueryKind.EVALUATION:
             raise ValueError(f"a query for {self.kind.value} plays nothing: greedy is for evaluations")
 
 
 Answer: TypeAlias = NDArray[np.float64] | Trajectory | Outcomes
-"""What a query is answered with, depending on its kind."""
+"""Answer to a query, depending on its kind."""
+
+
+class Recorder:
+    """Recorder of the steps of one episode.
+
+    Args:
+        initial_observation: observation of `reset` (o,).
+        gamma: the student's discount factor.
+    """
+
+    def __init__(self, initial_observation: NDArray[np.float32], gamma: float) -> None:
+        self._gamma = gamma
+        self._observations = [initial_observation]
+        self._actions: list[NDArray[np.float32]] = []
+        self._rewards: list[float] = []
+        self._terminated = False
+
+    def add(
+        self,
+        action: NDArray[np.float32],
+        reward: float,
+        next_observation: NDArray[np.float32],
+        terminated: bool,
+    ) -> None:
+        """Append a step."""
+        self._observations.append(next_observation)
+        self._actions.append(action.copy())  # a student may reuse its arrays
+        self._rewards.append(reward)
+        self._terminated = terminated
+
+    def trajectory(self) -> Trajectory:
+        """Return the trajectory so far, of at least one step."""
+        return Trajectory(
+            observations=np.stack(self._observations).astype(np.float32, copy=False),
+            actions=np.stack(self._actions).astype(np.float32, copy=False),
+            rewards=np.array(self._rewards, dtype=np.float64),
+            terminated=self._terminated,
+            gamma=self._gamma,
+        )

@@ -1,4 +1,4 @@
-"""Expert knowledge of a task space, and the test sets on which students are evaluated."""
+"""Expert knowledge of a task space, and test sets for evaluations."""
 
 import csv
 import hashlib
@@ -18,15 +18,15 @@ from tma_ray.tasks.spaces import ShuffledSpace, Task, TaskSpace
 
 @dataclass(frozen=True, eq=False)
 class TestSet:
-    """Named tasks in evaluation order.
+    """Tasks of an evaluation, in order.
 
     Attributes:
         name: name in tables; part of the seed of every evaluation world.
-        dimensions: names of the task's dimensions (d).
-        tasks: float32 (n, d).
+        dimensions: names of the tasks' dimensions (d).
+        tasks: tasks, float32 (n, d).
     """
 
-    __test__ = False  # not a pytest class, whatever its name
+    __test__ = False  # pytest must not collect it
 
     name: str
     dimensions: tuple[str, ...]
@@ -46,30 +46,30 @@ class TestSet:
         return len(self.tasks)
 
     def __repr__(self) -> str:
-        """Return a short name, since messages print run specs."""
+        """Return a short text, since messages print run specs."""
         return f"TestSet({self.name!r}, {', '.join(self.dimensions)}: {len(self)} tasks, {self.digest})"
 
     @property
     def digest(self) -> str:
-        """Hash of dimensions and tasks, by which sets of the same name are told apart."""
+        """Hash of dimensions and tasks, which distinguishes sets of the same name."""
         content = ",".join(self.dimensions).encode() + np.ascontiguousarray(self.tasks).tobytes()
         return hashlib.sha256(content).hexdigest()[:16]
 
     @classmethod
     def grid(cls, name: str, space: TaskSpace, points: int) -> "TestSet":
-        """Return the grid of `points` values per dimension, bounds included, first dimension slowest."""
+        """Return a grid of `points` values per dimension, bounds included, in row-major order."""
         check_whole("points", points, 1)
         axes = [np.linspace(d.low, d.high, points) for d in space.dimensions]
         return cls(name, space.names, np.array(list(itertools.product(*axes)), dtype=np.float32))
 
     @classmethod
     def from_csv(cls, path: str | Path, name: str | None = None) -> "TestSet":
-        """Read a test set: a header of dimension names, then one task a line.
+        """Read a test set with a header of dimension names, then one task a line.
 
-        A byte order mark, as Excel writes it, and blanks around names and numbers are ignored.
+        A byte order mark, as written by Excel, and blanks around names and numbers are ignored.
 
         Raises:
-            ValueError: a line that does not hold a task, or no text; the message names the file.
+            ValueError: if a line is not a task, or the file is not a text.
         """
         path = Path(path)
         text = read_file(path, MOST_TEXT_BYTES).decode("utf-8-sig")
@@ -96,10 +96,10 @@ class TestSet:
         return text.getvalue()
 
     def check(self, domain: TaskSpace) -> None:
-        """Refuse tasks that an environment with this valid domain cannot build.
+        """Check that all tasks are in the valid domain of an environment.
 
         Raises:
-            ValueError: other dimensions, or a task outside; the message names the first one.
+            ValueError: if dimensions differ, or a task is outside.
         """
         if self.dimensions != domain.names:
             raise ValueError(
@@ -114,20 +114,15 @@ class TestSet:
 
 
 MASTERY_RETURN = 230.0
-"""A task is mastered by an episodic return strictly over this (paper, section 4 and appendix C)."""
+"""Episodic return over which a task is mastered (paper, section 4 and appendix C)."""
 
-INITIAL_STD_SHARE = 0.1
-"""Standard deviation of the initial Gaussian as a share of each range (paper, appendix C)."""
-
-TARGET_STD_SHARE = 0.25
-"""Standard deviation of the target Gaussian as a share of each range (paper, appendix C)."""
-
-CONSTANT_DIMENSION_VARIANCE = 1e-6
-"""Variance given to dimensions without width, where a share of the range would be singular."""
+# standard deviations of the initial and target Gaussian as a share of each range (paper, appendix C)
+INITIAL_STD_SHARE, TARGET_STD_SHARE = 0.1, 0.25
+CONSTANT_DIMENSION_VARIANCE = 1e-6  # of dimensions without width, where a share would be singular
 
 
 class KnowledgeLevel(StrEnum):
-    """The paper's three amounts of expert knowledge, in rising order."""
+    """Amount of expert knowledge, in rising order (paper)."""
 
     NONE = "none"
     LOW = "low"
@@ -145,7 +140,7 @@ class KnowledgeLevel(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Gaussian:
-    """An axis-aligned Gaussian over tasks: mean (d,) and variance (d,), in task units."""
+    """Axis-aligned Gaussian over tasks: mean (d,) and variance (d,), in task units."""
 
     mean: NDArray[np.float64]
     variance: NDArray[np.float64]
@@ -158,13 +153,13 @@ class Gaussian:
 
 @dataclass(frozen=True, eq=False)
 class ExpertKnowledge:
-    """Knowledge that an expert gives to a teacher (paper, appendix C, expert knowledge setups).
+    """Expert knowledge of a teacher (paper, appendix C, expert knowledge setups).
 
     Attributes:
         level: amount of knowledge.
-        mastery_threshold: episodic return over which a task counts as mastered; None at level none.
-        initial: first task distribution; informative at level high, else placed at random over the space.
-        target: last task distribution; always wide, since no task-specific target is known.
+        mastery_threshold: episodic return over which a task is mastered; None at level none.
+        initial: initial task distribution, informative at level high, else with a random mean.
+        target: target task distribution, always wide, since a specific target is unknown.
     """
 
     level: KnowledgeLevel
@@ -185,16 +180,16 @@ def expert_knowledge(
 
     Args:
         level: amount of knowledge.
-        space: the space the teacher works in.
-        placement: source of the mean of the initial Gaussian below level high. It is drawn at every
-            level, so that what follows does not depend on the level.
+        space: task space of the teacher.
+        placement: generator of the initial mean below level high. It is drawn at every level, so that later
+            draws do not depend on the level.
         easy_task: an easy task (d,) of the world, the initial mean at level high.
         mastery_threshold: episodic return of mastery, known from level low on.
-        landscape: mapping of the teacher's tasks to the world's if the space is shuffled. The easy task is
-            told as the teacher's task that leads to it; variances stay as they are.
+        landscape: map from the teacher's tasks to the world's if the space is shuffled. The easy task is
+            mapped back; variances are not.
 
     Raises:
-        ValueError: level high without an easy task, or with one outside the space.
+        ValueError: if level high has no easy task, or one outside the space.
     """
     level = KnowledgeLevel(level)
     check_type("placement", placement, np.random.Generator, "a Generator of numpy's")
@@ -207,8 +202,8 @@ def expert_knowledge(
             )
         if not space.contains(easy_task):
             raise ValueError(f"the easy task {np.asarray(easy_task).tolist()} lies outside the task space")
-        told = easy_task if landscape is None else landscape.from_world(easy_task)
-        mean = np.asarray(told, dtype=np.float64)
+        initial = easy_task if landscape is None else landscape.from_world(easy_task)
+        mean = np.asarray(initial, dtype=np.float64)
     return ExpertKnowledge(
         level=level,
         mastery_threshold=None if level is KnowledgeLevel.NONE else mastery_threshold,

@@ -1,4 +1,4 @@
-"""The box of tasks that a teacher chooses from, and the same box with its regions shuffled."""
+"""Task spaces of teachers, and task spaces with shuffled regions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 from tma_ray.support.validation import check_finite, check_pair, check_sequence, check_type, check_whole
 
 Task: TypeAlias = NDArray[np.float32]
-"""One task (d,) or several (n, d), float32 as every environment receives them."""
+"""Task (d,) or tasks (n, d), as every environment receives them."""
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """One parameter of the procedural generation.
+    """Parameter of the procedural generation.
 
     Attributes:
-        name: the parameter, as it is called in test sets and tables.
-        low: smallest value, in `unit`.
-        high: largest value, in `unit`; equal to `low` for a constant dimension.
+        name: name in test sets and tables.
+        low: smallest value.
+        high: largest value, equal to `low` for a constant dimension.
         unit: unit of the values ("m", "terrain steps"), empty for a pure number.
     """
 
@@ -43,7 +43,7 @@ class Dimension:
 
 @dataclass(frozen=True)
 class TaskSpace:
-    """A box of tasks with named, bounded dimensions, some of which may have no width.
+    """Box of tasks with named, bounded dimensions, some of which may be constant.
 
     Examples:
         >>> space = TaskSpace((Dimension("height", 0, 3), Dimension("spacing", 0, 6, "m")))
@@ -72,8 +72,8 @@ class TaskSpace:
     ) -> "TaskSpace":
         """Return the box with `bounds` (name to low and high) and optional `units` by name."""
         units = units or {}
-        for name, each in bounds.items():
-            check_pair(f"bounds of {name!r}", each, "low and high")
+        for name, pair in bounds.items():
+            check_pair(f"bounds of {name!r}", pair, "low and high")
         return cls(tuple(Dimension(n, low, high, units.get(n, "")) for n, (low, high) in bounds.items()))
 
     @property
@@ -83,7 +83,7 @@ class TaskSpace:
 
     @property
     def size(self) -> int:
-        """Number of dimensions d, constant ones included."""
+        """Number d of dimensions, constant ones included."""
         return len(self.dimensions)
 
     @cached_property
@@ -114,26 +114,26 @@ class TaskSpace:
         return self.clip(self.low + rng.random(shape) * self.width)
 
     def clip(self, tasks: ArrayLike) -> Task:
-        """Return `tasks` (..., d) moved to the nearest point of the box, as float32."""
+        """Clip `tasks` (..., d) to the box, as float32."""
         return np.clip(self._checked(tasks).astype(np.float32), self.low, self.high)
 
     def contains(self, tasks: ArrayLike) -> bool:
-        """Return True if every one of `tasks` (..., d) lies in the closed box; NaN never does."""
+        """Return True if all `tasks` (..., d) are in the closed box and not NaN."""
         values = self._checked(tasks).astype(np.float32)
         return bool(np.all((values >= self.low) & (values <= self.high)))
 
     def normalise(self, tasks: ArrayLike) -> NDArray[np.float64]:
-        """Return `tasks` (..., d) mapped from the box to [0, 1]; 0.5 in constant dimensions."""
+        """Map `tasks` (..., d) from the box to [0, 1], and constant dimensions to 0.5."""
         offset = self._checked(tasks) - self.low.astype(np.float64)
         free = self.width > 0
         return np.where(free, offset / np.where(free, self.width, 1.0), 0.5)
 
     def denormalise(self, points: ArrayLike) -> Task:
-        """Return `points` (..., d) of the unit box mapped to tasks, clipped to the box."""
+        """Map `points` (..., d) of the unit box to tasks, clipped to the box."""
         return self.clip(self.low + self._checked(points) * self.width)
 
     def with_bounds(self, name: str, low: float, high: float) -> "TaskSpace":
-        """Return the same space with other bounds for the dimension called `name`."""
+        """Return the space with other bounds for the dimension `name`."""
         if name not in self.names:
             raise ValueError(f"no dimension {name!r}; the space has {', '.join(self.names)}")
         return TaskSpace(
@@ -154,11 +154,11 @@ def task_values(tasks: ArrayLike | Mapping[str, ArrayLike], space: TaskSpace) ->
     """Return tasks as an array (..., d).
 
     Args:
-        tasks: an array, or the values of every dimension by name, of shapes that broadcast to (...,).
-        space: space whose dimensions the names are those of.
+        tasks: an array, or the values of every dimension by name, with shapes that broadcast to (...,).
+        space: task space with these names.
 
     Raises:
-        ValueError: a name that is missing or unknown.
+        ValueError: if a name is missing or unknown.
     """
     if not isinstance(tasks, Mapping):
         return np.asarray(tasks)
@@ -168,10 +168,10 @@ def task_values(tasks: ArrayLike | Mapping[str, ArrayLike], space: TaskSpace) ->
 
 
 def check_task(task: ArrayLike | Mapping[str, float], domain: TaskSpace) -> Task:
-    """Return a copy of `task`, values or a dict by name, as float32 (d,) if it lies in `domain`.
+    """Return a copy of `task`, values or a dict by name, as float32 (d,).
 
     Raises:
-        ValueError: wrong shape or names, not finite, or outside `domain`; the message names the dimension.
+        ValueError: if shape or names differ, or a value is not finite or outside `domain`.
     """
     values = np.array(task_values(task, domain), dtype=np.float32)
     if values.shape != (domain.size,):
@@ -179,8 +179,8 @@ def check_task(task: ArrayLike | Mapping[str, float], domain: TaskSpace) -> Task
     for value, dimension in zip(values, domain.dimensions, strict=True):
         if not np.float32(dimension.low) <= value <= np.float32(dimension.high):
             raise ValueError(
-                f"task {[round(float(each), 4) for each in values]}: {dimension.name} = {value:g} is outside "
-                f"its valid domain [{dimension.low:g}, {dimension.high:g}]"
+                f"task {[round(float(number), 4) for number in values]}: {dimension.name} = {value:g} is "
+                f"outside its valid domain [{dimension.low:g}, {dimension.high:g}]"
             )
     return values
 
@@ -190,20 +190,18 @@ CUTS = 4  # intervals per dimension (paper, appendix C, rugged difficulty landsc
 
 @dataclass(frozen=True, eq=False)
 class ShuffledSpace:
-    """The teacher's box, with the map from its tasks to the world's.
+    """Task space of a teacher, with a map from its tasks to the world's.
 
-    Every dimension is cut into equal intervals, which change places within it, independently of the
-    other dimensions. The teacher sees the same box as before; a smooth path through it jumps wherever
-    it leaves an interval. A boundary between two intervals belongs to the lower one.
-
-    Both maps are linear within an interval and never leave the interval they lead to, whatever float32
-    rounds away; one undoes the other up to that rounding. Constant dimensions stay as they are.
+    Every dimension is cut into equal intervals, which are permuted independently of other dimensions. The
+    box remains the same; a smooth path through it jumps at the ends of intervals. A boundary between two
+    intervals belongs to the lower one. Both maps are linear within an interval, and inverses up to float32
+    rounding, which never leaves the interval. Constant dimensions are unchanged.
 
     Source: paper, appendix C, algorithms for cutting and shuffling and for interpolation.
 
     Attributes:
-        space: the box of the teacher, and of the world.
-        order: world's interval for each of the teacher's intervals (d, cuts).
+        space: task space of the teacher, and of the world.
+        order: index of the world's interval for each of the teacher's intervals (d, cuts).
 
     Examples:
         >>> line = TaskSpace.from_bounds({"height": (0, 4)})
@@ -216,17 +214,17 @@ class ShuffledSpace:
     order: NDArray[np.intp]
 
     def __post_init__(self) -> None:
-        places = np.arange(self.order.shape[-1])
-        if self.order.shape != (self.space.size, places.size) or np.any(np.sort(self.order) != places):
+        count = self.order.shape[-1]
+        if self.order.shape != (self.space.size, count) or np.any(np.sort(self.order) != np.arange(count)):
             raise ValueError(
                 f"order {self.order.tolist()}: expected {self.space.size} rows, each a permutation of the "
-                f"intervals 0 to {places.size - 1}"
+                f"intervals 0 to {count - 1}"
             )
         crowded = (self.space.width > 0) & np.any(np.diff(self._edges) <= 0, axis=1)
         if np.any(crowded):
             dimension = self.space.dimensions[int(np.argmax(crowded))]
             raise ValueError(
-                f"dimension {dimension.name!r} is too narrow to be cut into {places.size} intervals of "
+                f"dimension {dimension.name!r} is too narrow to be cut into {count} intervals of "
                 f"float32 numbers: {dimension.low} to {dimension.high}"
             )
 
@@ -235,31 +233,23 @@ class ShuffledSpace:
         """Return `space` with `cuts` intervals per dimension in an order drawn from `rng`.
 
         Raises:
-            ValueError: no cuts, or more than float32 can tell apart in some dimension.
+            ValueError: if `cuts` is 0, or more than float32 resolves in some dimension.
         """
         if cuts < 1:
             raise ValueError(f"cuts = {cuts}: expected at least 1 interval per dimension")
         return cls(space, rng.permuted(np.tile(np.arange(cuts), (space.size, 1)), axis=1))
 
     def to_world(self, tasks: ArrayLike) -> Task:
-        """Return the tasks (..., d) that the world builds for `tasks` (..., d) of the teacher.
-
-        Raises:
-            ValueError: a task outside the space.
-        """
+        """Map `tasks` (..., d) of the teacher to the world's, if they are in the space."""
         return self._move(tasks, self.order)
 
     def from_world(self, tasks: ArrayLike) -> Task:
-        """Return the teacher's tasks (..., d) that lead to `tasks` (..., d) of the world.
-
-        Raises:
-            ValueError: a task outside the space.
-        """
+        """Map `tasks` (..., d) of the world to the teacher's, if they are in the space."""
         return self._move(tasks, np.argsort(self.order, axis=1))
 
     @cached_property
     def _edges(self) -> Task:
-        """Bounds of the intervals (d, cuts + 1), the outer ones exactly those of the space."""
+        """Bounds of the intervals (d, cuts + 1), including those of the space exactly."""
         return np.linspace(self.space.low, self.space.high, self.order.shape[1] + 1, axis=1, dtype=np.float32)
 
     def _move(self, tasks: ArrayLike, order: NDArray[np.intp]) -> Task:
@@ -270,12 +260,12 @@ class ShuffledSpace:
                 f"{self.space.low.tolist()} to {self.space.high.tolist()}"
             )
         rows = np.arange(self.space.size)
-        here = np.sum(values[..., None] > self._edges[:, 1:-1], axis=-1)
-        there = order[rows, here]
-        low, high = self._edges[rows, here].astype(np.float64), self._edges[rows, here + 1]
-        new_low, new_high = self._edges[rows, there], self._edges[rows, there + 1]
+        old = np.sum(values[..., None] > self._edges[:, 1:-1], axis=-1)
+        new = order[rows, old]
+        low, high = self._edges[rows, old].astype(np.float64), self._edges[rows, old + 1]
+        new_low, new_high = self._edges[rows, new], self._edges[rows, new + 1]
         share = (values - low) / np.where(high > low, high - low, 1.0)
         moved = new_low + share * (new_high.astype(np.float64) - new_low)
-        first = np.where(there > 0, np.nextafter(new_low, new_high), new_low)
+        first = np.where(new > 0, np.nextafter(new_low, new_high), new_low)
         inside: Task = np.clip(moved.astype(np.float32), first, new_high)
         return inside

@@ -1,4 +1,4 @@
-"""ACCEL: robust PLR that edits what it replays (Parker-Holder et al. 2022)."""
+"""ACCEL: robust PLR with edits of replayed tasks (Parker-Holder et al. 2022)."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -12,19 +12,19 @@ from tma_ray.teachers.prioritised_replay import PrioritisedReplay
 
 @dataclass
 class ACCEL(PrioritisedReplay):
-    """Robust PLR whose further new tasks are edits of those just replayed.
+    """Robust PLR with edits of replayed tasks as further new tasks.
 
-    Each edit moves one coordinate, chosen at random, up or down or not at all; the edited task is played to
-    be scored, and enters the buffer if it scores high enough. New tasks otherwise come from the initial
-    Gaussian at high expert knowledge, since the method wants to start from easy ones; else they are uniform.
+    An edit moves random coordinates up, down or not at all; the edited task is played for its score. Other
+    new tasks are uniform or, at high expert knowledge, from the initial Gaussian, since the method prefers to
+    start from easy tasks.
 
     Sources: Parker-Holder et al. 2022, algorithm 1, and the authors' code of BipedalWalker.
 
     Attributes:
-        replay_share: highest chance of a replay instead of a new task, in [0, 1]; it is the filled share of
-            the buffer while that is less (paper: p).
-        edit_share: chance that a replay is followed by an edit of its task, in [0, 1] (paper: q).
-        edits: coordinates moved in one edit, with repetitions (paper: number of edits).
+        replay_share: highest probability of a replay instead of a new task, in [0, 1], which is bounded by
+            the filled share of the buffer (paper: p).
+        edit_share: probability of an edit after a replay, in [0, 1] (paper: q).
+        edits: coordinates of one edit, with repetitions (paper: number of edits).
         edit_step: largest step of an edit, as a share of the dimension's range.
     """
 
@@ -51,23 +51,20 @@ class ACCEL(PrioritisedReplay):
         self.edited_: Task | None = None
 
     def sample(self) -> Task | Proposal:
-        """Return the edit of the task just replayed if there is one, else what robust PLR would."""
+        """Return the edit of the replayed task, if any, else a task of robust PLR."""
         if self.edited_ is None:
             return super().sample()
         task, self.edited_, self.replayed_ = self.edited_, None, None
         return Proposal(task, trains=False)
 
     def new_tasks(self, rng: np.random.Generator, count: int | None = None) -> Task:
-        """Return a task (d,), or `count` of them (count, d).
-
-        They are of the initial Gaussian at high knowledge, else uniform.
-        """
+        """Return a task (d,) or `count` tasks (count, d), from the initial Gaussian at high knowledge."""
         if self.knowledge.level is KnowledgeLevel.HIGH:
             return self.knowledge.initial.sample(self.space, rng, count)
         return super().new_tasks(rng, count)
 
     def after_replay(self, task: Task) -> None:
-        """Edit `task` (d,), to be played next."""
+        """Edit `task` (d,) for the next episode."""
         if self.rng.random() < self.edit_share:
             free = np.flatnonzero(self.space.width > 0)
             moved = task.astype(np.float64)

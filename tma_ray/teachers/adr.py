@@ -13,7 +13,7 @@ from tma_ray.teachers.numerics import draw_in_box
 
 
 class Boundary(NamedTuple):
-    """One face of the box: side 0 (lower) or 1 (upper) of a dimension."""
+    """Face of the box: side 0 (lower) or 1 (upper) of a dimension."""
 
     side: int
     dimension: int
@@ -21,21 +21,20 @@ class Boundary(NamedTuple):
 
 @dataclass
 class ADR(Teacher):
-    """Box of uniform tasks that grows from a single one, wherever the student does well on its boundary.
+    """Box of uniform tasks that grows from a single one where the student does well on its boundary.
 
-    With probability `boundary_share` one coordinate of a task is set to a boundary of the box, chosen
-    at random, and the return is queued for that boundary. The mean of a full queue moves it: out at
-    `expand_at` or more, in at `shrink_at` or less. It never passes the task space nor the boundary
-    opposite.
+    With probability `boundary_share` one coordinate of a task is set to a random boundary of the box, and the
+    return is queued for that boundary. The mean of a full queue moves the boundary out at `expand_at` or
+    more, in at `shrink_at` or less, but not beyond the task space or the opposite boundary.
 
     Sources: OpenAI 2019 (Solving Rubik's Cube with a Robot Hand), algorithm 1; paper, appendix A and
-    table of hyper-parameters. The paper's text grows the box at `shrink_at` and inverts the test for
-    queueing once: slips. The original release queues the return of every task that lies on a boundary.
+    table of hyper-parameters. The paper's text grows the box at `shrink_at` and once inverts the test for
+    queueing, by mistake. The original release queues the return of every task on a boundary.
 
     Attributes:
-        shrink_at: mean return at which a boundary moves in (paper: t_L).
-        expand_at: mean return at which a boundary moves out (paper: t_H).
-        queue_size: returns that move a boundary (paper: m).
+        shrink_at: highest mean return that moves a boundary in (paper: t_L).
+        expand_at: lowest mean return that moves a boundary out (paper: t_H).
+        queue_size: returns in a full queue (paper: m).
         boundary_share: share of tasks set to a boundary, in [0, 1] (paper: p_b).
         step: step of a boundary, in units of its dimension (paper: Delta).
     """
@@ -75,7 +74,7 @@ class ADR(Teacher):
         if self.rng.random() < self.boundary_share and len(dimensions):
             dimension = int(self.rng.choice(dimensions))
             lower, upper = self.bounds_[:, dimension].astype(np.float32)
-            # a dimension that spans the task space already has no boundary to move
+            # a dimension that spans the task space has no boundary to move
             if lower != self.space.low[dimension] or upper != self.space.high[dimension]:
                 self.boundary_ = Boundary(int(self.rng.integers(2)), dimension)
         if self.boundary_ is not None:
@@ -83,7 +82,7 @@ class ADR(Teacher):
         return task
 
     def observe(self, episode: Episode) -> None:
-        """Queue the return if the task was set to a boundary, and moves that when its queue is full."""
+        """Queue the return of a task on a boundary, and move that boundary when its queue is full."""
         if self.boundary_ is None:
             return
         queue = self.queues_.setdefault(self.boundary_, [])
@@ -112,7 +111,7 @@ class ADR(Teacher):
             self._log_box(mean_return)
 
     def _log_box(self, mean_return: float) -> None:
-        """Log the box, scored by the mean return that moved a boundary; 0 at the start."""
+        """Log the box with the mean return that moved a boundary as its score."""
         low, high = self.bounds_.copy()
         width = self.space.width
         shares = (high - low)[width > 0] / width[width > 0]

@@ -12,11 +12,10 @@ from tma_ray.teachers.numerics import Array
 
 
 class NearestReturn:
-    """All tasks seen and their returns, searchable for the nearest one.
+    """History of tasks and returns with nearest-neighbour search.
 
-    A kd-tree holds all but the latest rows, which are searched directly, so that the tree is built
-    once every `rebuild_every` additions. When it is built depends on the number of rows alone: the
-    same history gives the same answers, also after being saved and loaded.
+    A kd-tree holds all but the latest rows, which are searched directly, and is rebuilt every `rebuild_every`
+    rows. It depends on the rows alone, so that a loaded history gives the same results.
     """
 
     def __init__(self, size: int, rebuild_every: int = 500) -> None:
@@ -41,7 +40,7 @@ class NearestReturn:
             self._build()
 
     def nearest(self, task: Task) -> float:
-        """Return the return of the Euclidean nearest earlier task."""
+        """Return the return of the nearest task in Euclidean distance."""
         assert self._count, "an empty history has no nearest task"
         recent = self._tasks[self._in_tree : self._count]
         distances = np.sum((recent - task) ** 2, axis=1)
@@ -79,8 +78,7 @@ class AbsoluteLearningProgress:
     Source: Portelas et al. 2019, section 4; the search is over the whole history in raw task units.
     """
 
-    MINIMUM_HISTORY = 5
-    """Up to this many stored tasks ALP is 0, as in the original release; the paper is silent."""
+    MINIMUM_HISTORY = 5  # tasks up to which ALP is 0 (original release; the paper is silent)
 
     def __init__(self, size: int) -> None:
         self._history = NearestReturn(size)
@@ -96,10 +94,9 @@ class AbsoluteLearningProgress:
 
 @dataclass
 class ALPGMM(MixtureTeacher):
-    """Gaussian mixture that samples where the absolute learning progress of recent tasks is high.
+    """Gaussian mixture of recent tasks and their absolute learning progress (ALP).
 
-    The mixture is fitted on the latest tasks, each with its absolute learning progress (ALP) as a
-    further coordinate; a component is chosen in proportion to its mean ALP.
+    A component is chosen in proportion to its mean ALP.
 
     Sources: Portelas et al. 2019, algorithm 1; paper, appendix A and table of hyper-parameters.
     """

@@ -1,4 +1,4 @@
-"""The protocol of a teacher: it proposes tasks, observes episodes, and may ask questions."""
+"""Base classes of teachers, which propose tasks, observe episodes, and may make queries."""
 
 import copy
 import math
@@ -20,62 +20,61 @@ from tma_ray.tasks import (
     TeacherUpdate,
 )
 
-PAPER_STEPS = 20_000_000
-"""Budget, in environment steps, for which buffers, waits and intervals between refreshes are given."""
+PAPER_BUDGET = 20_000_000  # budget in environment steps to which default sizes and intervals refer
 
 
 def for_budget(size: int, budget: int) -> int:
-    """Return the size of a buffer, a wait or an interval in a run of `budget` environment steps.
+    """Scale a buffer, a wait or an interval from the paper's budget to `budget` environment steps.
 
-    `size` is that of the paper's budget. It is scaled by the square root: a hundredth of the budget has a
-    tenth of the refreshes, each from a tenth of the episodes.
+    The scale is the square root: a hundredth of the budget has a tenth of the refreshes, each from a tenth of
+    the episodes.
 
     Raises:
-        ValueError: `budget` is under 1.
+        ValueError: if `budget` is under 1.
     """
     if budget < 1:
         raise ValueError(f"budget = {budget}: expected at least 1 environment step")
-    return max(1, round(size * math.sqrt(budget / PAPER_STEPS)))
+    return max(1, round(size * math.sqrt(budget / PAPER_BUDGET)))
 
 
 def next_due(due: int, every: int, step: int) -> int:
-    """Return the first of the steps `due`, `due` + `every`, ... after `step`, which is at least `due`."""
+    """Return the first of the steps `due`, `due` + `every`, ... after `step` >= `due`."""
     return due + every * ((step - due) // every + 1)
 
 
 @dataclass
 class Teacher(ABC):
-    """An automatic curriculum learning algorithm.
+    """Automatic curriculum learning algorithm.
 
-    Subclasses are dataclasses whose fields are hyper-parameters. What they learn goes into attributes
-    whose names end in an underscore: these, and the generator, are the teacher's complete state.
+    Subclasses are dataclasses whose fields are hyper-parameters. Learned attributes have names that end in an
+    underscore; these and the generator are the teacher's complete state.
 
-    The run calls `start` once, then in turn `sample`, `observe` and, if that returned a query,
-    `answer`, until it has none left. Between episodes it may call `probe`.
+    The run calls `start` once, then in turn `sample`, `observe` and, while that returns a query, `answer`.
+    Between episodes it may call `probe`.
 
     Attributes:
-        algorithm_version: part of the identity of every run: raised with each change that gives other
-            tasks. None for a plug-in that is told apart by its source alone.
-        knowledge_levels: the levels of expert knowledge that make a difference to the teacher, in
-            rising order. It needs at least the first; at a level that is not listed it behaves as at
-            the next lower one that is, so that such runs are shared instead of repeated.
-        absent_at_default: hyper-parameters that came after the first runs, whose identity they leave as it
-            was: see `tma_ray.components.settings.config_dict`.
-        presets: hyper-parameters that belong together, by the name that ``preset=`` chooses them with.
-        wants_trajectory: True if it may ask for trajectories; for others the run does not record them.
-        wants_evaluations: True if it may propose episodes from which the student does not learn, or ask for
-            evaluations of tasks; it runs only with students that can play without learning.
+        algorithm_version: part of the identity of every run, raised with each change that gives other tasks;
+            None for a plug-in, which is identified by its source.
+        knowledge_levels: levels of expert knowledge that make a difference to the teacher, in rising order.
+            It needs at least the first. At a level that is not listed it behaves as at the next lower one,
+            so that such runs are shared.
+        absent_at_default: hyper-parameters added after the first runs, whose defaults are not part of a run's
+            identity: see `tma_ray.components.settings.config_dict`.
+        presets: groups of hyper-parameters by their name in ``preset=``.
+        wants_trajectory: True if it may query trajectories, which are recorded for such teachers only.
+        wants_evaluations: True if it may propose episodes from which the student does not learn, or query
+            evaluations; it requires students that can play without learning.
         wants_values: True if it may query values of states.
         withholds_episodes: True if it may propose episodes from which the student does not learn.
-        overlapping: True if it may propose a task while episodes of earlier ones are under way.
+        overlapping: True if it may propose a task while earlier episodes are under way.
         episode_state: learned attributes that `sample` sets for its episode and `observe` reads; a loop with
             overlapping episodes restores them before `observe`.
-        most_dimensions: dimensions of a task space up to which it can teach; None for any number.
-        constant_dimensions: True if it can teach in a space one of whose dimensions has a single value.
-        single_task: True if it can teach in a space all of whose dimensions have a single value.
-        space: the box to choose tasks from.
+        most_dimensions: largest number of dimensions of a task space; None for any number.
+        constant_dimensions: True if a dimension of the task space may be constant.
+        single_task: True if all dimensions of the task space may be constant.
+        space: task space.
         knowledge: expert knowledge of the task space.
-        rng: the only source of randomness.
+        rng: only source of randomness.
     """
 
     algorithm_version: ClassVar[int | None] = None
@@ -97,13 +96,13 @@ class Teacher(ABC):
     rng: np.random.Generator = field(init=False, repr=False)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Prepare for a new run; overriding methods call this one first."""
+        """Prepare for a new run; overriding methods must call this one first."""
         self.space, self.knowledge, self.rng = space, knowledge, rng
         self._updates: list[TeacherUpdate] = []
 
     @classmethod
     def refusal(cls, space: TaskSpace) -> str:
-        """Return the reason why a task space exceeds the teacher's declared limits; empty if it does not."""
+        """Return the reason why a task space exceeds the teacher's limits, empty if it does not."""
         if cls.most_dimensions is not None and space.size > cls.most_dimensions:
             return f"{cls.__name__} teaches in {cls.most_dimensions} dimensions at most, not {space.size}"
         if not cls.constant_dimensions and (space.width == 0).any():
@@ -116,13 +115,13 @@ class Teacher(ABC):
 
     @abstractmethod
     def sample(self) -> Task | Proposal:
-        """Return the next task, float32 (d,) inside the space; as a `Proposal`, if it is not to train."""
+        """Return the next task, float32 (d,) in the space, or a `Proposal` without learning."""
 
     def propose(self) -> Proposal:
-        """Return the task of `sample` as a proposal; the loop that drives a teacher calls this method.
+        """Return the task of `sample` as a proposal, for the loop that drives the teacher.
 
         Raises:
-            ValueError: an episode without learning from a teacher that does not declare `wants_evaluations`.
+            ValueError: if a teacher without `wants_evaluations` proposes an episode without learning.
         """
         sampled = self.sample()
         proposal = sampled if isinstance(sampled, Proposal) else Proposal(sampled)
@@ -133,27 +132,27 @@ class Teacher(ABC):
             )
         return proposal
 
-    def observe(self, episode: Episode) -> Query | None:  # noqa: B027 - hearing nothing is a fair default
-        """Learn from a finished episode; return a query if it needs more to do so."""
+    def observe(self, episode: Episode) -> Query | None:  # noqa: B027 - not learning is a fair default
+        """Learn from a finished episode, and return a query if that needs one."""
 
     def answer(self, answer: Any) -> Query | None:
-        """Receive the `Answer` to the last query, of the type of its kind; may return a further query."""
+        """Receive the `Answer` to the last query, and return a further query if needed."""
         raise TypeError(
             f"{type(self).__name__} asked a query and was given {type(answer).__name__}, "
             f"but does not define answer(answer)"
         )
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) without exploration, and leave no trace.
+        """Return `count` tasks (count, d) without exploration, leaving the state unchanged.
 
-        By default these are samples of a copy of the teacher.
+        By default, these are samples of a copy of the teacher.
         """
         twin = copy.deepcopy(self)
         twin.rng = self.probe_rng()
         return np.stack([twin.propose().task for _ in range(count)])
 
     def probe_rng(self) -> np.random.Generator:
-        """Return a generator for probes, derived from the state of `rng` without changing it."""
+        """Return a generator for probes, derived from `rng` without changing it."""
         bit_generator = copy.deepcopy(self.rng.bit_generator)
         assert isinstance(bit_generator, np.random.PCG64)
         return np.random.Generator(bit_generator.jumped())
@@ -168,13 +167,31 @@ class Teacher(ABC):
         return updates
 
     def state(self) -> dict[str, Any]:
-        """Return everything learned, to be continued exactly by `load_state` in another process."""
+        """Return the complete state, from which `load_state` continues exactly in another process."""
         learned = {name: value for name, value in vars(self).items() if name.endswith("_")}
         return copy.deepcopy({"learned": learned, "rng": self.rng.bit_generator.state})
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Restore a state that `state` returned, after `start` with the same space and knowledge."""
+        """Restore a result of `state`, after `start` with the same space and knowledge."""
         state = copy.deepcopy(state)
         vars(self).update(state["learned"])
-        self._updates = []  # what `start` logged was drained before this state was saved
+        self._updates = []  # those of `start` were drained before this state was saved
         self.rng.bit_generator.state = state["rng"]
+
+
+@dataclass
+class DistributionTeacher(Teacher):
+    """Teacher that samples its current task distribution."""
+
+    @abstractmethod
+    def draw(self, rng: np.random.Generator, count: int) -> Task:
+        """Return `count` tasks (count, d) of the current distribution."""
+
+    def sample(self) -> Task:
+        """Return a task (d,) of the current distribution."""
+        task: Task = self.draw(self.rng, 1)[0]
+        return task
+
+    def probe(self, count: int) -> Task:
+        """Return `count` tasks (count, d) of the current distribution."""
+        return self.draw(self.probe_rng(), count)

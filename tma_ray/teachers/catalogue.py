@@ -1,4 +1,4 @@
-"""Teachers by name."""
+"""Registry of teachers."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -38,26 +38,25 @@ TEACHERS: Registry[type[Teacher]] = Registry(
     Teacher,
 )
 
-T = TypeVar("T", bound=type[Teacher])
+TeacherType = TypeVar("TeacherType", bound=type[Teacher])
 
 
-def register_teacher(name: str) -> Callable[[T], T]:
-    """Return a decorator that makes a `Teacher` known under `name`."""
+def register_teacher(name: str) -> Callable[[TeacherType], TeacherType]:
+    """Return a decorator that registers a `Teacher` under `name`."""
     return TEACHERS.register(name)
 
 
 def make_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) -> Teacher:
-    """Return the teacher called `name`, not yet started.
+    """Return a new teacher, not yet started.
 
     Args:
-        name: a registered name or ``module:Name``, with hyper-parameters if wanted
-            (``alp_gmm:fit_every=100``), among them ``preset=`` where the teacher has presets.
-        hyperparameters: further values that differ from the teacher's defaults.
+        name: registered name or ``module:Name``, with optional hyper-parameters
+            (``alp_gmm:fit_every=100``), among them ``preset=`` if the teacher has presets.
+        hyperparameters: further hyper-parameters.
 
     Raises:
-        UnknownNameError: no such teacher.
-        ValueError: a hyper-parameter or preset that it does not have, a value of another type, or one that
-            it refuses.
+        UnknownNameError: if the teacher is unknown.
+        ValueError: if a hyper-parameter or preset is unknown or invalid.
     """
     base, settings = split_name(name)
     teacher = TEACHERS.get(base)
@@ -68,17 +67,16 @@ def make_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) ->
 
 
 def canonical_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) -> str:
-    """Return the name of a teacher with the hyper-parameters that differ from its defaults.
+    """Return the unique name of a teacher, with the hyper-parameters that differ from its defaults.
 
-    Equal teachers have equal names (`tma_ray.support.component_names`). Arguments and errors are those of
-    `make_teacher`.
+    Arguments and errors are those of `make_teacher`.
     """
     teacher = make_teacher(name, hyperparameters)
     return join_name(base_name(name), non_defaults(type(teacher), hyperparameters_of(teacher)))
 
 
 def hyperparameters_of(teacher: Teacher) -> dict[str, Any]:
-    """Return the hyper-parameters of `teacher` by name, defaults included, as values that JSON has."""
+    """Return all hyper-parameters of `teacher` by name, as JSON values."""
     return config_dict(teacher)
 
 
@@ -88,20 +86,20 @@ def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:
 
 
 def check_limits(teacher: type[Teacher], name: str, space: TaskSpace) -> None:
-    """Refuse a task space beyond the limits that `teacher` declares.
+    """Check that a task space is within the limits that `teacher` declares.
 
     Raises:
-        ValueError: it has too many dimensions, a constant one, or a single task.
+        ValueError: if it has too many dimensions, a constant one, or a single task.
     """
     if refusal := teacher.refusal(space):
         raise ValueError(f"teacher {name!r}: {refusal}; choose another teacher, or another challenge")
 
 
 def effective_level(teacher: type[Teacher], name: str, level: KnowledgeLevel) -> KnowledgeLevel:
-    """Return the level at which `teacher` really runs when it is given `level`.
+    """Return the highest level up to `level` that makes a difference to `teacher`.
 
     Raises:
-        ValueError: `teacher` cannot run with so little knowledge.
+        ValueError: if `teacher` needs a higher level.
     """
     level = KnowledgeLevel(level)
     if not knows_enough(teacher, level):
@@ -110,5 +108,5 @@ def effective_level(teacher: type[Teacher], name: str, level: KnowledgeLevel) ->
             f"teacher {name!r} cannot run with expert knowledge {level.value!r}: "
             f"it needs at least {needed.value!r}"
         )
-    usable = (known for known in teacher.knowledge_levels if known.rank <= level.rank)
-    return max(usable, key=lambda known: known.rank)
+    usable = (candidate for candidate in teacher.knowledge_levels if candidate.rank <= level.rank)
+    return max(usable, key=lambda candidate: candidate.rank)

@@ -15,8 +15,8 @@ class CovarianceProgress(StrEnum):
     """Learning progress from the covariance of time and return.
 
     Attributes:
-        ABSOLUTE: its absolute value, so that forgetting counts as much as learning.
-        POSITIVE: the covariance itself, 0 where it is negative.
+        ABSOLUTE: absolute value, so that forgetting counts as much as learning.
+        POSITIVE: covariance, or 0 if negative.
     """
 
     ABSOLUTE = "absolute"
@@ -25,17 +25,16 @@ class CovarianceProgress(StrEnum):
 
 @dataclass
 class CovarGMM(MixtureTeacher):
-    """Gaussian mixture that samples where the returns of recent tasks change with time.
+    """Gaussian mixture of recent tasks, their times and their returns.
 
-    The mixture is fitted on rows of a task, its time and its episodic return; a component is chosen
-    in proportion to the covariance of time and return in it. Time is the episode's place among those
-    of one fit, in [0, 1).
+    A component is chosen in proportion to its covariance of time and return. Time is the index of the episode
+    in a fit, scaled to [0, 1).
 
     Sources: Moulin-Frier et al. 2014; Portelas et al. 2019, appendix; paper, appendix A and table of
-    hyper-parameters. The paper takes the absolute value; the original release does not unless told so.
+    hyper-parameters. The paper takes the absolute value, the original release by default does not.
 
     Attributes:
-        progress: definition of progress in terms of the covariance.
+        progress: progress as a function of the covariance.
     """
 
     algorithm_version: ClassVar[int | None] = 1

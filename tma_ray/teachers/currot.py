@@ -8,39 +8,32 @@ from numpy.typing import NDArray
 
 from tma_ray.support.validation import check_at_least, check_positive
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
-from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.base import DistributionTeacher
 from tma_ray.teachers.numerics import Array, UnitBox, cloud_gaussian
 
-ROWS_AT_ONCE = 2_000
-"""Predictions that are made together, which bounds the memory."""
+ROWS_AT_ONCE = 2_000  # of a prediction, to bound memory
 
 
 def assigned(sources: Array, targets: Array) -> NDArray[np.int64]:
-    """Return for each of `sources` (n, f) its target (m, f) in the optimal assignment by squared distance."""
-    from scipy.optimize import linear_sum_assignment  # imported here: drivers start sooner without it
+    """Return the indices (n,) of the targets (m, f) assigned to `sources` (n, f) at least distance."""
+    from scipy.optimize import linear_sum_assignment  # deferred: listing teachers must not import scipy
     from scipy.spatial.distance import cdist
 
     rows, columns = linear_sum_assignment(cdist(sources, targets, "sqeuclidean"))
     assert len(rows) == len(sources), "there are as many targets as sources"
-    places: NDArray[np.int64] = columns
-    return places
+    indices: NDArray[np.int64] = columns
+    return indices
 
 
 class Performance(NamedTuple):
-    """Expected returns at points: averages of known returns weighted by a Gaussian kernel (Nadaraya-Watson).
-
-    Attributes:
-        points: tasks with known returns (n, f).
-        returns: values (n,).
-        width: standard deviation of the kernel.
-    """
+    """Nadaraya-Watson regression of returns (n,) on points (n, f), with a Gaussian kernel of a width."""
 
     points: Array
     returns: Array
     width: float
 
     def __call__(self, points: Array) -> Array:
-        """Return the expectations (k,) at `points` (k, f)."""
+        """Return the expected returns (k,) at `points` (k, f)."""
         from scipy.spatial.distance import cdist
 
         results = []
@@ -52,8 +45,7 @@ class Performance(NamedTuple):
         return np.concatenate(results).astype(np.float64)
 
 
-CANDIDATES, LINE_CANDIDATES = 20, 10
-"""Points tried for each particle: in the ball around it, and on the way to its target."""
+CANDIDATES, LINE_CANDIDATES = 20, 10  # per particle: in the ball around it, and on the line to its target
 
 
 def moved(
@@ -64,11 +56,11 @@ def moved(
     radius: float,
     rng: np.random.Generator,
 ) -> Array:
-    """Return `particles` (n, f) of the unit box, each as near to its target (n, f) as performance allows.
+    """Move `particles` (n, f) in the unit box as near to their `targets` (n, f) as performance allows.
 
-    A particle reaches the points of a ball of `radius` around it, of which those are tried that lie towards
-    its target if it has the return `least` already; where no point is expected to have it, the best one is
-    taken.
+    Candidates are points in a ball of `radius` around the particle, in the half towards its target if the
+    particle is expected to return at least `least`. The nearest candidate to the target with that return is
+    chosen, or the one of highest return if there is none.
     """
     count, size = particles.shape
     ways = targets - particles
@@ -81,7 +73,7 @@ def moved(
     noise *= rng.random((count, CANDIDATES, 1)) ** (1 / size)
     backwards = np.minimum((noise * directions).sum(axis=-1, keepdims=True), 0.0)
     noise -= np.where(ready, 2 * backwards, 0.0) * directions
-    shares = np.linspace(0, 1, LINE_CANDIDATES + 1)[None, :, None]  # the particle itself is the first
+    shares = np.linspace(0, 1, LINE_CANDIDATES + 1)[None, :, None]  # 0 is the particle itself
     offsets = np.concatenate([reach * shares * directions, reach * noise], axis=1)
     candidates = np.clip(particles[:, None] + offsets, 0.0, 1.0)
     expected = performance(candidates.reshape(-1, size)).reshape(count, -1)
@@ -89,28 +81,27 @@ def moved(
     feasible = expected >= least
     distances[~feasible] = np.inf
     chosen = np.where(feasible.any(axis=1), distances.argmin(axis=1), expected.argmax(axis=1))
-    places: Array = candidates[np.arange(count), chosen]
-    return places
+    positions: Array = candidates[np.arange(count), chosen]
+    return positions
 
 
-WIDEST_NOISE = 0.25
-"""Standard deviation of the noise around the worst task, as a share of each range."""
+WIDEST_NOISE = 0.25  # standard deviation of the noise around the worst task, as a share of each range
 
 
 @dataclass
 class SuccessBuffer:
-    """At most `capacity` tasks of high return, after the authors' code of CURROT.
+    """Buffer of at most `capacity` tasks of high return (authors' code).
 
-    Until their median reaches `least`, tasks of at least the median return push out the worst half. Then
-    tasks that reach it replace those that do not, and where all do and the buffer is full, those stay that an
-    optimal assignment to the target distribution needs.
+    Until their median reaches `least`, tasks of at least the median return replace the worst half. Afterwards
+    successes replace failures, and a full buffer of successes keeps those in the optimal assignment to the
+    target distribution.
 
     Attributes:
         size: number f of coordinates.
-        capacity: most tasks.
+        capacity: largest number of tasks.
         least: return of a success.
         points: coordinates of the tasks in [0, 1] (n, f).
-        returns: return of one episode per particle (n,).
+        returns: return of one episode per task (n,).
         reached: True if the median has reached `least`.
         worst: lowest return of the first tasks.
     """
@@ -127,18 +118,21 @@ class SuccessBuffer:
         self.points, self.returns = np.empty((0, self.size)), np.empty(0)
 
     def add(self, points: Array, returns: Array, targets: Array) -> NDArray[np.bool_]:
-        """Add new tasks (k, f) that belong here, with returns (k,); return which were left out (k,).
+        """Add new tasks (k, f) of high return, and return a mask (k,) of those left out.
 
-        `targets` are draws of the target distribution (`capacity`, f).
+        Args:
+            points: tasks (k, f).
+            returns: returns (k,).
+            targets: draws of the target distribution (`capacity`, f).
         """
         if not len(self.returns):
             self.worst = float(returns.min())
-        wanted = returns >= (self.least if self.reached else self._median)
+        good = returns >= (self.least if self.reached else self._median)
         may_go = int((self.returns < self.least).sum()) if self.reached else len(self.returns) // 2 + 1
         order = np.argsort(self.returns, kind="stable")
-        kept = np.sort(order[min(int(wanted.sum()), may_go) :])
-        everything = np.concatenate([points[wanted], self.points[kept]])
-        all_returns = np.concatenate([returns[wanted], self.returns[kept]])
+        kept = np.sort(order[min(int(good.sum()), may_go) :])
+        everything = np.concatenate([points[good], self.points[kept]])
+        all_returns = np.concatenate([returns[good], self.returns[kept]])
         if len(all_returns) <= self.capacity:
             chosen = np.arange(len(all_returns))
         elif self.reached and all_returns.min() >= self.least:
@@ -146,55 +140,51 @@ class SuccessBuffer:
         else:
             chosen = np.sort(np.argsort(-all_returns, kind="stable")[: self.capacity])
         self.points, self.returns = everything[chosen], all_returns[chosen]
-        left_out = ~wanted
-        left_out[wanted] = ~np.isin(np.arange(wanted.sum()), chosen)
+        left_out = ~good
+        left_out[good] = ~np.isin(np.arange(good.sum()), chosen)
         self.reached = self.reached or self._median >= self.least
         return left_out
 
     def draw(self, rng: np.random.Generator, count: int, narrowest: float) -> Array:
-        """Return `count` points (count, f) around the tasks, farther off the less they return.
+        """Draw `count` points (count, f) around the tasks, with more noise around those of lower return.
 
         Noise around successes has the standard deviation `narrowest`, as a share of each range.
         """
         below = np.maximum(self.least - self.returns, 0.0) / max(self.least - self.worst, 1e-9)
         deviations = narrowest + WIDEST_NOISE * np.minimum(below, 1.0)
         if self.reached:
-            places = np.arange(count) % len(self.returns)
+            indices = np.arange(count) % len(self.returns)
         else:
             merits = np.maximum(self.returns - self._median, 0.0)
             merits = merits if merits.sum() > 0 else np.ones(len(self.returns))
-            places = rng.choice(len(self.returns), count, p=merits / merits.sum())
-        noise = deviations[places, None] * rng.standard_normal((count, self.size))
-        return np.clip(self.points[places] + noise, 0.0, 1.0)
+            indices = rng.choice(len(self.returns), count, p=merits / merits.sum())
+        noise = deviations[indices, None] * rng.standard_normal((count, self.size))
+        return np.clip(self.points[indices] + noise, 0.0, 1.0)
 
     @property
     def _median(self) -> float:
         return float(np.median(self.returns)) if len(self.returns) else -np.inf
 
 
-NARROWEST = 0.005
-"""Noise around successes, as a share of the radius of a move (as in the authors' code)."""
-
-JITTER = 1e-3
-"""Half width of the uniform noise of a task, as a share of each range (as in the authors' code)."""
+NARROWEST = 0.005  # noise around successes, as a share of the radius of a move (authors' code)
+JITTER = 1e-3  # half width of a task's uniform noise, as a share of each range (authors' code)
 
 
 @dataclass
-class CURROT(Teacher):
-    """Particles that move towards a target distribution, as far as the student's returns allow.
+class CURROT(DistributionTeacher):
+    """Particles that move towards a target distribution as far as the student's returns allow.
 
-    Tasks are particles, drawn at random. Every `update_every` episodes an optimal assignment gives each
-    particle a target, drawn uniformly from the space; it moves to the point nearest to that in a ball around
-    it, of those where the expected return is at least `least_return`. Where returns are too low, particles go
-    to tasks like those that the student has mastered. Expected returns are kernel averages of the latest
-    failures and of a buffer of successes.
+    A task is a random particle. Every `update_every` episodes an optimal assignment gives each particle a
+    uniform random target; it moves to the nearest point in a ball around it with an expected return of at
+    least `least_return`. Particles of lower return are first put near successes. Expected returns are kernel
+    averages over the latest failures and a buffer of successes.
 
     Sources: Klink et al. 2022, algorithm 1 and section 4; the authors' code, with their hyper-parameters for
     Stump Tracks.
 
     Attributes:
-        least_return: expected return of a particle at least (paper: delta).
-        particles: their number, and the most successes and failures kept.
+        least_return: smallest expected return of a particle (paper: delta).
+        particles: number of particles, and largest number of successes and of failures.
         update_every: episodes between two updates.
         radius: largest move, as a share of the diagonal of the space (paper: epsilon).
         kernel_width: standard deviation of the kernel of expected returns, as a share of the radius.
@@ -229,25 +219,17 @@ class CURROT(Teacher):
         self.failures_ = np.empty((0, self._box.size + 1))
         self.latest_ = np.empty((0, self._box.size + 1))
 
-    def sample(self) -> Task:
-        """Return a particle (d,) with a little noise."""
-        task: Task = self._draw(self.rng, 1)[0]
-        return task
+    def draw(self, rng: np.random.Generator, count: int) -> Task:
+        """Return `count` random particles (count, d) with a little noise."""
+        points = self.particles_[rng.integers(len(self.particles_), size=count)]
+        return self._box.denormalise(points + JITTER * rng.uniform(-1, 1, points.shape))
 
     def observe(self, episode: Episode) -> None:
-        """Store the episode; update the particles when that is due."""
+        """Store the episode, and update the particles when due."""
         row = np.append(self._box.normalise(episode.task), episode.episodic_return)
         self.latest_ = np.vstack([self.latest_, row])
         if len(self.latest_) == self.update_every:
             self._update()
-
-    def probe(self, count: int) -> Task:
-        """Return `count` particles (count, d)."""
-        return self._draw(self.probe_rng(), count)
-
-    def _draw(self, rng: np.random.Generator, count: int) -> Task:
-        points = self.particles_[rng.integers(len(self.particles_), size=count)]
-        return self._box.denormalise(points + JITTER * rng.uniform(-1, 1, points.shape))
 
     def _update(self) -> None:
         count, size = self.particles_.shape
@@ -256,10 +238,10 @@ class CURROT(Teacher):
         left_out = self.successes_.add(points, returns, targets)
         self.failures_ = np.vstack([self.failures_, self.latest_[left_out]])[-count:]
         self.latest_ = self.latest_[:0]
-        known = np.vstack([self.failures_[:, :-1], self.successes_.points])
-        known_returns = np.append(self.failures_[:, -1], self.successes_.returns)
-        performance = Performance(known, known_returns, self.kernel_width * self._radius)
-        # those that return too little are put where successes are
+        played = np.vstack([self.failures_[:, :-1], self.successes_.points])
+        played_returns = np.append(self.failures_[:, -1], self.successes_.returns)
+        performance = Performance(played, played_returns, self.kernel_width * self._radius)
+        # particles of low return are first moved to successes
         particles, low = self.particles_, performance(self.particles_) < self.least_return
         if low.any():
             successes = self.successes_.draw(self.rng, count, NARROWEST * self._radius)

@@ -17,33 +17,29 @@ from tma_ray.tasks import (
     TeacherUpdate,
     WeightedGaussian,
 )
-from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget, next_due
+from tma_ray.teachers.base import PAPER_BUDGET, DistributionTeacher, for_budget, next_due
 from tma_ray.teachers.numerics import CONSTANT_STD, Array, UnitBox
 
-MARGIN = 1e-6
-"""Points nearer to the boundary of the box count as this far from it: densities there are 0 or infinite."""
+BOUNDARY_DISTANCE = (
+    1e-6  # least distance of points from the box's boundary, where densities are 0 or infinite
+)
 
 
 class BetaProduct(NamedTuple):
-    """One Beta distribution for each of f coordinates.
-
-    Attributes:
-        alpha: first parameters (f,).
-        beta: second parameters (f,).
-    """
+    """Product of Beta distributions with parameters alpha (f,) and beta (f,)."""
 
     alpha: Array
     beta: Array
 
     @classmethod
     def around(cls, mode: Array, concentration: float) -> "BetaProduct":
-        """Return the distribution with a `mode` (f,), in the middle with both parameters `concentration`."""
+        """Return the distribution with a `mode` (f,), and both parameters `concentration` for mode 1/2."""
         weight = 2 * (concentration - 1)
         return cls(1 + weight * mode, 1 + weight * (1 - mode))
 
     @classmethod
     def of_logs(cls, logs: Array) -> "BetaProduct":
-        """Return the distribution whose parameters have the logarithms (2f,)."""
+        """Return the distribution with the logarithms `logs` (2f,) of its parameters."""
         return cls(*np.exp(logs).reshape(2, -1))
 
     @property
@@ -63,8 +59,8 @@ class BetaProduct(NamedTuple):
         return self.alpha * self.beta / (total**2 * (total + 1))
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Return `count` points (count, f), which depend smoothly on the parameters: nothing is rejected."""
-        from scipy.special import betaincinv  # imported here: drivers start sooner without it
+        """Draw `count` points (count, f) by inversion, which is smooth in the parameters."""
+        from scipy.special import betaincinv  # deferred: listing teachers must not import scipy
 
         shares = rng.random((count, len(self.alpha)))
         return np.asarray(betaincinv(self.alpha, self.beta, shares), dtype=np.float64)
@@ -76,7 +72,7 @@ class BetaProduct(NamedTuple):
         alpha, beta, total = self.alpha, self.beta, self.alpha + self.beta
         parts = (total - 2) * psi(total) - (alpha - 1) * psi(alpha) - (beta - 1) * psi(beta)
         common = (total - 2) * polygamma(1, total)
-        by_alpha, by_beta = (common - (each - 1) * polygamma(1, each) for each in self)
+        by_alpha, by_beta = (common - (parameter - 1) * polygamma(1, parameter) for parameter in self)
         gradient = np.concatenate([alpha * by_alpha, beta * by_beta])
         return float((betaln(alpha, beta) + parts).sum()), gradient
 
@@ -95,7 +91,7 @@ class BetaProduct(NamedTuple):
         """Return the log densities (n,) of `points` (n, f), and their gradients by `logs` (n, 2f)."""
         from scipy.special import betaln
 
-        inside = np.clip(points, MARGIN, 1 - MARGIN)
+        inside = np.clip(points, BOUNDARY_DISTANCE, 1 - BOUNDARY_DISTANCE)
         sides = np.stack([np.log(inside), np.log1p(-inside)], axis=1)
         parameters = np.stack(self)
         values = ((parameters - 1) * sides).sum(axis=1) - betaln(self.alpha, self.beta)
@@ -110,24 +106,21 @@ class BetaProduct(NamedTuple):
         return means
 
 
-Valued = Callable[[Array], tuple[float, Array]]
-"""Return value and gradient (p,) at parameters (p,)."""
-
-SLACK = 1e-4
-"""By which a constraint may be missed, in nats or as a share: the solver's tolerance."""
+Valued = Callable[[Array], tuple[float, Array]]  # function of parameters (p,) to value and gradient (p,)
+SLACK = 1e-4  # tolerance of constraints, in nats or as a share
 
 
 @dataclass(frozen=True)
 class EntropyUpdate:
-    """The constrained problem of one update of DORAEMON.
+    """Constrained optimisation problem of an update of DORAEMON.
 
     Attributes:
-        present: the distribution that the points were drawn from.
-        points: coordinates of the tasks played (n, f).
+        present: distribution of the points.
+        points: coordinates of the played tasks (n, f).
         successes: True for tasks that the student mastered (n,).
-        least_success: expected share of successes at least.
+        least_success: smallest expected share of successes.
         most_divergence: bound on KL(present || new), in nats.
-        largest: upper bound of the parameters; the lower one is 1.
+        largest: upper bound of the parameters; the lower bound is 1.
     """
 
     present: BetaProduct
@@ -138,7 +131,7 @@ class EntropyUpdate:
     largest: float
 
     def solved(self) -> BetaProduct:
-        """Return the feasible distribution of highest entropy; without one, that of highest success."""
+        """Return the feasible distribution of highest entropy or, without any, of highest success."""
         start = self.present.logs
         if self.success(start)[0] < self.least_success:
             start = self._best(start, self.success, (), self.success(start)[0])
@@ -152,26 +145,26 @@ class EntropyUpdate:
         return BetaProduct.of_logs(self._best(start, self.entropy, (enough,), self.entropy(start)[0]))
 
     def entropy(self, logs: Array) -> tuple[float, Array]:
-        """Return the entropy of the distribution with the parameters `logs`, and its gradient."""
+        """Return the entropy of the distribution with the logarithms `logs`, and its gradient."""
         return BetaProduct.of_logs(logs).entropy()
 
     def success(self, logs: Array) -> tuple[float, Array]:
-        """Return the expected share of successes, by importance sampling, and its gradient."""
+        """Estimate the expected share of successes by importance sampling, with its gradient."""
         old, _ = self.present.log_densities(self.points)
         new, gradients = BetaProduct.of_logs(logs).log_densities(self.points)
         weights = np.exp(new - old) * self.successes / len(self.points)
         return float(weights.sum()), weights @ gradients
 
     def room(self, logs: Array) -> tuple[float, Array]:
-        """Return the distance of the divergence under its bound, and the gradient."""
+        """Return the bound on the divergence minus the divergence, and its gradient."""
         divergence, gradient = self.present.divergence(BetaProduct.of_logs(logs))
         return self.most_divergence - divergence, -gradient
 
     def _best(self, start: Array, goal: Valued, constraints: tuple[Valued, ...], least: float) -> Array:
-        """Return feasible parameters where `goal` is highest; `start` if it is nowhere over `least`."""
-        from scipy.optimize import minimize  # imported here: drivers start sooner without it
+        """Return feasible parameters of highest `goal`, or `start` if it is not over `least`."""
+        from scipy.optimize import minimize
 
-        solve: Any = minimize  # whose stubs know fewer constraints than it takes
+        solve: Any = minimize  # its stubs lack these constraints
         all_constraints = (self.room, *constraints)
         result = solve(
             lambda logs: -goal(logs)[0],
@@ -185,30 +178,30 @@ class EntropyUpdate:
             ],
             options={"maxiter": 200, "ftol": 1e-12},
         )
-        found: Array = result.x
-        sound = np.isfinite(found).all() and all(each(found)[0] >= -SLACK for each in all_constraints)
-        return found if sound and goal(found)[0] > least else start
+        logs: Array = result.x
+        sound = np.isfinite(logs).all() and all(value(logs)[0] >= -SLACK for value in all_constraints)
+        return logs if sound and goal(logs)[0] > least else start
 
 
 @dataclass
-class DORAEMON(Teacher):
-    """Widens independent Beta distributions as long as the student masters enough of their tasks.
+class DORAEMON(DistributionTeacher):
+    """Independent Beta distributions that widen as long as the student masters enough tasks.
 
-    Every update maximises the entropy, within a bound on the divergence from the old distribution, such that
-    the share of mastered tasks is expected to stay at least `least_success`; it is estimated by importance
-    sampling from the episodes since the last update. Where no such distribution is near, the one of most
-    success is taken. Before the share is reached for the first time, nothing changes.
+    Every update maximises the entropy within a bound on the divergence from the old distribution, such that
+    the expected share of mastered tasks, estimated by importance sampling from the episodes since the last
+    update, is at least `least_success`. If that is impossible, it maximises the share. Nothing changes before
+    the share is reached for the first time.
 
     Sources: Tiboni et al. 2024, section 4 and appendix; the authors' code.
 
     Attributes:
-        least_success: expected share of mastered tasks at least, in (0, 1) (paper: alpha).
+        least_success: smallest expected share of mastered tasks, in (0, 1) (paper: alpha).
         most_divergence: bound on KL(old || new) of an update, in nats (paper: epsilon).
         update_every: environment steps between two updates.
-        concentration: both parameters of a Beta distribution at the start, if its mode is in the middle; its
-            mode is the mean of the initial Gaussian.
-        start_from_wide_uniform: True if it starts uniform, and narrows to what is mastered, where no easy
-            task is known (authors' code).
+        concentration: initial value of both parameters of a Beta distribution with mode 1/2; the initial mode
+            is the mean of the initial Gaussian.
+        start_from_wide_uniform: True to start uniform, and narrow to mastered tasks, unless an easy task is
+            known (authors' code).
         budget: environment steps of the run, to which `for_budget` fits update_every.
     """
 
@@ -224,7 +217,7 @@ class DORAEMON(Teacher):
     update_every: int = 100_000
     concentration: float = 100.0
     start_from_wide_uniform: bool = False
-    budget: int = PAPER_STEPS
+    budget: int = PAPER_BUDGET
 
     def __post_init__(self) -> None:
         check_shares(self, "least_success")
@@ -249,13 +242,12 @@ class DORAEMON(Teacher):
         self.next_update_ = for_budget(self.update_every, self.budget)
         self._log({})
 
-    def sample(self) -> Task:
-        """Return a task (d,) of the present distribution."""
-        task: Task = self._draw(self.rng, 1)[0]
-        return task
+    def draw(self, rng: np.random.Generator, count: int) -> Task:
+        """Return `count` tasks (count, d) of the current distribution."""
+        return self._box.denormalise(self.distribution_.draw(rng, count))
 
     def observe(self, episode: Episode) -> None:
-        """Store the episode; update the distribution when that is due."""
+        """Store the episode, and update the distribution when due."""
         self.tasks_.append(episode.task)
         self.successes_.append(episode.success)
         if episode.step < self.next_update_:
@@ -272,15 +264,8 @@ class DORAEMON(Teacher):
         step = old.divergence(self.distribution_)[0]
         self._log({"mastered_share": float(mastered.mean()), "step_divergence": step})
 
-    def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) of the present distribution."""
-        return self._draw(self.probe_rng(), count)
-
-    def _draw(self, rng: np.random.Generator, count: int) -> Task:
-        return self._box.denormalise(self.distribution_.draw(rng, count))
-
     def _log(self, scalars: dict[str, float]) -> None:
-        """Log the Gaussian of equal mean and variance in task units; constants keep their value."""
+        """Log the Gaussian of the same mean and variance, in task units."""
         free, scale = self._box.free, self.space.width[self._box.free]
         mean, variance = self.space.centre.copy(), np.full(self.space.size, CONSTANT_STD**2)
         mean[free] = self.space.low[free] + scale * self.distribution_.mean

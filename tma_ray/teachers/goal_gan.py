@@ -15,36 +15,34 @@ from tma_ray.teachers.numerics import Array, UnitBox
 
 @dataclass
 class GoalGAN(Teacher):
-    """Generates tasks of intermediate difficulty with a generative adversarial network.
+    """Generative adversarial network of tasks of intermediate difficulty.
 
-    A new task is played `rollouts` times in a row and labelled by whether its share of successes lies
-    in [`least_success`, `most_success`]; wanted ones far from all others enter a buffer, from which
-    some of the next tasks are taken. The network is pretrained on the initial Gaussian. Points of the
-    network are tasks measured from the centre in ranges, so that it covers twice the box: what lies
-    outside is clipped (as in the original release).
+    A new task is played `rollouts` times in a row and labelled positive if its share of successes is in
+    [`least_success`, `most_success`]. Positive tasks far from all others enter a buffer, the source of some
+    later tasks. The network is pretrained on the initial Gaussian. Its points are offsets from the centre
+    in units of the ranges, which cover twice the box and are clipped (as in the original release).
 
-    Sources: Florensa et al. 2018, algorithm 1; paper, appendix A (Goal-GAN), appendix C (expert
-    knowledge) and table of hyper-parameters; sizes of batches and numbers of steps from the original
-    release, which trains after 100 labelled tasks instead of 100 episodes, and stores mastered tasks
-    instead of those of intermediate difficulty.
+    Sources: Florensa et al. 2018, algorithm 1; paper, appendix A (Goal-GAN), appendix C (expert knowledge)
+    and table of hyper-parameters; batch sizes and numbers of steps from the original release, which trains
+    after 100 labelled tasks instead of 100 episodes, and stores mastered instead of intermediate tasks.
 
-    The preset "release" has the values of the original release's launch files where they differ from the
-    paper's table: ten times the noise, and half as many tasks from the buffer. With the table's noise,
-    which hardly leaves the pretrained tasks, training starves once these are mastered.
+    The preset "release" has the values of the original release's launch files: ten times the noise, and half
+    as many tasks from the buffer. With the table's noise, which hardly leaves the pretrained tasks, training
+    starves once these are mastered.
 
     Attributes:
-        noise: std of the noise added to every task, as a share of each range (paper: delta).
+        noise: standard deviation of the noise of every task, as a share of each range (paper: delta).
         train_every: episodes between two trainings of the network (paper: n).
         old_share: probability of a task from the buffer, in [0, 1] (paper: p_old).
-        rollouts: episodes played on a new task (paper: n_rollouts).
+        rollouts: episodes of a new task (paper: n_rollouts).
         least_success: smallest share of successes of an intermediate task (paper: R_min).
         most_success: largest share of successes of an intermediate task (paper: R_max).
-        spacing: a task that is as near as this share of the range in every dimension to one in the
-            buffer does not enter it; distances are Euclidean in ranges (paper: epsilon).
-        iterations_per_task: steps of both networks in a training, per task labelled since the last.
+        spacing: least root mean square distance of tasks in the buffer, in units of the ranges (paper:
+            epsilon).
+        iterations_per_task: steps of both networks in a training, per newly labelled task.
         pretraining_iterations: steps of both networks before the first episode.
-        pretraining_tasks: tasks drawn from the initial Gaussian for that.
-        batch_size: tasks per step, and as many generated ones.
+        pretraining_tasks: tasks of the initial Gaussian for pretraining.
+        batch_size: number of tasks, and of generated tasks, per step.
         learning_rate: learning rate of both optimisers.
     """
 
@@ -79,7 +77,7 @@ class GoalGAN(Teacher):
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Pretrain the network on the initial Gaussian."""
-        from tma_ray.teachers.networks import LeastSquaresGAN  # imports torch
+        from tma_ray.teachers.networks import LeastSquaresGAN  # deferred: imports torch
 
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
@@ -91,12 +89,12 @@ class GoalGAN(Teacher):
         self.rollouts_left_ = self.successes_ = self.episodes_ = 0
         if self.pretraining_iterations:
             tasks = self._box.normalise(knowledge.initial.sample(space, rng, self.pretraining_tasks))
-            wanted = np.ones(len(tasks), dtype=bool)
-            losses = self.network_.train(tasks - 0.5, wanted, self.pretraining_iterations, rng)
+            positive = np.ones(len(tasks), dtype=bool)
+            losses = self.network_.train(tasks - 0.5, positive, self.pretraining_iterations, rng)
             self.log(TeacherUpdate(scalars={**losses, "buffer_size": 0.0}))
 
     def sample(self) -> Task:
-        """Return a task (d,): the current one until it is played out, then from buffer or network."""
+        """Return the current task (d,) until its rollouts are over, then one from buffer or network."""
         if not self.rollouts_left_:
             self.new_ = not (len(self.buffer_) and self.rng.random() < self.old_share)
             point = self._generate(1, self.rng)[0] if self.new_ else self.rng.choice(self.buffer_)
@@ -105,15 +103,15 @@ class GoalGAN(Teacher):
         return self.task_.copy()
 
     def observe(self, episode: Episode) -> None:
-        """Count the success, label a task that is played out, and train the network when due."""
+        """Count the success, label the task after its rollouts, and train the network when due."""
         self.rollouts_left_ -= 1
         self.successes_ += episode.success
         if self.new_ and not self.rollouts_left_:
             point, success = self._box.normalise(episode.task), self.successes_ / self.rollouts
-            wanted = self.least_success <= success <= self.most_success
-            self.labelled_.append((point, wanted))
+            positive = self.least_success <= success <= self.most_success
+            self.labelled_.append((point, positive))
             nearest = np.sqrt(((self.buffer_ - point) ** 2).mean(axis=1)).min(initial=np.inf)
-            if wanted and nearest > self.spacing:
+            if positive and nearest > self.spacing:
                 self.buffer_ = np.vstack([self.buffer_, point])
         self.episodes_ += 1
         if self.episodes_ % self.train_every == 0 and self.labelled_:
@@ -127,12 +125,12 @@ class GoalGAN(Teacher):
         return self.network_.generate(count, rng) + 0.5
 
     def _train(self) -> None:
-        """Train on the tasks labelled since the last time, if any was wanted, and forget them."""
+        """Train on the newly labelled tasks, if any is positive."""
         points = np.stack([point for point, _ in self.labelled_])
-        wanted = np.array([label for _, label in self.labelled_])
-        scalars = {"wanted_share": float(wanted.mean()), "buffer_size": float(len(self.buffer_))}
-        if wanted.any():
+        positive = np.array([label for _, label in self.labelled_])
+        scalars = {"wanted_share": float(positive.mean()), "buffer_size": float(len(self.buffer_))}
+        if positive.any():
             iterations = math.ceil(self.iterations_per_task * len(points))
-            scalars |= self.network_.train(points - 0.5, wanted, iterations, self.rng)
+            scalars |= self.network_.train(points - 0.5, positive, iterations, self.rng)
         self.labelled_ = []
         self.log(TeacherUpdate(scalars=scalars))

@@ -1,4 +1,4 @@
-"""LP-ACRL, a curriculum over cells by their learning progress (Li, Li and Hutter 2026)."""
+"""LP-ACRL, a curriculum over grid cells by learning progress (Li, Li and Hutter 2026)."""
 
 import math
 from dataclasses import dataclass
@@ -8,40 +8,35 @@ import numpy as np
 
 from tma_ray.support.validation import check_at_least, check_positive
 from tma_ray.tasks import Episode, ExpertKnowledge, ScoredBox, Task, TaskSpace, TeacherUpdate
-from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
+from tma_ray.teachers.base import PAPER_BUDGET, DistributionTeacher, for_budget
 from tma_ray.teachers.numerics import UnitBox, draw_in_proportion, softmax
 
 
 def split_evenly(dimensions: int, most_cells: int) -> tuple[int, ...]:
-    """Return the number of cells along each of `dimensions`, with at most `most_cells` in all.
-
-    The dimension with the fewest cells gets one more as long as that fits.
-    """
+    """Return numbers of cells along `dimensions`, as equal as possible, at most `most_cells` in all."""
     counts = [1] * dimensions
     while True:
-        place = counts.index(min(counts))
-        if math.prod(counts) // counts[place] * (counts[place] + 1) > most_cells:
+        axis = counts.index(min(counts))
+        if math.prod(counts) // counts[axis] * (counts[axis] + 1) > most_cells:
             return tuple(counts)
-        counts[place] += 1
+        counts[axis] += 1
 
 
 @dataclass
-class LPACRL(Teacher):
-    """Samples the cells of a grid by the softmax of their learning progress from stage to stage.
+class LPACRL(DistributionTeacher):
+    """Grid cells, sampled in each stage by the softmax of their learning progress in the last one.
 
-    R_j is the mean return in a cell during stage j. At its end the learning progress of the cell is
-    R_j - R_{j-1}, with its sign: a cell where returns fall is sampled least. The next stage draws cells with
-    the chances softmax(progress / temperature), and a uniform task of the cell. The first stage is uniform.
-    In a cell without an episode in a stage the last mean stays, and progress is 0.
+    The learning progress of a cell in stage j is R_j - R_{j-1}, with R_j the mean return in the cell. The
+    next stage draws cells with the probabilities softmax(progress / temperature), and a uniform task of the
+    cell. The first stage is uniform. A cell without an episode keeps its mean return, and has progress 0.
 
-    Sources: Li, Li and Hutter 2026 (arXiv:2601.17428), whose formulas of R, progress and chances were read in
-    others' restatements. The temperature, the length of a stage, the grid and what an unvisited cell has are
-    ours.
+    Sources: Li, Li and Hutter 2026 (arXiv:2601.17428), whose formulas of R, progress and probabilities were
+    read in others' restatements. Temperature, length of a stage, grid and unvisited cells are our choice.
 
     Attributes:
-        cells: most cells of the grid.
+        cells: largest number of cells of the grid.
         stage_episodes: episodes of a stage.
-        temperature: difference in progress, in units of return, that makes a cell e times as likely (paper:
+        temperature: difference in progress, in units of return, by which a cell is e times as likely (paper:
             beta).
         budget: environment steps of the run, to which `for_budget` fits stage_episodes.
     """
@@ -53,10 +48,10 @@ class LPACRL(Teacher):
     cells: int = 36
     stage_episodes: int = 500
     temperature: float = 50.0
-    budget: int = PAPER_STEPS
+    budget: int = PAPER_BUDGET
 
     def __post_init__(self) -> None:
-        check_at_least(self, 2, "cells")  # between which to choose
+        check_at_least(self, 2, "cells")
         check_at_least(self, 1, "stage_episodes")
         check_positive(self, "temperature")
         for_budget(self.stage_episodes, self.budget)
@@ -72,12 +67,12 @@ class LPACRL(Teacher):
         self.sums_, self.visits_ = np.zeros(size), np.zeros(size)
         self.episodes_ = 0
 
-    def sample(self) -> Task:
-        """Return a uniform task (d,) of a cell."""
-        return self._draw(self.rng)
+    def draw(self, rng: np.random.Generator, count: int) -> Task:
+        """Return `count` tasks (count, d), each uniform in a random cell."""
+        return np.stack([self._draw_task(rng) for _ in range(count)])
 
     def observe(self, episode: Episode) -> None:
-        """Count the return in its cell; go on to the next stage when this one is over."""
+        """Count the return in its cell, and begin the next stage when this one is over."""
         cell = self.cell_of(episode.task)
         self.sums_[cell] += episode.episodic_return
         self.visits_[cell] += 1
@@ -85,18 +80,13 @@ class LPACRL(Teacher):
         if self.episodes_ % for_budget(self.stage_episodes, self.budget) == 0:
             self._advance()
 
-    def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) of the present stage."""
-        rng = self.probe_rng()
-        return np.stack([self._draw(rng) for _ in range(count)])
-
     def cell_of(self, task: Task) -> int:
-        """Return the number of the cell of `task` (d,); the first dimension counts most."""
-        places = (self._box.normalise(task) * self._counts).astype(np.int64)
-        inside = np.clip(places, 0, self._counts - 1)
+        """Return the index of the cell of `task` (d,), in row-major order."""
+        indices = (self._box.normalise(task) * self._counts).astype(np.int64)
+        inside = np.clip(indices, 0, self._counts - 1)
         return int(np.ravel_multi_index(tuple(inside), tuple(self._counts)))
 
-    def _draw(self, rng: np.random.Generator) -> Task:
+    def _draw_task(self, rng: np.random.Generator) -> Task:
         corner = np.array(np.unravel_index(draw_in_proportion(self.chances_, rng), tuple(self._counts)))
         task: Task = self._box.denormalise((corner + rng.random(self._box.size)) / self._counts)
         return task

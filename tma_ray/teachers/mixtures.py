@@ -1,4 +1,4 @@
-"""Gaussian mixtures chosen by AIC: the task distribution of the GMM teachers."""
+"""Gaussian mixtures selected by AIC, the task distribution of the GMM teachers."""
 
 import warnings
 from abc import abstractmethod
@@ -25,13 +25,7 @@ from tma_ray.teachers.numerics import Array, draw_in_proportion, shares_of
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """A fitted mixture as plain arrays.
-
-    Attributes:
-        weights: share of the data in each component (k,).
-        means: values (k, c).
-        covariances: values (k, c, c).
-    """
+    """Fitted mixture with weights (k,), means (k, c) and covariances (k, c, c)."""
 
     weights: Array
     means: Array
@@ -41,45 +35,44 @@ class Mixture:
         return len(self.weights)
 
     def draw(self, component: int, rng: np.random.Generator) -> Array:
-        """Return one point (c,) of `component`."""
+        """Draw a point (c,) of `component`."""
         factor = np.linalg.cholesky(self.covariances[component])
         drawn: Array = self.means[component] + factor @ rng.standard_normal(self.means.shape[1])
         return drawn
 
 
 NARROWEST, WIDEST = 2.0**-6, 2.0**12
-"""Widths of dimensions within which a mixture is fitted in their own units. scikit-learn adds 1e-6 to every
-variance, which is more than narrower ones have and is rounded away in wider ones."""
+"""Widths of dimensions between which a mixture is fitted without scaling. scikit-learn adds 1e-6 to every
+variance, which dominates that of narrower dimensions and is rounded away in wider ones."""
 
 
 def units_of(widths: Array) -> Array:
-    """Return the units (d,) in which the dimensions of a space with `widths` (d,) are fitted.
+    """Return the units (d,) in which dimensions of `widths` (d,) are fitted.
 
-    These are 1, and of a narrower or wider dimension the power of two next to its width, which is exact.
+    These are 1 or, for narrow and wide dimensions, the nearest power of two, which scales exactly.
     """
     scaled = (widths > 0) & ((widths < NARROWEST) | (widths > WIDEST))
     return np.exp2(np.round(np.log2(widths, out=np.zeros_like(widths), where=scaled)))
 
 
 def fit_mixture(rows: Array, most_components: int, seed: int, units: Array | float = 1.0) -> Mixture:
-    """Return the full-covariance mixture of 2 to `most_components` components with the lowest AIC.
+    """Fit full-covariance mixtures of 2 to `most_components` components, and return that of lowest AIC.
 
-    One EM initialisation each, without warm start. One thread, so that where a teacher runs does
-    not change what it fits.
+    Each has one EM initialisation without warm start, and one thread, for reproducible bits.
 
     Args:
-        rows: data (n, c); sizes beyond n - 1 components are not tried.
-        most_components: largest number of components, included.
+        rows: data (n, c), to which at most n - 1 components are fitted.
+        most_components: largest number of components.
         seed: seed of scikit-learn's initialisation.
-        units: units (c,) in which the columns are fitted; the mixture is in those of `rows`.
+        units: units (c,) in which the columns are fitted; the result is in those of `rows`.
     """
-    # Imported here: drivers and workers that name a teacher and fit nothing start sooner without it.
+    # deferred: listing teachers must not import scikit-learn
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import GaussianMixture
 
     sizes, rows = range(2, min(most_components, len(rows) - 1) + 1), rows / units
     with threadpool_limits(limits=1), warnings.catch_warnings():
-        # Twin rows and few episodes leave components empty: EM then stops early, which is fine here.
+        # equal rows and few episodes leave components empty, where EM may stop early
         warnings.simplefilter("ignore", ConvergenceWarning)
         fits = [GaussianMixture(size, covariance_type="full", random_state=seed).fit(rows) for size in sizes]
         best = min(fits, key=lambda fit: float(fit.aic(rows)))
@@ -91,17 +84,15 @@ def fit_mixture(rows: Array, most_components: int, seed: int, units: Array | flo
 class MixtureTeacher(Teacher):
     """Teacher that samples the components of a Gaussian mixture in proportion to their learning progress.
 
-    Every `fit_every` episodes the mixture is fitted on the latest rows: a task and the coordinates
-    that `measure` adds to it. Until the first fit tasks are uniform, or from the initial Gaussian at
-    high expert knowledge.
+    Every `fit_every` episodes the mixture is fitted to the latest rows of a task and the values of `measure`.
+    Before the first fit tasks are uniform or, at high expert knowledge, from the initial Gaussian.
 
-    Sources: Portelas et al. 2019, algorithm 1; paper, appendix A and table of hyper-parameters. The
-    original release tries 2 to `most_components` - 1 components; here, as the paper says, the
-    maximum is included.
+    Sources: Portelas et al. 2019, algorithm 1; paper, appendix A and table of hyper-parameters. The original
+    release tries `most_components` - 1 components at most, the paper includes the maximum.
 
     Attributes:
-        fit_every: episodes between two fits, and rows in each (paper: n).
-        most_components: largest mixture tried (paper: max_k).
+        fit_every: episodes between two fits, and rows of each (paper: n).
+        most_components: largest number of components (paper: max_k).
         explore: share of uniform tasks after the first fit, in [0, 1] (paper: r_p).
     """
 
@@ -114,17 +105,17 @@ class MixtureTeacher(Teacher):
     explore: float = 0.05
 
     def __post_init__(self) -> None:
-        check_at_least(self, 3, "fit_every")  # fewer episodes make no mixture
+        check_at_least(self, 3, "fit_every")  # rows of the smallest mixture
         check_at_least(self, 2, "most_components")
         check_shares(self, "explore")
 
     @abstractmethod
     def measure(self, episode: Episode) -> tuple[float, ...]:
-        """Return the coordinates that are appended to the task of `episode`."""
+        """Return the values that are appended to the task of `episode`."""
 
     @abstractmethod
     def progress_of(self, mixture: Mixture) -> Array:
-        """Return the learning progress (k,) of each component, none negative."""
+        """Return the non-negative learning progress (k,) of each component."""
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Start with an empty history."""
@@ -135,7 +126,7 @@ class MixtureTeacher(Teacher):
         self.mixture_: Mixture | None = None
 
     def sample(self) -> Task:
-        """Return a task (d,): bootstrap, uniform exploration, or a draw from the mixture."""
+        """Return a task (d,) of the bootstrap, of uniform exploration, or of the mixture."""
         if self.mixture_ is None:
             return self._bootstrap(self.rng)
         if self.rng.random() < self.explore:
@@ -143,7 +134,7 @@ class MixtureTeacher(Teacher):
         return self._exploit(self.mixture_, self.rng)
 
     def observe(self, episode: Episode) -> None:
-        """Store the task with what was measured, and fit a new mixture when due."""
+        """Store the task with its measured values, and fit a new mixture when due."""
         self.recent_.append(np.array([*episode.task, *self.measure(episode)], dtype=np.float64))
         self.episodes_ += 1
         if self.episodes_ % self.fit_every == 0:
@@ -151,7 +142,7 @@ class MixtureTeacher(Teacher):
             measured = np.ones(rows.shape[1] - self.space.size)
             units = np.concatenate([units_of(self.space.width), measured])
             self.mixture_ = fit_mixture(rows, self.most_components, self.fit_seed_, units)
-            # components are logged with the share of tasks that is drawn from each
+            # logged weights are the shares of tasks drawn from each component
             mixture, size, progress = self.mixture_, self.space.size, self.progress_of(self.mixture_)
             parts = zip(shares_of(progress), mixture.means, mixture.covariances, strict=True)
             gaussians = tuple(WeightedGaussian(float(w), m[:size], c[:size, :size]) for w, m, c in parts)

@@ -1,4 +1,4 @@
-"""Networks of Goal-GAN and Setter-Solver: the one module of teachers that imports torch."""
+"""Networks of Goal-GAN and Setter-Solver, the only module of teachers that imports torch."""
 
 import math
 from collections.abc import Iterator
@@ -16,13 +16,13 @@ skip_dynamo()
 
 
 def torch_generator(rng: np.random.Generator) -> torch.Generator:
-    """Return a generator for initial weights, seeded by a draw from `rng`."""
+    """Return a torch generator seeded by a draw from `rng`."""
     return torch.Generator().manual_seed(int(rng.integers(2**63)))
 
 
 def linear(inputs: int, outputs: int, dtype: torch.dtype, generator: torch.Generator) -> nn.Linear:
-    """Return a layer with Xavier's uniform weights (Glorot and Bengio 2010) and no bias yet."""
-    layer = nn.Linear(inputs, outputs, device="meta", dtype=dtype)  # draws no weights of its own
+    """Return a layer with uniform Xavier weights (Glorot and Bengio 2010) and zero bias."""
+    layer = nn.Linear(inputs, outputs, device="meta", dtype=dtype)  # without drawing default weights
     layer.weight, layer.bias = (
         nn.Parameter(torch.empty(parameter.shape, dtype=dtype)) for parameter in (layer.weight, layer.bias)
     )
@@ -32,7 +32,7 @@ def linear(inputs: int, outputs: int, dtype: torch.dtype, generator: torch.Gener
 
 
 def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
-    """Take one step of `optimiser` down the gradient of `loss`."""
+    """Take one step of `optimiser` on `loss`."""
     for group in optimiser.param_groups:
         for parameter in group["params"]:
             parameter.grad = None
@@ -42,7 +42,7 @@ def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
 
 @contextmanager
 def single_thread() -> Iterator[None]:
-    """Use one thread inside the block, so that where a teacher runs changes nothing."""
+    """Use one thread inside the block, for reproducible bits."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -55,23 +55,22 @@ GENERATOR_UNITS = 256
 DISCRIMINATOR_UNITS = 128
 LEAK = 0.1
 
-SMOOTHING = 0.9
-"""Share of the mean square of gradients that RMSProp keeps at a step: the default of TensorFlow 1, which the
-original release ran with; torch's is 0.99."""
+SMOOTHING = (
+    0.9  # of RMSProp's mean square, TensorFlow 1's default as in the original release; torch's is 0.99
+)
 
 
 class LeastSquaresGAN:
-    """A generator of points in [-1, 1] and a discriminator that tells wanted points from others.
+    """Generator of points in [-1, 1], and discriminator of positive points.
 
-    Source: Florensa et al. 2018, section 4.2, after Mao et al. 2017: the discriminator is drawn to +1 on
-    wanted and to -1 on unwanted and on generated points, the generator to where it is +1.
-    Layers as in TeachMyAgent's paper, appendix A; initial weights, leaky units of the discriminator
-    and optimisers as in its release.
+    Source: Florensa et al. 2018, section 4.2, after Mao et al. 2017: the discriminator is trained towards +1
+    on positive, and -1 on negative and generated points, the generator towards an output of +1. Layers are
+    those of the paper, appendix A; initial weights, leaky units and optimisers those of its release.
 
     Args:
-        size: dimensions d of points and of the noise that they are generated from.
+        size: dimensions d of points and of noise.
         learning_rate: learning rate of both RMSProp optimisers.
-        batch_size: points per step, and as many generated ones.
+        batch_size: number of points, and of generated points, per step.
         rng: source of the initial weights.
     """
 
@@ -96,7 +95,7 @@ class LeastSquaresGAN:
         )
 
     def generate(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Return `count` points (count, d) in [-1, 1]."""
+        """Generate `count` points (count, d) in [-1, 1]."""
         with single_thread(), torch.no_grad():
             points: NDArray[np.float32] = self.generator(self._noise(count, rng)).numpy()
         return points.astype(np.float64)
@@ -104,13 +103,13 @@ class LeastSquaresGAN:
     def train(
         self,
         points: NDArray[np.float64],
-        wanted: NDArray[np.bool_],
+        positive: NDArray[np.bool_],
         iterations: int,
         rng: np.random.Generator,
     ) -> dict[str, float]:
-        """Take steps of both networks on points (n, d), `wanted` (n,) or not; return the mean losses."""
+        """Train both networks on points (n, d) with labels (n,), and return the mean losses."""
         inputs = torch.from_numpy(points.astype(np.float32))
-        targets = torch.from_numpy(np.where(wanted, 1.0, -1.0).astype(np.float32))[:, None]
+        targets = torch.from_numpy(np.where(positive, 1.0, -1.0).astype(np.float32))[:, None]
         losses = np.empty((iterations, 2))
         with single_thread(), torch.enable_grad():
             for iteration in range(iterations):
@@ -131,22 +130,19 @@ class LeastSquaresGAN:
         return torch.from_numpy(rng.standard_normal((count, self._size), dtype=np.float32))
 
 
-DTYPE = torch.float64
-"""Scales of all couplings multiply, which is too much for the inverse in single precision."""
+DTYPE = torch.float64  # single precision is too low for the inverse, where scales of all couplings multiply
 
 BLOCKS = 3
 GATED_LAYERS = 3
 SMALLEST_SCALE = 0.01
-
-UNIT_SCALE_INPUT = 0.9131652918237967  # where `SMALLEST_SCALE` + `slow_softplus` is 1
-MARGIN = 1e-4  # points keep this distance from the faces of the box, where the density of a sigmoid diverges
+UNIT_SCALE_INPUT = 0.9131652918237967  # root of `SMALLEST_SCALE` + `slow_softplus` = 1
+FACE_DISTANCE = 1e-4  # least distance of points from the faces of the box, where a sigmoid's density diverges
 
 
 class HighwayNetwork(nn.Module):
-    """Network from (n, inputs) to (n, outputs): a tanh layer, three gated tanh layers and a linear one.
+    """Network with a tanh layer, three gated tanh layers (Srivastava et al. 2015) and a linear one.
 
-    A gated layer mixes its input with a tanh layer of it (Srivastava et al. 2015). Before any training every
-    output is `start`.
+    Untrained, its outputs are `start`.
     """
 
     def __init__(
@@ -161,7 +157,7 @@ class HighwayNetwork(nn.Module):
         nn.init.constant_(self._last.bias, start)
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return (n, outputs)."""
+        """Return outputs (n, outputs) for `inputs` (n, inputs)."""
         hidden = torch.tanh(self._first(inputs))
         for gate, layer in zip(self._gates, self._layers, strict=True):
             hidden = torch.lerp(hidden, torch.tanh(layer(hidden)), torch.sigmoid(gate(hidden)))
@@ -170,13 +166,13 @@ class HighwayNetwork(nn.Module):
 
 
 class AffineCoupling(nn.Module):
-    """Scales and shifts some coordinates by functions of the others and of a condition.
+    """Coupling that scales and shifts some coordinates by functions of the others and of a condition.
 
-    Before any training it is the identity. (With weights around 0, as they usually begin, each of the
-    couplings would shrink to a third, all of them together to nearly a point.)
+    Untrained, it is the identity: with usual initial weights, each coupling would scale by a third, and all
+    of them map to nearly a point.
 
     Args:
-        moved: bool (d,), the coordinates that change.
+        moved: mask (d,) of the coordinates that change.
         hidden: units of each layer of both networks.
         generator: source of the initial weights.
     """
@@ -190,12 +186,12 @@ class AffineCoupling(nn.Module):
         self._shift_network = HighwayNetwork(inputs, hidden, outputs, 0.0, generator)
 
     def forward(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return new points (n, d) and the log-determinant (n,) of the Jacobian."""
+        """Transform `points` (n, d), and return them with the log-determinant (n,) of the Jacobian."""
         scale, shift = self._scale_and_shift(points, condition)
         return self._replaced(points, points[:, self._moved] * scale + shift), scale.log().sum(dim=1)
 
     def inverse(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the origins of `points` (n, d) under `forward`, and its log-determinant (n,) there."""
+        """Invert `forward` at `points` (n, d), and return its log-determinant (n,), too."""
         scale, shift = self._scale_and_shift(points, condition)
         return self._replaced(points, (points[:, self._moved] - shift) / scale), scale.log().sum(dim=1)
 
@@ -212,14 +208,14 @@ class AffineCoupling(nn.Module):
 
 
 class RealNVP(nn.Module):
-    """A density over the unit box for every condition in (0, 1).
+    """Density over the unit box for every condition in (0, 1).
 
-    Sources: Dinh et al. 2017 (couplings), Racaniere et al. 2020, appendix (three blocks of three
-    couplings: by halves, by the other halves, interlaced); scales, highway networks and precision as
-    in the original release. Its sigmoid is clipped as the paper says, and so is the density here.
+    Sources: Dinh et al. 2017 (couplings), Racaniere et al. 2020, appendix (three blocks of three couplings:
+    by halves, by the other halves, interlaced); scales, highway networks and precision from the original
+    release. The sigmoid is clipped as in the paper, and so is the density.
 
     Args:
-        size: dimensions d; a single one depends on the condition alone.
+        size: dimensions d; a single one depends on the condition only.
         hidden: units of each hidden layer (paper: n_HIDDEN).
         generator: source of the initial weights.
     """
@@ -236,7 +232,7 @@ class RealNVP(nn.Module):
         )
 
     def forward(self, latents: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the points (n, d) of `latents` (n, d) and their log-density (n,) under `condition` (n,)."""
+        """Return points (n, d) of `latents` (n, d) and their log-density (n,) under `condition` (n,)."""
         points, log_density = latents, _standard_log_density(latents)
         for coupling in self._couplings:
             points, log_determinant = coupling(points, condition)
@@ -245,8 +241,8 @@ class RealNVP(nn.Module):
         return torch.sigmoid(clipped), log_density - _log_slope(clipped)
 
     def inverse(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the latents (n, d) of `points` (n, d), `MARGIN` inside, and their log-density (n,)."""
-        latents = torch.logit(points.clamp(MARGIN, 1 - MARGIN))
+        """Return the latents (n, d) of clamped `points` (n, d), and their log-density (n,)."""
+        latents = torch.logit(points.clamp(FACE_DISTANCE, 1 - FACE_DISTANCE))
         log_density = -_log_slope(latents)
         for coupling in reversed(self._couplings):
             assert isinstance(coupling, AffineCoupling)
@@ -255,11 +251,11 @@ class RealNVP(nn.Module):
         return latents, log_density + _standard_log_density(latents)
 
 
-_LIMIT = math.log((1 - MARGIN) / MARGIN)
+_LIMIT = math.log((1 - FACE_DISTANCE) / FACE_DISTANCE)
 
 
 def slow_softplus(inputs: torch.Tensor) -> torch.Tensor:
-    """Return a positive function that is near max(0, x) but leaves 0 slowly: x (atan(x)/pi + 1/2) + 1/pi."""
+    """Return x (atan(x) / pi + 1/2) + 1/pi, a positive function near max(0, x)."""
     return inputs * (torch.atan(inputs) / math.pi + 0.5) + 1 / math.pi
 
 
@@ -278,7 +274,7 @@ JUDGE_UNITS = 64
 def new_networks(
     size: int, hidden_units: int, learning_rate: float, rng: np.random.Generator
 ) -> tuple[nn.Sequential, RealNVP, torch.optim.Optimizer, torch.optim.Optimizer]:
-    """Return an untrained judge and setter for tasks of a `size`, and their optimisers."""
+    """Return an untrained judge and setter for `size` dimensions, and their optimisers."""
     seeded = torch_generator(rng)
     layers: list[nn.Module] = []  # three hidden ones (paper, appendix A) and the logit of success
     for inputs in (size, JUDGE_UNITS, JUDGE_UNITS):
@@ -294,7 +290,7 @@ def new_networks(
 def propose(
     setter: RealNVP, latents: NDArray[np.float64], feasibility: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return points (n, d) of a feasibility (n,) each, from noise (n, d)."""
+    """Return the setter's points (n, d) for latents (n, d) and feasibilities (n,)."""
     with single_thread(), torch.no_grad():
         points, _ = setter(torch.from_numpy(latents), torch.from_numpy(feasibility))
     proposed: NDArray[np.float64] = points.numpy()
@@ -307,7 +303,7 @@ def update_judge(
     points: NDArray[np.float64],
     solved: NDArray[np.bool_],
 ) -> float:
-    """Take one step towards the successes (n,) on points (n, d); return the loss."""
+    """Take one step on points (n, d) and successes (n,), and return the loss."""
     with single_thread(), torch.enable_grad():
         logits = judge(torch.from_numpy(points))[:, 0]
         successes = torch.from_numpy(solved).to(DTYPE)
@@ -323,23 +319,27 @@ def update_setter(
     proposed: tuple[NDArray[np.float64], NDArray[np.float64]],
     valid: tuple[NDArray[np.float64], NDArray[np.bool_]],
 ) -> dict[str, float]:
-    """Take one step; return the losses.
+    """Take one step, and return the losses.
 
-    Points were `proposed` from noise (n, d) and feasibility (n,); `valid` are those that were solved (m, d),
-    with noise, and which (n,) of the proposed these are.
+    Args:
+        setter: network to update.
+        judge: network that estimates feasibilities.
+        optimiser: optimiser of the setter.
+        proposed: latents (n, d) and requested feasibilities (n,).
+        valid: solved tasks with noise (m, d), and their mask (n,) among the proposed.
     """
     latents, feasibility = proposed
     targets, solved = valid
     with single_thread(), torch.enable_grad():
-        wanted = torch.from_numpy(feasibility)
-        points, log_density = setter(torch.from_numpy(latents), wanted)
+        requested = torch.from_numpy(feasibility)
+        points, log_density = setter(torch.from_numpy(latents), requested)
         judged = judge(points)[:, 0]
         losses = {
-            "feasibility_loss": ((judged - torch.logit(wanted)) ** 2).mean(),
+            "feasibility_loss": ((judged - torch.logit(requested)) ** 2).mean(),
             "coverage_loss": log_density.mean(),
         }
         if len(targets):
-            _, likelihood = setter.inverse(torch.from_numpy(targets), wanted[torch.from_numpy(solved)])
+            _, likelihood = setter.inverse(torch.from_numpy(targets), requested[torch.from_numpy(solved)])
             losses["validity_loss"] = -likelihood.mean()
         descend(optimiser, torch.stack(list(losses.values())).sum())
     return {name: loss.item() for name, loss in losses.items()}

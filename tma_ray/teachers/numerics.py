@@ -1,4 +1,4 @@
-"""Numerics that several teachers share: random choices, common units, a set of tasks as a Gaussian."""
+"""Shared numerics of teachers: random choices, scaling, Gaussians of task sets."""
 
 from contextlib import AbstractContextManager
 from functools import cache
@@ -12,23 +12,23 @@ from tma_ray.tasks import Task, TaskSpace, WeightedGaussian
 Array = NDArray[np.float64]
 
 
-@cache  # to look for the libraries takes milliseconds, to set their threads a hundredth of that
+@cache  # searching the libraries takes a hundred times as long as setting their threads
 def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
 
 
 def one_thread() -> AbstractContextManager[object]:
-    """Context manager with one thread for numpy's matrix products, whose bits then depend on no place.
+    """Context manager that limits numpy's matrix products to one thread, for reproducible bits.
 
-    Libraries that are loaded after its first use are not limited: where scipy or scikit-learn multiply, use
-    `threadpoolctl.threadpool_limits`, which is slower.
+    Libraries loaded after its first use are not limited: with scipy or scikit-learn, use the slower
+    `threadpoolctl.threadpool_limits`.
     """
     limits: AbstractContextManager[object] = _libraries().limit(limits=1)
     return limits
 
 
 def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
-    """Return an index drawn in proportion to `scores` (k,), none negative; uniform if all are 0."""
+    """Draw an index in proportion to non-negative `scores` (k,), uniformly if all are 0."""
     cumulative = np.cumsum(scores)
     total = cumulative[-1]
     if total <= 0:
@@ -37,26 +37,26 @@ def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
 
 
 def shares_of(scores: Array) -> Array:
-    """Return the chances (k,) that `draw_in_proportion` gives `scores` (k,)."""
+    """Return the probabilities (k,) of `draw_in_proportion` for `scores` (k,)."""
     total = scores.sum()
     return scores / total if total > 0 else np.full(len(scores), 1 / len(scores))
 
 
 def softmax(scores: Array, temperature: float) -> Array:
-    """Return the chances (k,) in proportion to exp(scores / temperature)."""
+    """Return probabilities (k,) in proportion to exp(scores / temperature)."""
     weights = np.exp((scores - scores.max()) / temperature)
     return np.asarray(weights / weights.sum(), dtype=np.float64)
 
 
 LOWEST_RETURN, HIGHEST_RETURN = -150.0, 350.0
-"""Bounds between which the original release scales returns on Stump Tracks, where a teacher wants that."""
+"""Bounds of scaled returns on Stump Tracks (original release)."""
 
 
 def scaled_returns(returns: Array, lowest: float, highest: float) -> Array:
-    """Return `returns` (k,) with `lowest` as 0 and `highest` as 1, and what is beyond them as these.
+    """Scale `returns` (k,) from [`lowest`, `highest`] to [0, 1], with clipping.
 
     Raises:
-        ValueError: `lowest` is not below `highest`.
+        ValueError: if `lowest` is not below `highest`.
     """
     if not lowest < highest:
         raise ValueError(f"lowest_return = {lowest}: expected a return below highest_return = {highest}")
@@ -64,23 +64,20 @@ def scaled_returns(returns: Array, lowest: float, highest: float) -> Array:
 
 
 def draw_in_box(space: TaskSpace, box: Array, rng: np.random.Generator) -> Task:
-    """Return a uniform task (d,) of a `box` in `space`, given by its lower and upper corner (2, d)."""
+    """Draw a uniform task (d,) of a `box` in `space`, given by its lower and upper corner (2, d)."""
     low, high = box
     return space.clip(low + rng.random(space.size) * (high - low))
 
 
 class UnitBox:
-    """The dimensions of a space that have width, each scaled to [0, 1].
-
-    Args:
-        space: the space; its constant dimensions keep their value.
+    """Free dimensions of a task space, scaled to [0, 1].
 
     Attributes:
-        free: bool (d,), which dimensions have width.
-        size: number f of them.
+        free: True for dimensions with width (d,).
+        size: number f of free dimensions.
 
     Raises:
-        ValueError: no dimension has width.
+        ValueError: if no dimension of the space has width.
     """
 
     def __init__(self, space: TaskSpace) -> None:
@@ -104,14 +101,13 @@ class UnitBox:
         return self._space.denormalise(tasks)
 
 
-LEAST_STD_SHARE = 1e-3
-"""Standard deviation added to every dimension, as a share of its range: single tasks have none."""
-
-CONSTANT_STD = 1e-3  # standard deviation of dimensions without width, in task units
+# standard deviations of a Gaussian of tasks
+LEAST_STD_SHARE = 1e-3  # added in every dimension, as a share of its range: a single task has none
+CONSTANT_STD = 1e-3  # of dimensions without width, in task units
 
 
 def cloud_gaussian(space: TaskSpace, tasks: Task, weights: Array | None = None) -> WeightedGaussian:
-    """Return the Gaussian with mean and covariance of `tasks` (n, d), which `weights` (n,) may weigh."""
+    """Return the Gaussian with mean and covariance of `tasks` (n, d) with optional `weights` (n,)."""
     points = tasks.astype(np.float64)
     shares = np.full(len(points), 1 / len(points)) if weights is None else weights / weights.sum()
     mean = shares @ points

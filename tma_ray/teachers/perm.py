@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tma_ray.support.validation import check_at_least, check_positive, check_shares
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
-from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
+from tma_ray.teachers.base import PAPER_BUDGET, Teacher, for_budget
 from tma_ray.teachers.numerics import (
     HIGHEST_RETURN,
     LOWEST_RETURN,
@@ -20,15 +20,13 @@ from tma_ray.teachers.numerics import (
     scaled_returns,
 )
 
-MOST_STEPS, SMALLEST_STEP = 50, 1e-8
-"""Newton's method ends after so many steps, or with one as short."""
+MOST_STEPS, SMALLEST_STEP = 50, 1e-8  # stopping criteria of Newton's method
 
 
 class ResponseModel(NamedTuple):
-    """Priors of an item-response model with one ability a per window and difficulties d = features @ weights.
+    """Item-response model with one ability a per window and difficulties d = features @ weights.
 
-    A response y in [0, 1] has the log-likelihood y log p + (1 - y) log (1 - p), with p = 1 / (1 + exp(d -
-    a)).
+    A response y in [0, 1] has the log-likelihood y log p + (1 - y) log (1 - p), with p = sigmoid(a - d).
 
     Attributes:
         ability_std: prior standard deviation of the first ability, around 0.
@@ -41,12 +39,12 @@ class ResponseModel(NamedTuple):
     weight_std: float = 3.0
 
     def fit(self, features: Array, windows: NDArray[np.int64], responses: Array) -> tuple[Array, Array]:
-        """Return the most probable abilities (k,) and weights (m,), which are unique.
+        """Return the maximum a posteriori abilities (k,) and weights (m,).
 
         Args:
-            features: values that difficulties depend on (n, m).
-            windows: number of each response's window (n,), from 0 to k - 1.
-            responses: values y (n,).
+            features: features of the tasks (n, m).
+            windows: index of each response's window (n,), from 0 to k - 1.
+            responses: responses y (n,).
         """
         count = int(windows.max()) + 1
         design = np.hstack([np.eye(count)[windows], -features])
@@ -55,12 +53,12 @@ class ResponseModel(NamedTuple):
         precision[:count, :count] = changes.T @ changes / self.drift_std**2
         precision[0, 0] += self.ability_std**-2.0
         with one_thread():
-            found = _most_probable(design, responses, precision)
-        return found[:count], found[count:]
+            parameters = _most_probable(design, responses, precision)
+        return parameters[:count], parameters[count:]
 
 
 def _most_probable(design: Array, responses: Array, precision: Array) -> Array:
-    """Return the parameters (p,) of a logistic regression with a Gaussian prior, by Newton's method."""
+    """Fit the parameters (p,) of a logistic regression with a Gaussian prior by Newton's method."""
 
     def loss(parameters: Array) -> float:
         logits = design @ parameters
@@ -83,24 +81,23 @@ def _most_probable(design: Array, responses: Array, precision: Array) -> Array:
 
 @dataclass
 class PERM(Teacher):
-    """Proposes tasks as difficult as the student is able, by an item-response model of both.
+    """Tasks whose difficulty matches the student's ability in an item-response model.
 
-    The model explains returns, scaled to [0, 1], by the student's ability at the time less the difficulty of
-    the task, and is fitted to the latest windows of episodes, each with an ability of its own. Difficulty is
-    a sum of bumps in the task space and averages 0 over it. A task is the one of some uniform candidates
-    whose difficulty is nearest to the latest ability. Before the first fit tasks are uniform.
+    The model explains returns, scaled to [0, 1], by the student's ability minus the difficulty of the task.
+    It is fitted to the latest windows of episodes, each with its own ability. Difficulty is a sum of bumps in
+    the task space with mean 0. A task is the uniform candidate whose difficulty is nearest to the latest
+    ability. Before the first fit tasks are uniform.
 
-    Sources: Tio and Varakantham 2023 (arXiv:2306.13028) for the idea: latent ability and difficulty, inferred
-    from returns and parameters, and difficulty matched to ability. Its equations could not be read; it trains
-    its model offline. This one is fitted as the run goes and derived from the idea; its hyper-parameters are
-    ours.
+    Sources: Tio and Varakantham 2023 (arXiv:2306.13028) for the idea of latent ability and difficulty,
+    inferred from returns and parameters, and difficulty matched to ability. Its equations could not be read,
+    and its model is trained offline. This online model and its hyper-parameters are our choice.
 
     Attributes:
-        window_episodes: episodes of a window, after each of which the model is fitted.
+        window_episodes: episodes of a window, after which the model is fitted.
         windows: latest windows in a fit.
-        bumps: bumps of the difficulty.
+        bumps: number of bumps of the difficulty.
         bump_width: standard deviation of a bump, as a share of the unit box's diagonal.
-        candidates: uniform tasks of which the most suitable is proposed.
+        candidates: number of uniform candidates.
         explore: share of uniform tasks after the first fit, in [0, 1].
         lowest_return: return that is scaled to 0.
         highest_return: return that is scaled to 1.
@@ -119,7 +116,7 @@ class PERM(Teacher):
     explore: float = 0.1
     lowest_return: float = LOWEST_RETURN
     highest_return: float = HIGHEST_RETURN
-    budget: int = PAPER_STEPS
+    budget: int = PAPER_BUDGET
 
     def __post_init__(self) -> None:
         check_at_least(self, 1, "window_episodes", "windows", "bumps", "candidates")
@@ -146,7 +143,7 @@ class PERM(Teacher):
         return self._suitable(self.rng)
 
     def observe(self, episode: Episode) -> None:
-        """Store task and return; fit the model at the end of a window."""
+        """Store task and return, and fit the model at the end of a window."""
         self.history_.append((episode.task, episode.episodic_return))
         self.episodes_ += 1
         if self.episodes_ % self._window == 0:
@@ -158,8 +155,8 @@ class PERM(Teacher):
         return np.stack([self._suitable(rng) for _ in range(count)])
 
     def features(self, points: Array) -> Array:
-        """Return the heights (n, m) of the bumps at `points` (n, f) of the unit box, less their means."""
-        from scipy.spatial.distance import cdist  # imported here: drivers start sooner without it
+        """Return the centred heights (n, m) of the bumps at `points` (n, f) of the unit box."""
+        from scipy.spatial.distance import cdist  # deferred: listing teachers must not import scipy
         from scipy.special import ndtr
 
         width = self.bump_width * np.sqrt(self._box.size)
@@ -169,7 +166,7 @@ class PERM(Teacher):
         return np.asarray(heights - means, dtype=np.float64)
 
     def difficulty(self, tasks: Task) -> Array:
-        """Return the difficulties (n,) of `tasks` (n, d), in units of ability; 0 before the first fit."""
+        """Return the difficulties (n,) of `tasks` (n, d), 0 before the first fit."""
         if self.weights_ is None:
             return np.zeros(len(tasks))
         return np.asarray(self.features(self._box.normalise(tasks)) @ self.weights_, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Prioritised level replay, and its robust form (Jiang et al. 2021a, 2021b)."""
+"""PLR and robust PLR, prioritised level replay (Jiang et al. 2021a, 2021b)."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -8,7 +8,7 @@ from tma_ray.teachers.prioritised_replay import PrioritisedReplay
 
 @dataclass
 class PLR(PrioritisedReplay):
-    """Replays tasks by the rank of their score and by staleness; new tasks are uniform, and train, too.
+    """Replay of tasks by score rank and staleness, where new tasks are uniform and train, too.
 
     Source: Jiang et al. 2021a, algorithm 1, with the buffer and the scores of 2021b, appendix C.
     """
@@ -18,9 +18,9 @@ class PLR(PrioritisedReplay):
 
 @dataclass
 class RobustPLR(PrioritisedReplay):
-    """PLR whose student learns from replays alone: new tasks are played to be scored.
+    """PLR whose student learns from replays only, while new tasks are played for their scores.
 
-    Source: Jiang et al. 2021b, algorithm 1. It halves the steps that train, of the same budget.
+    Source: Jiang et al. 2021b, algorithm 1. About half of the budget's steps train.
     """
 
     withholds_episodes: ClassVar[bool] = True

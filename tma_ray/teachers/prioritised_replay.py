@@ -1,4 +1,4 @@
-"""The base of the teachers that replay tasks of high regret."""
+"""Base of the teachers that replay tasks of high regret."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -19,21 +19,21 @@ from tma_ray.tasks import (
     TeacherUpdate,
     Trajectory,
 )
-from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
+from tma_ray.teachers.base import PAPER_BUDGET, Teacher, for_budget
 from tma_ray.teachers.numerics import Array, cloud_gaussian
 
 
 class Score(StrEnum):
-    """Estimates of a task's regret from an episode of it (Jiang et al. 2021b, section 4.1 and appendix).
+    """Estimate of a task's regret from an episode (Jiang et al. 2021b, section 4.1 and appendix).
 
-    With values that have an entropy bonus (SAC), all compare rewards that have it, too.
+    If values include entropy bonuses (SAC), rewards do, too.
     """
 
     POSITIVE_VALUE_LOSS = "positive_value_loss"
-    """Mean over the steps of the generalised advantage estimates, those below 0 counted as 0."""
+    """Mean of the generalised advantage estimates, clipped at 0, over the steps."""
 
     MAX_MC = "max_mc"
-    """Highest discounted return that was seen on the task, less the value of its first state."""
+    """Highest discounted return of the task so far minus the value of its first state."""
 
     MNA = "mna"
     """Maximised negative advantage of a task that was mastered at least once, else 0 (Mead et al. 2026)."""
@@ -43,32 +43,29 @@ def positive_value_loss(trajectory: Trajectory, values: Array, gae_lambda: float
     """Return the positive value loss of an episode of t steps.
 
     Args:
-        trajectory: the episode.
-        values: values of its observations (t + 1,); the last one does not count if the episode terminated.
+        trajectory: trajectory of the episode.
+        values: values of its observations (t + 1,); the last one does not count after termination.
         gae_lambda: lambda of the estimates (arXiv:1506.02438).
     """
-    from scipy.signal import lfilter  # imported here: who only names a teacher starts sooner without it
+    from scipy.signal import lfilter  # deferred: listing teachers must not import scipy
 
     errors = value_errors(trajectory, values)
     advantages = lfilter([1.0], [1.0, -trajectory.gamma * gae_lambda], errors[::-1])
     return float(np.maximum(advantages, 0.0).mean())
 
 
-NEGLIGIBLE_WEIGHT = 1e-9
-"""Weight of a longer advantage below which a sum over lengths ends."""
+NEGLIGIBLE_WEIGHT = 1e-9  # below which a sum over lengths ends
 
 
 def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float) -> float:
     """Return the maximised negative advantage of an episode of t steps, at least 0.
 
-    The advantage of n steps from state i is the sum of gamma^k errors[i + k] over k < n. Here that sum is cut
-    to 0 whenever it exceeds 0, which compares with the highest value met on the way; the sums of all lengths
-    are averaged with the weights of lambda, and the result is the mean over the states, with the sign turned.
+    The advantage of n steps from state i is the sum of gamma^k errors[i + k] over k < n. Partial sums are
+    clipped at 0, which compares with the highest value so far. Sums of all lengths are averaged with the
+    weights of lambda, and then over the states, and negated. Arguments are those of `positive_value_loss`.
 
-    Sources: the authors' code (``compute_clipped_gae`` of ``minigrid/maze_plr.py``) and the table of metrics
-    of its README, which has the mean over the steps; the code has the sum.
-
-    Arguments as of `positive_value_loss`.
+    Sources: the authors' code (``compute_clipped_gae`` of ``minigrid/maze_plr.py``), with the mean over the
+    steps of its README's table of metrics instead of the code's sum.
     """
     errors = value_errors(trajectory, values)
     sums, total = np.zeros(len(errors)), 0.0
@@ -78,13 +75,15 @@ def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float)
             break
         before = sums[: len(errors) - length]
         longer = np.minimum(before + trajectory.gamma**length * errors[length:], 0.0)
-        total += weight * float((longer - before).sum())  # so that the longest has the weights of all longer
+        total += weight * float(
+            (longer - before).sum()
+        )  # gives the longest sum the weights of all longer ones
         sums[: len(longer)] = longer
     return -total / len(errors)
 
 
 def value_errors(trajectory: Trajectory, values: Array) -> Array:
-    """Return the temporal-difference errors (t,) of `values` (t + 1,) in an episode of t steps."""
+    """Return the temporal-difference errors (t,) of `values` (t + 1,)."""
     following = values[1:].copy()
     if trajectory.terminated:
         following[-1] = 0.0
@@ -96,22 +95,22 @@ def value_errors(trajectory: Trajectory, values: Array) -> Array:
 
 @dataclass
 class TaskBuffer:
-    """At most `capacity` tasks with what decides how often they are replayed.
+    """Buffer of at most `capacity` tasks with their replay probabilities.
 
-    Task i is replayed with the chance (1 - rho) P_S(i) + rho P_C(i), where P_S is proportional to
+    Task i is replayed with the probability (1 - rho) P_S(i) + rho P_C(i), where P_S is proportional to
     (1 / rank of its score) ** (1 / temperature), and P_C to the replays since it was played (Jiang et al.
-    2021a, section 3). A new task takes the place of the one that is replayed least, if it scores as high.
+    2021a, section 3). A new task of at least its score replaces the task of lowest probability.
 
     Attributes:
         size: number d of dimensions of a task.
-        capacity: most tasks.
-        temperature: beta.
-        staleness_share: rho, in [0, 1].
-        tasks: float32 (k, d).
-        scores: values (k,).
+        capacity: largest number of tasks.
+        temperature: temperature beta.
+        staleness_share: weight rho of staleness, in [0, 1].
+        tasks: tasks, float32 (k, d).
+        scores: scores (k,).
         staleness: replays since the task was played (k,).
-        best: highest discounted return that was seen on the task (k,).
-        mastered: True for tasks that were mastered at least once, bool (k,).
+        best: highest discounted return of the task so far (k,).
+        mastered: True for tasks that were mastered at least once (k,).
     """
 
     size: int
@@ -130,7 +129,7 @@ class TaskBuffer:
         self.mastered = np.empty(0, dtype=np.bool_)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore a buffer; one of an older checkpoint counts no task as mastered."""
+        """Restore a buffer, with no task mastered in checkpoints older than `mastered`."""
         vars(self).update({"mastered": np.zeros(len(state["tasks"]), dtype=np.bool_)} | state)
 
     def __len__(self) -> int:
@@ -138,11 +137,11 @@ class TaskBuffer:
 
     @property
     def filled(self) -> float:
-        """Share of the capacity that is taken."""
+        """Filled share of the capacity."""
         return len(self) / self.capacity
 
     def chances(self) -> Array:
-        """Return the chance of each task (k,) to be replayed next."""
+        """Return the replay probability of each task (k,)."""
         ranks = np.empty(len(self))
         ranks[np.argsort(-self.scores, kind="stable")] = np.arange(1, len(self) + 1)
         by_score = ranks ** (-1 / self.temperature)
@@ -152,64 +151,58 @@ class TaskBuffer:
         return chances
 
     def draw(self, rng: np.random.Generator, count: int) -> NDArray[np.int64]:
-        """Return the places (count,) of tasks to replay; none of them grows staler by it."""
+        """Draw the slots (count,) of tasks to replay, without changing staleness."""
         cumulative = np.cumsum(self.chances())
-        places: NDArray[np.int64] = np.searchsorted(
+        slots: NDArray[np.int64] = np.searchsorted(
             cumulative, rng.random(count) * cumulative[-1], side="right"
         )
-        return places
+        return slots
 
-    def replay(self, place: int) -> Task:
-        """Return the task (d,) at `place`, and make all others staler."""
+    def replay(self, slot: int) -> Task:
+        """Return the task (d,) in `slot`, and increase the staleness of all others."""
         self.staleness += 1
-        self.staleness[place] = 0
-        task: Task = self.tasks[place].copy()
+        self.staleness[slot] = 0
+        task: Task = self.tasks[slot].copy()
         return task
 
-    def rescore(self, place: int, score: float, best: float, mastered: bool = False) -> None:
-        """Record the episode of the task at `place`."""
-        self.scores[place], self.best[place], self.mastered[place] = score, best, mastered
+    def rescore(self, slot: int, score: float, best: float, mastered: bool = False) -> None:
+        """Update the task in `slot` after an episode."""
+        self.scores[slot], self.best[slot], self.mastered[slot] = score, best, mastered
 
     def offer(self, task: Task, score: float, best: float, mastered: bool = False) -> int | None:
-        """Add `task` (d,) unless the buffer is full and the task to be replaced scores higher.
-
-        Returns:
-            The place of `task`, None if it was not taken in.
-        """
+        """Add `task` (d,), unless the task to be replaced scores higher, and return its slot, if any."""
         if len(self) < self.capacity:
             self.tasks = np.vstack([self.tasks, task])
             added = (self.scores, score), (self.staleness, 0.0), (self.best, best)
             self.scores, self.staleness, self.best = (np.append(column, value) for column, value in added)
             self.mastered = np.append(self.mastered, mastered)
             return len(self) - 1
-        place = int(self.chances().argmin())
-        if self.scores[place] > score:
+        slot = int(self.chances().argmin())
+        if self.scores[slot] > score:
             return None
-        self.tasks[place], self.staleness[place] = task, 0.0
-        self.rescore(place, score, best, mastered)
-        return place
+        self.tasks[slot], self.staleness[slot] = task, 0.0
+        self.rescore(slot, score, best, mastered)
+        return slot
 
 
-LOG_EVERY = 100
-"""Episodes between two log rows."""
+LOG_EVERY = 100  # episodes between two log rows
 
 
 @dataclass
 class PrioritisedReplay(Teacher):
-    """Teacher that plays new tasks, keeps those of highest score in a buffer, and replays these.
+    """Teacher that plays new tasks, and replays those of highest score from a buffer.
 
     Sources: Jiang et al. 2021a (prioritised level replay) and 2021b (replay-guided adversarial environment
-    design). Defaults are those of the authors' runs on a walker whose world has continuous parameters
-    (Parker-Holder et al. 2022, BipedalWalker). There a level is a fixed world; here the world of a task is
-    drawn again at each replay.
+    design). Defaults are those of the authors' runs on a walker with continuous parameters (Parker-Holder et
+    al. 2022, BipedalWalker). There a level is a fixed world; here each replay draws a new world of the task.
 
     Attributes:
-        replay_share: highest chance of a replay instead of a new task, in [0, 1]; it is the filled share of
-            the buffer while that is less (paper: p).
+        replay_share: highest probability of a replay instead of a new task, in [0, 1], which is bounded by
+            the filled share of the buffer (paper: p).
         fill_first: filled share of the buffer before the first replay, in [0, 1] (authors' code: rho).
-        buffer_size: most tasks kept (paper: K).
+        buffer_size: largest number of tasks in the buffer (paper: K).
         score: estimate of a task's regret.
-        temperature: temperature of the ranks; if lower, the highest scores are replayed more (paper: beta).
+        temperature: temperature of the ranks; low values favour the highest scores (paper: beta).
         staleness_share: weight of staleness against score, in [0, 1] (paper: rho).
         gae_lambda: lambda of the advantage estimates in the positive value loss.
         budget: environment steps of the run, to which `for_budget` fits the buffer.
@@ -221,7 +214,7 @@ class PrioritisedReplay(Teacher):
     wants_trajectory: ClassVar[bool] = True
     absent_at_default: ClassVar[frozenset[str]] = frozenset(("budget",))
     new_tasks_train: ClassVar[bool] = True
-    """Whether the student learns from tasks that are not replayed."""
+    """True if the student learns from new tasks."""
 
     replay_share: float = 0.5
     fill_first: float = 0.5
@@ -230,7 +223,7 @@ class PrioritisedReplay(Teacher):
     temperature: float = 0.1
     staleness_share: float = 0.5
     gae_lambda: float = 0.9
-    budget: int = PAPER_STEPS
+    budget: int = PAPER_BUDGET
 
     def __post_init__(self) -> None:
         check_shares(self, "replay_share", "fill_first", "staleness_share", "gae_lambda")
@@ -243,13 +236,13 @@ class PrioritisedReplay(Teacher):
         super().start(space, knowledge, rng)
         size = for_budget(self.buffer_size, self.budget)
         self.buffer_ = TaskBuffer(space.size, size, self.temperature, self.staleness_share)
-        self.replayed_: int | None = None  # place of the task that is played, if it is kept
+        self.replayed_: int | None = None  # slot of the current task, if it is replayed
         self.episode_: Episode | None = None
         self.trajectory_: Trajectory | None = None
         self.episodes_ = 0
 
     def sample(self) -> Task | Proposal:
-        """Return a task (d,) of the buffer to train on, or a new one."""
+        """Return a task (d,) of the buffer, or a new one."""
         self.replayed_ = None
         filled = self.buffer_.filled
         if filled >= self.fill_first and self.rng.random() < min(filled, self.replay_share):
@@ -259,18 +252,18 @@ class PrioritisedReplay(Teacher):
         return task if self.new_tasks_train else Proposal(task, trains=False)
 
     def new_tasks(self, rng: np.random.Generator, count: int | None = None) -> Task:
-        """Return a task (d,) that is not of the buffer, or `count` of them (count, d): uniform ones."""
+        """Return a new uniform task (d,), or `count` new tasks (count, d)."""
         return self.space.sample(rng, count)
 
     def observe(self, episode: Episode) -> Query:
         """Request the trajectory for the score."""
         self.episode_, self.episodes_ = episode, self.episodes_ + 1
         if self.replayed_ is not None and (self.buffer_.tasks[self.replayed_] != episode.task).any():
-            self.replayed_ = None  # replaced by an overlapping episode
+            self.replayed_ = None  # an overlapping episode has replaced it
         return Query(QueryKind.TRAJECTORY)
 
     def answer(self, answer: Trajectory | Array) -> Query | None:
-        """Take the trajectory, then the values of its states; score the task with them."""
+        """Store the trajectory, or score the task with the values of its states."""
         if isinstance(answer, Trajectory):
             self.trajectory_ = answer
             valued = answer.observations[:1] if self.score is Score.MAX_MC else answer.observations
@@ -281,7 +274,7 @@ class PrioritisedReplay(Teacher):
         return None
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) as they are replayed; new ones while the buffer is empty."""
+        """Return `count` replayed tasks (count, d), or new ones while the buffer is empty."""
         rng = self.probe_rng()
         if not len(self.buffer_):
             return self.new_tasks(rng, count)
@@ -289,15 +282,15 @@ class PrioritisedReplay(Teacher):
         return tasks
 
     def after_replay(self, task: Task) -> None:
-        """Respond to the replay of `task` (d,), which has been scored; do nothing by default."""
+        """Respond to the replay of `task` (d,) after its scoring, by default with nothing."""
 
     def estimate(self, trajectory: Trajectory, values: Array, best: float, mastered: bool) -> float:
         """Return the score of a task.
 
         Args:
-            trajectory: the task's episode.
+            trajectory: trajectory of an episode of the task.
             values: values of its observations (t + 1,), or of the first one.
-            best: highest discounted return that was seen on the task.
+            best: highest discounted return of the task so far.
             mastered: True if the task was mastered at least once.
         """
         if self.score is Score.MAX_MC:
@@ -307,22 +300,22 @@ class PrioritisedReplay(Teacher):
         return positive_value_loss(trajectory, values, self.gae_lambda)
 
     def count_in(self, episode: Episode, values: Array) -> int | None:
-        """Score the task of `episode` with `values` of its states; return its place in the buffer, if any."""
-        best, place, trajectory = episode.discounted_return, self.replayed_, self.trajectory_
+        """Score the task of `episode` with `values` of its states, and return its slot, if any."""
+        best, slot, trajectory = episode.discounted_return, self.replayed_, self.trajectory_
         mastered = episode.success
         assert trajectory is not None, "its states have been valued"
         if trajectory.entropy_bonuses is not None:
             best += float(np.polynomial.polynomial.polyval(trajectory.gamma, trajectory.entropy_bonuses))
-        if place is not None:
-            best = max(best, float(self.buffer_.best[place]))
-            mastered = mastered or bool(self.buffer_.mastered[place])
+        if slot is not None:
+            best = max(best, float(self.buffer_.best[slot]))
+            mastered = mastered or bool(self.buffer_.mastered[slot])
         score = self.estimate(trajectory, values, best, mastered)
-        if place is None:
-            place = self.buffer_.offer(episode.task, score, best, mastered)
+        if slot is None:
+            slot = self.buffer_.offer(episode.task, score, best, mastered)
         else:
-            self.buffer_.rescore(place, score, best, mastered)
+            self.buffer_.rescore(slot, score, best, mastered)
             self.after_replay(episode.task)
-        if self.episodes_ % LOG_EVERY == 0:  # with the Gaussian that replays resemble
+        if self.episodes_ % LOG_EVERY == 0:
             chances = self.buffer_.chances()
             scalars = {
                 "buffer_size": float(len(self.buffer_)),
@@ -331,4 +324,4 @@ class PrioritisedReplay(Teacher):
             }
             gaussian = cloud_gaussian(self.space, self.buffer_.tasks, chances)
             self.log(TeacherUpdate(gaussians=(gaussian,), scalars=scalars))
-        return place
+        return slot

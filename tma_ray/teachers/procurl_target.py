@@ -7,7 +7,7 @@ import numpy as np
 
 from tma_ray.support.validation import check_at_least, check_positive
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace, TeacherUpdate
-from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget, next_due
+from tma_ray.teachers.base import PAPER_BUDGET, DistributionTeacher, for_budget, next_due
 from tma_ray.teachers.currot import Performance
 from tma_ray.teachers.numerics import (
     HIGHEST_RETURN,
@@ -20,54 +20,51 @@ from tma_ray.teachers.numerics import (
     softmax,
 )
 
-MOST_EPISODES = 2_000
-"""Latest episodes that the values are estimated from, which bounds the time of an update."""
+MOST_EPISODES = 2_000  # latest episodes of an estimate of values, which bounds its time
 
 
 def similarity(points: Array, targets: Array, reach: float) -> Array:
-    """Return exp(-distance / reach) (m, n) of each of m `targets` (m, f) from n `points` (n, f)."""
-    from scipy.spatial.distance import cdist  # imported here: drivers start sooner without it
+    """Return exp(-distance / reach) (m, n) of `targets` (m, f) and `points` (n, f)."""
+    from scipy.spatial.distance import cdist  # deferred: listing teachers must not import scipy
 
     return np.asarray(np.exp(-cdist(targets, points) / reach), dtype=np.float64)
 
 
 def proximity(values: Array, target_values: Array, similarities: Array) -> Array:
-    """Return the score (n,) of n tasks: their progress and that of the target that goes with it best.
+    """Return the scores (n,) of tasks that are, like a similar target, neither too easy nor too hard.
 
-    The score of a task c is max over targets t of V(c) (1 - V(c)) V(t) (1 - V(t)) k(c, t): it is high for
-    tasks neither too easy nor too hard that resemble such a target.
+    The score of a task c is the maximum of V(c) (1 - V(c)) V(t) (1 - V(t)) k(c, t) over targets t.
 
     Args:
-        values: values V of the tasks (n,), in [0, 1]; 1 is optimal.
-        target_values: values of the targets (m,).
-        similarities: k of each target and task (m, n).
+        values: values V of the tasks (n,), in [0, 1].
+        target_values: values V of the targets (m,).
+        similarities: similarities k of each target and task (m, n).
     """
     of_targets = ((target_values * (1 - target_values))[:, None] * similarities).max(axis=0)
     return np.asarray(values * (1 - values) * of_targets, dtype=np.float64)
 
 
 @dataclass
-class ProCuRLTarget(Teacher):
-    """Samples a pool of tasks by the softmax of their proximity to the student and to the target tasks.
+class ProCuRLTarget(DistributionTeacher):
+    """Pool of uniform tasks, sampled by the softmax of their `proximity` to the student and to target tasks.
 
-    A task is near to the student if its value, the expected return scaled to [0, 1], is neither 0 nor 1; its
-    score is `proximity`. Values are kernel averages of the returns since the last update. Before the first
-    update all scores are 0, so that tasks are uniform.
+    The value of a task is its expected return, scaled to [0, 1] and estimated by kernel averages of the
+    returns since the last update. Before the first update all tasks of the pool are equally likely.
 
     Sources: Tzannetos et al. 2024 (arXiv:2405.02481) for the score, read in a summary; the authors' code for
     this benchmark (``teachers_tma/proxcorl.py``) for pool, targets, kernel, softmax and intervals.
 
     Attributes:
         beta: weight of the scores in the softmax (authors' code: 110 by default).
-        pool_size: tasks to choose from, uniform ones.
-        target_samples: draws of the target distribution, which is uniform, as in the authors' code.
-        reach: distance in the unit box over which the similarity of tasks falls to 1 / e (authors' code: 1 in
-            units of the task, which is a third and a sixth of the ranges of Stump Tracks).
+        pool_size: number of tasks in the pool.
+        target_samples: draws of the target distribution, which is uniform (authors' code).
+        reach: distance in the unit box at which the similarity of tasks is 1 / e (authors' code: 1 in task
+            units, which is a third and a sixth of the ranges of Stump Tracks).
         kernel_width: standard deviation of the kernel of the values, as a share of the unit box's diagonal.
         lowest_return: return of value 0 (original release).
         highest_return: return of value 1 (original release).
-        first_update: environment steps before the values are first estimated.
-        update_every: environment steps between two estimates; every second one comes with a new pool.
+        first_update: environment steps before the first update.
+        update_every: environment steps between two updates; every second one draws a new pool.
         budget: environment steps of the run, to which `for_budget` fits first_update and update_every.
     """
 
@@ -84,7 +81,7 @@ class ProCuRLTarget(Teacher):
     highest_return: float = HIGHEST_RETURN
     first_update: int = 500_000
     update_every: int = 1_000_000
-    budget: int = PAPER_STEPS
+    budget: int = PAPER_BUDGET
 
     def __post_init__(self) -> None:
         check_positive(self, "beta", "reach", "kernel_width")
@@ -93,7 +90,7 @@ class ProCuRLTarget(Teacher):
         for_budget(self.update_every, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Start with a pool of which all tasks are equally likely."""
+        """Start with a pool of equally likely tasks."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self.tasks_: list[Task] = []
@@ -103,13 +100,13 @@ class ProCuRLTarget(Teacher):
         self.pool_ = rng.random((self.pool_size, self._box.size))
         self.chances_ = np.full(self.pool_size, 1 / self.pool_size)
 
-    def sample(self) -> Task:
-        """Return a task (d,) of the pool."""
-        task: Task = self._box.denormalise(self.pool_[draw_in_proportion(self.chances_, self.rng)])
-        return task
+    def draw(self, rng: np.random.Generator, count: int) -> Task:
+        """Return `count` tasks (count, d) of the pool."""
+        indices = [draw_in_proportion(self.chances_, rng) for _ in range(count)]
+        return self._box.denormalise(self.pool_[indices])
 
     def observe(self, episode: Episode) -> None:
-        """Store the episode; score the pool when that is due."""
+        """Store the episode, and score the pool when due."""
         self.tasks_.append(episode.task)
         self.returns_.append(episode.episodic_return)
         if episode.step < self.next_update_:
@@ -118,20 +115,14 @@ class ProCuRLTarget(Teacher):
         self.next_update_ = next_due(self.next_update_, every, episode.step)
         self._update()
 
-    def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) of the pool."""
-        rng = self.probe_rng()
-        places = [draw_in_proportion(self.chances_, rng) for _ in range(count)]
-        return self._box.denormalise(self.pool_[places])
-
     def _update(self) -> None:
         self.updates_ += 1
         if self.updates_ % 2 == 0:
             self.pool_ = self.rng.random(self.pool_.shape)
         targets = self.rng.random((self.target_samples, self._box.size))
-        known = self._box.normalise(np.stack(self.tasks_[-MOST_EPISODES:]))
+        played = self._box.normalise(np.stack(self.tasks_[-MOST_EPISODES:]))
         returns = np.array(self.returns_[-MOST_EPISODES:])
-        performance = Performance(known, returns, self.kernel_width * np.sqrt(self._box.size))
+        performance = Performance(played, returns, self.kernel_width * np.sqrt(self._box.size))
         bounds = self.lowest_return, self.highest_return
         values, target_values = (
             scaled_returns(performance(points), *bounds) for points in (self.pool_, targets)

@@ -1,4 +1,4 @@
-"""A hand-made schedule from easy tasks to all: an upper reference."""
+"""Hand-made schedule from easy to all tasks, an upper reference."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -16,22 +16,20 @@ from tma_ray.tasks import (
     TeacherUpdate,
     WeightedGaussian,
 )
-from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.base import DistributionTeacher
 
-LOG_EVERY = 100
-"""Episodes between two log rows."""
+LOG_EVERY = 100  # episodes between two log rows
 
 
 @dataclass
-class Ramp(Teacher):
-    """Gaussian that moves steadily from the initial to the target distribution, whatever the student masters.
+class Ramp(DistributionTeacher):
+    """Gaussian that moves from the initial to the target distribution, independently of the student.
 
-    Mean and standard deviation change linearly with the steps of the run until `steps`; from there on tasks
-    come from the target distribution. It is the schedule that somebody who knows which tasks are easy would
-    write down first: a reference for what a curriculum can gain where difficulty lies along the axes.
+    Mean and standard deviation change linearly until environment step `steps`; later tasks come from the
+    target distribution. It is a reference for the gain of a curriculum whose difficulty lies along the axes.
 
     Attributes:
-        steps: environment steps of the way; by default half of the paper's budget.
+        steps: environment steps until the target distribution, by default half of the paper's budget.
     """
 
     overlapping: ClassVar[bool] = True
@@ -49,19 +47,15 @@ class Ramp(Teacher):
         self.step_, self.episodes_ = 0, 0
         self._log()
 
-    def sample(self) -> Task:
-        """Return a task (d,) of the present Gaussian, clipped to the space."""
-        return self._gaussian().sample(self.space, self.rng)
+    def draw(self, rng: np.random.Generator, count: int) -> Task:
+        """Return `count` tasks (count, d) of the current Gaussian, clipped to the space."""
+        return self._gaussian().sample(self.space, rng, count)
 
     def observe(self, episode: Episode) -> None:
-        """Count the steps of an episode."""
+        """Count the episode and its steps."""
         self.step_, self.episodes_ = episode.step, self.episodes_ + 1
         if self.episodes_ % LOG_EVERY == 0:
             self._log()
-
-    def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) of the present Gaussian."""
-        return self._gaussian().sample(self.space, self.probe_rng(), count)
 
     def _gaussian(self) -> Gaussian:
         share = self._share
@@ -72,7 +66,7 @@ class Ramp(Teacher):
 
     @property
     def _share(self) -> float:
-        """Share of the ramp that has passed, in [0, 1]."""
+        """Share of `steps` taken so far, in [0, 1]."""
         return min(1.0, self.step_ / self.steps)
 
     def _log(self) -> None:

@@ -1,23 +1,21 @@
-"""The baseline every teacher is compared with."""
+"""Random tasks, the baseline of all comparisons."""
 
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from tma_ray.tasks import Task
-from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.base import DistributionTeacher
 
 
 @dataclass
-class Random(Teacher):
-    """Uniform tasks of the task space (paper, appendix A); no expert knowledge changes them."""
+class Random(DistributionTeacher):
+    """Uniform tasks of the task space, whatever the expert knowledge (paper, appendix A)."""
 
     overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1
 
-    def sample(self) -> Task:
-        """Return a uniform task (d,)."""
-        return self.space.sample(self.rng)
-
-    def probe(self, count: int) -> Task:
+    def draw(self, rng: np.random.Generator, count: int) -> Task:
         """Return `count` uniform tasks (count, d)."""
-        return self.space.sample(self.probe_rng(), count)
+        return self.space.sample(rng, count)

@@ -16,7 +16,7 @@ from tma_ray.teachers.numerics import Array, draw_in_box, draw_in_proportion
 
 
 class Cut(NamedTuple):
-    """A cut across `dimension`: tasks up to `threshold`, a float32, lie left of it, the others right."""
+    """Cut across `dimension`, with tasks up to `threshold`, a float32, on its left."""
 
     dimension: int
     threshold: float
@@ -24,7 +24,7 @@ class Cut(NamedTuple):
 
 @dataclass(frozen=True)
 class Split:
-    """Division of a region: its cut, and the indices of its left and right part."""
+    """Cut of a region, and the indices of its left and right part."""
 
     cut: Cut
     left: int
@@ -32,13 +32,13 @@ class Split:
 
 
 class Region:
-    """A closed box of float32 tasks, and the latest episodes in it.
+    """Closed box of float32 tasks, and the latest episodes in it.
 
     Attributes:
-        bounds: its lower and upper corner (2, d), float32 values.
-        tasks: the latest `capacity` tasks, oldest first.
-        returns: their episodic returns.
-        split: division into two halves; None as long as the region is whole.
+        bounds: lower and upper corner (2, d), float32 values.
+        tasks: latest `capacity` tasks, oldest first.
+        returns: episodic returns of these tasks.
+        split: division into two parts, if any.
     """
 
     def __init__(self, bounds: Array, capacity: int) -> None:
@@ -54,15 +54,15 @@ class Region:
 
     @property
     def full(self) -> bool:
-        """True if it holds as many episodes as it can."""
+        """True if the region holds `capacity` episodes."""
         return len(self.returns) == self.returns.maxlen
 
     @property
     def progress(self) -> float:
         """Absolute learning progress: |mean return of the later half - of the earlier half|.
 
-        With an odd number the earlier half has one more; 0 for up to 2 episodes. Taken from running
-        sums, so that its cost does not depend on the number of episodes.
+        An odd number gives the earlier half one more; up to 2 episodes make no progress. Running sums keep
+        the cost constant.
         """
         count = len(self.returns)
         if count <= 2:
@@ -72,9 +72,9 @@ class Region:
         return abs((self._sums[-1] - middle) / later - (middle - self._sums[0]) / (count - later))
 
     def add(self, task: Task, episodic_return: float) -> None:
-        """Append an episode; the oldest one makes room for it."""
+        """Append an episode, in place of the oldest if the region is full."""
         if not self.returns:
-            self._origin = episodic_return  # sums count from it: equal returns make exactly no progress
+            self._origin = episodic_return  # subtracted from all, so that equal returns give exactly 0
         self.tasks.append(task)
         self.returns.append(episodic_return)
         self._sums.append(self._sums[-1] + (episodic_return - self._origin))
@@ -87,11 +87,11 @@ class Region:
             self._sums.popleft()
 
     def worst_task(self) -> Task:
-        """Return the task with the lowest return, the oldest of several."""
+        """Return the oldest task of lowest return."""
         return self.tasks[int(np.argmin(self.returns))]
 
     def parts(self, cut: Cut) -> tuple["Region", "Region"]:
-        """Return the regions left and right of `cut`, each with the episodes that lie in it."""
+        """Return the regions left and right of `cut`, each with its episodes."""
         capacity = self.returns.maxlen
         assert capacity is not None
         left, right = Region(self.bounds.copy(), capacity), Region(self.bounds.copy(), capacity)
@@ -105,10 +105,10 @@ class Region:
 def best_cut(
     region: Region, attempts: int, fewest: int, smallest: Array, rng: np.random.Generator
 ) -> Cut | None:
-    """Return the best valid one of `attempts` random cuts of `region`; None if none is valid.
+    """Return the best valid one of `attempts` random cuts of `region`, or None.
 
-    The score of a cut is |ALP left - ALP right| times the episodes left times those right (Portelas et
-    al. 2019, appendix; Baranes and Oudeyer 2009). Each part must keep the `fewest` episodes and the
+    The score of a cut is |ALP left - ALP right| times the numbers of episodes left and right (Portelas et
+    al. 2019, appendix; Baranes and Oudeyer 2009). Each part must keep at least the `fewest` episodes and the
     `smallest` sides (d,), in task units.
     """
     tasks = np.array(region.tasks)
@@ -126,11 +126,10 @@ def best_cut(
 def random_cuts(
     bounds: Array, tasks: Task, count: int, fewest: int, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
-    """Return dimensions and thresholds of `count` random cuts; none if the tasks coincide too much.
+    """Return dimensions and thresholds of `count` random cuts, empty if the tasks coincide too much.
 
-    Their distribution is that of a uniform dimension and a uniform threshold in the box `bounds`
-    (2, d), drawn again until each part keeps `fewest` of the tasks (n, d). Such thresholds lie between
-    two order statistics, so nothing needs to be drawn again.
+    Dimensions, and thresholds in the box `bounds` (2, d), are uniform given that each part keeps the `fewest`
+    of the tasks (n, d). Such thresholds lie between two order statistics, so that none is rejected.
     """
     ordered = np.sort(tasks, axis=0)
     least, most = ordered[fewest - 1], np.nextafter(ordered[-fewest], np.float32(-np.inf))
@@ -145,7 +144,7 @@ def random_cuts(
 
 
 def cut_scores(left: NDArray[np.bool_], returns: Array) -> Array:
-    """Return the scores (c,) of cuts that put the episodes `left` (c, n), oldest first, to the left."""
+    """Return the scores (c,) of cuts with the episodes `left` (c, n), oldest first, on their left."""
     populations = left.sum(axis=1) * (~left).sum(axis=1)
     difference = _progress(left, returns) - _progress(~left, returns)
     scores: Array = populations * np.abs(difference)
@@ -153,7 +152,7 @@ def cut_scores(left: NDArray[np.bool_], returns: Array) -> Array:
 
 
 def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
-    """Return `Region.progress` (c,) of the parts with the given `members` (c, n)."""
+    """Return `Region.progress` (c,) of parts with the episodes `members` (c, n)."""
     count = members.sum(axis=1)
     later = count // 2
     earlier = count - later
@@ -164,29 +163,27 @@ def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
     return np.where(count > 2, np.abs(later_mean - earlier_mean), 0.0)
 
 
-KEPT_BY_PARTS = 20
-"""Each part of a cut keeps at least one in so many of a full region's episodes (the original release)."""
-
-FORGOTTEN = 4
-"""A full region that cannot be cut forgets one in so many of its episodes (the original release)."""
+# divisors of the capacity of a region (original release)
+KEPT_BY_PARTS = 20  # gives the fewest episodes in each part of a cut
+FORGOTTEN = 4  # gives the episodes that a full region without a valid cut forgets
 
 
 @dataclass
 class RIAC(Teacher):
     """Regions of the task space, sampled in proportion to their absolute learning progress (ALP).
 
-    A region that is full is cut in two where the parts differ most in ALP. Tasks are uniform in a
-    region chosen in proportion to ALP among all, divided ones included; some are uniform over the task
-    space; and some are the task of lowest return in such a region, mutated.
+    A full region is cut in two where the parts differ most in ALP. A task is uniform in a region, chosen by
+    ALP among all, divided ones included, or uniform over the task space, or a mutation of the task of lowest
+    return in such a region.
 
     Sources: Baranes and Oudeyer 2009; Portelas et al. 2019, appendix; paper, appendix A and table of
-    hyper-parameters. In the original release the score of a cut leaves out the parts' populations,
-    regions are cut at 151 episodes, and mutated tasks are lost where a dimension has no width.
+    hyper-parameters. In the original release the score of a cut omits the numbers of episodes, regions are
+    cut at 151 episodes, and mutated tasks are lost if a dimension has no width.
 
     Attributes:
-        region_capacity: episodes at which a region is cut, and of which its ALP is taken (paper: max_s).
+        region_capacity: most episodes in a region, at which it is cut (paper: max_s).
         split_attempts: random cuts among which the best is chosen (paper: n).
-        smallest_side: least side of a region as a share of each dimension's range (paper: min_d).
+        smallest_side: smallest side of a region as a share of each dimension's range (paper: min_d).
         explore: share of tasks uniform over the space, in [0, 1].
         mutate: share of mutated tasks, in [0, 1].
         mutation_std: standard deviation of a mutation, in units of each dimension.
@@ -215,7 +212,7 @@ class RIAC(Teacher):
         check_at_least(self, 0, "mutation_std")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Start with one empty region: the task space."""
+        """Start with the task space as one empty region."""
         super().start(space, knowledge, rng)
         root = Region(np.array([space.low, space.high], dtype=np.float64), self.region_capacity)
         self.regions_ = [root]
@@ -227,7 +224,7 @@ class RIAC(Teacher):
         strategy = self.rng.random()
         if strategy < self.mutate:
             region = self._draw_region(self.rng)
-            if not len(region):  # nothing was played yet
+            if not len(region):
                 return self.space.sample(self.rng)
             mutated = self.rng.normal(region.worst_task(), self.mutation_std)
             return self.space.clip(np.clip(mutated, *region.bounds))
@@ -236,7 +233,7 @@ class RIAC(Teacher):
         return self._exploit(self.rng)
 
     def observe(self, episode: Episode) -> None:
-        """Store the episode in every region that holds its task; cut the smallest if it is full."""
+        """Store the episode in all regions that contain its task, and cut the smallest if it is full."""
         task = episode.task.copy()
         path = self._path(task)
         for index in path:
@@ -245,7 +242,7 @@ class RIAC(Teacher):
         if self.regions_[path[-1]].full:
             self._cut(path[-1])
         self.episodes_since_log_ += 1
-        # At most one logged box per episode on average: the log grows no faster than the run.
+        # at most one logged box per episode on average, to bound the log
         if self.episodes_since_log_ >= max(self.region_capacity, len(self.regions_)):
             self.episodes_since_log_ = 0
             parts = list(zip(self.regions_, self.progress_, strict=True))
@@ -260,7 +257,7 @@ class RIAC(Teacher):
         return np.stack([self._exploit(rng) for _ in range(count)])
 
     def _path(self, task: Task) -> list[int]:
-        """Return the indices of the regions that hold `task`, from the task space to the smallest."""
+        """Return the indices of the regions that contain `task`, from the task space to the smallest."""
         path = [0]
         while (split := self.regions_[path[-1]].split) is not None:
             dimension, threshold = split.cut

@@ -16,12 +16,12 @@ SMALLEST_FEASIBILITY = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Proposals:
-    """Tasks as the setter drew them, n of them.
+    """Tasks proposed by the setter.
 
     Attributes:
-        feasibility: asked for (n,).
-        latents: Gaussian noise (n, f) that they were made from.
-        points: points in the unit box (n, f).
+        feasibility: requested feasibilities (n,).
+        latents: Gaussian noise (n, f).
+        points: tasks in the unit box (n, f).
     """
 
     feasibility: Array
@@ -31,23 +31,22 @@ class Proposals:
 
 @dataclass
 class SetterSolver(Teacher):
-    """A setter proposes tasks of a feasibility asked for; a judge learns how feasible tasks are.
+    """Setter network that proposes tasks of a requested feasibility, and judge network that estimates it.
 
-    After every `update_every` episodes each network takes one step on them: the judge learns to tell
-    successes; the setter learns to propose tasks that the judge finds as feasible as asked
-    (feasibility), to find likely what the student solved (validity), and to spread (coverage).
+    Both take one optimisation step every `update_every` episodes. The judge learns to predict successes. The
+    setter learns to propose tasks with the requested feasibility according to the judge (feasibility), to
+    assign a high likelihood to solved tasks (validity), and to maximise the entropy (coverage).
 
     Sources: Racaniere et al. 2020, section 3; paper, appendix A (Setter-Solver) and table of
-    hyper-parameters; what both leave open from the original release. Its judge has two hidden
-    layers where the paper says three, and its validity loss is not a number without a success.
+    hyper-parameters; details from the original release, whose judge has two hidden layers instead of the
+    paper's three, and whose validity loss is NaN without a success.
 
-    The preset "release" has the values of the original release's launch files where they differ from the
-    paper's table.
+    The preset "release" has the values of the original release's launch files.
 
     Attributes:
         update_every: episodes between two updates (paper: n).
-        noise: upper bound of the uniform noise added to solved tasks in the validity loss, as a share
-            of each range (paper: delta).
+        noise: upper bound of the uniform noise of solved tasks in the validity loss, as a share of each
+            range (paper: delta).
         hidden_units: units of each layer of the setter's networks (paper: n_HIDDEN).
         learning_rate: learning rate of Adam, for both networks.
     """
@@ -70,8 +69,8 @@ class SetterSolver(Teacher):
         check_positive(self, "learning_rate")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Start with networks that have learned nothing."""
-        from tma_ray.teachers.networks import new_networks  # imports torch
+        """Start with untrained networks."""
+        from tma_ray.teachers.networks import new_networks  # deferred: imports torch
 
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
@@ -108,7 +107,7 @@ class SetterSolver(Teacher):
         return self._box.denormalise(self._propose(count, self.probe_rng()).points)
 
     def _begin_batch(self) -> None:
-        """Draw all tasks until the next update, since the setter does not change before."""
+        """Draw all tasks until the next update."""
         self.batch_ = self._propose(self.update_every, self.rng)
         self.successes_: list[bool] = []
 

@@ -17,27 +17,27 @@ from tma_ray.tasks import (
     TaskSpace,
     TeacherUpdate,
 )
-from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
+from tma_ray.teachers.base import PAPER_BUDGET, Teacher, for_budget
 from tma_ray.teachers.numerics import cloud_gaussian
 
 
 @dataclass
 class SFL(Teacher):
-    """Tasks of highest learnability among random ones, which are evaluated now and then.
+    """Tasks of highest learnability among random ones, from regular evaluations.
 
-    The learnability of a task that the student masters with the frequency p is p (1 - p). After the first
+    The learnability of a task that the student masters with frequency p is p (1 - p). After the first
     episode, and then every `refresh_every` episodes, the student plays `rollouts` episodes of each of
-    `candidates` uniform tasks with its exploring policy, without learning. The `kept` tasks of highest
-    learnability make up the buffer; those of learnability 0 are left out.
+    `candidates` uniform tasks with its exploring policy, without learning. The buffer holds the `kept` tasks
+    of highest positive learnability.
 
-    Sources: Rutherford et al. 2024, algorithms 1 and 2. The sizes of its evaluations, of millions of steps,
-    are cut to what a budget of 20 million steps bears, to which they count here: about a fourth of the
-    episodes. All else is the authors' configuration of single-agent JaxNav.
+    Sources: Rutherford et al. 2024, algorithms 1 and 2, in the authors' configuration of single-agent JaxNav.
+    The evaluations, of millions of steps there, are reduced to about a fourth of the episodes in a budget of
+    20 million steps, towards which they count here.
 
     Attributes:
         candidates: tasks evaluated in a refresh (paper: N = 5000).
-        rollouts: episodes of each (paper: as many as 1000 steps hold).
-        kept: most tasks in the buffer (paper: K = 100).
+        rollouts: episodes of each candidate (paper: as many as in 1000 steps).
+        kept: largest number of tasks in the buffer (paper: K = 100).
         refresh_every: episodes between two refreshes (paper: T = 50 updates of 256 environments).
         budget: environment steps of the run, to which `for_budget` fits candidates, kept and refresh_every.
         buffer_share: share of tasks from the buffer, in [0, 1]; the others are uniform (paper: rho).
@@ -54,11 +54,11 @@ class SFL(Teacher):
     kept: int = 20
     refresh_every: int = 500
     buffer_share: float = 0.5
-    budget: int = PAPER_STEPS
+    budget: int = PAPER_BUDGET
 
     def __post_init__(self) -> None:
         check_at_least(self, 1, "candidates", "kept", "refresh_every")
-        check_at_least(self, 2, "rollouts")  # of which some may succeed
+        check_at_least(self, 2, "rollouts")  # a single one has learnability 0
         check_shares(self, "buffer_share")
         for_budget(self.kept, self.budget)
 
@@ -76,8 +76,8 @@ class SFL(Teacher):
             return task
         return self.space.sample(self.rng)
 
-    def observe(self, episode: Episode) -> Query | None:  # noqa: ARG002 - evaluations tell all
-        """Ask for an evaluation when a refresh is due."""
+    def observe(self, episode: Episode) -> Query | None:  # noqa: ARG002 - only evaluations count
+        """Query an evaluation when a refresh is due."""
         self.episodes_ += 1
         if (self.episodes_ - 1) % for_budget(self.refresh_every, self.budget):
             return None
@@ -85,7 +85,7 @@ class SFL(Teacher):
         return Query(QueryKind.EVALUATION, tasks=np.repeat(self.asked_, self.rollouts, axis=0))
 
     def answer(self, answer: Outcomes) -> None:
-        """Fill the buffer with the tasks of highest learnability; ties are broken at random."""
+        """Fill the buffer with the tasks of highest learnability, with random tie-breaking."""
         assert self.asked_ is not None, "an answer follows a query"
         candidates, kept = len(self.asked_), for_budget(self.kept, self.budget)
         mastered = answer.successes.reshape(candidates, self.rollouts).mean(axis=1)
@@ -103,7 +103,7 @@ class SFL(Teacher):
         self.log(TeacherUpdate(gaussians=gaussians, scalars=scalars))
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) of the buffer, uniform ones while it is empty."""
+        """Return `count` tasks (count, d) of the buffer, or uniform ones while it is empty."""
         rng = self.probe_rng()
         if not len(self.buffer_):
             return self.space.sample(rng, count)

@@ -1,4 +1,4 @@
-"""Tasks of a low-discrepancy sequence: a better Random."""
+"""Tasks of a low-discrepancy sequence."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,15 +10,12 @@ from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
 from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.numerics import UnitBox
 
-BLOCK = 256
-"""Points that are made at once; a power of 2, after which the sequence is balanced."""
+BLOCK_SIZE = 256  # points computed at once: a power of 2, after which the sequence is balanced
 
 
 @dataclass
 class Sobol(Teacher):
-    """Scrambled Sobol sequence of tasks: uniform, without the gaps and clusters of chance.
-
-    Each power of 2 of its first tasks is spread evenly over the space; the seed scrambles them.
+    """Scrambled Sobol sequence of tasks: uniform, without random gaps and clusters.
 
     Sources: Sobol 1967; direction numbers of Joe and Kuo 2008, scrambling of Matousek 1998, as in scipy.
     """
@@ -27,7 +24,7 @@ class Sobol(Teacher):
     single_task: ClassVar[bool] = False
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Draw the scrambling."""
+        """Draw the seed of the scrambling."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self.scrambling_ = int(rng.integers(2**31))
@@ -36,28 +33,28 @@ class Sobol(Teacher):
 
     def sample(self) -> Task:
         """Return the next task (d,) of the sequence."""
-        task: Task = self._box.denormalise(self.block_[self.drawn_ % BLOCK])
+        task: Task = self._box.denormalise(self.block_[self.drawn_ % BLOCK_SIZE])
         return task
 
-    def observe(self, episode: Episode) -> None:  # noqa: ARG002 - it is enough that there was one
-        """Go on to the next point."""
+    def observe(self, episode: Episode) -> None:  # noqa: ARG002 - the sequence depends on no episode
+        """Advance to the next point."""
         self.drawn_ += 1
-        if self.drawn_ % BLOCK == 0:
+        if self.drawn_ % BLOCK_SIZE == 0:
             self.block_ = self._points(self.drawn_)
 
     def probe(self, count: int) -> Task:
         """Return the next `count` tasks (count, d)."""
-        blocks = range(self.drawn_ // BLOCK, (self.drawn_ + count - 1) // BLOCK + 1)
-        points = np.concatenate([self._points(block * BLOCK) for block in blocks])
-        first = self.drawn_ % BLOCK
+        blocks = range(self.drawn_ // BLOCK_SIZE, (self.drawn_ + count - 1) // BLOCK_SIZE + 1)
+        points = np.concatenate([self._points(block * BLOCK_SIZE) for block in blocks])
+        first = self.drawn_ % BLOCK_SIZE
         return self._box.denormalise(points[first : first + count])
 
     def _points(self, first: int) -> NDArray[np.float64]:
-        """Return the points (BLOCK, f) of the sequence from number `first` on."""
-        from scipy.stats import qmc  # imported here: who only names a teacher starts sooner without it
+        """Return points (BLOCK_SIZE, f) of the sequence from index `first` on."""
+        from scipy.stats import qmc  # deferred: listing teachers must not import scipy
 
         sequence = qmc.Sobol(self._box.size, scramble=True, seed=self.scrambling_)
         if first:
             sequence.fast_forward(first)
-        points: NDArray[np.float64] = sequence.random(BLOCK)
+        points: NDArray[np.float64] = sequence.random(BLOCK_SIZE)
         return points

@@ -24,24 +24,19 @@ from tma_ray.tasks import (
     TeacherUpdate,
     WeightedGaussian,
 )
-from tma_ray.teachers.base import Teacher, next_due
+from tma_ray.teachers.base import DistributionTeacher, next_due
 from tma_ray.teachers.numerics import Array, UnitBox
 
 
 @dataclass(frozen=True, eq=False)
 class FullGaussian:
-    """A Gaussian with full covariance.
-
-    Attributes:
-        mean: values (d,).
-        factor: Cholesky factor (d, d) of the covariance, lower triangular with a positive diagonal.
-    """
+    """Gaussian with a mean (d,) and the lower Cholesky factor (d, d) of its covariance."""
 
     mean: Array
     factor: Array
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Return `count` points (count, d)."""
+        """Draw `count` points (count, d)."""
         return self.mean + rng.standard_normal((count, self.mean.size)) @ self.factor.T
 
     def divergence(self, other: "FullGaussian") -> float:
@@ -51,31 +46,28 @@ class FullGaussian:
         return float(squares / 2 - np.log(np.diag(seen.factor)).sum())
 
     def log_ratio(self, points: Array) -> Array:
-        """Return log density (n,) at `points` (n, d), minus that of the standard Gaussian."""
+        """Return the log density (n,) at `points` (n, d) minus that of the standard Gaussian."""
         gained = (points**2).sum(axis=1) - (self.whiten(points) ** 2).sum(axis=1)
         ratio: Array = gained / 2 - np.log(np.diag(self.factor)).sum()
         return ratio
 
     def whiten(self, points: Array) -> Array:
-        """Return `points` (n, d) in coordinates in which this is the standard Gaussian."""
+        """Transform `points` (n, d) to coordinates in which this is the standard Gaussian."""
         whitened: Array = solve_triangular(self.factor, (points - self.mean).T, lower=True).T
         return whitened
 
     def seen_from(self, frame: "FullGaussian") -> "FullGaussian":
-        """Return this Gaussian in coordinates in which `frame` is the standard one."""
+        """Transform to coordinates in which `frame` is the standard Gaussian."""
         factor: Array = solve_triangular(frame.factor, self.factor, lower=True)
         return FullGaussian(frame.whiten(self.mean[None])[0], factor)
 
     def placed_in(self, frame: "FullGaussian") -> "FullGaussian":
-        """Return the Gaussian that looks like this one from `frame`: the inverse of `seen_from`."""
+        """Transform from the coordinates of `frame`, the inverse of `seen_from`."""
         return FullGaussian(frame.mean + frame.factor @ self.mean, frame.factor @ self.factor)
 
 
-LARGEST_LOG_WEIGHT = 50.0
-"""Cap of log importance weights: keeps every objective finite, far over any that could be estimated."""
-
-SMALLEST_GRADIENT = 1e-10
-"""With a shorter one there is nothing to gain (as in the original release)."""
+LARGEST_LOG_WEIGHT = 50.0  # cap of log importance weights, which keeps objectives finite
+SMALLEST_GRADIENT = 1e-10  # length below which nothing is updated (original release)
 
 
 def self_paced_update(
@@ -86,44 +78,42 @@ def self_paced_update(
     penalty: float,
     most_divergence: float,
 ) -> FullGaussian:
-    """Return a distribution that improves E[V] - penalty * KL(new || target).
+    """Return the distribution that maximises E[V] - penalty * KL(new || target) along the natural gradient.
 
-    It lies in the direction of the natural gradient, where the objective is largest without
-    KL(current || new) over `most_divergence`. The expectation is estimated by importance weights.
+    It keeps the bound on KL(current || new). The expectation is estimated by importance weights.
 
-    Sources: Klink et al. 2020, algorithm 1. The original release goes the same way, as far as 1.5
-    times the bound. Differently from it, the mean of the values is subtracted before they are
-    weighted: that changes no expectation, but without it the noise of the weights' own sum outweighs
-    the penalty, and flat values keep the distribution away from its target.
+    Sources: Klink et al. 2020, algorithm 1. The original release takes the same direction, up to 1.5 times
+    the bound. Unlike there, the mean of the values is subtracted before weighting: this changes no
+    expectation, but otherwise the noise of the sum of weights outweighs the penalty, and flat values keep the
+    distribution away from its target.
 
     Args:
-        current: the distribution that the contexts were drawn from.
-        target: distribution that the penalty pulls towards.
+        current: distribution of the contexts.
+        target: target distribution.
         contexts: points (n, d).
-        values: V of the student in them (n,).
+        values: values V of the student in these contexts (n,).
         penalty: weight of the divergence from the target, at least 0 (paper: alpha).
         most_divergence: bound of the step in nats (paper: epsilon).
     """
-    with threadpool_limits(limits=1):  # so that where a teacher runs does not change what it finds
+    with threadpool_limits(limits=1):  # for reproducible bits
         # in coordinates in which the current distribution is the standard Gaussian
         points, gains, seen = current.whiten(contexts), values - values.mean(), target.seen_from(current)
         shift, spread = _natural_gradient(points, gains, seen, penalty)
         if not (shift.any() or spread.any()):
             return current
 
-        def at(distance: float) -> FullGaussian:
-            """Return a distribution on the way; it is always valid."""
+        def moved(distance: float) -> FullGaussian:
             factor = np.tril(distance * spread, -1)
             np.fill_diagonal(factor, np.exp(distance * np.diag(spread)))
             return FullGaussian(distance * shift, factor)
 
-        standard = at(0.0)
+        standard = moved(0.0)
 
         def excess(distance: float) -> float:
-            return standard.divergence(at(distance)) - most_divergence
+            return standard.divergence(moved(distance)) - most_divergence
 
         def loss(distance: float) -> float:
-            new = at(distance)
+            new = moved(distance)
             weights = np.exp(np.minimum(new.log_ratio(points), LARGEST_LOG_WEIGHT))
             return -(float(np.mean(weights * gains)) - penalty * new.divergence(seen))
 
@@ -132,17 +122,16 @@ def self_paced_update(
             far *= 2
         reach = float(brentq(excess, 0.0, far)) * (1 - 1e-9)  # just before the bound
         within = float(minimize_scalar(loss, bounds=(0.0, reach), method="bounded").x)
-        return at(min((0.0, within, reach), key=loss)).placed_in(current)
+        return moved(min((0.0, within, reach), key=loss)).placed_in(current)
 
 
 def _natural_gradient(
     points: Array, gains: Array, target: FullGaussian, penalty: float
 ) -> tuple[Array, Array]:
-    """Return the steepest direction per divergence at the standard Gaussian, of length 1; 0 without a slope.
+    """Return the direction of the natural gradient at the standard Gaussian, 0 without a slope.
 
-    It is a shift of the mean (d,) and a change of the factor (d, d), on its diagonal that of the logarithms.
-    The Fisher information is 1 for mean and off-diagonal entries of the factor, and 2 for the logarithms of
-    its diagonal.
+    It has unit length, and consists of a shift of the mean (d,) and a change of the factor (d, d), with
+    logarithms on its diagonal. The Fisher information is 2 for these, and 1 for all other entries.
     """
     count, size = points.shape
     inverse = solve_triangular(target.factor, np.eye(size), lower=True)
@@ -157,29 +146,24 @@ def _natural_gradient(
     return shift / length, spread / length
 
 
-MOST_CONTEXTS = 1000
-"""Latest episodes that an update learns from (as in the original release; the paper is silent)."""
-
-LARGEST_PENALTY = 1e5
-"""Where the distribution equals its target, alpha has no finite value (as in the original release)."""
+MOST_CONTEXTS = 1000  # latest episodes of an update (original release; the paper is silent)
+LARGEST_PENALTY = 1e5  # alpha of a distribution that equals its target (original release)
 
 
 @dataclass
-class SPDL(Teacher):
-    """Gaussian that moves from an initial to a target distribution, at the pace of the student's values.
+class SPDL(DistributionTeacher):
+    """Gaussian that moves from an initial to a target distribution, depending on the student's values.
 
-    Every update maximises the value of the initial states that the tasks led to, minus a penalty for
-    the divergence from the target, within a bound on the divergence from the old Gaussian. The
-    penalty's weight alpha keeps it a constant proportion of the mean discounted return.
+    Every update maximises the mean value of the tasks' initial states minus a penalty for the divergence from
+    the target, within a bound on the divergence from the old Gaussian. The weight alpha of the penalty is
+    chosen such that it is a constant share of the mean discounted return.
 
-    Sources: Klink et al. 2020, algorithm 1; paper, appendix A (Self-Paced), appendix C (expert
-    knowledge) and table of hyper-parameters. An update happens at the first episode end after its
-    step is due; the original release updates within an episode, on the very step, if an episode has ended
-    since the last one.
+    Sources: Klink et al. 2020, algorithm 1; paper, appendix A (Self-Paced), appendix C (expert knowledge) and
+    table of hyper-parameters. An update happens at the first end of an episode after it is due; in the
+    original release, on that step within an episode.
 
-    The preset "release" has the values of the original release's launch files where they differ from the
-    paper's table: twice as many updates, each within an eighth of the divergence, and five times the
-    penalty, from the eleventh update on.
+    The preset "release" has the values of the original release's launch files: twice as many updates, each
+    within an eighth of the divergence, and five times the penalty, from the eleventh update on.
 
     Attributes:
         first_update: environment steps before the first update (paper: n_OFFSET).
@@ -226,13 +210,12 @@ class SPDL(Teacher):
         self.next_update_ = self.first_update
         self._log({})
 
-    def sample(self) -> Task:
-        """Return a task (d,) of the current Gaussian, clipped to the space."""
-        task: Task = self._draw(self.rng, 1)[0]
-        return task
+    def draw(self, rng: np.random.Generator, count: int) -> Task:
+        """Return `count` tasks (count, d) of the current Gaussian, clipped to the space."""
+        return self._box.denormalise(self.distribution_.draw(rng, count))
 
     def observe(self, episode: Episode) -> Query | None:
-        """Store the episode; ask for the values of all initial states when an update is due."""
+        """Store the episode, and query the values of all initial states when an update is due."""
         self.contexts_.append((episode.task, episode.initial_observation))
         self.discounted_returns_.append(episode.discounted_return)
         if episode.step < self.next_update_:
@@ -241,7 +224,7 @@ class SPDL(Teacher):
         return Query(QueryKind.STATE_VALUES, np.stack([observation for _, observation in self.contexts_]))
 
     def answer(self, answer: Array) -> None:
-        """Update the Gaussian with the values (n,) of the stored episodes, and forget them."""
+        """Update the Gaussian with the values (n,) of the stored episodes."""
         old, performance = self.distribution_, float(np.mean(self.discounted_returns_))
         penalty = self._penalty(performance)
         contexts = self._box.normalise(np.stack([task for task, _ in self.contexts_]))
@@ -259,18 +242,11 @@ class SPDL(Teacher):
             }
         )
 
-    def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) of the current Gaussian."""
-        return self._draw(self.probe_rng(), count)
-
-    def _draw(self, rng: np.random.Generator, count: int) -> Task:
-        return self._box.denormalise(self.distribution_.draw(rng, count))
-
     def _penalty(self, performance: float) -> float:
-        wanted = self.penalty_share * performance
-        if self.updates_ < self.updates_without_penalty or wanted <= 0:
+        share = self.penalty_share * performance
+        if self.updates_ < self.updates_without_penalty or share <= 0:
             return 0.0
-        return wanted / max(self.distribution_.divergence(self._target), wanted / LARGEST_PENALTY)
+        return share / max(self.distribution_.divergence(self._target), share / LARGEST_PENALTY)
 
     def _scaled(self, gaussian: Gaussian) -> FullGaussian:
         width = self.space.width[self._box.free]
@@ -278,7 +254,7 @@ class SPDL(Teacher):
         return FullGaussian(self._box.normalise(gaussian.mean), np.diag(deviations))
 
     def _log(self, scalars: dict[str, float]) -> None:
-        """Log the Gaussian in task units; constant dimensions keep their value and variance."""
+        """Log the Gaussian in task units, with constant dimensions as in the initial Gaussian."""
         free, initial = self._box.free, self.knowledge.initial
         scale = self.space.width[free]
         mean, covariance = initial.mean.copy(), np.diag(initial.variance)

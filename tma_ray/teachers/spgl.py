@@ -8,22 +8,19 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
-from tma_ray.teachers.base import PAPER_STEPS, for_budget, next_due
+from tma_ray.teachers.base import PAPER_BUDGET, for_budget, next_due
 from tma_ray.teachers.numerics import Array
 from tma_ray.teachers.spdl import SPDL, FullGaussian
 
-RIDGE = 1.0
-"""Weight of the prior that returns do not depend on the task, in episodes."""
+RIDGE = 1.0  # weight of the prior of returns independent of the task, in episodes
 
 
 def quadratic_fit(points: Array, returns: Array) -> tuple[Array, Array]:
-    """Return gradient (f,) and curvature (f, f) at 0 of the quadratic function that fits `returns` best.
-
-    Ridge regression, of which the constant term is free.
+    """Return gradient (f,) and curvature (f, f) at 0 of a quadratic ridge regression with a free constant.
 
     Args:
-        points: n points (n, f), in coordinates in which they have unit scale.
-        returns: their returns (n,).
+        points: points (n, f), in coordinates of unit scale.
+        returns: returns (n,).
     """
     size = points.shape[1]
     rows, columns = np.triu_indices(size)
@@ -38,17 +35,17 @@ def quadratic_fit(points: Array, returns: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class ClosedForm:
-    """Gaussians that are best for a quadratic model of returns, seen from the current distribution.
+    """Closed-form update of a Gaussian for a quadratic model of returns, in the frame of the current one.
 
     The Gaussian q with a `weight` maximises E_q[J] - penalty KL(q || target) - weight KL(q || current), where
-    J has the gradient g and the curvature H at 0, and the current distribution is the standard one. Its
-    precision is (penalty P + weight I - H) / (penalty + weight), and its mean that precision's inverse times
+    J has gradient g and curvature H at 0, and the current distribution is the standard Gaussian. Its
+    precision is (penalty P + weight I - H) / (penalty + weight), and its mean the inverse precision times
     (penalty P m + g) / (penalty + weight), with P the precision and m the mean of the target.
 
     Attributes:
-        gradient: g (f,).
-        curvature: H (f, f).
-        target: distribution that the penalty pulls towards.
+        gradient: gradient g (f,).
+        curvature: curvature H (f, f).
+        target: target distribution.
         penalty: weight of the divergence from the target, at least 0.
     """
 
@@ -58,7 +55,7 @@ class ClosedForm:
     penalty: float
 
     def best(self, weight: float) -> FullGaussian | None:
-        """Return the best Gaussian; None if the objective has no maximum, as returns grow without bound."""
+        """Return the best Gaussian, or None if the objective is unbounded."""
         size, total = len(self.gradient), self.penalty + weight
         inverse = np.linalg.inv(self.target.factor)
         pull = self.penalty * inverse.T @ inverse
@@ -71,15 +68,14 @@ class ClosedForm:
         return FullGaussian(mean, np.asarray(factor, dtype=np.float64))
 
     def divergence(self, weight: float) -> float:
-        """Return KL(best || current) in nats, infinite where nothing is best; it falls with `weight`."""
+        """Return KL(best || current) in nats, infinite without a best Gaussian and decreasing in `weight`."""
         best = self.best(weight)
         if best is None:
             return np.inf
         return best.divergence(FullGaussian(np.zeros_like(best.mean), np.eye(len(best.mean))))
 
 
-SMALLEST_WEIGHT = 1e-12
-"""Weight of the divergence from the current distribution that counts as none."""
+SMALLEST_WEIGHT = 1e-12  # of the divergence from the current distribution
 
 
 def closed_form_update(
@@ -92,20 +88,20 @@ def closed_form_update(
 ) -> FullGaussian:
     """Return the Gaussian that maximises E[J] - penalty * KL(new || target) within a step from `current`.
 
-    J is a quadratic model of the returns. The best Gaussian is in closed form for every weight of the
-    divergence from `current`; of these weights the least is taken that keeps the bound, by bisection.
+    J is a quadratic model of the returns. The best Gaussian has a closed form for every weight of the
+    divergence from `current`; the smallest weight within the bound is found by bisection.
 
     Args:
-        current: distribution that the contexts were drawn from.
-        target: distribution that the penalty pulls towards.
+        current: distribution of the contexts.
+        target: target distribution.
         contexts: points (n, f).
-        returns: their returns (n,).
+        returns: returns (n,).
         penalty: weight of the divergence from the target, at least 0.
         most_divergence: bound of KL(new || current) in nats.
     """
-    from scipy.optimize import bisect  # imported here: who only names a teacher starts sooner without it
+    from scipy.optimize import bisect  # deferred: listing teachers must not import scipy
 
-    with threadpool_limits(limits=1):  # so that where a teacher runs does not change what it finds
+    with threadpool_limits(limits=1):  # for reproducible bits
         gradient, curvature = quadratic_fit(current.whiten(contexts), returns)
         problem = ClosedForm(gradient, curvature, target.seen_from(current), penalty)
         weight = SMALLEST_WEIGHT
@@ -114,20 +110,19 @@ def closed_form_update(
             while problem.divergence(high) > most_divergence:
                 high *= 2
             ends = np.log(SMALLEST_WEIGHT), np.log(high)
-            found = bisect(lambda log: problem.divergence(np.exp(log)) - most_divergence, *ends, xtol=1e-10)
-            weight = min(high, float(np.exp(found)) * (1 + 1e-9))
+            root = bisect(lambda log: problem.divergence(np.exp(log)) - most_divergence, *ends, xtol=1e-10)
+            weight = min(high, float(np.exp(root)) * (1 + 1e-9))
         best = problem.best(weight)
         assert best is not None, "a step within the bound has a maximum"
         return best.placed_in(current)
 
 
 LEAST_STD = 1e-3
-"""Least standard deviation of the distribution in any direction, as a share of the ranges: tasks that are
-alike tell nothing of returns."""
+"""Smallest standard deviation in any direction, as a share of the ranges, so that returns can be fitted."""
 
 
 def widened(gaussian: FullGaussian) -> FullGaussian:
-    """Return `gaussian` with `LEAST_STD` in every direction that has less."""
+    """Return `gaussian` with at least `LEAST_STD` in every direction."""
     variances, axes = np.linalg.eigh(gaussian.factor @ gaussian.factor.T)
     if variances[0] >= LEAST_STD**2:
         return gaussian
@@ -137,15 +132,11 @@ def widened(gaussian: FullGaussian) -> FullGaussian:
 
 @dataclass
 class SPGL(SPDL):
-    """Gaussian that moves from an initial to a target distribution in closed form, at the pace of returns.
+    """SPDL with closed-form updates for a quadratic model of returns, without values of the student.
 
-    As SPDL, but what an update maximises is a quadratic model of the episodic returns, so that the best
-    Gaussian is known and nothing is searched for; the student is not asked for values.
-
-    Sources: Ardakani and Song 2026 (arXiv:2603.23755) say that the update of Gaussian distributions is in
-    closed form and takes the place of numerical optimisation. Its formula could not be read: the one here is
-    derived from the objective of Klink et al. 2020, with the divergence of a step measured as KL(new || old).
-    All hyper-parameters are ours.
+    Sources: Ardakani and Song 2026 (arXiv:2603.23755) for the idea of closed-form updates of Gaussians; their
+    formula could not be read. The one here is derived from the objective of Klink et al. 2020, with the
+    divergence of a step measured as KL(new || old). All hyper-parameters are our choice.
 
     Attributes:
         first_update: environment steps before the first update.
@@ -162,7 +153,7 @@ class SPGL(SPDL):
 
     penalty_share: float = 0.25
     most_divergence: float = 0.2
-    budget: int = PAPER_STEPS
+    budget: int = PAPER_BUDGET
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -176,7 +167,7 @@ class SPGL(SPDL):
         self.next_update_ = for_budget(self.first_update, self.budget)
 
     def observe(self, episode: Episode) -> None:
-        """Store the episode; update the Gaussian when that is due, and forget the episodes."""
+        """Store the episode, and update the Gaussian from the stored episodes when due."""
         self.tasks_.append(episode.task)
         self.returns_.append(episode.episodic_return)
         if episode.step < self.next_update_:
@@ -185,8 +176,8 @@ class SPGL(SPDL):
         self.next_update_ = next_due(self.next_update_, every, episode.step)
         old, contexts, returns = self.distribution_, np.stack(self.tasks_), np.array(self.returns_)
         penalty, bound = self._penalty(float(returns.mean())), self.most_divergence
-        found = closed_form_update(old, self._target, self._box.normalise(contexts), returns, penalty, bound)
-        self.distribution_ = widened(found)
+        new = closed_form_update(old, self._target, self._box.normalise(contexts), returns, penalty, bound)
+        self.distribution_ = widened(new)
         self.updates_ += 1
         step = self.distribution_.divergence(old)
         self._log({"alpha": penalty, "mean_return": float(returns.mean()), "step_divergence": step})

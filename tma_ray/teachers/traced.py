@@ -1,4 +1,4 @@
-"""TRACED: ACCEL with a transition error and co-learnability in its score (Cho et al. 2025)."""
+"""TRACED: ACCEL with transition error and co-learnability in its score (Cho et al. 2025)."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -11,20 +11,16 @@ from tma_ray.teachers.accel import ACCEL
 from tma_ray.teachers.numerics import Array, one_thread
 from tma_ray.teachers.prioritised_replay import Score
 
-RIDGE = 1.0
-"""Weight of the prior that observations do not change, in steps."""
+RIDGE = 1.0  # weight of the prior of unchanged observations, in steps
 
 
 @dataclass
 class TransitionModel:
-    """Linear model of the change of observations, learned as episodes come.
-
-    The prediction is a ridge regression on observation and action; an episode counts `memory` times as much
-    as the one after it.
+    """Online ridge regression of changes of observations on observations and actions.
 
     Attributes:
-        memory: factor in (0, 1].
-        steps: weighted number of steps learned from.
+        memory: factor in (0, 1] of the weights of all episodes after each further one.
+        steps: weighted number of steps.
         gram: second moments of the inputs (p, p); None before the first episode.
         moments: products of inputs and changes (p, o).
         squares: squared changes (o,).
@@ -37,11 +33,10 @@ class TransitionModel:
     squares: Array | None = field(init=False, default=None)
 
     def error(self, trajectory: Trajectory) -> float:
-        """Return the mean squared error of the predictions for an episode, and learn from it afterwards.
+        """Return the mean squared error of the predictions for an episode, and learn from it.
 
-        Errors are relative to the mean squared change of each part of the observation so far, this episode
-        included: a model that predicts no change has an error of about 1, and a part that never changes has
-        0.
+        Errors are relative to the mean squared change of each value of the observation, including this
+        episode: predicting no change has an error of about 1, and a constant value has 0.
         """
         observations = trajectory.observations.astype(np.float64)
         constant = np.ones((len(trajectory.rewards), 1))
@@ -61,7 +56,7 @@ class TransitionModel:
         return float(shares.mean())
 
     def predict(self, inputs: Array) -> Array | float:
-        """Return the expected changes (t, o) for `inputs` (t, p), 0 before the first episode."""
+        """Predict the changes (t, o) for `inputs` (t, p), 0 before the first episode."""
         if self.gram is None or self.moments is None:
             return 0.0
         weights = np.linalg.solve(self.gram + RIDGE * np.eye(len(self.gram)), self.moments)
@@ -70,23 +65,22 @@ class TransitionModel:
 
 @dataclass
 class TRACED(ACCEL):
-    """ACCEL whose score adds the error of a transition model and the task's co-learnability.
+    """ACCEL with the error of a transition model and co-learnability added to its score.
 
-    The difficulty of a task is its positive value loss plus alpha times the mean error of the transitions of
-    its episode under a model that is learned online. The co-learnability of the tasks replayed in round k is
-    the mean, over the tasks replayed in round k + 1, of the difficulty that each had before less the one it
-    has then. Tasks are replayed by the rank of difficulty plus beta times co-learnability, with chances in
-    proportion to 1 / rank.
+    The difficulty of a task is its positive value loss plus alpha times the mean transition error of its
+    episode under a model learned online. The co-learnability of the tasks replayed in round k is the mean
+    decrease of difficulty of those replayed in round k + 1. Tasks are replayed by the rank of difficulty plus
+    beta times co-learnability, with probabilities in proportion to 1 / rank.
 
     Sources: Cho et al. 2025 (arXiv:2506.19997) for difficulty, co-learnability and priority, read in others'
-    restatements of the paper, never in the authors' code. The model of transitions (theirs is a recurrent
-    network), the scale of its errors, and alpha and beta are ours.
+    restatements, not in the authors' code. The transition model (theirs is a recurrent network), the scale of
+    its errors, alpha and beta are our choice.
 
     Attributes:
         error_weight: weight of the transition error (paper: alpha).
         co_learnability_weight: weight of co-learnability (paper: beta).
         round_size: replays of a round (paper: 4 workers on BipedalWalker).
-        memory: factor by which the transition model forgets with each episode, in (0, 1].
+        memory: forgetting factor of the transition model per episode, in (0, 1].
     """
 
     algorithm_version: ClassVar[int | None] = 1
@@ -109,7 +103,7 @@ class TRACED(ACCEL):
         check_shares(self, "memory")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Start with an empty buffer and a model that knows nothing."""
+        """Start with an empty buffer and an untrained model."""
         super().start(space, knowledge, rng)
         self.transitions_ = TransitionModel(self.memory)
         self.difficulties_ = np.zeros(self.buffer_.capacity)
@@ -119,36 +113,36 @@ class TRACED(ACCEL):
         self.drops_: list[float] = []
 
     def estimate(self, trajectory: Trajectory, values: Array, best: float, mastered: bool) -> float:
-        """Return the difficulty of a task; arguments as of `PrioritisedReplay.estimate`."""
+        """Return the difficulty of a task, with the arguments of `PrioritisedReplay.estimate`."""
         loss = super().estimate(trajectory, values, best, mastered)
         return loss + self.error_weight * self.transitions_.error(trajectory)
 
     def count_in(self, episode: Episode, values: Array) -> int | None:
-        """Score the task of `episode` with `values` of its states; return its place in the buffer, if any."""
+        """Score the task of `episode` with `values` of its states, and return its slot, if any."""
         replayed = self.replayed_ is not None
-        place = super().count_in(episode, values)
-        if place is None:
+        slot = super().count_in(episode, values)
+        if slot is None:
             return None
-        before, self.difficulties_[place] = self.difficulties_[place], self.buffer_.scores[place]
+        before, self.difficulties_[slot] = self.difficulties_[slot], self.buffer_.scores[slot]
         if replayed:
-            self._set_priority(place)
-            self.round_.append(place)
-            self.drops_.append(float(before - self.difficulties_[place]))
+            self._set_priority(slot)
+            self.round_.append(slot)
+            self.drops_.append(float(before - self.difficulties_[slot]))
             if len(self.drops_) == self.round_size:
-                for one in self.previous_round_:
-                    self.co_learnability_[one] = np.mean(self.drops_)
-                    self._set_priority(one)
+                for previous in self.previous_round_:
+                    self.co_learnability_[previous] = np.mean(self.drops_)
+                    self._set_priority(previous)
                 self.previous_round_, self.round_, self.drops_ = self.round_, [], []
         else:
-            self._forget(place)
-        return place
+            self._forget(slot)
+        return slot
 
-    def _forget(self, place: int) -> None:
-        """Forget the task whose place another one has taken."""
-        self.co_learnability_[place] = 0.0
-        self.previous_round_ = [one for one in self.previous_round_ if one != place]
-        self.round_ = [one for one in self.round_ if one != place]
+    def _forget(self, slot: int) -> None:
+        """Forget the former task of a slot."""
+        self.co_learnability_[slot] = 0.0
+        self.previous_round_ = [previous for previous in self.previous_round_ if previous != slot]
+        self.round_ = [replayed for replayed in self.round_ if replayed != slot]
 
-    def _set_priority(self, place: int) -> None:
-        gain = self.co_learnability_weight * self.co_learnability_[place]
-        self.buffer_.scores[place] = self.difficulties_[place] + gain
+    def _set_priority(self, slot: int) -> None:
+        gain = self.co_learnability_weight * self.co_learnability_[slot]
+        self.buffer_.scores[slot] = self.difficulties_[slot] + gain

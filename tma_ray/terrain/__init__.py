@@ -1,5 +1,5 @@
-"""Worlds as arrays. Each kind has a module that builds them from a task and a random generator."""
+"""Terrains as arrays, with one module per environment that builds them from a task."""
 
-from tma_ray.terrain.base import CEILING, FIXED, GROUND_HEIGHT, Terrain
+from tma_ray.terrain.terrain import CEILING, FIXED, GROUND_HEIGHT, Terrain
 
 __all__ = ["CEILING", "FIXED", "GROUND_HEIGHT", "Terrain"]

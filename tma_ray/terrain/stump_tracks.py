@@ -5,47 +5,34 @@ from numpy.typing import NDArray
 
 from tma_ray.support.jit import kernel
 from tma_ray.tasks import Task
-from tma_ray.terrain.base import GROUND_HEIGHT, STARTPAD_STEPS, STEP, Terrain
+from tma_ray.terrain.terrain import (
+    DEPTH,
+    FRICTION,
+    GROUND_HEIGHT,
+    OVERHANG,
+    STARTPAD_STEPS,
+    TERRAIN_STEP,
+    Terrain,
+)
 
-TRACK_LENGTH = 200 * STEP
-"""x at which the last stump ends at the latest, in m."""
+TRACK_LENGTH = 200 * TERRAIN_STEP  # largest x of the last stump's right side, in m
+GOAL_X = 190 * TERRAIN_STEP  # in m
+FIRST_STUMP = STARTPAD_STEPS * TERRAIN_STEP  # x of the first stump's left side, in m
 
-GOAL_X = 190 * STEP
-"""x of the goal, in m."""
-
-FIRST_STUMP = STARTPAD_STEPS * STEP
-"""x of the first stump's left side, in m."""
-
-STUMP_HEIGHT_STD = 0.1
-"""Standard deviation of stump heights around the task's mean, in terrain steps."""
-
-MINIMUM_STUMP_HEIGHT = 0.05
-"""Height under which no stump is drawn, in terrain steps."""
-
-STUMP_WIDTH = STEP
-"""Width of every stump, in m."""
-
-MINIMUM_SPACING = 0.01
-"""Smallest gap between two stumps, in m."""
-
-FRICTION = 2.5
-"""Friction coefficient of ground and stumps."""
-
-MARGIN = 20.0
-"""How far the ground reaches past both ends of the track, in m: over any lidar and any fall."""
-
-DEPTH = 10.0
-"""How deep ground and stumps reach under the surface, in m: nothing is pushed out below."""
+STUMP_HEIGHT_STD = 0.1  # standard deviation around the task's mean, in terrain steps
+MINIMUM_STUMP_HEIGHT = 0.05  # in terrain steps
+STUMP_WIDTH = TERRAIN_STEP  # in m
+MINIMUM_SPACING = 0.01  # smallest gap between two stumps, in m
 
 Floats = NDArray[np.float64]
 
 
 def stump_tracks(task: Task, rng: np.random.Generator) -> Terrain:
-    """Return the world of `task`.
+    """Return the terrain of `task`.
 
     Args:
         task: mean stump height in terrain steps, and the gap between stumps in m. A negative mean counts
-            as 0 (the original release keeps it, and so draws stumps of the minimum height only).
+            as 0 (the original release keeps it, so that all stumps have the minimum height).
         rng: source of one height per stump.
     """
     mean_height, spacing = max(0.0, float(task[0])), max(MINIMUM_SPACING, float(task[1]))
@@ -69,15 +56,15 @@ def stump_tracks(task: Task, rng: np.random.Generator) -> Terrain:
 
 @kernel
 def _lay_out(heights: Floats, spacing: float) -> tuple[Floats, Floats]:
-    """Return the solids and the surface of stumps with `heights` (n,) in terrain steps."""
+    """Return solids and surface of a track with stumps of `heights` (n,), in terrain steps."""
     count = len(heights)
     solids, surface = np.empty((count + 1, 4, 2)), np.empty((4 * count + 1, 4))
-    start, end = -MARGIN, TRACK_LENGTH + MARGIN
+    start, end = -OVERHANG, TRACK_LENGTH + OVERHANG
     _fill_box(solids[0], start, end, GROUND_HEIGHT)
     for index in range(count):
         left = FIRST_STUMP + index * (STUMP_WIDTH + spacing)
         right = left + STUMP_WIDTH
-        top = GROUND_HEIGHT + max(MINIMUM_STUMP_HEIGHT, heights[index]) * STEP
+        top = GROUND_HEIGHT + max(MINIMUM_STUMP_HEIGHT, heights[index]) * TERRAIN_STEP
         _fill_box(solids[index + 1], left, right, top)
         outline = (
             (start, GROUND_HEIGHT),

@@ -1,1 +1,1 @@
-"""Viewing of policies: rendered episodes, and the playground in a browser."""
+"""Rendered episodes of policies, and the playground in a browser."""

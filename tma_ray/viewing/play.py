@@ -1,4 +1,4 @@
-"""The playground with chosen policies and a task, as a file that a browser opens."""
+"""Playground with given policies and a task, opened in a browser."""
 
 import tempfile
 import webbrowser
@@ -14,27 +14,24 @@ from tma_ray.playground.contents import PLAYED
 from tma_ray.playground.page import RANDOM, ZERO, Start, page_html, policy_record
 from tma_ray.runs.saved_policies import find_policy
 from tma_ray.support.validation import check_fields, check_sequence, check_whole
-from tma_ray.tasks import TaskSpace
+from tma_ray.tasks import Dimension, TaskSpace
 from tma_ray.viewing.rendering import parse_task
 
 UNTRAINED: Final = {"random": RANDOM, "zero": ZERO}
-
-MOST: Final = 4
-"""Largest number of policies that the page plays at once."""
+MOST_POLICIES: Final = 4  # that the page plays at once
 
 
 @dataclass(frozen=True)
 class PlaySettings:
-    """Settings of the playground: what it plays first.
+    """Initial settings of the playground.
 
     Attributes:
-        policies: each "random" (uniform actions), "zero" (all zero), the folder of a saved policy, or a run
-            of `results`: its id or an unambiguous beginning of it.
+        policies: "random" (uniform actions), "zero", folders of saved policies, or unambiguous prefixes of
+            run ids in `results`.
         results: folder or URI of a results root.
-        environment: name of an environment that the page has; None for that of the first trained policy, else
-            Stump Tracks.
-        embodiment: name of the body, with parameters if wanted; None for that of the policy, else
-            the classic bipedal.
+        environment: name of the environment; None for that of the first trained policy, else Stump Tracks.
+        embodiment: name of the body, with optional parameters; None for that of the policy, else the classic
+            bipedal.
         task: text for `parse_task`; None for the middle of the task space.
         seed: seed of the page's worlds and of random tasks.
     """
@@ -50,22 +47,19 @@ class PlaySettings:
         check_fields(self)
         check_whole("seed", self.seed, 0)
         check_sequence("policies", self.policies)
-        if not 1 <= len(self.policies) <= MOST:
-            raise ValueError(f"{len(self.policies)} policies: expected 1 to {MOST}")
+        if not 1 <= len(self.policies) <= MOST_POLICIES:
+            raise ValueError(f"{len(self.policies)} policies: expected 1 to {MOST_POLICIES}")
 
 
 def play(settings: PlaySettings, output: Path | None = None) -> Path:
-    """Write the playground and open it in a browser, unless it was written to a given file.
-
-    Returns:
-        The file.
+    """Write the playground to `output`, or to a temporary file that a browser opens, and return the file.
 
     Raises:
-        ValueError: no such policy, one that the page cannot show or that does not fit the body, an
-            environment that the page does not have, or a task outside its valid domain.
+        ValueError: if a policy is unknown, unsupported or unfit for the body, or the environment or the task
+            is not supported.
     """
-    named = [name for name in dict.fromkeys(settings.policies) if name not in UNTRAINED]
-    records = [policy_record(find_policy(name, settings.results), settings.results) for name in named]
+    trained = [name for name in dict.fromkeys(settings.policies) if name not in UNTRAINED]
+    records = [policy_record(find_policy(name, settings.results), settings.results) for name in trained]
     first: dict[str, Any] = (
         records[0] if records else {"environment": PLAYED[0], "embodiment": "classic_bipedal"}
     )
@@ -83,11 +77,12 @@ def play(settings: PlaySettings, output: Path | None = None) -> Path:
             )
     space: TaskSpace = made.task_space
     if records and records[0]["environment"] == environment:
-        bounds = {each["name"]: (each["low"], each["high"]) for each in records[0]["space"]}
-        space = TaskSpace.from_bounds(bounds)
+        space = TaskSpace(tuple(Dimension(**dimension) for dimension in records[0]["space"]))
     task = parse_task(settings.task, space, made.valid_domain, np.random.default_rng([settings.seed, 0]))
-    places = tuple(UNTRAINED[name] if name in UNTRAINED else named.index(name) for name in settings.policies)
-    start = Start(environment, embodiment, places, tuple(map(float, task)), settings.seed)
+    indices = tuple(
+        UNTRAINED[name] if name in UNTRAINED else trained.index(name) for name in settings.policies
+    )
+    start = Start(environment, embodiment, indices, tuple(map(float, task)), settings.seed)
     page = page_html(records, start)
     if output is not None:
         output.write_text(page, encoding="utf-8")

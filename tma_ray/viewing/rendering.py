@@ -1,4 +1,4 @@
-"""One episode as a video or a picture, without a window."""
+"""Rendering of an episode as a video or a picture."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -9,11 +9,10 @@ from typing import Any
 from uuid import uuid4
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 from PIL import Image
 
-from tma_ray.envs import ENVIRONMENTS, Environment, make_environment, mastery_return
+from tma_ray.envs import ENVIRONMENTS, Environment, box_spaces, make_environment, mastery_return
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.saved_policies import StepPolicy, find_policy
 from tma_ray.support.component_names import nearest
@@ -21,20 +20,18 @@ from tma_ray.support.quantities import COORDINATE
 from tma_ray.support.validation import check_fields, check_whole
 from tma_ray.tasks import EpisodeSoFar, Task, TaskSpace, check_task
 
-Frame = NDArray[np.uint8]
-"""One picture (height, width, 3), red, green and blue."""
+Frame = NDArray[np.uint8]  # RGB picture (height, width, 3)
 
 SHADES, HUES = 192, 64
-"""Colours that all frames of a .gif share: such as many pixels have, as in a sky, and such as differ most,
-as that of a red hand."""
+"""Colours of all frames of a .gif: of large areas, as the sky, and of small details, as a red hand."""
 
 
 def check_picture(path: Path) -> None:
-    """Refuse a file that `write_frames` could not write.
+    """Check that `write_frames` can write a file.
 
     Raises:
-        ValueError: another ending than .mp4, .gif and .png, no such folder or one that cannot be written
-            to, or an .mp4 without PyAV.
+        ValueError: if the suffix is not .mp4, .gif or .png, the folder is missing or not writable, or PyAV is
+            missing for an .mp4.
     """
     folder = path.absolute().parent
     if path.suffix not in _WRITERS:
@@ -53,13 +50,9 @@ def check_picture(path: Path) -> None:
 
 
 def write_frames(path: Path, frames: Iterable[Frame], frames_per_second: Fraction) -> None:
-    """Write `frames`, at least one and all of one size, in the format that `path` ends in.
+    """Write `frames`, at least one and all of one size, atomically in the format of the suffix of `path`.
 
-    A .png holds the last frame alone; of a .gif all frames are held in memory. The file appears when it is
-    complete.
-
-    Raises:
-        ValueError: errors of `check_picture`.
+    A .png contains the last frame only. Errors are those of `check_picture`.
     """
     check_picture(path)
     unfinished = path.with_name(f".{uuid4().hex}{path.suffix}")
@@ -76,12 +69,12 @@ def _write_mp4(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
     with av.open(str(path), "w") as container:
         stream = None
         for frame in frames:
-            even = frame[: len(frame) // 2 * 2, : frame.shape[1] // 2 * 2]  # H.264 halves its colours' sizes
+            even = frame[: len(frame) // 2 * 2, : frame.shape[1] // 2 * 2]  # H.264 halves colour resolution
             if stream is None:
                 stream = container.add_stream("libx264", rate=frames_per_second)
                 stream.height, stream.width = even.shape[:2]
                 stream.pix_fmt = "yuv420p"
-                stream.options = {"crf": "20"}  # constant rate factor: 0 is lossless, 51 worst
+                stream.options = {"crf": "20"}  # constant rate factor, from 0 (lossless) to 51
             container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(even), "rgb24")))
         assert stream is not None
         container.mux(stream.encode(None))
@@ -104,7 +97,7 @@ def _write_gif(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
 
 
 def _colours(picture: Image.Image, count: int, method: Image.Quantize) -> list[int]:
-    """Return the values of `count` colours of `picture`, concatenated."""
+    """Return a palette of `count` colours of `picture`, concatenated."""
     values = picture.quantize(count, method=method).getpalette() or []
     return (values + [0] * 3 * count)[: 3 * count]
 
@@ -121,27 +114,24 @@ _WRITERS: dict[str, Callable[[Path, Iterable[Frame], Fraction], None]] = {
 }
 
 
-RANDOM, ZERO = "random", "zero"
-"""Names of the untrained policies."""
-
-
+RANDOM, ZERO = "random", "zero"  # untrained policies
 DEFAULT_ENVIRONMENT, DEFAULT_EMBODIMENT = "stump_tracks", "classic_bipedal"
 
 
 @dataclass(frozen=True)
 class EpisodeSettings:
-    """Settings of one rendered episode: policy, environment, task, and how much is shown.
+    """Settings of a rendered episode.
 
     Attributes:
-        policy: "random" (uniform actions), "zero" (all zero), the folder of a saved policy, or a run of
-            `results`: its id or an unambiguous beginning of it.
+        policy: "random" (uniform actions), "zero", the folder of a saved policy, or an unambiguous prefix of
+            a run id in `results`.
         results: folder or URI of a results root.
         environment: registered name or ``module:Name``; None for that of the run, else Stump Tracks.
         embodiment: name of the body, empty for none; None for that of the run, else the classic bipedal.
         seed: seed of worlds, random tasks and random actions.
-        steps: number of steps after which an episode is left, if it has not ended.
+        steps: largest number of steps.
         every: steps from one frame to the next.
-        task: task in the form that `parse_task` accepts.
+        task: text for `parse_task`.
     """
 
     policy: str = RANDOM
@@ -161,12 +151,12 @@ class EpisodeSettings:
 
 @dataclass
 class RenderedEnvironment:
-    """An environment that draws frames, with the policy that acts in it.
+    """Environment that draws frames, and its policy.
 
     Attributes:
         environment: environment with the render mode "rgb_array".
-        policy: "random", "zero", or the run of a trained one.
-        trained: the trained policy, if it is one.
+        policy: "random", "zero", or the run id of a trained policy.
+        trained: trained policy, if any.
         space: tasks that a teacher may choose.
         domain: tasks that the environment can build.
         threshold: episodic return over which a task is mastered.
@@ -185,20 +175,20 @@ class RenderedEnvironment:
 
 
 def open_rendered(settings: EpisodeSettings) -> RenderedEnvironment:
-    """Return the environment that settings describe, all of which has been checked.
+    """Return the environment and the policy of some settings.
 
     Raises:
-        ValueError: no such policy or one that does not fit, or an environment that cannot be drawn.
+        ValueError: if the policy is unknown or does not fit, or the environment cannot be drawn.
     """
     policy = settings.policy
     saved = None if policy in (RANDOM, ZERO) else find_policy(policy, settings.results)
     spec = saved.spec if saved else None
     name = settings.environment or (spec.environment if spec else DEFAULT_ENVIRONMENT)
-    known = arguments(spec, "environment") if spec else {}
-    options = known if spec and spec.environment == name else {}
+    run_options = arguments(spec, "environment") if spec else {}
+    options = run_options if spec and spec.environment == name else {}
     body = settings.embodiment
     if body is None and "embodiment" not in options:
-        body = known.get("embodiment", "") if spec else DEFAULT_EMBODIMENT
+        body = run_options.get("embodiment", "") if spec else DEFAULT_EMBODIMENT
     if body:
         options["embodiment"] = body
     elif body is not None:
@@ -207,16 +197,14 @@ def open_rendered(settings: EpisodeSettings) -> RenderedEnvironment:
         raise ValueError(f"environment {name!r} cannot be drawn: it has no render mode 'rgb_array'")
     made = make_environment(name, render_mode="rgb_array", **options)
     try:
-        observations, actions = made.observation_space, made.action_space
-        if not (isinstance(observations, spaces.Box) and isinstance(actions, spaces.Box)):
-            raise ValueError(f"{made} has spaces {observations}, {actions}; expected boxes")
+        observations, actions = box_spaces(made)
         domain: TaskSpace = made.get_wrapper_attr("valid_domain")
-        space = made.get_wrapper_attr("task_space") if saved is None else saved.spec.task_space
-        if space.names != domain.names:  # the policy of one environment in another
+        space = spec.task_space if spec else None
+        if space is None or space.names != domain.names:  # of a policy from another environment
             space = made.get_wrapper_attr("task_space")
         trained = None if saved is None else saved.load(observations, actions)
         return RenderedEnvironment(
-            made, saved.spec.run_id if saved else policy, trained, space, domain, mastery_return(made)
+            made, spec.run_id if spec else policy, trained, space, domain, mastery_return(made)
         )
     except ValueError:
         made.close()
@@ -225,12 +213,12 @@ def open_rendered(settings: EpisodeSettings) -> RenderedEnvironment:
 
 @dataclass
 class RenderedEpisode(EpisodeSoFar):
-    """Outcome of a rendered episode so far.
+    """State of a rendered episode.
 
     Attributes:
-        task: task that is played (d,).
+        task: task of the episode (d,).
         ended: True if the episode is over.
-        success: success that the environment reported last.
+        success: last success reported by the environment.
     """
 
     task: Task = field(kw_only=True)
@@ -239,11 +227,11 @@ class RenderedEpisode(EpisodeSoFar):
 
 
 def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
-    """Play an episode into the file `output`: .mp4 or .gif, or .png for its last frame.
+    """Render an episode to `output`, an .mp4, a .gif, or a .png of its last frame.
 
     Raises:
-        ValueError: a file that cannot be written, no such policy or one that does not fit, an environment
-            that cannot be drawn, or a task outside its valid domain; all before anything is played.
+        ValueError: if the file cannot be written, the policy is unknown or does not fit, the environment
+            cannot be drawn, or the task is outside its valid domain.
     """
     check_picture(output)
     rendered = open_rendered(settings)
@@ -265,28 +253,29 @@ def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
 
 
 def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.random.Generator) -> Task:
-    """Return the task that `text` names (d,).
+    """Parse a task (d,).
 
     Args:
         text: "3,0.5", or "stump_height=3" with the other dimensions in the middle of `space`; None for the
             middle, "random" for a task drawn from `space`.
         space: tasks that a teacher may choose.
         domain: tasks that the environment can build.
-        rng: source of a random task.
+        rng: generator of a random task.
 
     Raises:
-        ValueError: no numbers, too few or too many, an unknown dimension, or a task outside `domain`.
+        ValueError: if values are not numbers, their number is wrong, a dimension is unknown, or the task is
+            outside `domain`.
     """
     if text == "random":
         return space.sample(rng)
     values = dict(zip(space.names, space.centre, strict=True))
-    given = [value.strip() for value in text.split(",")] if text else []
-    if any("=" in value for value in given):
-        pairs = [value.partition("=")[::2] for value in given]
-    elif given and len(given) != space.size:
+    parts = [part.strip() for part in text.split(",")] if text else []
+    if any("=" in part for part in parts):
+        pairs = [part.partition("=")[::2] for part in parts]
+    elif parts and len(parts) != space.size:
         raise ValueError(f"task {text!r}: expected {space.size} numbers ({', '.join(space.names)})")
     else:
-        pairs = list(zip(space.names, given, strict=False))
+        pairs = list(zip(space.names, parts, strict=False))
     for name, value in pairs:
         if name.strip() not in values:
             hint = nearest(name.strip(), space.names)
@@ -305,7 +294,7 @@ def _play(
     episode: RenderedEpisode,
     every: int,
 ) -> Iterator[Frame]:
-    """Yield a frame every `every` steps, the first and the last included; for 0 the last alone."""
+    """Yield the first, every `every`-th and the last frame, or only the last for 0."""
     environment = rendered.environment
     observation, _ = environment.reset(seed=settings.seed, options={"task": episode.task})
     while episode.steps < settings.steps and not episode.ended:

@@ -1,1 +1,1 @@
-"""The compiled engine: Chipmunk's C functions, called from compiled code."""
+"""Compiled engine, which calls Chipmunk's C functions from numba."""

@@ -1,4 +1,4 @@
-"""Chipmunk's C functions inside one compiled call: fast, and bit for bit the same as the pymunk engine."""
+"""Engine that steps in one compiled call, bit for bit the same as the pymunk engine."""
 
 import math
 import weakref
@@ -33,19 +33,13 @@ from tma_ray.physics.rules import Rules, observation_size, step_arrays
 from tma_ray.support.jit import kernel
 from tma_ray.terrain import Terrain
 
-COUNT_CONTACT = cast("int", count_contact.address)
-"""Address of the function that Chipmunk calls for every contact."""
+COUNT_CONTACT = cast("int", count_contact.address)  # address of Chipmunk's callback for every contact
 
 
 class CompiledEngine:
-    """Engine that runs a body on Chipmunk; see `Engine`.
+    """Engine that calls Chipmunk from compiled code; arguments as of `make_engine`.
 
-    A copy or a pickle of it has the same body, and no world until it is reset.
-
-    Args:
-        body: the body.
-        rules: the environment's rules for the body.
-        settings: settings of Chipmunk's solver; None for the usual ones with the body's substeps.
+    A copy or a pickle has the same body, and must be reset before its first step.
     """
 
     def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
@@ -64,10 +58,10 @@ class CompiledEngine:
         self._release: Any = None
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Build a new world and let the first step pass; see `Engine`."""
+        """Build a new world and run its first steps; see `Engine`."""
         if self._release is not None:
             self._release()
-            self._release = None  # no step in a world that is gone, should the next not come about
+            self._release = None  # forbids steps in the freed world if building the next one fails
         hangs = len(self.grips) > 0 and len(terrain.ceiling) > 0
         if hangs:
             terrain = hung(terrain, self._body, self.arrays)
@@ -97,7 +91,7 @@ class CompiledEngine:
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """Addresses of the present world's memory, as `_step_worlds` takes them."""
+        """Addresses and sizes of the memory, as `_step_worlds` takes them."""
         if self._release is None:
             raise RuntimeError("this engine has no world yet: call reset first")
         return self._addresses
@@ -113,7 +107,7 @@ class CompiledEngine:
         self._release = weakref.finalize(
             self, release, handles, simulation.holds, shapes, swinging, len(self.state)
         )
-        self._world = world_of(terrain), swinging  # whose addresses the memory has
+        self._world = world_of(terrain), swinging  # kept alive for the addresses in the memory
         put_world(self._memory, *self._world)
         self._memory.floats[BEFORE] = 0.0
 
@@ -124,12 +118,10 @@ class CompiledEngine:
 LINE = 8  # integers in a cache line
 
 DONE, FAILED, END, CALL, LEFT = 0, 8, 9, 16, 24
-"""Places on a board: steps done, steps that failed, 1 when threads shall end, sizes and addresses of a call;
-from LEFT on, a cache line apart, the tickets left of each thread's share."""
+"""Indices on a board: steps done, steps that failed, 1 to end the threads, sizes and addresses of a call;
+from LEFT on, one cache line apart, the tickets left of each thread's share."""
 
-PATIENCE = 200
-"""How often an idle thread looks for tickets, about 0.1 ms in all, before it sleeps: waking takes longer than
-many a step."""
+PATIENCE = 200  # polls of an idle thread, about 0.1 ms in all, before it sleeps: waking is slow
 
 _lock_new: Any = types.ExternalFunction("PyThread_allocate_lock", types.intp())
 _lock_free: Any = types.ExternalFunction("PyThread_free_lock", types.void(types.intp))
@@ -139,13 +131,13 @@ _give_way: Any = types.ExternalFunction("sched_yield", types.intc())
 
 
 def _atomic(operation: str) -> Any:
-    """Return a function (address, number) that changes the integer there, and returns the old one."""
+    """Return a function (address, number) that changes an integer atomically and returns the old value."""
 
     @intrinsic
     def change(_context: Any, _address: Any, _number: Any) -> Any:
         def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-            place = builder.inttoptr(arguments[0], ir.PointerType(ir.IntType(64)))
-            return builder.atomic_rmw(operation, place, arguments[1], "seq_cst")
+            pointer = builder.inttoptr(arguments[0], ir.PointerType(ir.IntType(64)))
+            return builder.atomic_rmw(operation, pointer, arguments[1], "seq_cst")
 
         return types.int64(types.intp, types.int64), generate
 
@@ -157,7 +149,7 @@ _add, _exchange = _atomic("add"), _atomic("xchg")
 
 @kernel
 def _work(board: Integers, thread: int) -> None:
-    """Step worlds until no ticket is left, first those in the cache of the processor of `thread`."""
+    """Step worlds until no ticket is left, starting with the share of `thread`, which its cache holds."""
     threads = (len(board) - LEFT) // LINE
     for turn in range(threads):
         owner = (thread + turn) % threads
@@ -171,7 +163,7 @@ def _work(board: Integers, thread: int) -> None:
 
 @kernel
 def _step_row(board: Integers, row: int) -> None:
-    """Step the world at `row` of the call on the board."""
+    """Step the world in `row` of the call on the board."""
     worlds, acting, seen = board[CALL : CALL + 3]
     addresses_at, actions_at, observations_at, rewards_at, ended_at = board[CALL + 3 : CALL + 8]
     addresses = carray(cp.as_pointer(addresses_at), (worlds, 4), np.int64)
@@ -185,20 +177,20 @@ def _step_row(board: Integers, row: int) -> None:
         integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
         simulation_in(floats, integers).action[:] = actions[row]
         rewards[row], ended[row] = step(floats, integers, observations[row])
-    except Exception:  # raised when nobody uses the arrays any more
+    except Exception:  # counted, and raised by `_step_worlds` after all steps
         _add(board[FAILED:].ctypes.data, 1)
 
 
 @partial(kernel, nogil=True, counted=False)
 def _serve(board: Integers, lock: int, thread: int) -> None:
-    """Step worlds of every call, woken by `lock`, until the board says that it is the end."""
+    """Step worlds of every call, woken by `lock`, until `END` is set on the board."""
     while board[END] == 0:
         _work(board, thread)
-        looks = 0
-        while board[LEFT + LINE * thread] <= 0 and looks < PATIENCE:
+        polls = 0
+        while board[LEFT + LINE * thread] <= 0 and polls < PATIENCE:
             _give_way()
-            looks += 1
-        if looks == PATIENCE:
+            polls += 1
+        if polls == PATIENCE:
             _lock_take(lock, 1)
 
 
@@ -220,7 +212,7 @@ def _step_worlds(
     rewards: Floats,
     ended: NDArray[np.bool_],
 ) -> None:
-    """Run a step of the worlds at `addresses` (k, 4); see `EngineBatch.step`."""
+    """Step the worlds at `addresses` (k, 4); see `EngineBatch.step`."""
     worlds = len(addresses)
     board[CALL : CALL + 3] = worlds, actions.shape[1], observations.shape[1]
     board[CALL + 3], board[CALL + 4] = addresses.ctypes.data, actions.ctypes.data
@@ -252,17 +244,17 @@ def _free_locks(locks: Integers) -> None:
 
 
 class EngineBatch:
-    """Engines of one body that have been reset, stepped together; each may be reset again, into a new world.
+    """Engines of one body, stepped together.
 
-    Its threads end with this object, or with the interpreter.
+    Each engine has been reset, and may be reset again. The threads end with this object or the interpreter.
 
     Args:
         engines: engines of the worlds.
-        threads: number of threads, the caller's included; the bits are the same.
+        threads: number of threads, the caller's included, which does not change results.
     """
 
     def __init__(self, engines: Sequence[CompiledEngine], threads: int = 1) -> None:
-        self._engines = engines  # whose memories must live as long as their addresses are used
+        self._engines = engines  # kept alive for the addresses of their memories
         self._addresses = np.array([engine.addresses for engine in engines], dtype=np.int64)
         body = engines[0].arrays
         self._observation_size, self._action_size = observation_size(body), len(body.motors) + len(body.grips)
@@ -273,7 +265,7 @@ class EngineBatch:
         weakref.finalize(self, _end, self._board, self._locks, crew)
         if threads > 1:
             self._board[END] = 1
-            _serve(self._board, 0, 0)  # compiled here, and once
+            _serve(self._board, 0, 0)  # compiles once, before the threads start
             self._board[END] = 0
         for index, lock in enumerate(self._locks.tolist(), 1):
             thread = Thread(
@@ -287,7 +279,7 @@ class EngineBatch:
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]:
         """Advance some worlds by TIME_STEP, with the same bits as their engines one by one.
 
-        From one thread at a time.
+        Not thread-safe.
 
         Args:
             rows: indices of the engines to step (k,).
@@ -297,8 +289,8 @@ class EngineBatch:
             Observations (k, o), rewards (k,) and ends of episodes (k,).
 
         Raises:
-            ValueError: actions of another shape, or not finite.
-            RuntimeError: a step failed.
+            ValueError: if actions have another shape or are not finite.
+            RuntimeError: if a step fails.
         """
         expected = len(rows), self._action_size
         if actions.shape != expected:
@@ -313,7 +305,7 @@ class EngineBatch:
 
 
 def _end(board: Integers, locks: Integers, crew: Sequence[Thread]) -> None:
-    """End the threads of `crew`, then free what they wait for."""
+    """End the threads of `crew`, then free their locks."""
     board[END] = 1
     _wake(locks)
     for thread in crew:

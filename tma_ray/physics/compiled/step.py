@@ -1,4 +1,4 @@
-"""A whole environment step in one compiled call."""
+"""Environment step in one compiled call."""
 
 import math
 from typing import NamedTuple
@@ -12,13 +12,13 @@ from tma_ray.physics.base import TIME_STEP, SolverSettings, motor_substeps
 from tma_ray.physics.kernels import (
     NOTHING,
     World,
-    breathe,
     command_motors,
-    feel,
+    count_breath,
     holder_anchor,
-    judge,
     observe,
+    step_outcome,
     survives,
+    update_grip_contacts,
     water_forces,
 )
 from tma_ray.physics.rules import StepArrays
@@ -28,46 +28,42 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 FLOATS, INTEGERS = 8, 21
-"""Single values at the start of a memory's vectors; `body_in`, `world_in` and `simulation_in` name them."""
+"""Numbers of scalars at the start of a memory, read by `body_in`, `world_in` and `simulation_in`."""
 
 DURATION, ERROR_BIAS, BEFORE, GOAL_X, WATER_Y, SWAY = 2, 3, 4, 5, 6, 7
-"""Places among the floats, after the cost of torques and the weight of being upright."""
+"""Indices of floats, after the cost of torques and the weight of the upright reward."""
 
 SUBSTEPS, MOTOR_SUBSTEPS, COUNT_CONTACT, TERRAIN = 9, 10, 11, 12
-"""Places among the integers, after the sizes; at TERRAIN begin sizes and addresses of the world's arrays."""
+"""Indices of integers, after the sizes; sizes and addresses of the world's arrays begin at TERRAIN."""
 
 
 class Memory(NamedTuple):
-    """Everything that a step reads and writes, and the addresses of the world's arrays.
+    """Memory of a step: constants of the body, then its state, and the addresses of the world's arrays.
 
-    Only two vectors, because numba takes longer to receive twenty arrays than Chipmunk to simulate a body.
-
-    Attributes:
-        floats: the body, then what changes.
-        integers: the body, then what changes.
+    Two vectors, because unboxing twenty arrays takes numba longer than Chipmunk takes to simulate a body.
     """
 
     floats: Floats
     integers: Integers
 
 
-class Simulation(NamedTuple):
+class SimulationState(NamedTuple):
     """State of a simulation of p parts and h joints, j of them with motors, and g grip sensors.
 
     Attributes:
         action: values (j + g,).
         commands: values (j, 2), as `command_motors` writes them.
-        state: values (p, 6).
+        state: values (p, 6) in the layout of kernels.py.
         rotations: cosine and sine of each part's angle (p, 2).
         torques: torque of each motor, in N m (j,).
         forces: forces of the water on each part (p, 3), as `water_forces` writes them.
         points: positions of the sensors (g, 2), in m.
-        contacts: values (p, 2).
+        contacts: number of pieces of ground and of ceiling that each part touches (p, 2).
         medium: consecutive steps under water and outside it (2,).
-        wet: 1 if there are forces of water, else 0 (1,).
+        wet: 1 if the water exerts forces, else 0 (1,).
         grips: object that each sensor touches and holds (g, 2).
         handles: pointers to the space, p bodies, j motors, h limits and h pivots (1 + p + j + 2 h,).
-        holds: pointer to the pivot of each sensor that holds something, else 0 (g,).
+        holds: pointer to the pivot of each closed grip, else 0 (g,).
     """
 
     action: Floats
@@ -86,7 +82,7 @@ class Simulation(NamedTuple):
 
 
 def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, count_contact: int) -> Memory:
-    """Return the memory for a body, which is copied into it, with `all_joints` joints, passive ones too."""
+    """Return a new memory with a copy of `body`, which has `all_joints` joints, passive ones included."""
     p, j, r = len(body.critical), len(body.motors), len(body.rays)
     v, g, h = len(body.vertices), len(body.grips), all_joints
     memory = Memory(
@@ -109,10 +105,7 @@ def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, coun
 
 
 def put_world(memory: Memory, world: World, swinging: Integers) -> None:
-    """Write the sizes and addresses of `world` and of its creepers' pointers to `memory`.
-
-    The arrays must live as long as the memory is used.
-    """
+    """Write sizes and addresses of the arrays of `world`, which must outlive `memory`, to it."""
     memory.floats[[GOAL_X, WATER_Y, SWAY]] = world.goal_x, world.water_y, world.sway
     arrays = (world.ground, world.ceiling, world.creepers, world.poses, world.movable, swinging)
     sizes = len(world.ground), len(world.ceiling), len(world.creepers)
@@ -153,8 +146,8 @@ def body_in(floats: Floats, integers: Integers) -> StepArrays:
 
 
 @kernel
-def simulation_in(floats: Floats, integers: Integers) -> Simulation:
-    """Return the changing state of a memory."""
+def simulation_in(floats: Floats, integers: Integers) -> SimulationState:
+    """Return the state in a memory."""
     p, j, r, v, g, h = integers[0], integers[1], integers[2], integers[3], integers[4], integers[5]
     action = FLOATS + 3 * j + 2 * r + 2 * v + 4 * p + 4 * j + 3 * g
     commands = action + j + g
@@ -165,7 +158,7 @@ def simulation_in(floats: Floats, integers: Integers) -> Simulation:
     contacts = INTEGERS + 2 + p + 3 * j + p + 1 + g
     medium = contacts + 2 * p
     handles, many = medium + 3 + 2 * g, 1 + p + j + 2 * h
-    return Simulation(
+    return SimulationState(
         cp.part(floats, action, (j + g,)),
         cp.part(floats, commands, (j, 2)),
         cp.part(floats, state, (p, 6)),
@@ -184,35 +177,35 @@ def simulation_in(floats: Floats, integers: Integers) -> Simulation:
 
 @kernel
 def world_in(floats: Floats, integers: Integers) -> tuple[World, Integers]:
-    """Return the world of a memory, and the pointers of its creepers (c, 3)."""
+    """Return the world in a memory, and the pointers of its creepers (c, 3)."""
     grounds, ceilings, creepers = integers[TERRAIN], integers[TERRAIN + 1], integers[TERRAIN + 2]
-    at = integers[TERRAIN + 3 :]
+    addresses = integers[TERRAIN + 3 :]
     world = World(
-        carray(cp.as_pointer(at[0]), (grounds, 4), np.float64),
-        carray(cp.as_pointer(at[1]), (ceilings, 4), np.float64),
-        carray(cp.as_pointer(at[2]), (creepers, 4), np.float64),
-        carray(cp.as_pointer(at[3]), (creepers, 4), np.float64),
-        carray(cp.as_pointer(at[4]), creepers, np.int64),
+        carray(cp.as_pointer(addresses[0]), (grounds, 4), np.float64),
+        carray(cp.as_pointer(addresses[1]), (ceilings, 4), np.float64),
+        carray(cp.as_pointer(addresses[2]), (creepers, 4), np.float64),
+        carray(cp.as_pointer(addresses[3]), (creepers, 4), np.float64),
+        carray(cp.as_pointer(addresses[4]), creepers, np.int64),
         floats[SWAY],
         floats[WATER_Y],
         floats[GOAL_X],
     )
-    return world, carray(cp.as_pointer(at[5]), (creepers, 3), np.int64)
+    return world, carray(cp.as_pointer(addresses[5]), (creepers, 3), np.int64)
 
 
 @kernel
-def drive(simulation: Simulation, share: float) -> None:
-    """Commands the motors, with their torques times `share`."""
+def drive(simulation: SimulationState, share: float) -> None:
+    """Command the motors, with their torques times `share`."""
     for joint in range(len(simulation.commands)):
         motor = simulation.handles[1 + len(simulation.state) + joint]
-        # Chipmunk's rate is the speed of the first part relative to the second.
+        # Chipmunk's rate is the speed of the first part relative to the second
         cp.motor_set_rate(motor, -simulation.commands[joint, 0])
         cp.constraint_set_max_force(motor, share * simulation.commands[joint, 1])
 
 
 @kernel
-def read_torques(simulation: Simulation, duration: float) -> None:
-    """Read the motors' torques from their impulses, which are spread over `duration` s."""
+def read_torques(simulation: SimulationState, duration: float) -> None:
+    """Read the motors' torques from their impulses over `duration` s."""
     for joint in range(len(simulation.commands)):
         motor = simulation.handles[1 + len(simulation.state) + joint]
         torque = cp.constraint_impulse(motor) / duration
@@ -221,9 +214,9 @@ def read_torques(simulation: Simulation, duration: float) -> None:
 
 @kernel
 def advance(
-    simulation: Simulation, substeps: int, motor_substeps: int, duration: float, count_contact: int
+    simulation: SimulationState, substeps: int, motor_substeps: int, duration: float, count_contact: int
 ) -> None:
-    """Let `substeps` of `duration` s pass under motors and water, then read state and contacts."""
+    """Run `substeps` of `duration` s with motors and water, then read state and contacts."""
     parts, share = len(simulation.state), substeps / motor_substeps
     for index in range(substeps):
         if index == 0:
@@ -250,7 +243,7 @@ def advance(
 
 @kernel
 def move_creepers(world: World, swinging: Integers) -> None:
-    """Read where the creepers are that swing."""
+    """Read the poses of the swinging creepers."""
     for index in range(len(swinging)):
         if swinging[index, 0] != 0:
             pose = world.poses[index]
@@ -259,7 +252,7 @@ def move_creepers(world: World, swinging: Integers) -> None:
 
 
 @kernel
-def turn(simulation: Simulation) -> None:
+def turn(simulation: SimulationState) -> None:
     """Read the rotations of the parts."""
     for part in range(len(simulation.state)):
         rotation = simulation.rotations[part]
@@ -267,8 +260,8 @@ def turn(simulation: Simulation) -> None:
 
 
 @kernel
-def soak(simulation: Simulation, body: StepArrays, water_y: float) -> None:
-    """Find the forces of the water for the next step, if the body is near it."""
+def soak(simulation: SimulationState, body: StepArrays, water_y: float) -> None:
+    """Compute the forces of the water for the next step, if the body is near it."""
     lowest = math.inf
     for part in range(len(simulation.state)):
         lowest = min(lowest, simulation.state[part, 1] - body.bounds[part, 0])
@@ -284,7 +277,7 @@ def soak(simulation: Simulation, body: StepArrays, water_y: float) -> None:
 
 
 @kernel
-def let_go(simulation: Simulation) -> None:
+def let_go(simulation: SimulationState) -> None:
     """Open the grips whose action is not positive."""
     joints = len(simulation.commands)
     for sensor in range(len(simulation.holds)):
@@ -297,11 +290,11 @@ def let_go(simulation: Simulation) -> None:
 
 @kernel
 def take_hold(
-    simulation: Simulation, body: StepArrays, world: World, swinging: Integers, error_bias: float
+    simulation: SimulationState, body: StepArrays, world: World, swinging: Integers, error_bias: float
 ) -> None:
-    """Close the grips whose action is positive on what they touch."""
+    """Attach the grips whose action is positive to the objects that they touch."""
     joints, grips = len(simulation.commands), simulation.grips
-    feel(simulation.state, simulation.rotations, body, world, simulation.points, grips)
+    update_grip_contacts(simulation.state, simulation.rotations, body, world, simulation.points, grips)
     for sensor in range(len(simulation.holds)):
         touched = grips[sensor, 0]
         closing = simulation.action[joints + sensor] > 0 and simulation.holds[sensor] == 0
@@ -319,15 +312,10 @@ def take_hold(
 
 @kernel
 def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -> tuple[float, bool]:
-    """Run a step under the action in the memory: motors, simulation, grips, water, observation and reward.
-
-    Args:
-        floats: float64 part of the memory.
-        integers: int64 part of the memory.
-        observation: written (o,).
+    """Run a step with the action in the memory, and write the `observation` (o,).
 
     Returns:
-        Reward, NaN if the action was not finite and nothing happened; end of the episode.
+        Reward, NaN if the action is not finite and nothing has moved, and True at the end of the episode.
     """
     body, simulation = body_in(floats, integers), simulation_in(floats, integers)
     world, swinging = world_in(floats, integers)
@@ -343,8 +331,8 @@ def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -
     take_hold(simulation, body, world, swinging, floats[ERROR_BIAS])
     state, contacts, medium = simulation.state, simulation.contacts, simulation.medium
     observe(state, contacts, medium, simulation.grips, body, world, observation)
-    breathe(state, world.water_y, body, medium)
-    reward, ended, floats[BEFORE] = judge(state, contacts, body, world.goal_x, cost, floats[BEFORE])
+    count_breath(state, world.water_y, body, medium)
+    reward, ended, floats[BEFORE] = step_outcome(state, contacts, body, world.goal_x, cost, floats[BEFORE])
     return reward, ended
 
 
@@ -352,7 +340,7 @@ def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -
 def step_at(
     floats_at: int, floats_size: int, integers_at: int, integers_size: int, observation: NDArray[np.float32]
 ) -> tuple[float, bool]:
-    """Run a step of the memory at two addresses; numba counts no references to arrays that it made."""
+    """Step the simulation stored at two addresses (raw pointers avoid numba's reference counting)."""
     floats = carray(cp.as_pointer(floats_at), floats_size, np.float64)
     integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
     return step(floats, integers, observation)

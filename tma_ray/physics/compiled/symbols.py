@@ -1,8 +1,8 @@
-"""Chipmunk's C functions, as they can be called from compiled code.
+"""Chipmunk's C functions for compiled code, exported by pymunk's extension module.
 
-pymunk's extension module exports them. A pointer is an intp. A cpVect argument is two doubles and a
-cpShapeFilter two integers, which is how the calling conventions of x86-64 (not on Windows) and AArch64 pass
-structs of these sizes. Only symbols that take no larger struct are used, and no private layout.
+A pointer is an intp. A cpVect argument is two doubles and a cpShapeFilter two integers, since the calling
+conventions of x86-64 (not on Windows) and AArch64 pass structs of these sizes so. Functions that take larger
+structs, and private layouts, are not used.
 """
 
 import platform
@@ -20,23 +20,30 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 from pymunk import _chipmunk
 
-MACHINES = ("x86_64", "amd64", "aarch64", "arm64")  # whose calling conventions are as described above
+MACHINES = ("x86_64", "amd64", "aarch64", "arm64")  # with the calling conventions described above
 
-SIZES = {"cpVect": 16, "cpFloat": 8, "cpShapeFilter": 16, "cpBitmask": 4, "cpGroup": 8, "cpCollisionType": 8}
-"""Types whose sizes, in bytes, the declarations below take for granted."""
+STRUCT_SIZES = {
+    "cpVect": 16,
+    "cpFloat": 8,
+    "cpShapeFilter": 16,
+    "cpBitmask": 4,
+    "cpGroup": 8,
+    "cpCollisionType": 8,
+}
+"""Sizes in bytes that the declarations below assume."""
 
 
 def load() -> None:
-    """Make the symbols known to compiled code.
+    """Load the symbols for compiled code.
 
     Raises:
-        RuntimeError: numba is switched off, or this machine or pymunk passes arguments in another way.
+        RuntimeError: if numba is disabled, or this machine or pymunk has another calling convention.
     """
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         raise RuntimeError("NUMBA_DISABLE_JIT is set")
     if sys.platform == "win32" or platform.machine().lower() not in MACHINES:
         raise RuntimeError(f"no known way to pass structs on {sys.platform} {platform.machine()}")
-    for name, expected in SIZES.items():
+    for name, expected in STRUCT_SIZES.items():
         size = _chipmunk.ffi.sizeof(name)
         if size != expected:
             raise RuntimeError(f"a {name} of pymunk {pymunk.version} has {size} bytes instead of {expected}")
@@ -55,7 +62,7 @@ def _function(name: str, result: types.Type, *arguments: types.Type) -> Any:
 
 
 def _vector_of(name: str) -> Any:
-    """Return the getter called `name`, which returns a cpVect, as a function from pointer to (x, y)."""
+    """Return the C getter `name` of a cpVect as a function from pointer to (x, y)."""
     _NAMES.append(name)
 
     @intrinsic
@@ -89,9 +96,9 @@ as_pointer: Any = _as_pointer  # called with the address alone
 
 @intrinsic
 def _part(_context: Any, vector: Any, _at: Any, shape: Any) -> Any:
-    """Return the view in `shape`, (n,) or (n, m), that begins at an index of a vector, unchecked.
+    """Return an unchecked view in `shape`, (n,) or (n, m), that begins at an index of a vector.
 
-    It is one instruction, where numba's slices and ``reshape`` check each size and call a function.
+    It is one instruction; numba's slices and ``reshape`` check each size and call a function.
     """
     kind = types.Array(vector.dtype, shape.count, "C")
 
@@ -100,10 +107,8 @@ def _part(_context: Any, vector: Any, _at: Any, shape: Any) -> Any:
         part = context.make_array(kind)(context, builder)
         sizes = cgutils.unpack_tuple(builder, arguments[2])  # type: ignore[no-untyped-call]
         strides = [builder.mul(sizes[-1], whole.itemsize), whole.itemsize][-len(sizes) :]
-        data, owner = (
-            builder.gep(whole.data, [arguments[1]]),
-            {"meminfo": whole.meminfo, "parent": whole.parent},
-        )
+        data = builder.gep(whole.data, [arguments[1]])
+        owner = {"meminfo": whole.meminfo, "parent": whole.parent}
         populate_array(part, data, sizes, strides, whole.itemsize, **owner)  # type: ignore[no-untyped-call]
         return impl_ret_borrowed(context, builder, kind, part._getvalue())  # type: ignore[no-untyped-call]
 
@@ -115,17 +120,17 @@ part: Any = _part  # called with vector, index and shape
 
 @intrinsic
 def _other_shape(_context: Any, _arbiter: Any) -> Any:
-    """Return the second of the two shapes of an arbiter (pointers)."""
+    """Return the pointer to the second shape of an arbiter."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         pointer = context.get_value_type(types.intp)
-        places = [cgutils.alloca_once(builder, pointer) for _ in range(2)]  # type: ignore[no-untyped-call]
-        kind = ir.FunctionType(ir.VoidType(), [pointer, *(place.type for place in places)])
+        shapes = [cgutils.alloca_once(builder, pointer) for _ in range(2)]  # type: ignore[no-untyped-call]
+        kind = ir.FunctionType(ir.VoidType(), [pointer, *(shape.type for shape in shapes)])
         function = cgutils.get_or_insert_function(  # type: ignore[no-untyped-call]
             builder.module, kind, "cpArbiterGetShapes"
         )
-        builder.call(function, [arguments[0], *places])
-        return builder.load(places[1])
+        builder.call(function, [arguments[0], *shapes])
+        return builder.load(shapes[1])
 
     return types.intp(types.intp), generate
 

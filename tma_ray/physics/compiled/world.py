@@ -1,7 +1,4 @@
-"""The compiled counterpart of chipmunk.py: a body and a terrain in a Chipmunk space, built from arrays.
-
-Builds the same things in the same order as pymunk does there, since the order changes trajectories.
-"""
+"""Compiled counterpart of chipmunk.py, in the same order, since the order changes trajectories."""
 
 import math
 
@@ -24,7 +21,7 @@ EVERY_CATEGORY = -1  # all bits of a filter's categories and mask
 
 @cfunc("void(intp, intp, CPointer(int64))", cache=True)
 def count_contact(_body, arbiter, counts):  # type: ignore[no-untyped-def]
-    """Add one to the first of two `counts`, or to the second for the ceiling; for cpBodyEachArbiter."""
+    """Count a contact with the ground or the ceiling in `counts` (2,); a callback of cpBodyEachArbiter."""
     kind = cp.shape_collision_type(cp.other_shape(arbiter))
     carray(counts, 2)[1 if kind == CEILING_TYPE else 0] += 1
 
@@ -38,19 +35,18 @@ def build(
     forces: tuple[float, float],
     handles: Handles,
 ) -> tuple[Handles, Handles]:
-    """Build a world.
+    """Build a world, and return the pointers that `release` needs.
 
     Args:
-        body: the body of p parts and h joints, of which j have motors, settled.
-        terrain: the terrain to build.
-        creepers: those of its c creepers that swing, as `chains` returns them.
+        body: settled body of p parts and h joints, j of them with motors.
+        terrain: terrain to build.
+        creepers: its c creepers, as `chains` returns them.
         settings: settings of Chipmunk's solver.
         forces: gravity upwards in m/s², and an impulse forwards on each pushed part in N s.
         handles: pointers to space, parts, motors, limits and pivots, written (1 + p + j + 2 h,).
 
     Returns:
-        Pointers to the shapes and to each creeper's body, limit and pivot (c, 3), 0 for those that do not
-        swing; `release` needs both.
+        Pointers to the shapes, and to each creeper's body, limit and pivot (c, 3), 0 for fixed creepers.
     """
     gravity, impulse = forces
     parts, solids = len(body.mass), len(terrain.solids)
@@ -73,7 +69,7 @@ def build(
 
 @kernel
 def release(handles: Handles, holds: Handles, shapes: Handles, swinging: Handles, parts: int) -> None:
-    """Free a world of `parts` parts, with what it `holds` on to."""
+    """Free a world of `parts` parts, including the constraints that it `holds`."""
     cp.space_free(handles[0])
     for shape in shapes:
         cp.shape_free(shape)
@@ -93,7 +89,7 @@ def release(handles: Handles, holds: Handles, shapes: Handles, swinging: Handles
 
 @kernel
 def polygon(body: int, corners: Floats, radius: float) -> int:
-    """Return a new shape with the convex hull of `corners` (v, 2), from the corner where Chipmunk begins."""
+    """Return a new shape with the convex hull of `corners` (v, 2), in Chipmunk's order."""
     hull = corners.copy()
     count = cp.convex_hull(len(hull), hull.ctypes.data, hull.ctypes.data, 0, 0.0)
     shape: int = cp.polygon_new(body, count, hull.ctypes.data, radius)
@@ -102,7 +98,7 @@ def polygon(body: int, corners: Floats, radius: float) -> int:
 
 @kernel
 def add_terrain(space: int, terrain: Terrain, shapes: Handles) -> None:
-    """Add the solids of `terrain` and write their shapes to `shapes`."""
+    """Add the solids of `terrain`, and write their shapes to `shapes`."""
     ground = cp.space_static_body(space)
     for index in range(len(terrain.solids)):
         shapes[index] = polygon(ground, terrain.solids[index], 0.0)
@@ -116,7 +112,7 @@ def add_terrain(space: int, terrain: Terrain, shapes: Handles) -> None:
 def add_parts(
     space: int, body: BodyArrays, spawn: Floats, radius: float, parts: Handles, shapes: Handles
 ) -> None:
-    """Add the parts of `body` and write their bodies to `parts`, their shapes to `shapes`."""
+    """Add the parts of `body`, and write their bodies to `parts` and their shapes to `shapes`."""
     for index in range(len(body.mass)):
         part = cp.body_new(body.mass[index], body.inertia[index])
         cp.body_set_centre(part, body.centre[index, 0], body.centre[index, 1])
@@ -134,7 +130,7 @@ def add_parts(
 
 @kernel
 def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: Handles) -> None:
-    """Add the joints of `body`, whose parts are in `handles`, and write their constraints there."""
+    """Add the joints of `body` between the parts in `handles`, and write their constraints there."""
     joints = len(body.limits)
     parts = handles[1 : 1 + len(body.mass)]
     constraints = handles[1 + len(body.mass) :]
@@ -154,7 +150,7 @@ def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: 
 def hinge(
     space: int, parts: tuple[int, int], anchor: Floats, limits: tuple[float, float], settings: SolverSettings
 ) -> tuple[int, int]:
-    """Join two bodies at `anchor` (2, 2), in the frame of each, within `limits`; return limit and pivot."""
+    """Join two bodies at `anchor` (2, 2), in both frames, within `limits`, and return limit and pivot."""
     a, b = parts
     limit = cp.limit_new(a, b, limits[0], limits[1])
     cp.constraint_set_max_bias(limit, settings.limit_correction_speed)
@@ -168,7 +164,7 @@ def hinge(
 
 @kernel
 def add_creepers(space: int, creepers: Chains, settings: SolverSettings, swinging: Handles) -> None:
-    """Add the creepers that swing and write bodies, limits and pivots to `swinging` (c, 3)."""
+    """Add the swinging creepers, and write their bodies, limits and pivots to `swinging` (c, 3)."""
     for index in range(len(creepers.mass)):
         if creepers.holders[index] == FIXED:
             continue

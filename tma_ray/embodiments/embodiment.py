@@ -1,4 +1,4 @@
-"""A body as data: parts, joints, motors, and what it can do in Parkour."""
+"""Bodies as data: parts, joints, motors and grip sensors."""
 
 import math
 from collections import Counter
@@ -15,13 +15,13 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Polygon:
-    """A convex polygon with counter-clockwise vertices.
+    """Convex polygon with counter-clockwise vertices.
 
     Attributes:
         vertices: at least three corners (x, y), in m.
 
     Raises:
-        ValueError: fewer than three vertices, or not convex and counter-clockwise.
+        ValueError: if there are fewer than three vertices, or they are not convex and counter-clockwise.
     """
 
     vertices: tuple[Point, ...]
@@ -59,13 +59,13 @@ class Polygon:
 
     @cached_property
     def second_moment(self) -> float:
-        """Polar second moment of area about the centroid, in m⁴; times density it is the inertia."""
+        """Polar second moment of area about the centroid, in m⁴."""
         a, b = self.points, np.roll(self.points, -1, axis=0)
         about_origin = np.sum(self._wedges * np.sum(a * a + a * b + b * b, axis=1)) / 12
         return float(about_origin - self.area * np.sum(np.square(self.centroid)))
 
     def distance(self, point: Point) -> float:
-        """Return the distance of `point` outside of the polygon along its worst edge, in m; <= 0 inside."""
+        """Return the signed distance of `point` from the polygon's farthest edge line in m, <= 0 inside."""
         edges = np.roll(self.points, -1, axis=0) - self.points
         outwards = _cross(np.asarray(point) - self.points, edges) / np.hypot(edges[:, 0], edges[:, 1])
         return float(np.max(outwards))
@@ -81,18 +81,18 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
 
 @dataclass(frozen=True)
 class Part:
-    """One rigid part, with a frame of its own.
+    """Rigid part with a frame of its own.
 
     Attributes:
-        name: unique in the body.
+        name: unique name in the body.
         shape: outline in the part's frame.
         position: the frame's origin relative to the spawn point, in m.
         density: density, in kg/m².
         friction: coefficient; a contact has the geometric mean of its two (Box2D's rule).
-        angle: angle of the frame in the pose as drawn, in rad.
+        angle: angle of the frame in the drawn pose, in rad.
         head: True for the one part that sensors, reward and termination refer to.
-        critical: environments, by name, in which this part must not touch anything: it ends the episode.
-        pushed: True if the random push at an episode's start acts on this part; on the head it always does.
+        critical: names of environments in which a contact of this part ends the episode.
+        pushed: True for a part that gets the random push at an episode's start, as the head always does.
     """
 
     name: str
@@ -116,33 +116,33 @@ class Part:
         return self.density * self.shape.second_moment
 
     def local(self, point: Point) -> Point:
-        """Return in the part's frame a `point` given relative to the spawn point, in m."""
+        """Transform a `point` relative to the spawn point into the part's frame, in m."""
         x, y = point[0] - self.position[0], point[1] - self.position[1]
         sine, cosine = math.sin(self.angle), math.cos(self.angle)
         return cosine * x + sine * y, cosine * y - sine * x
 
     def distance(self, point: Point) -> float:
-        """Return the distance of `point`, relative to the spawn point, outside of the part, in m."""
+        """Return the signed distance of `point`, relative to the spawn point, from the part, in m."""
         return self.shape.distance(self.local(point))
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A hinge between two parts, with a motor or passive.
+    """Hinge between two parts, with a motor or passive.
 
-    The joint's angle is that of `part_b` minus that of `part_a`, 0 in the pose as drawn.
+    The joint's angle is that of `part_b` minus that of `part_a`, 0 in the drawn pose.
 
     Attributes:
         part_a: name of the part nearer to the head.
         part_b: name of the other part.
-        anchor: relative to the spawn point, in m.
+        anchor: anchor relative to the spawn point, in m.
         limits: smallest and largest angle, in rad. The body may be drawn outside them.
         motor_torque: largest torque, in N m; 0 in a passive joint, which is neither moved nor observed.
-        motor_speed: speed that the motor seeks, in rad/s; also scales the observed speed.
-        angle_offset: added to the observed angle, in rad.
-        contact_part: part whose ground contact is observed after this joint, if any.
-        anchor_b: mark of a joint drawn stretched, and place where on `part_b` it is to be anchored, relative
-            to the spawn point in m; such a joint is closed before an episode begins.
+        motor_speed: target speed of the motor, in rad/s, which also scales the observed speed.
+        angle_offset: offset of the observed angle, in rad.
+        contact_part: name of the part whose ground contact is observed after this joint, if any.
+        anchor_b: anchor on `part_b` relative to the spawn point, in m, of a joint that is drawn stretched and
+            closed before an episode begins.
         outside_parts: True if the anchor may lie outside its parts, as in a neck that is not drawn.
     """
 
@@ -170,12 +170,12 @@ class Joint:
 
 @dataclass(frozen=True)
 class GripSensor:
-    """A circle welded to a part, which may hold on to what it touches; it collides with nothing.
+    """Circle welded to a part, which can hold the object that it touches and does not collide.
 
     Attributes:
-        name: unique among the body's parts and sensors.
-        part: name of the part that it is welded to.
-        position: its centre relative to the spawn point, in m.
+        name: unique name among the body's parts and sensors.
+        part: name of the part.
+        position: centre relative to the spawn point, in m.
         radius: radius, in m.
         density: density, in kg/m².
     """
@@ -197,12 +197,11 @@ class GripSensor:
         return self.mass * self.radius**2 / 2
 
 
-ANCHOR_TOLERANCE = 0.02
-"""How far outside its parts a joint may be anchored, in m: drawings round to the pixel."""
+ANCHOR_TOLERANCE = 0.02  # distance of an anchor outside its parts, in m: drawings round to the pixel
 
 
 class EmbodimentError(ValueError):
-    """A body that cannot be built; the message names the body and the part or joint at fault."""
+    """Error of a body that cannot be built."""
 
 
 def _check_parts(parts: Sequence[Part], grip_sensors: Sequence[GripSensor]) -> None:
@@ -223,18 +222,18 @@ def _check_parts(parts: Sequence[Part], grip_sensors: Sequence[GripSensor]) -> N
 def _check_connections(
     parts: Sequence[Part], joints: Sequence[Joint], grip_sensors: Sequence[GripSensor]
 ) -> None:
-    """Check that parts, joints and grip sensors make one connected body."""
-    named = {part.name: part for part in parts}
+    """Check that parts, joints and grip sensors form one connected body."""
+    parts_by_name = {part.name: part for part in parts}
     for index, joint in enumerate(joints):
-        _check_joint(f"joint {index} ({joint.part_a} to {joint.part_b})", joint, named)
+        _check_joint(f"joint {index} ({joint.part_a} to {joint.part_b})", joint, parts_by_name)
     for sensor in grip_sensors:
         where = f"grip sensor {sensor.name!r}"
-        _check_known(where, sensor.part, named)
+        _check_known(where, sensor.part, parts_by_name)
         if not (sensor.radius > 0 and sensor.density > 0):
             raise ValueError(
                 f"{where}: radius {sensor.radius} m and density {sensor.density} kg/m² must be over 0"
             )
-        distance = named[sensor.part].distance(sensor.position)
+        distance = parts_by_name[sensor.part].distance(sensor.position)
         if not distance <= sensor.radius + ANCHOR_TOLERANCE:
             raise ValueError(
                 f"{where}: position {list(sensor.position)} lies {distance:.3f} m outside part "
@@ -281,7 +280,7 @@ def _check_known(where: str, name: str, parts: dict[str, Part]) -> None:
 
 
 class BodyType(StrEnum):
-    """Kind of locomotion of a body (paper, section 4.2)."""
+    """Locomotion of a body (paper, section 4.2)."""
 
     WALKER = "walker"
     SWIMMER = "swimmer"
@@ -290,7 +289,7 @@ class BodyType(StrEnum):
 
 
 class LidarLayout(StrEnum):
-    """Directions of a body's lidars in Parkour: from below to ahead, from ahead to above, or all."""
+    """Directions of a body's lidars: from below to ahead, from ahead to above, or all."""
 
     DOWN = "down"
     UP = "up"
@@ -299,32 +298,32 @@ class LidarLayout(StrEnum):
 
 @dataclass(frozen=True)
 class Embodiment:
-    """A body: a tree of parts.
+    """Body as a connected graph of parts.
 
     Attributes:
         name: name in tables.
-        body_type: kind of locomotion.
+        body_type: locomotion of the body.
         spawn_height: height of the spawn point over the ground, in m.
         torque_cost: reward charged per action and step at full torque.
         upright_reward: True if the head's tilt is part of the reward.
         parts: parts, in the order of the engine's state.
         joints: joints; those with motors in the order of actions.
         substeps: steps of the simulation in a time step; light parts with strong motors need more.
-        motor_share: share of these steps, the first ones, in which the motors act: a whole number of them, in
-            which they give the impulse of a whole time step.
-        iterations: iterations of the solver in each of these steps; more steps need fewer.
-        joint_correction: share of a joint's error that the solver corrects in 1/60 s, under 1. With a large
-            one it needs more iterations, or a heavy body jerks at its light hands.
+        motor_share: share of the substeps, the first ones, in which the motors act, with the impulse of a
+            whole time step; a whole number of substeps.
+        iterations: iterations of the solver in each substep; more substeps need fewer.
+        joint_correction: share of a joint's error that the solver corrects in 1/60 s, under 1. A large share
+            needs more iterations, or a heavy body jerks at its light hands.
         grip_sensors: grip sensors in the order of their actions, which follow those of the motors.
         lidars: directions of the lidars in Parkour.
         steps_survivable_under_water: consecutive time steps with the head under water after which the body
             dies; None if it never does.
-        steps_survivable_outside_water: the same number outside the water.
+        steps_survivable_outside_water: same for time steps outside the water.
         may_touch_ceiling: True if a critical part may touch the ceiling.
-        pushed: True if the random push at an episode's start acts on this body.
+        pushed: True if the body gets the random push at an episode's start.
 
     Raises:
-        EmbodimentError: parts that are not one connected body, or numbers no body can have.
+        EmbodimentError: if the parts do not form one connected body, or a number is invalid.
     """
 
     name: str
@@ -388,7 +387,7 @@ class Embodiment:
 
     @property
     def stretched(self) -> bool:
-        """True if the body is drawn with a joint stretched."""
+        """True if a joint of the body is drawn stretched."""
         return any(joint.anchor_b is not None for joint in self.joints)
 
     @property
