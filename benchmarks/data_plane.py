@@ -52,7 +52,7 @@ class Idle(LearnerServer):
         return weights()
 
     def _learn_for(self, connection: Any, posted: tuple[Any, ...], _: int) -> Any:
-        mailbox = self._mailboxes[connection]
+        mailbox = self._buffers[connection]
         mailbox.collect(posted)
         return mailbox.post((weights(),))[0]
 

@@ -1,7 +1,6 @@
-"""Contracts of teachers, students, environments and bodies, as tests that their authors inherit.
+"""Conformance tests of teachers, students, environments and embodiments, as test classes to inherit.
 
-Every method is a promise; a failure says which, and what to do. pytest is needed to run a class, not to
-import it.
+pytest is needed to run a class, not to import it.
 """
 
 import random
@@ -16,53 +15,49 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
 
-from tma_ray.embodiments import Embodiment, load_embodiment
+from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import Environment, make_environment, mastery_return
 from tma_ray.physics.kernels import VELOCITY_X_SCALE, VELOCITY_Y_SCALE
 from tma_ray.students import STUDENTS, Student, Transition, make_student
 from tma_ray.tasks import Task, TaskSpace
 from tma_ray.testing import TeacherConformance
+from tma_ray.testing.conformance import global_state
 
-STEPS = 200
-"""Random steps of a play."""
-
-KEPT = 10
-"""Observations of a play that are kept, to see whether later steps change them."""
-
-FASTEST = 100.0
-"""Speed of the head over which a body counts as torn apart by its joints, in m/s."""
+STEPS = 200  # random steps of a play
+KEPT = 10  # observations compared with later ones
+FASTEST = 100.0  # speed of the head over which joints have torn a body apart, m/s
 
 
 class BodyConformance:
-    """The contract of a body, as tests.
+    """Conformance tests of an embodiment.
 
-    Inherit from it where pytest looks for tests, and name the body::
+    Inherit from it in a test module, and name the embodiment::
 
         class TestHopper(BodyConformance):
             body = "hopper.toml"
 
     Attributes:
-        body: name of a body or path of its file, with parameters if wanted.
-        environments: the environments that it is for.
+        body: name of the embodiment or path of its file, perhaps with parameters.
+        environments: names of its environments.
     """
 
     body: ClassVar[str]
     environments: ClassVar[Sequence[str]] = ("stump_tracks", "parkour")
 
     def pytest_generate_tests(self, metafunc: Any) -> None:
-        """Tell pytest to run the methods that take an environment for each of them."""
+        """Parametrise tests by environment (a hook of pytest)."""
         if "environment" in metafunc.fixturenames:
             metafunc.parametrize("environment", self.environments)
 
     def test_its_file_is_read(self) -> None:
         """Check that parts, joints and sensors are consistent and masses positive."""
-        loaded = self._loaded()
+        loaded = load_embodiment(self.body)
         for part in loaded.parts:
             assert part.mass > 0, f"a part has mass {part.mass}: check its shape and density"
         assert loaded.action_size > 0, "a body without motors and grips has nothing to learn"
 
     def test_actions_and_observations_have_meanings(self, environment: str) -> None:
-        """Signals cover every value of observations and actions, for pages and models."""
+        """Check that signals cover every value of observations and actions."""
         made = make_environment(environment, embodiment=self.body)
         for kind in ("observation", "action"):
             signals = made.get_wrapper_attr(f"{kind}_signals")
@@ -70,7 +65,7 @@ class BodyConformance:
             assert sum(signal.size for signal in signals) == size, f"{kind}s have {size} values"
 
     def test_it_stays_together_under_random_actions(self, environment: str) -> None:
-        """Observations stay finite, and the head is not shot away by joints that fight each other."""
+        """Check that observations stay finite and the head is not shot away by conflicting joints."""
         for seed in range(3):
             for observation, speed in self._played(environment, seed):
                 assert np.isfinite(observation).all(), f"{self.body}: an observation is not finite"
@@ -79,14 +74,14 @@ class BodyConformance:
                 )
 
     def test_seed_and_actions_determine_its_way(self, environment: str) -> None:
-        """Check that a repeated episode is equal bit for bit, also in a new instance."""
+        """Check that a repeated episode is equal bit for bit in a new instance."""
         first, second = (
             [observation.tobytes() for observation, _ in self._played(environment, 1)] for _ in range(2)
         )
         assert first == second, f"{self.body}: the same seed and actions lead elsewhere"
 
     def test_its_motors_move_it(self, environment: str) -> None:
-        """Check that other actions lead to other states."""
+        """Check that actions change states."""
         still, moved = (
             np.stack([observation for observation, _ in self._played(environment, 0, scale)])
             for scale in (0.0, 1.0)
@@ -94,11 +89,8 @@ class BodyConformance:
         steps = min(len(still), len(moved))
         assert (still[:steps] != moved[:steps]).any(), f"{self.body}: its motors change nothing"
 
-    def _loaded(self) -> Embodiment:
-        return load_embodiment(self.body)
-
     def _played(self, environment: str, seed: int, scale: float = 1.0) -> list[tuple[Any, float]]:
-        """Return observations of an episode on the middle task, and the speed of the head, in m/s."""
+        """Return observations of an episode on the central task, with the speed of the head in m/s."""
         made, rng = make_environment(environment, embodiment=self.body), np.random.default_rng(seed)
         task = made.get_wrapper_attr("task_space").centre
         observation, _ = made.reset(seed=seed, options={"task": task})
@@ -113,9 +105,9 @@ class BodyConformance:
 
 
 class EnvironmentConformance:
-    """The contract of an environment, as tests.
+    """Conformance tests of an environment.
 
-    Inherit from it where pytest looks for tests, and name the environment::
+    Inherit from it in a test module, and name the environment::
 
         class TestSwingUp(EnvironmentConformance):
             environment = "swing_up:SwingUp"
@@ -131,13 +123,13 @@ class EnvironmentConformance:
     longest_episode: ClassVar[int] = 10_000
 
     def test_gymnasium_accepts_it(self) -> None:
-        """Spaces, types and seeds are what Gymnasium expects."""
+        """Check spaces, types and seeding with Gymnasium's checker."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # advice on bounds, which observations need not have
+            warnings.simplefilter("ignore")  # observations need no bounds
             check_env(gymnasium.Wrapper(self._made()).unwrapped, skip_render_check=True)
 
     def test_its_spaces_suit_students(self) -> None:
-        """Observations and actions are one-dimensional boxes, and actions have bounds."""
+        """Check that observations and actions are one-dimensional boxes, and actions bounded."""
         made = self._made()
         for kind in ("observation_space", "action_space"):
             space = getattr(made, kind)
@@ -146,7 +138,7 @@ class EnvironmentConformance:
         assert _actions(made).is_bounded(), f"{made.action_space} must have bounds: students scale to them"
 
     def test_it_declares_its_tasks(self) -> None:
-        """The task space lies inside the valid domain, with the same names, and both are of any instance."""
+        """Check that the task space is inside of the valid domain and has the same names."""
         space, domain = self._spaces()
         assert space.names == domain.names, f"task_space has {space.names}, valid_domain {domain.names}"
         for corner in (space.low, space.high):
@@ -154,7 +146,7 @@ class EnvironmentConformance:
         mastery_return(self._made())
 
     def test_it_builds_every_task_of_its_domain(self) -> None:
-        """`reset` takes corners and random tasks of the valid domain; `info` says which it built."""
+        """Check that `reset` builds tasks of the whole valid domain, and returns them in `info`."""
         made, domain = self._made(), self._spaces()[1]
         tasks = [domain.low, domain.high, *domain.sample(np.random.default_rng(0), 5)]
         for task in tasks:
@@ -166,7 +158,7 @@ class EnvironmentConformance:
             assert not shared, "info['task'] is the array that reset was given: copy it"
 
     def test_tasks_outside_its_domain_are_refused(self) -> None:
-        """Check that a ValueError names the dimension, also for NaN."""
+        """Check that tasks outside of the domain, or NaN, raise a ValueError with the dimension."""
         made, domain = self._made(), self._spaces()[1]
         for index, name in enumerate(domain.names):
             for value in (domain.low[index] - domain.width[index], np.nan):
@@ -177,7 +169,7 @@ class EnvironmentConformance:
                 assert name in error, f"the refusal of {name} = {value} does not name it: {error!r}"
 
     def test_without_a_task_it_draws_one(self) -> None:
-        """Check that the task is in the task space and determined by the seed."""
+        """Check that a missing task is drawn from the task space by the seed."""
         made, space = self._made(), self._spaces()[0]
         drawn = [np.float32(made.reset(seed=seed)[1]["task"]) for seed in (1, 2, 1)]
         assert all(space.contains(task) for task in drawn), f"{drawn} are not all inside of task_space"
@@ -185,17 +177,17 @@ class EnvironmentConformance:
         assert (drawn[0] != drawn[1]).any(), "another seed must draw another task"
 
     def test_seed_and_actions_determine_what_it_gives(self) -> None:
-        """Results repeat bit for bit, whatever was played before or drawn from global random numbers."""
+        """Check that episodes depend on seed and actions alone, bit for bit."""
         made = self._made()
         first = self._play(made, 1)
         self._play(made, 2)
         random.seed(3)
-        np.random.seed(3)  # noqa: NPY002  (what an environment must not depend on)
+        np.random.seed(3)  # noqa: NPY002 - must not matter
         assert self._play(made, 1) == first, "a seed gives another episode the second time"
         assert self._play(self._made(), 1) == first, "a new instance gives another episode"
 
     def test_what_it_returned_does_not_change_later(self) -> None:
-        """Check that every observation is a new array, since a student may keep several."""
+        """Check that every observation is a new array, since students keep them."""
         made, rng = self._made(), np.random.default_rng(0)
         kept = [made.reset(seed=0)[0]]
         values = [kept[0].tobytes()]
@@ -212,14 +204,14 @@ class EnvironmentConformance:
                 made.reset()
 
     def test_global_random_numbers_are_left_alone(self) -> None:
-        """All randomness comes from ``self.np_random``."""
-        before = random.getstate(), np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002
+        """Check that all randomness comes from ``self.np_random``."""
+        before = global_state()
         self._play(self._made(), 1)
-        after = random.getstate(), np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002
-        assert before == after, "it draws from a global generator; use self.np_random"
+        changed = [name for name, state in global_state().items() if state != before.get(name, state)]
+        assert not changed, f"it changes the global state of {changed}; use self.np_random"
 
     def test_episodes_end(self) -> None:
-        """Episodes end by themselves or are truncated: a run adds no time limit."""
+        """Check that episodes terminate or are truncated, since runs add no time limit."""
         made = self._made()
         made.reset(seed=0, options={"task": self._spaces()[0].centre})
         space = _actions(made)
@@ -231,7 +223,7 @@ class EnvironmentConformance:
         raise AssertionError(f"an episode goes on after {self.longest_episode} steps; truncate it")
 
     def test_values_are_finite_and_in_their_spaces(self) -> None:
-        """Observations of a random player are in the observation space, rewards finite numbers."""
+        """Check that observations are in their space and rewards finite under random actions."""
         made, rng = self._made(), np.random.default_rng(0)
         made.reset(seed=0)
         for _ in range(STEPS):
@@ -250,7 +242,7 @@ class EnvironmentConformance:
         return made.get_wrapper_attr("task_space"), made.get_wrapper_attr("valid_domain")
 
     def _play(self, made: Environment, seed: int) -> list[bytes]:
-        """Return all that a random player gets to see."""
+        """Return the observations, rewards and ends of episodes under random actions."""
         rng = np.random.default_rng(seed)
         seen = [made.reset(seed=seed)[0].tobytes()]
         for _ in range(STEPS):
@@ -282,22 +274,21 @@ def _refusal(made: Environment, task: Task) -> str | None:
 
 OBSERVATIONS = spaces.Box(-np.inf, np.inf, (3,), np.float32)
 ACTIONS = spaces.Box(np.array([-2, -1], np.float32), np.array([1, 3], np.float32))
-"""Of the trial world: oddly bounded, so that a student that takes them for [-1, 1] is noticed."""
+"""Action space of the test environment, with odd bounds to reveal students that assume [-1, 1]."""
 
-EPISODE = 20
-"""Steps of an episode of the trial world."""
+EPISODE = 20  # steps of an episode of the test environment
 
 
 class StudentConformance:
-    """The contract of a student, as tests in a small world of noise.
+    """Conformance tests of a student in a small noisy environment.
 
-    Inherit from it where pytest looks for tests, and name the student::
+    Inherit from it in a test module, and name the student::
 
         class TestHillClimber(StudentConformance):
             student = "hill_climber:HillClimber"
 
     Attributes:
-        student: registered name, or ``module:Name``, with hyper-parameters if wanted.
+        student: registered name, or ``module:Name``, perhaps with hyper-parameters.
         hyperparameters: hyper-parameters for the tests, for instance smaller networks and buffers.
         steps: number of training steps before the checks, enough for several updates.
     """
@@ -307,7 +298,7 @@ class StudentConformance:
     steps: ClassVar[int] = 200
 
     def test_its_hyperparameters_have_defaults(self) -> None:
-        """Hyper-parameters can be left out, and the student is made without any."""
+        """Check that all hyper-parameters have defaults."""
         kind = STUDENTS.get(self.student)
         if not isinstance(kind, type):
             return  # a factory checks them itself
@@ -315,7 +306,7 @@ class StudentConformance:
         kind.hyperparameters_type()
 
     def test_actions_are_inside_of_the_action_space(self) -> None:
-        """Exploring and greedy actions are float32 of the right shape."""
+        """Check that exploring and greedy actions are in the action space."""
         student = self._made()
         for action in _train(student, self.steps, 0):
             assert action in ACTIONS, f"act gave {action!r}: expected float32 inside of {ACTIONS}"
@@ -324,7 +315,7 @@ class StudentConformance:
         assert all(action.astype(np.float32) in ACTIONS for action in greedy), f"{greedy} leave {ACTIONS}"
 
     def test_the_same_seed_acts_the_same(self) -> None:
-        """Check that actions are equal bit for bit, and differ for another seed."""
+        """Check that equal seeds give equal actions, bit for bit, and another seed others."""
         first, second, other = (_train(self._made(seed), self.steps, 0) for seed in (1, 1, 2))
         np.testing.assert_array_equal(
             first, second, "two students of one seed differ: is all randomness its own?"
@@ -332,20 +323,20 @@ class StudentConformance:
         assert (first != other).any(), "another seed makes no difference: is the seed used?"
 
     def test_a_loaded_state_goes_on_as_if_nothing_had_been(self) -> None:
-        """Save at the end of an episode, load into a student of another seed: the same actions follow."""
+        """Check that a student with a loaded state acts and learns like the one that saved it."""
         student, other = self._made(1), self._made(9)
         _train(student, self.steps, 0)
         _train(other, EPISODE, 3)
         with tempfile.TemporaryDirectory() as folder:
             student.save(Path(folder))
             other.load(Path(folder))
-            expected, given = _train(student, self.steps, 1), _train(other, self.steps, 1)
+            expected, actual = _train(student, self.steps, 1), _train(other, self.steps, 1)
         np.testing.assert_array_equal(
-            expected, given, "after load it acts otherwise: what does save leave out?"
+            expected, actual, "after load it acts otherwise: what does save leave out?"
         )
 
     def test_asking_changes_nothing(self) -> None:
-        """Greedy actions, values of states and actions without learning leave training as it would be."""
+        """Check that greedy actions, state values and sampled actions do not affect training."""
         asked, left_alone = self._made(1), self._made(1)
         for student in (asked, left_alone):
             _train(student, self.steps, 0)
@@ -365,7 +356,7 @@ class StudentConformance:
         np.testing.assert_array_equal(_train(asked, self.steps, 1), _train(left_alone, self.steps, 1))
 
     def test_its_policy_is_played_without_it(self) -> None:
-        """A saved policy gives the greedy actions, and contains no pickle."""
+        """Check that a saved policy gives the greedy actions and contains no pickle."""
         student = self._made()
         _train(student, self.steps, 0)
         with tempfile.TemporaryDirectory() as folder:
@@ -376,7 +367,7 @@ class StudentConformance:
             np.testing.assert_allclose(policy(_states(5)), student.act_greedily(_states(5)), atol=1e-5)
 
     def test_it_forgets(self) -> None:
-        """After `reset` it acts and learns on, and does not act as it had learned to."""
+        """Check that the student acts and learns after a reset."""
         student = self._made()
         _train(student, self.steps, 0)
         student.reset()
@@ -392,7 +383,7 @@ def _states(number: int) -> np.ndarray[Any, np.dtype[np.float32]]:
 
 
 def _train(student: Student, steps: int, seed: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Return the actions of whole episodes of `steps` steps in a noisy linear world."""
+    """Return the actions of `steps` steps in a noisy linear environment."""
     rng, actions = np.random.default_rng(seed), []
     state = rng.normal(size=3)
     for step in range(1, steps + 1):

@@ -36,7 +36,7 @@ RUNS = {"first": ["run-00", "run-01", "run-02", "run-03"], "second": ["run-00a"]
 def open_store(monkeypatch: pytest.MonkeyPatch, store: Store) -> None:
     """Let `compact` work on stores that have no address, and three runs be many."""
     monkeypatch.setattr(Store, "open", classmethod(lambda cls, root: root))
-    monkeypatch.setattr(manifest, "FEW", 2)
+    monkeypatch.setattr(manifest, "MOST_SLICES", 2)
 
 
 @pytest.fixture(scope="module")

@@ -55,7 +55,7 @@ def test_an_archive_that_inflates_is_refused(tmp_path: Path) -> None:
     for shape in ((10**12,), (10**6, 10**6), (1,)):
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("w1.npy", npy(shape))
-        with pytest.raises(ValueError, match=r"w1\.npy of .* claims .* bytes of numbers"):
+        with pytest.raises(ValueError, match=r"array 'w1' of .* is damaged"):
             load_npz(path)
 
 

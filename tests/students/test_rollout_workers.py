@@ -85,9 +85,9 @@ def test_sac_hands_over_what_it_sees(tmp_path):
     with serving(tmp_path) as (learner, server):
         player = player_of(learner, "sac", **values)
         train_episodes(player, range(16))
-        (seat,) = server._seats.values()
-        kept, stacked = list(seat.student.replay.pieces()), list(seat.stack._replay.pieces(seat.slot))
-        updates = seat.stack.networks(seat.slot).number
+        (run,) = server._slots.values()
+        kept, stacked = list(run.student.replay.pieces()), list(run.stack._replay.pieces(run.slot))
+        updates = run.stack.networks(run.slot).number
     for one, other in zip(alone.replay.pieces(), kept, strict=True):
         for left, right in zip(one, other, strict=True):
             np.testing.assert_array_equal(left, right)
@@ -210,11 +210,11 @@ def test_shared_memory_changes_no_bit(tmp_path, monkeypatch, name):
             patch.setattr("tma_ray.students.rollout_workers.link.can_share", lambda shared=shared: shared)
             player = player_of(learner, name)
             played.append(actions_of(train(player, Drift(seed=5), 160)))
-            assert len(server._mailboxes) == shared
+            assert len(server._buffers) == shared
     np.testing.assert_array_equal(*played)
 
 
-def test_a_mailbox_returns_what_was_posted_and_larger_ones_replace_it():
+def test_a_buffer_returns_what_was_posted_and_larger_ones_replace_it():
     parts = np.arange(5, dtype=np.float32), True, np.zeros((0, 3)), np.arange(6).reshape(2, 3)
     box = SharedBuffer.create(room_for(parts))
     found = box.collect(box.post(parts))
@@ -232,14 +232,14 @@ def test_an_empty_stack_makes_room_for_one_of_another_kind(tmp_path):
         first = player_of(learner, "ppo")
         first._link.close()
         again = player_of(learner, "ppo", seed=1)
-        (stack,) = server._stacks.stacks
+        (stack,) = server._pool.stacks
         other = player_of(learner, "sac")
-        assert stack in server._stacks.stacks
+        assert stack in server._pool.stacks
         again._link.close()
         train(other, Drift(), 60)
         third = player_of(learner, "ppo", epochs=1)
-        assert stack not in server._stacks.stacks
-        assert len(server._stacks.stacks) == 2
+        assert stack not in server._pool.stacks
+        assert len(server._pool.stacks) == 2
         train(third, Drift(), 60)
 
 

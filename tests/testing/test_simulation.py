@@ -15,7 +15,7 @@ from tma_ray.cli import main
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.testing import SIMULATED_CHALLENGES, SimulatedChallenge, Simulation, matrix, simulate
 from tma_ray.testing import find_simulated_challenge as find
-from tma_ray.testing.simulation import POINTS
+from tma_ray.testing.simulation import EVALUATIONS
 
 NONE, LOW, HIGH = KnowledgeLevel
 EPISODES = 400
@@ -28,7 +28,7 @@ def test_every_challenge_fits_together(challenge: SimulatedChallenge) -> None:
     assert challenge.tests().dimensions == space.names
     assert space.contains(challenge.easy_task)
     assert space.contains(challenge.hard_task)
-    assert len(simulate(challenge, "random", episodes=EPISODES).curve) == POINTS
+    assert len(simulate(challenge, "random", episodes=EPISODES).curve) == EVALUATIONS
 
 
 def test_challenges_mirror_the_paper() -> None:

@@ -1,4 +1,4 @@
-"""The benchmark as data: challenges, test sets, experiments, knowledge requirements, the paper's results."""
+"""Data of the benchmark: challenges, test sets, experiments, knowledge requirements, the paper's results."""
 
 from typing import Final
 
@@ -42,10 +42,8 @@ from tma_ray.benchmark.paper import (
 )
 
 BENCHMARK_VERSION: Final = 1
-"""Stands for the version of the physics, that of the results' schema, and the algorithm version of every
-teacher, student and environment that ships. A release freezes them under it: whoever changes one raises this
-number with it, and a test compares it with the table of what each version stood for. It is written beside
-every run and into every release; runs made before there was one have 0."""
+"""Version of the benchmark, raised with the version of the physics, of the results' schema, or of any
+built-in teacher, student or environment, as a test checks. Runs and releases record it; older runs have 0."""
 
 __all__ = [
     "BENCHMARK_VERSION",

@@ -1,4 +1,4 @@
-"""The paper's claims about its results, as data that any results can be held against."""
+"""Claims of the paper about its results, as data to test on any results."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from tma_ray.tasks import KnowledgeLevel
 
 @dataclass(frozen=True)
 class Reading:
-    """Mastered tasks of one teacher on one challenge, over all bodies and students unless told otherwise.
+    """Mastered tasks of one teacher on one challenge, pooled over bodies and students.
 
     Attributes:
         teacher: name in the teacher registry.
         challenge: name of a challenge.
         level: level of expert knowledge.
         environment: name in the environment registry.
-        embodiment: name of the only body compared; empty for all.
-        share: share of the training budget after which it is read.
+        embodiment: name of a single body, empty for all.
+        share: share of the budget after which it is read.
     """
 
     teacher: str
@@ -31,14 +31,14 @@ class Reading:
 
 
 class Relation(StrEnum):
-    """Relation of one reading to another, by the 95 % interval of their difference and a margin.
+    """Relation between two readings, by the 95 % interval of their difference and a margin.
 
     Attributes:
-        BETTER: over the other.
-        WORSE: under the other.
+        BETTER: higher than the other.
+        WORSE: lower than the other.
         ALIKE: not different by the margin or more.
-        NOT_BETTER: not over the other by the margin or more.
-        LOWER: under the other on average, however little.
+        NOT_BETTER: not higher by the margin or more.
+        LOWER: lower on average.
     """
 
     BETTER = "better"
@@ -50,7 +50,7 @@ class Relation(StrEnum):
 
 @dataclass(frozen=True)
 class Compared:
-    """Statement that the first reading is in `relation` to the second."""
+    """Statement about the relation between two readings."""
 
     first: Reading
     relation: Relation
@@ -59,10 +59,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Bounded:
-    """Statement that the mean of a reading is at most `most`, or at least `least`, in % of the test tasks.
-
-    With `best_seed` it is the best seed and not the mean.
-    """
+    """Statement that the mean of a reading, or its best seed, is between two percentages."""
 
     reading: Reading
     most: float = 100.0
@@ -92,16 +89,16 @@ Statement = Compared | Bounded | Ranked | Scaled
 
 @dataclass(frozen=True)
 class Claim:
-    """A sentence about results, and the statements it consists of.
+    """Claim about results, as a sentence and statements.
 
     Attributes:
-        name: short, for tables and links.
-        text: the claim in our words.
-        source: section of the paper that makes it.
-        statements: its parts, each on single results.
-        at_least: number of the statements that must hold; None for all.
-        ours: True if `at_least` is our reading of a sentence without a number.
-        caveat: doubts about the results that the paper's sentence rests on.
+        name: short name for tables and links.
+        text: paraphrase of the claim.
+        source: section of the paper.
+        statements: statements about single results.
+        at_least: number of statements that must hold, None for all.
+        ours: True if `at_least` is our interpretation of a sentence without a number.
+        caveat: doubts about the results behind the claim.
     """
 
     name: str
@@ -114,18 +111,18 @@ class Claim:
 
     @property
     def needed(self) -> int:
-        """Number of the statements that must hold."""
+        """Number of statements that must hold."""
         return len(self.statements) if self.at_least is None else self.at_least
 
     @property
     def threshold(self) -> str:
-        """Origin of the number of statements that must hold, in words."""
+        """Description of the origin of the number of statements that must hold."""
         return "needed by our reading" if self.ours else "claimed"
 
 
 NONE, LOW, HIGH = KnowledgeLevel
 
-CHALLENGES = tuple(matrix.challenge for matrix in STUMP_TRACKS_CHALLENGES)
+FIVE_CHALLENGES = tuple(matrix.challenge for matrix in STUMP_TRACKS_CHALLENGES)
 
 BODIES = ("classic_bipedal", "fish", "climbing_chimpanzee")
 
@@ -133,9 +130,12 @@ SECTION_5, APPENDIX_D = "section 5", "appendix D"
 
 
 def _against_random(
-    teacher: str, relation: Relation, levels: Iterable[KnowledgeLevel], challenges: Iterable[str] = CHALLENGES
+    teacher: str,
+    relation: Relation,
+    levels: Iterable[KnowledgeLevel],
+    challenges: Iterable[str] = FIVE_CHALLENGES,
 ) -> tuple[Compared, ...]:
-    """Return the comparison of `teacher` with Random on each of `challenges` at each of `levels`."""
+    """Return comparisons of `teacher` with Random on each of `challenges` at each of `levels`."""
     challenges = tuple(challenges)
     return tuple(
         Compared(Reading(teacher, challenge, level), relation, Reading("random", challenge, level))
@@ -149,14 +149,16 @@ def _parkour(teacher: str, embodiment: str = "") -> Reading:
 
 
 def _in_parkour(teacher: str, relation: Relation, other: str = "random", share: float = 1.0) -> Compared:
-    """Return the comparison of two teachers in Parkour, after a share of the training."""
+    """Return a comparison of two teachers in Parkour, after a share of the budget."""
     first, second = (Reading(name, "original", LOW, "parkour", share=share) for name in (teacher, other))
     return Compared(first, relation, second)
 
 
 def _top(teacher: str, count: int, share: float = 1.0) -> tuple[Ranked, ...]:
-    """Return the statements that `teacher` is among the best at high knowledge, one for each challenge."""
-    return tuple(Ranked(Reading(teacher, challenge, HIGH, share=share), count) for challenge in CHALLENGES)
+    """Return statements that `teacher` is among the best at high knowledge, one per challenge."""
+    return tuple(
+        Ranked(Reading(teacher, challenge, HIGH, share=share), count) for challenge in FIVE_CHALLENGES
+    )
 
 
 CLAIMS: tuple[Claim, ...] = (
@@ -167,7 +169,7 @@ CLAIMS: tuple[Claim, ...] = (
         tuple(
             Compared(Reading(teacher, challenge, HIGH), Relation.ALIKE, Reading(teacher, challenge, NONE))
             for teacher in ("alp_gmm", "covar_gmm")
-            for challenge in CHALLENGES
+            for challenge in FIVE_CHALLENGES
         ),
         at_least=6,
         ours=True,
@@ -188,7 +190,7 @@ CLAIMS: tuple[Claim, ...] = (
                 "goal_gan",
                 Relation.NOT_BETTER,
                 [LOW],
-                [challenge for challenge in CHALLENGES if challenge != "mostly_trivial"],
+                [challenge for challenge in FIVE_CHALLENGES if challenge != "mostly_trivial"],
             ),
         ),
     ),
@@ -258,7 +260,7 @@ CLAIMS: tuple[Claim, ...] = (
         tuple(
             Scaled(Reading(teacher, challenge, HIGH, share=0.25), 0.9, Reading(teacher, challenge, HIGH))
             for teacher in ("adr", "goal_gan")
-            for challenge in CHALLENGES
+            for challenge in FIVE_CHALLENGES
             if challenge != "forgetting_student"
         ),
         at_least=6,
@@ -342,5 +344,5 @@ CLAIMS: tuple[Claim, ...] = (
         ),
     ),
 )
-"""Claims about the results of sections 5 and appendix D. Where the paper says "similar" or "almost" without a
-number, the text here says which we take, and `at_least` how often."""
+"""Claims of section 5 and appendix D. Numbers behind "similar" and "almost" are our interpretation, given in
+text and `at_least`."""

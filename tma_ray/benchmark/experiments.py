@@ -1,4 +1,4 @@
-"""The experiments that have a script, the tiers of their size, and the stages of releases."""
+"""Experiments of the benchmark, their tiers, and stages of releases."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,30 +22,30 @@ from tma_ray.tasks import KnowledgeLevel
 
 
 class Tier(StrEnum):
-    """Sizes of an experiment, in rising order."""
+    """Tiers of an experiment, in rising order of size."""
 
     SMOKE = "smoke"
-    """Some minutes, most of them to start processes: does all of it work here?"""
+    """Smoke test of some minutes, mostly for starting processes."""
     LITE = "lite"
-    """A night on a laptop, with PPO: where is my teacher strong, roughly?"""
+    """Rough comparison in a night on a laptop, with PPO."""
     PAPER = "paper"
-    """Everything, as the paper has it."""
+    """The full experiment of the paper."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """Changes of a tier to every experiment; None leaves the experiment's own value.
+    """Overrides of a tier for every experiment, None to keep its value.
 
     Attributes:
-        students: students that learn instead of the experiment's, where these are not what it searches.
-        teachers: teachers where neither the experiment nor the user names any.
-        levels: number of levels of expert knowledge that are kept, from the highest down.
-        seeds: number of seeds that are kept of each combination.
-        points: number of points that are kept of a grid of hyper-parameters.
-        steps: budget of a run by environment, in environment steps; the experiment's own elsewhere.
-        excluded_bodies: reason, in a sentence, for each body that is left out.
-        evaluation_interval: between evaluations, in environment steps.
-        probe_interval: between probes of the curriculum, in environment steps.
+        students: students, unless the experiment searches their hyper-parameters.
+        teachers: teachers, if neither the experiment nor the user names any.
+        levels: number of knowledge levels, from the highest down.
+        seeds: number of seeds per combination.
+        points: number of points of a grid of hyper-parameters.
+        steps: budget of a run by environment, in environment steps.
+        excluded_bodies: reason for the exclusion of each excluded body, as a sentence.
+        evaluation_interval: interval between evaluations, in environment steps.
+        probe_interval: interval between probes of the curriculum, in environment steps.
         training_window: length of the windows of training statistics, in environment steps.
     """
 
@@ -61,7 +61,7 @@ class Size:
     training_window: int | None = None
 
     def of(self, matrix: Matrix) -> Matrix:
-        """Return `matrix` reduced to this size; without bodies if all of them are excluded."""
+        """Return `matrix` reduced to this size, perhaps without bodies."""
         return replace(
             matrix,
             embodiments=tuple(body for body in matrix.embodiments if body not in self.excluded_bodies),
@@ -100,29 +100,27 @@ SIZES: dict[Tier, Size] = {
     ),
     Tier.PAPER: Size(),
 }
-"""PPO makes seventy times as many steps a second as SAC, which the paper uses nearly everywhere. Under it
-teachers differ from 1 million steps on in Stump Tracks, and from 4 million in Parkour."""
+"""PPO is seventy times as fast as the paper's SAC, and teachers differ from 1 million steps on in Stump
+Tracks and from 4 million in Parkour."""
 
 
 LITE_TEACHERS = ("random", *sorted(TEACHER_GRIDS), "goal_gan:preset=release", "spdl:preset=release")
-"""The paper's teachers, and two of them with the values of the original release's launch files, which differ
-from the paper's table in what decides whether they learn."""
+"""The paper's teachers, and two of them with decisive values of the original release's launch files."""
 
-LITE_STEPS = 2_000_000  # budget of a release's runs, in environment steps: a tenth of the paper's
+LITE_STEPS = 2_000_000  # budget of a release's runs, a tenth of the paper's
 
 SCALED_TEACHERS = ("plr", "robust_plr", "accel", "sfl", "doraemon")
-"""Teachers that came after the paper, with buffers, waits and intervals that can follow the budget."""
+"""Teachers published after the paper, with buffers, waits and intervals that can follow the budget."""
 
 OTHER_LATER_TEACHERS = ("currot", "sobol", f"ramp:steps={LITE_STEPS // 2}")
-"""One more that came after the paper, and two references; the ramp takes half the budget, as by default it
-does of the paper's."""
+"""One more teacher published after the paper, and two references; the ramp takes half the budget."""
 
 LATER_CHALLENGES = ("original", "mostly_unfeasible", "rugged_difficulty")
-"""Where later teachers were run first, and where settings for a budget are compared with their authors'."""
+"""Challenges of later teachers' first runs, also with their authors' settings."""
 
 
 def _lite(matrix: Matrix, seeds: int, *levels: KnowledgeLevel) -> Matrix:
-    """Return `matrix` for PPO and 2 million steps, with its first seeds and some of its levels."""
+    """Return `matrix` for PPO and 2 million steps, with its first seeds and the given levels."""
     return replace(
         matrix,
         students=("ppo",),
@@ -137,7 +135,7 @@ def _stump_tracks(seeds: int, *levels: KnowledgeLevel) -> tuple[Matrix, ...]:
 
 
 LITE_1_SIZE = Size(evaluation_interval=250_000, probe_interval=250_000, training_window=100_000)
-"""Intervals of its runs and of those of long-1, in environment steps."""
+"""Intervals of runs of lite-1 and long-1, in environment steps."""
 
 LITE_1_STAGES: dict[str, tuple[Matrix, ...]] = {
     "core": _stump_tracks(5, KnowledgeLevel.HIGH),
@@ -149,19 +147,18 @@ LITE_1_STAGES: dict[str, tuple[Matrix, ...]] = {
     "parkour": tuple(_lite(matrix, 3) for matrix in PARKOUR),
     "seeds": _stump_tracks(10, KnowledgeLevel.HIGH),
 }
-"""In the order in which they are run. The core offers every teacher all knowledge, so that each runs at the
-highest level that it distinguishes: 7 combinations of challenge and body, 70 cells with 10 teachers. The
-teachers of today have 24 cells with 3 seeds. The other levels come with 3 seeds, Parkour with 3 of each body,
-and last the core gets its seeds 5 to 9."""
+"""Stages in order of execution. The core has high knowledge on 7 combinations of challenge and body: 70 cells
+with 10 teachers. Today's teachers have 24 cells with 3 seeds, the other levels and each body of Parkour 3
+seeds. The last stage adds seeds 5 to 9 of the core."""
 
 LITE_2_SIZE = Size(evaluation_interval=125_000, probe_interval=250_000, training_window=100_000)
-"""Intervals of its runs, in environment steps: twice the evaluations of `LITE_1_SIZE`."""
+"""Intervals of runs of lite-2, in environment steps: twice the evaluations of `LITE_1_SIZE`."""
 
 
 def _decisive(matrices: Sequence[Matrix], *teachers: str) -> tuple[Matrix, ...]:
-    """Return `matrices` for the student that the pilot chose, evaluated on every second task."""
+    """Return `matrices` for the student chosen by the pilot, evaluated on every second task."""
     student = ("ppo:preset=decisive",)
-    return tuple(replace(each, students=student, test_every=2, teachers=teachers) for each in matrices)
+    return tuple(replace(m, students=student, test_every=2, teachers=teachers) for m in matrices)
 
 
 _LATER = (*(f"{teacher}:budget={LITE_STEPS}" for teacher in SCALED_TEACHERS), *OTHER_LATER_TEACHERS)
@@ -176,11 +173,10 @@ LITE_2_STAGES: dict[str, tuple[Matrix, ...]] = {
     "seeds": _decisive(_stump_tracks(10, KnowledgeLevel.HIGH)),
     "later_seeds": _decisive(_stump_tracks(10, KnowledgeLevel.HIGH), *_LATER),
 }
-"""In the order in which they are run. Student and evaluations are those that a pilot chose
-(``docs/pilot.md``). Core and later teachers have 126 cells with 5 seeds on the 7 combinations of challenge
-and body; the later ones fit their settings to the budget, and with those of their authors they follow on 3
-challenges with 3 seeds. Three teachers have the other levels and Parkour, with 3 seeds. Last come the seeds 5
-to 9."""
+"""Stages in order of execution, with student and evaluations of a pilot (``docs/pilot.md``). Core and later
+teachers have 126 cells with 5 seeds on the 7 combinations of challenge and body. Later teachers scale with
+the budget, and run with their authors' settings on 3 challenges with 3 seeds. Three teachers have the other
+levels and Parkour, with 3 seeds. The last stages add seeds 5 to 9."""
 
 
 LONG_STEPS = PAPER_STEPS
@@ -189,12 +185,11 @@ LONG_TEACHERS = (
     *("random", "adr", "alp_gmm", "covar_gmm", "riac", "goal_gan:preset=release", "spdl:preset=release"),
     *("setter_solver", "perm", "accel"),
 )
-"""The paper's teachers, two with the original release's values, and two that came after it, whose default
-budget is that of these runs."""
+"""The paper's teachers, two with the original release's values, and two published later."""
 
 
 def _long(matrix: Matrix, seeds: int, *teachers: str) -> Matrix:
-    """Return `matrix` at the paper's budget, with its first seeds and its highest level of knowledge."""
+    """Return `matrix` at the paper's budget, with its first seeds and its highest knowledge level."""
     return replace(
         matrix,
         students=("ppo:preset=decisive",),
@@ -217,27 +212,27 @@ LONG_1_STAGES: dict[str, tuple[Matrix, ...]] = {
     "stump_tracks": tuple(_long(matrix, 3) for matrix in _SPACES),
     "more_seeds": tuple(_long(matrix, 5) for matrix in (_WALKING, _SWIMMING, *_SPACES)),
 }
-"""In the order in which they are run; ``docs/long_runs.md`` fixed them before their first run. The last has
-two more seeds than the others, whose runs it shares."""
+"""Stages in order of execution, fixed in ``docs/long_runs.md`` before the first run. The last one adds two
+seeds."""
 
 
 TEACHERS = ("random", *sorted(TEACHER_GRIDS))
-"""The teachers that the paper compares."""
+"""The teachers compared in the paper."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Runs of one script.
+    """Experiment with a script.
 
     Attributes:
         name: name of the experiment, its script and its campaign.
-        title: subject, in a few words.
-        matrices: combinations that are run.
-        teachers: teachers of matrices that leave them open; empty where the user must name some.
+        title: subject in a few words.
+        matrices: matrices to run.
+        teachers: teachers of matrices without any; empty if the user must name them.
         read_at: share of the budget after which its tables are read.
         searches: True if its result is the best point of each grid, not a ranking of teachers.
-        stages: matrices that are run before others, by the name of the part that they are.
-        size: intervals of its runs; None of a field leaves the paper's.
+        stages: matrices by name of a stage.
+        size: intervals of its runs, None in a field for the paper's.
     """
 
     name: str
@@ -250,20 +245,16 @@ class Experiment:
     size: Size = field(default_factory=Size)
 
     def size_at(self, tier: Tier) -> Size:
-        """Return its size at `tier`; the largest is all of it."""
+        """Return its size at `tier`, its own one at the largest."""
         return self.size if tier is Tier.PAPER else SIZES[tier]
 
     def stage(self, name: str | None) -> tuple[Matrix, ...]:
-        """Return the matrices of a stage, all for None.
-
-        Raises:
-            ValueError: it has no such stage.
-        """
+        """Return the matrices of a stage, all for None, or raise a ValueError for an unknown stage."""
         if name is None:
             return self.matrices
         if name not in self.stages:
-            known = ", ".join(self.stages) or "none"
-            raise ValueError(f"{self.name} has no stage {name!r}; known: {known}")
+            listed = ", ".join(self.stages) or "none"
+            raise ValueError(f"{self.name} has no stage {name!r}; known: {listed}")
         return self.stages[name]
 
 
@@ -310,15 +301,11 @@ EXPERIMENTS: tuple[Experiment, ...] = (
         size=LITE_1_SIZE,
     ),
 )
-"""Sample efficiency is read from the runs of the challenges: where those are done, it runs nothing."""
+"""Experiments with a script. Sample efficiency shares all runs with the challenges."""
 
 
 def find_experiment(name: str) -> Experiment:
-    """Return the experiment called `name`.
-
-    Raises:
-        ValueError: there is none; the message holds the nearest match.
-    """
-    known = {experiment.name: experiment for experiment in EXPERIMENTS}
-    check_known("experiment", name, known, "known:")
-    return known[name]
+    """Return the experiment called `name`, or raise a ValueError with the nearest match."""
+    experiments = {experiment.name: experiment for experiment in EXPERIMENTS}
+    check_known("experiment", name, experiments, "known:")
+    return experiments[name]

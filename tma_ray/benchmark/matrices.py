@@ -1,4 +1,4 @@
-"""The paper's experiment matrices, and its grids of hyper-parameters to search."""
+"""Experiment matrices of the paper, and grids of its hyper-parameter searches."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -12,14 +12,14 @@ from tma_ray.tasks import KnowledgeLevel
 
 @dataclass(frozen=True)
 class Grid:
-    """Every combination of some values of hyper-parameters.
+    """Grid of hyper-parameters.
 
     Attributes:
-        values: values to try, by hyper-parameter.
-        chosen: the combination that the paper chose; one of the grid's.
+        values: values of each hyper-parameter.
+        chosen: combination chosen in the paper.
 
     Raises:
-        ValueError: the chosen combination is not in the grid.
+        ValueError: if the chosen combination is not in the grid.
     """
 
     values: Mapping[str, tuple[Any, ...]]
@@ -32,14 +32,10 @@ class Grid:
             )
 
     def points(self, most: int | None = None) -> tuple[dict[str, Any], ...]:
-        """Return the paper's choice, then the other combinations, the last hyper-parameter changing fastest.
-
-        Args:
-            most: number of points, evenly spread over the grid after the choice; None for all.
-        """
+        """Return the paper's choice and up to `most` - 1 other points evenly spread over the grid."""
         others = [point for point in self._combinations() if point != dict(self.chosen)]
         count = len(others) if most is None else min(max(most - 1, 0), len(others))
-        spread = (others[place * len(others) // count] for place in range(count))
+        spread = (others[index * len(others) // count] for index in range(count))
         return (dict(self.chosen), *spread)
 
     def _combinations(self) -> list[dict[str, Any]]:
@@ -114,7 +110,7 @@ TEACHER_GRIDS: Mapping[str, Grid] = {
         chosen={"update_every": 100, "noise": 0.05, "hidden_units": 128},
     ),
 }
-"""Values that the paper tried for each teacher (appendix on hyper-parameters): 64 to 81 combinations."""
+"""Searched grid of each teacher (paper, appendix on hyper-parameters): 64 to 81 combinations."""
 
 PPO_GRID = Grid(
     {
@@ -134,16 +130,16 @@ PPO_GRID = Grid(
         "entropy_coefficient": 0.0,
     },
 )
-"""Of PPO the paper names the hyper-parameters that it searched and what it chose (appendix on students), not
-what else it tried: the other values are ours, about the chosen ones."""
+"""Searched grid of PPO. The paper names hyper-parameters and choice (appendix on students); the other values
+are ours."""
 
 
 @dataclass(frozen=True)
 class Matrix:
-    """Every combination of body, student, level and hyper-parameters on one challenge, each with all seeds.
+    """All combinations of body, student, level and hyper-parameters on one challenge, each with all seeds.
 
-    A teacher runs the combinations for which it is told enough. Its result at a level pools all bodies,
-    students and seeds, also those of other matrices on the same challenge.
+    Teachers skip levels with too little knowledge. Results pool bodies, students and seeds, also of other
+    matrices on the same challenge.
 
     Attributes:
         name: name in files.
@@ -153,15 +149,15 @@ class Matrix:
         students: names in the student registry.
         levels: expert knowledge offered.
         seeds: seeds of each combination.
-        teachers: names in the teacher registry of those that run it; empty where the user names them.
-        steps: budget of each run; None for the 20 million of a schedule that says nothing else.
-        test_every: distance between the tasks of the challenge's test set that are evaluated; 1 for all.
+        teachers: names in the teacher registry, empty if the user names them.
+        steps: budget of each run, None for the default of 20 million.
+        test_every: step between evaluated tasks of the test set, 1 for all.
         teacher_grid: hyper-parameters of the teacher to search.
         student_grid: hyper-parameters of the student to search.
-        most_points: number of points of each grid that are taken; None for all.
+        most_points: number of points of each grid, None for all.
 
     Raises:
-        ValueError: the environment has no such challenge.
+        ValueError: if the challenge is unknown.
     """
 
     name: str
@@ -182,18 +178,18 @@ class Matrix:
         find_challenge(self.environment, self.challenge)
 
     def taught_by(self, teachers: Sequence[str]) -> "Matrix":
-        """Return the matrix with `teachers`, unless it names its own."""
+        """Return the matrix with `teachers`, unless it has its own."""
         return self if self.teachers else replace(self, teachers=tuple(teachers))
 
     def points(self) -> tuple[tuple[dict[str, Any], dict[str, Any]], ...]:
-        """Return hyper-parameters of teacher and student for each point; one empty point without grids."""
+        """Return the hyper-parameters of teacher and student of each point, empty ones without grids."""
         teachers = self.teacher_grid.points(self.most_points) if self.teacher_grid else ({},)
         students = self.student_grid.points(self.most_points) if self.student_grid else ({},)
         return tuple(itertools.product(teachers, students))
 
 
 def _parkour(locomotion: str, embodiment: str, first_seed: int) -> Matrix:
-    """Return a third of the Parkour experiment: one body, with 16 seeds of its own."""
+    """Return the Parkour experiment of one body, with its own 16 seeds."""
     return Matrix(
         name=f"parkour_{locomotion}",
         environment="parkour",
@@ -205,7 +201,7 @@ def _parkour(locomotion: str, embodiment: str, first_seed: int) -> Matrix:
 
 
 ORIGINAL_SPACE = Matrix("original", "stump_tracks", "original")
-"""The baseline on the original space of Stump Tracks."""
+"""Original space of Stump Tracks."""
 
 STUMP_TRACKS_CHALLENGES: tuple[Matrix, ...] = (
     Matrix("mostly_unfeasible", "stump_tracks", "mostly_unfeasible"),
@@ -220,23 +216,23 @@ STUMP_TRACKS_CHALLENGES: tuple[Matrix, ...] = (
         students=("sac", "ppo"),
     ),
 )
-"""The five challenges of the paper's appendix C; at each level the last has four combinations of body and
-student, so a teacher that runs everywhere has 3 x (4 + 4) combinations of 32 seeds: 768 runs."""
+"""The five challenges of the paper's appendix C, 768 runs per teacher: 3 levels x (4 + 4) combinations (the
+last challenge has four) x 32 seeds."""
 
 PARKOUR: tuple[Matrix, ...] = (
     _parkour("walking", "classic_bipedal", 0),
     _parkour("swimming", "fish", 16),
     _parkour("climbing", "climbing_chimpanzee", 32),
 )
-"""The Parkour experiment of appendix C in the medium space: 48 seeds, 16 a body. No two bodies share a seed,
-so that 48 random initial Gaussians are pooled and not 16 three times."""
+"""The Parkour experiment of appendix C in the medium space: 48 different seeds, 16 per body, for 48 different
+random initial Gaussians."""
 
 MATRICES: tuple[Matrix, ...] = (ORIGINAL_SPACE, *STUMP_TRACKS_CHALLENGES, *PARKOUR)
-"""The benchmark: what every teacher runs."""
+"""Matrices of the full benchmark."""
 
 
 def _case(study: str, challenge: str, *teachers: str) -> Matrix:
-    """Return some teachers on a challenge; its runs are those of the benchmark."""
+    """Return a matrix of some teachers, whose runs are shared with the benchmark."""
     return Matrix(f"{study}_{challenge}", "stump_tracks", challenge, teachers=teachers)
 
 
@@ -258,9 +254,8 @@ CASE_STUDIES: tuple[Matrix, ...] = (
     _case("needs_of_adr", "rugged_difficulty", "adr", "random"),
     _case("recovery", "forgetting_student", "goal_gan", "spdl", "alp_gmm", "adr"),
 )
-"""The case studies of the paper's appendix D that need runs: a chimpanzee learns to climb in an easy space,
-the effect of expert knowledge on ALP-GMM, the needs of ADR (in a rugged landscape compared with Random), and
-recovery from a student that forgets. All but the first look at runs of the benchmark."""
+"""Case studies of the paper's appendix D: climbing in an easy space, expert knowledge for ALP-GMM,
+requirements of ADR, and recovery from forgetting. All but the first share runs with the benchmark."""
 
 OWN_KNOWLEDGE = {
     teacher: KnowledgeLevel.HIGH
@@ -268,7 +263,7 @@ OWN_KNOWLEDGE = {
     else KnowledgeLevel.NONE
     for teacher in TEACHER_GRIDS
 }
-"""The level of expert knowledge that each teacher has in its authors' paper."""
+"""Knowledge level of each teacher in its authors' paper."""
 
 TEACHER_SEARCH: tuple[Matrix, ...] = tuple(
     Matrix(
@@ -283,7 +278,7 @@ TEACHER_SEARCH: tuple[Matrix, ...] = tuple(
     )
     for teacher, grid in TEACHER_GRIDS.items()
 )
-"""The search for the teachers' hyper-parameters, in the original space (appendix on hyper-parameters)."""
+"""Hyper-parameter searches of the teachers (appendix on hyper-parameters)."""
 
 PPO_SEARCH = Matrix(
     "search_ppo",
@@ -296,20 +291,16 @@ PPO_SEARCH = Matrix(
     steps=10_000_000,
     student_grid=PPO_GRID,
 )
-"""The search for PPO's hyper-parameters that came first. The paper names budget and space; teacher and seeds
-are ours."""
+"""Hyper-parameter search of PPO, before those of teachers. Teacher and seeds are not in the paper."""
 
 
 def select(matrices: Sequence[Matrix], challenges: Sequence[str]) -> tuple[Matrix, ...]:
-    """Return the `matrices` with one of these names, or on a challenge with one.
-
-    Raises:
-        ValueError: a name that none of them answers to.
-    """
-    answering = {name for matrix in matrices for name in (matrix.name, matrix.challenge)}
+    """Return the matrices with one of these names or challenges, or raise a ValueError for an unknown one."""
+    names = {name for matrix in matrices for name in (matrix.name, matrix.challenge)}
     for name in challenges:
-        if name not in answering:
-            known = ", ".join(dict.fromkeys(matrix.name for matrix in matrices))
-            hint = nearest(name, answering)
-            raise ValueError(f"no challenge {name!r} in this experiment: {hint}known: {known}")
+        if name not in names:
+            listed = ", ".join(dict.fromkeys(matrix.name for matrix in matrices))
+            raise ValueError(
+                f"no challenge {name!r} in this experiment: {nearest(name, names)}known: {listed}"
+            )
     return tuple(m for m in matrices if m.name in challenges or m.challenge in challenges)

@@ -1,4 +1,4 @@
-"""The paper's tables as data: results, never pooled with ours, and the knowledge that teachers require."""
+"""Tables of the paper as data: results, and knowledge requirements of teachers."""
 
 import csv
 from collections.abc import Mapping
@@ -10,27 +10,26 @@ from typing import Final
 
 from tma_ray.tasks import KnowledgeLevel
 
-PAPER_STEPS: Final = 20_000_000
-"""The paper's budget of a run, in environment steps."""
+PAPER_STEPS: Final = 20_000_000  # budget of a run in the paper, in environment steps
 
 RESULTS = Path(__file__).parent / "paper_results.csv"
 
 
 @dataclass(frozen=True)
 class PaperResult:
-    """One entry of the paper's tables of results: mastered test tasks after 20 million steps.
+    """Entry of the paper's tables: mastered test tasks after 20 million steps.
 
     Attributes:
         environment: name in the environment registry.
         challenge: name of a challenge of that environment.
-        expert_knowledge: level the teacher was told.
-        embodiments: names of the bodies that are pooled.
-        students: names of the students that are pooled.
+        expert_knowledge: level of expert knowledge.
+        embodiments: names of the pooled bodies.
+        students: names of the pooled students.
         teacher: name in the teacher registry.
-        seeds: runs behind the numbers.
-        mean: mastered tasks, in per cent.
+        seeds: number of runs.
+        mean: mean percentage of mastered tasks.
         std: standard deviation over the runs, in percentage points.
-        doubt: reason why the entry may be a slip of the paper; empty for most.
+        doubt: reason why the entry may be an error of the paper, usually empty.
     """
 
     environment: str
@@ -47,7 +46,7 @@ class PaperResult:
 
 @cache
 def paper_results() -> tuple[PaperResult, ...]:
-    """Return every entry of the paper's tables on Stump Tracks and Parkour, in its order."""
+    """Return the entries of the paper's tables on Stump Tracks and Parkour in order."""
     with RESULTS.open(newline="") as file:
         return tuple(
             PaperResult(
@@ -67,7 +66,7 @@ def paper_results() -> tuple[PaperResult, ...]:
 
 
 class Requirement(StrEnum):
-    """The use that a teacher makes of a piece of expert knowledge."""
+    """Use of a piece of expert knowledge by a teacher."""
 
     REQUIRED = "required"
     OPTIONAL = "optional"
@@ -76,17 +75,15 @@ class Requirement(StrEnum):
 
 @dataclass(frozen=True)
 class KnowledgeRequirements:
-    """The use that a teacher makes of each piece of `tma_ray.tasks.ExpertKnowledge`.
+    """Use of each piece of `tma_ray.tasks.ExpertKnowledge` by a teacher.
 
-    The distributions are there at every level, the initial one placed at random unless an expert knows
-    better, so that a teacher that requires one still runs without knowledge. The range of returns is told
-    from level low on: a teacher that requires it cannot run below.
+    Distributions exist at every level (the initial one is random without expert knowledge), but teachers that
+    require the mastery range cannot run below level low.
 
     Attributes:
         initial_distribution: distribution of the first tasks.
         target_distribution: distribution of the last tasks.
-        mastery_range: the returns between which a task is being learned, or the one from which on it is
-            mastered.
+        mastery_range: returns between which a task is being learned, or above which it is mastered.
     """
 
     initial_distribution: Requirement
@@ -106,4 +103,4 @@ KNOWLEDGE_REQUIREMENTS: Mapping[str, KnowledgeRequirements] = {
     "setter_solver": KnowledgeRequirements(IGNORED, OPTIONAL, REQUIRED),
     "spdl": KnowledgeRequirements(REQUIRED, REQUIRED, IGNORED),
 }
-"""By name of the teacher (paper, section 3); Random, which is not among them there, uses nothing."""
+"""Requirements by name of the teacher (paper, section 3; Random is added)."""

@@ -1,4 +1,4 @@
-"""The source of a plug-in: its module and what that imports of the user's own, as files with one hash."""
+"""Source files of plug-ins, with the user's modules that they import, and their hash."""
 
 import ast
 import hashlib
@@ -13,35 +13,31 @@ from pathlib import Path
 
 from tma_ray.support.decoding import read_file
 
-OURS = "tma_ray"
-"""What every machine of a campaign has installed, and whose version is part of every run already."""
+OURS = "tma_ray"  # distribution that every machine of a campaign has installed
+PACKAGES = frozenset({OURS, "analysis"})  # its top-level packages
 
 MAIN_GUARDS = ("__name__ == '__main__'", "'__main__' == __name__")
-"""Conditions of what runs only when a file is started as a script, as `ast.unparse` writes them."""
-
-PACKAGES = frozenset({OURS, "analysis"})
-"""Top-level packages of the distribution `OURS`, installed or in a checkout."""
+"""Guards of script code, as `ast.unparse` writes them."""
 
 OUR_FOLDER = Path(__file__).resolve().parents[2]
-"""Folder that `PACKAGES` are imported from; a package of the same name elsewhere is the user's."""
+"""Folder of `PACKAGES`. Packages of the same names elsewhere belong to the user."""
 
 INSTALLED = frozenset({"site-packages", "dist-packages"})
-"""Folders that hold installed packages, wherever they lie."""
+"""Names of folders with installed packages."""
 
 
 @dataclass(frozen=True)
 class PluginSource:
-    """The code behind a plug-in, as it was when it was looked up.
+    """Source code of a plug-in at the time of its lookup.
 
-    It is the module itself, the packages around it, and in turn every module that one of these imports
-    anywhere in its text, unless that is installed, part of Python or in one of `PACKAGES`. What runs only
-    when a file is started as a script, under ``if __name__ == "__main__":``, does not belong to it: a script
-    may hold both a teacher and the campaign that tries it.
+    It has the module, its parent packages and, recursively, the modules that they import anywhere, except
+    installed ones, Python's and `PACKAGES`. Code under ``if __name__ == "__main__":`` is excluded, so that a
+    script may hold both a teacher and its campaign.
 
     Attributes:
-        module: name to import for the plug-in; for a script the name of its file.
-        files: content by path below the folder that imports start from.
-        installed: True for an installed package, which every machine needs by itself.
+        module: importable name of the module.
+        files: content by path below the import root.
+        installed: True for an installed package, which every machine needs to install.
     """
 
     module: str
@@ -50,7 +46,7 @@ class PluginSource:
 
     @cached_property
     def digest(self) -> str:
-        """Hash of paths and code: another one after every edit that can change what the plug-in does."""
+        """Hash of all paths and imported code."""
         content = hashlib.sha256()
         for path in sorted(self.files):
             code = self.files[path]
@@ -60,10 +56,10 @@ class PluginSource:
 
     @classmethod
     def of(cls, module: str, data_files: Iterable[str] = ()) -> "PluginSource":
-        """Return the source of the module with a ``__name__``, and `data_files`: patterns in its folder.
+        """Return the source of a module by its ``__name__``, with files that match patterns in its folder.
 
         Raises:
-            ValueError: the module has no file, or a pattern matches none.
+            ValueError: if the module has no file, or a pattern matches none.
         """
         name = importable_name(module)
         top = name.partition(".")[0]
@@ -73,20 +69,20 @@ class PluginSource:
         collector.add(name)
         if not collector.files:
             raise ValueError(f"module {name!r} has no Python file by which to tell its versions apart")
-        root, file = collector.place(name)
+        root, file = collector.locate(name)
         for pattern in data_files:
-            found = [path for path in sorted(file.parent.glob(pattern)) if path.is_file()]
-            if not found:
+            paths = [path for path in sorted(file.parent.glob(pattern)) if path.is_file()]
+            if not paths:
                 raise ValueError(f"data_files: no file {pattern!r} in {file.parent}")
-            collector.files |= {path.relative_to(root).as_posix(): read_file(path) for path in found}
+            collector.files |= {path.relative_to(root).as_posix(): read_file(path) for path in paths}
         return cls(name, collector.files, _is_installed(root))
 
 
 def importable_name(module: str) -> str:
-    """Return the name by which another process can import `module`.
+    """Return the name by which other processes can import `module`.
 
     Raises:
-        ValueError: it was typed into an interactive session, or its file's name cannot be a module's.
+        ValueError: if it is an interactive session, or its file name is not a valid module name.
     """
     if module != "__main__":
         return module
@@ -101,13 +97,14 @@ def importable_name(module: str) -> str:
 
 
 class _Collector:
-    """Collector of the user's own files that a file imports; executes nothing.
+    """Collector of the user's files that a module imports, without executing them.
 
-    The package or module `top` is followed even if it is installed.
+    Args:
+        top: top-level package or module to collect even if it is installed.
 
     Attributes:
-        roots: folders that top-level names are imported from; none for what is not followed.
-        files: files found.
+        roots: import roots of top-level names, empty for names that are not collected.
+        files: collected files.
     """
 
     def __init__(self, top: str) -> None:
@@ -115,11 +112,11 @@ class _Collector:
         self.roots: dict[str, list[Path]] = {}
         self.files: dict[str, bytes] = {}
 
-    def place(self, module: str) -> tuple[Path, Path]:
-        """Return the root of `module` and its file.
+    def locate(self, module: str) -> tuple[Path, Path]:
+        """Return the import root and the file of `module`.
 
         Raises:
-            FileNotFoundError: it is not followed, or not a module.
+            FileNotFoundError: if it is not collected, or not a module.
         """
         for root in self._roots_of(module.partition(".")[0]):
             path = root.joinpath(*module.split("."))
@@ -129,12 +126,12 @@ class _Collector:
         raise FileNotFoundError(module)
 
     def add(self, module: str) -> None:
-        """Add the file of `module`, those of the packages around it, and what they import."""
+        """Add `module`, its parent packages, and their imports."""
         parts = module.split(".")
         for length in range(1, len(parts) + 1):
             name = ".".join(parts[:length])
             try:
-                root, file = self.place(name)
+                root, file = self.locate(name)
             except FileNotFoundError:  # installed, a namespace, or an attribute of the module before it
                 continue
             path = file.relative_to(root).as_posix()
@@ -145,15 +142,15 @@ class _Collector:
                     self.add(imported)
 
     def _roots_of(self, top: str) -> list[Path]:
-        """Return the followed folders with a top-level module or package: several for a namespace."""
+        """Return the collected import roots of a top-level name, several for a namespace package."""
         if top not in self.roots:
-            found = None
+            spec = None
             with suppress(ImportError, ValueError):  # no such module, or one without a spec
-                found = importlib.util.find_spec(top)
-            places = list(found.submodule_search_locations or ()) if found else []
-            if found and not places and found.has_location and found.origin:
-                places = [found.origin]
-            folders = [Path(place).absolute().parent for place in places]
+                spec = importlib.util.find_spec(top)
+            paths = list(spec.submodule_search_locations or ()) if spec else []
+            if spec and not paths and spec.has_location and spec.origin:
+                paths = [spec.origin]
+            folders = [Path(path).absolute().parent for path in paths]
             if top in PACKAGES:
                 folders = [folder for folder in folders if folder.resolve() != OUR_FOLDER]
             self.roots[top] = [folder for folder in folders if top == self._top or not _is_installed(folder)]
@@ -166,7 +163,7 @@ def _is_installed(folder: Path) -> bool:
 
 
 def _imports(code: bytes, package: str) -> Iterator[str]:
-    """Yield the names that `code`, of a module in `package`, imports; some may be no modules."""
+    """Yield the names imported by `code` of a module in `package`, attributes included."""
     for node in ast.walk(ast.parse(_imported_part(code))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -177,7 +174,7 @@ def _imports(code: bytes, package: str) -> Iterator[str]:
 
 
 def _imported_part(code: bytes) -> bytes:
-    """Return `code` without what runs only when its file is started as a script."""
+    """Return `code` without the blocks under ``if __name__ == "__main__":``."""
     lines = code.splitlines(keepends=True)
     end = len(lines)
     for node in reversed(ast.parse(code).body):

@@ -1,7 +1,7 @@
-"""Names to implementations: built-in, decorated, installed as entry points, or given as ``module:Name``.
+"""Registries of named implementations: built-in, decorated, from entry points, or ``module:Name``.
 
-A new teacher, student or environment needs no edit of this package: its author decorates it,
-declares an entry point, or passes ``my_module:MyTeacher`` wherever a name is expected.
+Plug-ins need no edit of this package: decorate a class, declare an entry point, or pass
+``my_module:MyTeacher`` wherever a name is expected.
 """
 
 import contextlib
@@ -24,31 +24,31 @@ C = TypeVar("C")
 
 
 class UnknownNameError(ValueError):
-    """A name that no registry entry answers to; the message holds the nearest match."""
+    """An unknown name; the message suggests the nearest match."""
 
 
 class PluginImportError(ValueError):
-    """A module of the user's own that raises an error when it is imported."""
+    """A user's module that raises an error on import."""
 
 
 _NAME: Final = re.compile(r"[\w.-]+")
 
-_searched: list[str] = []  # folders in which ``module:Name`` is looked for, after all others
+_searched: list[str] = []  # folders searched for ``module:Name`` after the import path
 
 
 def search_current_folder() -> None:
-    """Let ``module:Name`` find modules of the current folder, which shadow no others."""
+    """Let ``module:Name`` find modules in the current folder, after the import path."""
     _searched[:] = [str(Path.cwd())]
 
 
 class Registry(Generic[T]):
-    """The implementations of one kind of part, imported only when asked for.
+    """Registry of the implementations of one kind of component, imported on first use.
 
     Args:
-        kind: kind of thing that the names are for ("teacher"), used in messages.
-        entry_point_group: group under which installed packages may offer more.
-        builtin: names shipped with tma_ray, each a ``module:Name`` target.
-        base: class that all implementations inherit from, or its ``module:Name``, imported when needed.
+        kind: kind of component in messages ("teacher").
+        entry_point_group: group of entry points of installed packages.
+        builtin: ``module:Name`` of each built-in name.
+        base: base class of all implementations, or its ``module:Name``.
     """
 
     def __init__(
@@ -64,19 +64,19 @@ class Registry(Generic[T]):
 
     @property
     def base(self) -> type:
-        """The class that all implementations inherit from."""
+        """Base class of all implementations."""
         if isinstance(self._base, str):
             module, _, name = self._base.partition(":")
-            found: type = getattr(importlib.import_module(module), name)
-            self._base = found
+            base: type = getattr(importlib.import_module(module), name)
+            self._base = base
         return self._base
 
     def register(self, name: str) -> Callable[[C], C]:
-        """Return a decorator that makes an implementation known under `name`.
+        """Return a decorator that registers an implementation under `name`.
 
         Raises:
-            ValueError: another implementation already has that name, or it is none.
-            TypeError: the implementation does not inherit from `base`.
+            ValueError: if the name is invalid or taken.
+            TypeError: if the implementation does not inherit from `base`.
         """
         if not _NAME.fullmatch(name):
             raise ValueError(f"{self.kind} {name!r}: expected a name of letters, digits, '_', '-' and '.'")
@@ -86,9 +86,11 @@ class Registry(Generic[T]):
                 raise TypeError(f"{self.kind} {name!r} is {implementation!r:.80}: {self._expected}")
             if self._targets.get(name, _target_of(implementation)) != _target_of(implementation):
                 raise ValueError(f"{self.kind} {name!r} ships with tma_ray; choose another name")
-            known = self._decorated.get(name)
-            if known is not None and _identity(known) != _identity(implementation):
-                raise ValueError(f"{self.kind} {name!r} is already {_identity(known)}; choose another name")
+            existing = self._decorated.get(name)
+            if existing is not None and _identity(existing) != _identity(implementation):
+                raise ValueError(
+                    f"{self.kind} {name!r} is already {_identity(existing)}; choose another name"
+                )
             self._decorated[name] = cast("T", implementation)
             self._origins[name] = sys._getframe(1).f_globals["__name__"]
             return implementation
@@ -96,23 +98,23 @@ class Registry(Generic[T]):
         return decorate
 
     def names(self) -> list[str]:
-        """Return all known names, sorted."""
+        """Return all names, sorted."""
         return sorted({*self._targets, *self._decorated, *self._installed()})
 
     def summaries(self) -> dict[str, str]:
-        """Return the first line of the documentation of every known name; empty where there is none."""
+        """Return the first docstring line of each name, empty without a docstring."""
         return {name: self._summary(name) for name in self.names()}
 
     def _summary(self, name: str) -> str:
-        """Return the first docstring line, from the source if possible: imports may take seconds."""
+        """Return the first docstring line, from the source if possible since imports take seconds."""
         text = None if name in self._decorated else docstring_of(*self._target(name).split(":"))
         return ((self.get(name).__doc__ if text is None else text) or "").strip().partition("\n")[0]
 
     def get(self, name: str) -> T:
-        """Return the implementation of a registered name, or ``module:Name``; settings after it are ignored.
+        """Return the implementation of a registered name or ``module:Name``, ignoring settings in it.
 
         Raises:
-            UnknownNameError: nothing answers to `name`, or its module has no such attribute.
+            UnknownNameError: if `name` is unknown, or its module has no such attribute.
         """
         name = base_name(name)
         if name in self._decorated:
@@ -120,32 +122,30 @@ class Registry(Generic[T]):
         return self._load(self._target(name))
 
     def origin(self, name: str) -> str | None:
-        """Return the module whose import makes `name` known, None for what ships with tma_ray.
+        """Return the module whose import registers `name`, None for built-in ones.
 
         Raises:
-            UnknownNameError: nothing answers to `name`.
+            UnknownNameError: if `name` is unknown.
         """
         name = base_name(name)
         module = self._origins.get(name) or self._target(name).partition(":")[0]
         return None if module.partition(".")[0] == OURS else module
 
     def plugin(self, name: str) -> PluginSource | None:
-        """Return the source of a plug-in, as it was when this process first asked for it.
+        """Return the source of a plug-in at its first lookup, None for built-in implementations.
 
-        The name's `data_files`, if it has such an attribute, are patterns of further files that it reads,
-        relative to its module's folder. None for what ships with tma_ray, which is not even imported: its
-        version is part of every run already.
+        It includes files that match patterns in its attribute `data_files`, relative to its module.
 
         Raises:
-            UnknownNameError: nothing answers to `name`.
-            ValueError: it is defined where no other process can import it from.
+            UnknownNameError: if `name` is unknown.
+            ValueError: if other processes cannot import it.
         """
         module = self.origin(name)
         if module is None:
             return None
         implementation = self.get(name)
         key = module, implementation
-        if key not in self._sources:  # once: a file edited later is not what this process has imported
+        if key not in self._sources:  # cached: later edits are not what was imported
             try:
                 self._sources[key] = PluginSource.of(module, getattr(implementation, "data_files", ()))
             except ValueError as error:
@@ -153,14 +153,14 @@ class Registry(Generic[T]):
         return self._sources[key]
 
     def algorithm_version(self, name: str) -> int | None:
-        """Return the `algorithm_version` that an implementation declares, None if it declares none.
+        """Return the `algorithm_version` of an implementation, None if it declares none.
 
-        What ships with tma_ray declares one, and raises it with every change of behaviour; a plug-in may,
-        and is told apart by the hash of its source in any case.
+        Built-in implementations raise it with every change of behaviour. Plug-ins need none, since they are
+        identified by the hash of their source.
 
         Raises:
-            UnknownNameError: nothing answers to `name`.
-            ValueError: it is not a whole number of at least 1.
+            UnknownNameError: if `name` is unknown.
+            ValueError: if it is not a whole number of at least 1.
         """
         return self._checked_version(name, getattr(self.get(name), "algorithm_version", None))
 
@@ -174,7 +174,7 @@ class Registry(Generic[T]):
         return version
 
     def learn(self, name: str, module: str) -> None:
-        """Import `module`, whose decorator makes `name` known, unless it is known already."""
+        """Import `module`, which registers `name`, unless the name is registered."""
         name = base_name(name)
         if ":" not in name and name not in self.names():
             self._import(name, module)
@@ -196,29 +196,29 @@ class Registry(Generic[T]):
         if not all(part.isidentifier() for part in (*module_name.split("."), attribute)):
             raise UnknownNameError(f"{self.kind} {target!r}: expected a name, or module:Name")
         module = self._import(target, module_name)
-        found = getattr(module, attribute, None)
-        if found is None:
-            hint = nearest(attribute, [name for name, each in vars(module).items() if self._fits(each)])
+        implementation = getattr(module, attribute, None)
+        if implementation is None:
+            hint = nearest(attribute, [name for name, value in vars(module).items() if self._fits(value)])
             raise UnknownNameError(
                 f"{self.kind} {target!r}: {hint}module {module_name!r} has no {attribute!r}"
             )
-        if not self._fits(found):
-            raise UnknownNameError(f"{self.kind} {target!r}: {self._expected}, found {found!r:.80}")
-        return cast("T", found)
+        if not self._fits(implementation):
+            raise UnknownNameError(f"{self.kind} {target!r}: {self._expected}, found {implementation!r:.80}")
+        return cast("T", implementation)
 
     @property
     def _expected(self) -> str:
         return f"expected a class that inherits from {self.base.__module__}.{self.base.__name__}"
 
-    def _fits(self, found: object) -> bool:
-        return self.base is object or (isinstance(found, type) and issubclass(found, self.base))
+    def _fits(self, value: object) -> bool:
+        return self.base is object or (isinstance(value, type) and issubclass(value, self.base))
 
     def _import(self, name: str, module: str) -> ModuleType:
-        """Import the module of an implementation; the user's own may lie in the current folder.
+        """Import the module of an implementation, perhaps from the current folder.
 
         Raises:
-            UnknownNameError: no such module was found.
-            PluginImportError: the module raises an error.
+            UnknownNameError: if the module is missing.
+            PluginImportError: if the module raises an error.
         """
         sys.path.extend(folder for folder in _searched if folder not in sys.path)
         try:
@@ -245,8 +245,8 @@ class Registry(Generic[T]):
 
 @cache
 def _entry_points(path: tuple[str, ...]) -> EntryPoints:  # noqa: ARG001 - part of the key
-    """Return the entry points of the packages on `path`, read once: hundreds of files hold them."""
-    return cast("EntryPoints", entry_points())  # before Python 3.12 groups, which select alike
+    """Return the entry points of the packages on `path`, cached since they are in hundreds of files."""
+    return cast("EntryPoints", entry_points())  # before Python 3.12 a similar type
 
 
 def _target_of(implementation: object) -> str:
@@ -254,7 +254,7 @@ def _target_of(implementation: object) -> str:
 
 
 def _identity(implementation: object) -> str:
-    """Return module and name, the same for a script and for its module imported by file name."""
+    """Return module and name, the same for a script and its imported module."""
     module = getattr(implementation, "__module__", "?")
     with contextlib.suppress(ValueError):  # an interactive session has no other name
         module = importable_name(module)

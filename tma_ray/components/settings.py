@@ -1,8 +1,7 @@
-"""Hyper-parameters and other settings of a part as typed values: parsed, checked, presets expanded.
+"""Settings of components (hyper-parameters, options) as typed values.
 
-A part is what has settings: a class or function whose annotated parameters they are, mostly a dataclass. It
-may declare ``presets: ClassVar[Mapping[str, Mapping[str, Any]]]``: names for several values at once, chosen
-by the key ``preset``.
+A component is a class or function, mostly a dataclass, whose annotated parameters are its settings. It may
+declare ``presets: ClassVar[Mapping[str, Mapping[str, Any]]]``, named sets of values for the key ``preset``.
 """
 
 import collections.abc
@@ -24,7 +23,7 @@ import numpy as np
 from tma_ray.support.component_names import LIST_SEPARATOR, nearest, text_of
 from tma_ray.support.validation import check_type
 
-PRESET = "preset"  # key that stands for several values at once, as a part's attribute `presets` has them
+PRESET = "preset"  # key of a named set of values in a component's `presets`
 
 _LISTS: Mapping[Any, Callable[..., Any]] = {
     tuple: tuple,
@@ -34,75 +33,78 @@ _LISTS: Mapping[Any, Callable[..., Any]] = {
     frozenset: frozenset,
     collections.abc.Set: frozenset,
 }
-"""Types of several values, each with the one that is made for it."""
+"""Constructor for each annotated collection type."""
 
 _MAPPINGS = (dict, collections.abc.Mapping)
-_UNFIT = object()  # returned for a value of another type than its annotation
+_UNFIT = object()  # marks a value that does not match its annotation
 _ANYTHING = (Any, inspect.Parameter.empty)
 _CONSTANTS = {"true": True, "false": False, "none": None}
 
 
 class Parameter(NamedTuple):
-    """A setting that a part has: the type of its value and its default, `inspect.Parameter.empty` if none."""
+    """Type and default of a setting, `inspect.Parameter.empty` without a default."""
 
     annotation: Any
     default: Any
 
 
-def parameters_of(part: Callable[..., Any]) -> dict[str, Parameter]:
-    """Return the settings that the constructor of `part` takes by keyword.
+def parameters_of(component: Callable[..., Any]) -> dict[str, Parameter]:
+    """Return the keyword parameters of `component`.
 
-    An annotation that cannot be evaluated, such as one imported for type checkers only, counts as any type.
+    Annotations that cannot be evaluated, such as imports for type checkers only, count as `Any`.
     """
-    return dict(_parameters(part))
+    return dict(_parameters(component))
 
 
-@cache  # a plan of many cells asks for the same parts again and again
-def _parameters(part: Callable[..., Any]) -> dict[str, Parameter]:
-    is_record = dataclasses.is_dataclass(part)
+@cache  # plans of many cells repeat the same components
+def _parameters(component: Callable[..., Any]) -> dict[str, Parameter]:
+    is_record = dataclasses.is_dataclass(component)
     try:
-        function = part if is_record or not isinstance(part, type) else part.__init__  # type: ignore[misc]
+        function = component if is_record or not isinstance(component, type) else component.__init__  # type: ignore[misc]
         hints = get_type_hints(function)
     except NameError:
         hints = {}
-    found = {
+    parameters = {
         name: Parameter(hints.get(name, Any), parameter.default)
-        for name, parameter in inspect.signature(part).parameters.items()
+        for name, parameter in inspect.signature(component).parameters.items()
         if parameter.kind in (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     }
-    for field in dataclasses.fields(part) if is_record else ():  # type: ignore[arg-type]
-        if field.name in found and field.default_factory is not dataclasses.MISSING:
-            found[field.name] = found[field.name]._replace(default=field.default_factory())
-    return found
+    for field in dataclasses.fields(component) if is_record else ():  # type: ignore[arg-type]
+        if field.name in parameters and field.default_factory is not dataclasses.MISSING:
+            parameters[field.name] = parameters[field.name]._replace(default=field.default_factory())
+    return parameters
 
 
 def parse_settings(
-    part: Callable[..., Any],
+    component: Callable[..., Any],
     text: Mapping[str, str],
-    given: Mapping[str, Any] | None = None,
+    values: Mapping[str, Any] | None = None,
     kind: str = "hyper-parameter",
 ) -> dict[str, Any]:
-    """Return settings of `part` as typed values, with its preset expanded.
+    """Return settings of `component` as typed values, with presets expanded.
 
-    Explicit values take precedence over those of a preset. Lists count as tuples and whole numbers as
-    floats, so that values may come from JSON. Settings are `text` that follows a name, and `given` values;
-    messages call one a `kind`.
+    Explicit values override those of a preset. JSON values are accepted: lists for tuples, whole numbers for
+    floats.
+
+    Args:
+        component: class or function with the settings.
+        text: settings as text, from a name.
+        values: further settings.
+        kind: word for a setting in error messages.
 
     Raises:
-        ValueError: an unknown key or preset (the message has the nearest known one), a value of another
-            type, or a key with different values in `text` and in `given`.
+        ValueError: if a key or preset is unknown, a value has a wrong type, or `text` and `values` disagree.
     """
-    check_type(f"{kind}s", given or {}, Mapping, "values by name, as in {'batch_size': 100}")
-    presets: Mapping[str, Mapping[str, Any]] = getattr(part, "presets", {})
-    known = parameters_of(part)
-    types = {key: parameter.annotation for key, parameter in known.items()} | (
-        {PRESET: str} if presets else {}
-    )
+    check_type(f"{kind}s", values or {}, Mapping, "values by name, as in {'batch_size': 100}")
+    presets: Mapping[str, Mapping[str, Any]] = getattr(component, "presets", {})
+    parameters = parameters_of(component)
+    types = {key: parameter.annotation for key, parameter in parameters.items()}
+    types |= {PRESET: str} if presets else {}
 
     def typed(key: str, value: Any, *, is_text: bool = False) -> Any:
         if key not in types:
-            listed = ", ".join(known) or "none"
-            raise ValueError(f"unknown {kind} {key!r}: {nearest(key, known)}known: {listed}")
+            listed = ", ".join(parameters) or "none"
+            raise ValueError(f"unknown {kind} {key!r}: {nearest(key, parameters)}known: {listed}")
         if key == PRESET and presets:
             if value not in presets:
                 hint = nearest(str(value), presets)
@@ -110,62 +112,58 @@ def parse_settings(
             return value
         return coerce(key, _from_text(value, types[key]) if is_text else value, types[key], kind)
 
-    values = {key: typed(key, value, is_text=True) for key, value in text.items()}
-    for key, value in (given or {}).items():
+    settings = {key: typed(key, value, is_text=True) for key, value in text.items()}
+    for key, value in (values or {}).items():
         checked = typed(key, value)
-        if key != PRESET and values.get(key, checked) != checked:
-            raise ValueError(f"{kind} {key} is given as {values[key]!r} and as {checked!r}; give it once")
-        values[key] = checked
-    preset = values.pop(PRESET, None) if presets else None
-    return {key: typed(key, value) for key, value in (presets[preset] if preset else {}).items()} | values
+        if key != PRESET and settings.get(key, checked) != checked:
+            raise ValueError(f"{kind} {key} is given as {settings[key]!r} and as {checked!r}; give it once")
+        settings[key] = checked
+    preset = settings.pop(PRESET, None) if presets else None
+    return {key: typed(key, value) for key, value in (presets[preset] if preset else {}).items()} | settings
 
 
-def non_defaults(part: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the shortest settings that give `values`: those that differ from the defaults of `part`.
-
-    A preset is used where it leaves fewer settings, not counting itself.
-    """
-    defaults = {name: parameter.default for name, parameter in parameters_of(part).items()}
+def non_defaults(component: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the `values` that differ from the defaults of `component`, by a preset where that is shorter."""
+    defaults = {name: parameter.default for name, parameter in parameters_of(component).items()}
     complete = defaults | dict(values)
-    presets: Mapping[str, Mapping[str, Any]] = getattr(part, "presets", {})
-    ways: list[tuple[dict[str, Any], dict[str, Any]]] = []
+    presets: Mapping[str, Mapping[str, Any]] = getattr(component, "presets", {})
+    options: list[tuple[dict[str, Any], dict[str, Any]]] = []
     for preset in (None, *presets):
         base = defaults | dict(presets[preset] if preset else {})
         others = {key: value for key, value in complete.items() if to_json(value) != to_json(base[key])}
-        ways.append(({PRESET: preset} if preset else {}, others))
-    named, others = min(ways, key=lambda way: len(way[1]))
+        options.append(({PRESET: preset} if preset else {}, others))
+    named, others = min(options, key=lambda option: len(option[1]))
     return named | others
 
 
-def config_dict(part: Any) -> dict[str, Any]:
+def config_dict(record: Any) -> dict[str, Any]:
     """Return the constructor arguments of a dataclass, defaults included, as JSON values.
 
-    Fields that its attribute `absent_at_default` names, those that came after the first runs, are left out
-    where they have their default: runs keep the identity that they had before.
+    Fields in its attribute `absent_at_default` are left out at their defaults, so that fields added later do
+    not change run ids.
 
     Raises:
-        ValueError: an argument that is not a field, or a value that JSON does not have, by its name.
+        ValueError: if an argument is not a field, or a value cannot be JSON.
     """
-    later: frozenset[str] = getattr(part, "absent_at_default", frozenset())
-    fields = {field.name: field for field in dataclasses.fields(part) if field.init}
-    for name in parameters_of(type(part)):
+    later: frozenset[str] = getattr(record, "absent_at_default", frozenset())
+    fields = {field.name: field for field in dataclasses.fields(record) if field.init}
+    for name in parameters_of(type(record)):
         if name not in fields:
             raise ValueError(
-                f"{type(part).__name__}: hyper-parameter {name} is not a field of the dataclass, and would "
+                f"{type(record).__name__}: hyper-parameter {name} is not a field of the dataclass, and would "
                 f"not be kept with results: declare it as a field"
             )
     return {
-        name: json_value(name, getattr(part, name), f"{type(part).__name__}: hyper-parameter")
+        name: json_value(name, getattr(record, name), f"{type(record).__name__}: hyper-parameter")
         for name, field in fields.items()
-        if not (name in later and getattr(part, name) == field.default)
+        if not (name in later and getattr(record, name) == field.default)
     }
 
 
 def to_json(value: Any) -> Any:
-    """Return a value in the types of JSON as far as it has them.
+    """Return `value` with enums, paths, numpy scalars, tuples and sets converted to JSON types.
 
-    Enums become their value if that is text or a number, else their name; paths become text, numpy's scalars
-    Python's, tuples and sets lists.
+    Enums become their value if that is text or a number, else their name.
     """
     if isinstance(value, Enum):
         scalar = Flag, str, int, float
@@ -182,10 +180,10 @@ def to_json(value: Any) -> Any:
 
 
 def coerce(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter") -> Any:
-    """Return `value`, or a value of JSON that stands for it, as its annotation has it.
+    """Convert `value`, perhaps from JSON, to the type of its annotation.
 
     Raises:
-        ValueError: a value of another type, or a number that is not finite.
+        ValueError: if the value has another type, or is not finite.
     """
     origin = get_origin(annotation) or annotation
     if origin in (Union, types.UnionType):
@@ -198,14 +196,14 @@ def coerce(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter")
     if choices := _choices(annotation):
         return _chosen(key, value, choices, kind)
     several = origin in (*_LISTS, *_MAPPINGS)
-    made = _collection(key, value, annotation, kind) if several else _scalar(value, annotation)
-    if made is _UNFIT:
+    result = _collection(key, value, annotation, kind) if several else _scalar(value, annotation)
+    if result is _UNFIT:
         raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
-    return made
+    return result
 
 
 def _choices(annotation: Any) -> dict[str, Any]:
-    """Return the values of a literal or an enum by their text; empty for other types."""
+    """Return the values of a literal or an enum by their text, nothing for other types."""
     if get_origin(annotation) is Literal:
         return {text_of(to_json(choice)): choice for choice in get_args(annotation)}
     if isinstance(annotation, type) and issubclass(annotation, Enum):
@@ -214,7 +212,7 @@ def _choices(annotation: Any) -> dict[str, Any]:
 
 
 def _chosen(key: str, value: Any, choices: Mapping[str, Any], kind: str) -> Any:
-    """Return the one of `choices` that is `value`, or that it stands for in JSON."""
+    """Return the one of `choices` equal to `value` or to its JSON form."""
     for choice in choices.values():
         if value is choice or (type(to_json(choice)) is type(value) and to_json(choice) == value):
             return choice
@@ -223,7 +221,7 @@ def _chosen(key: str, value: Any, choices: Mapping[str, Any], kind: str) -> Any:
 
 
 def _collection(key: str, value: Any, annotation: Any, kind: str) -> Any:
-    """Return a list, tuple, set or mapping with items as annotated; `_UNFIT` if `value` is none such."""
+    """Convert `value` to the annotated collection, or return `_UNFIT`."""
     origin = get_origin(annotation) or annotation
     if origin in _MAPPINGS and isinstance(value, collections.abc.Mapping):
         of_keys, of_values = get_args(annotation) or (Any, Any)
@@ -233,17 +231,17 @@ def _collection(key: str, value: Any, annotation: Any, kind: str) -> Any:
         annotations = _item_annotations(annotation, len(value))
         if len(annotations) == len(value):
             items = zip(value, annotations, strict=True)
-            return _LISTS[origin](coerce(key, item, each, kind) for item, each in items)
+            return _LISTS[origin](coerce(key, item, of_item, kind) for item, of_item in items)
     return _UNFIT
 
 
 def _scalar(value: Any, annotation: Any) -> Any:
-    """Return a number, text, path or other object as annotated; `_UNFIT` if `value` is none such."""
+    """Convert `value` to the annotated scalar type, or return `_UNFIT`."""
     number = _number_kind(annotation)
     if number is not None:
         fits = isinstance(value, Integral if number is int else Real) and not isinstance(value, bool)
-        made = number if inspect.isabstract(annotation) else annotation
-        return made(value) if fits and math.isfinite(value) else _UNFIT
+        convert = number if inspect.isabstract(annotation) else annotation
+        return convert(value) if fits and math.isfinite(value) else _UNFIT
     if not isinstance(annotation, type):
         return _UNFIT
     from_text = issubclass(annotation, (PurePath, np.str_)) and isinstance(value, str)
@@ -253,7 +251,7 @@ def _scalar(value: Any, annotation: Any) -> Any:
 
 
 def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
-    """Return `value` as the first of the types `choices` that it has."""
+    """Convert `value` to the first of the types `choices` that accepts it."""
     if value is None and type(None) in choices:
         return None
     for choice in choices:
@@ -266,7 +264,7 @@ def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
 
 
 def _item_annotations(annotation: Any, count: int) -> tuple[Any, ...]:
-    """Return the annotations of `count` items of a list; as many as a tuple of fixed length has."""
+    """Return the annotation of each of `count` items, or of each item of a tuple of fixed length."""
     arguments = get_args(annotation)
     if get_origin(annotation) is tuple and arguments[1:] != (Ellipsis,):
         return arguments
@@ -274,7 +272,7 @@ def _item_annotations(annotation: Any, count: int) -> tuple[Any, ...]:
 
 
 def _number_kind(annotation: Any) -> type | None:
-    """Return int or float for the type of a number, one of numpy's among them, else None."""
+    """Return int or float for a number type (numpy's included), None for other types."""
     if annotation in (int, float, Integral, Real):
         return int if annotation in (int, Integral) else float
     if isinstance(annotation, type) and issubclass(annotation, (np.integer, np.floating)):
@@ -283,7 +281,7 @@ def _number_kind(annotation: Any) -> type | None:
 
 
 def _from_text(text: str, annotation: Any) -> Any:
-    """Return the value of the type `annotation` that `text` names; `text` itself if it names none."""
+    """Parse `text` as the type of `annotation`, or return it unchanged."""
     origin = get_origin(annotation) or annotation
     if origin in (Union, types.UnionType):
         return _one_from_text(text, get_args(annotation))
@@ -302,15 +300,15 @@ def _from_text(text: str, annotation: Any) -> Any:
 
 
 def _one_from_text(text: str, annotations: tuple[Any, ...]) -> Any:
-    """Return the value of the first of several types that `text` names."""
+    """Parse `text` as the first of several types that accepts it."""
     if text.lower() == "none" and type(None) in annotations:
         return None
-    said = (_from_text(text, choice) for choice in annotations if choice is not type(None))
-    return next((value for value in said if not isinstance(value, str)), text)
+    values = (_from_text(text, choice) for choice in annotations if choice is not type(None))
+    return next((value for value in values if not isinstance(value, str)), text)
 
 
 def _items_from_text(text: str, annotation: Any) -> Any:
-    """Return the list or mapping that `text` names; `text` itself for a mapping that is not JSON."""
+    """Parse `text` as a list or mapping, or return a mapping that is not JSON unchanged."""
     if text[:1] in ("[", "{"):
         with suppress(ValueError):
             return json.loads(text)
@@ -320,11 +318,11 @@ def _items_from_text(text: str, annotation: Any) -> Any:
     annotations = _item_annotations(annotation, len(items))
     if len(annotations) != len(items):
         return items
-    return [_from_text(item, each) for item, each in zip(items, annotations, strict=True)]
+    return [_from_text(*pair) for pair in zip(items, annotations, strict=True)]
 
 
 def _number(text: str) -> Any:
-    """Return the number in `text`, as an integer if it is whole; any other text unchanged."""
+    """Parse `text` as a number, an integer if it is whole, or return it unchanged."""
     try:
         return int(text)
     except ValueError:
@@ -345,17 +343,17 @@ def _expected(annotation: Any) -> str:
 
 
 def json_value(key: str, value: Any, kind: str = "hyper-parameter") -> Any:
-    """Return a value in the types of JSON, by which results are identified.
+    """Return `value` in JSON types.
 
     Raises:
-        ValueError: JSON does not have it.
+        ValueError: if it has no JSON form.
     """
-    made = to_json(value)
+    result = to_json(value)
     try:
-        json.dumps(made, allow_nan=False)
+        json.dumps(result, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"{kind} {key} = {value!r}: expected a value that JSON has: text, finite numbers, booleans, "
             f"none, enums, paths, and lists or mappings of these"
         ) from error
-    return made
+    return result

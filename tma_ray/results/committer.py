@@ -1,4 +1,4 @@
-"""Publication of rows: a run writes its own aside, and the one committer of a root shows them to readers."""
+"""Writers of runs, which stage rows, and the committer of a root, which publishes them."""
 
 import json
 import logging
@@ -20,25 +20,21 @@ from tma_ray.results.storage import StorageError, Store
 from tma_ray.results.verification import Inspector
 from tma_ray.support.decoding import DamagedFileError
 
-TEMPORARY_SECONDS: Final = 3600.0
-"""Age over which a half-made file is taken to be left by a killed process, s."""
-
-ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")  # in the names of files that an attempt writes, its number
+TEMPORARY_SECONDS: Final = 3600.0  # age of temporary files of killed processes, s
+ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")  # number of an attempt in the names of its files
 
 logger = logging.getLogger(__name__)
 
 
 class StaleAttemptError(RuntimeError):
-    """Publication by an attempt that a newer one has replaced; its process should end."""
+    """Publication by an attempt that a newer one has replaced."""
 
 
 def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | None:
-    """Return the manifest of a run, None if it has none, as long as `attempt` may continue it.
-
-    A damaged manifest counts as none: it is replaced by the next that the attempt publishes.
+    """Return the manifest of a run that `attempt` may continue, None if it is missing or damaged.
 
     Raises:
-        StaleAttemptError: a later attempt is accepted, or the run is done.
+        StaleAttemptError: if a later attempt is accepted, or the run is done.
     """
     published = _readable(store, run_id)
     if published is None:
@@ -51,7 +47,7 @@ def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | Non
 
 
 def _readable(store: Store, run_id: str) -> Manifest | None:
-    """Return the manifest of a run, None if there is none or it is damaged, which is logged."""
+    """Return the manifest of a run, None if it is missing or damaged (which is logged)."""
     try:
         return Manifest.load(store, run_id)
     except FileNotFoundError:
@@ -61,17 +57,17 @@ def _readable(store: Store, run_id: str) -> Manifest | None:
         return None
 
 
-WITHDRAWN: Final = b"null"  # content of the file that holds the record of an attempt, if it never began
+WITHDRAWN: Final = b"null"  # record of an attempt that never began
 
 
 def write_progress(store: Store, record: AttemptRecord) -> None:
-    """Keep the record of an attempt under way, as if it were lost now, next to its parts."""
+    """Write the record of a running attempt, with the outcome it would have if lost now."""
     content = {**asdict(record), "started_at": record.started_at.isoformat()}
     store.write_bytes(layout.progress_path(record.run_id, record.attempt), json.dumps(content).encode())
 
 
 def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | None:
-    """Return the last record that an attempt has kept, None if there is none that can be read."""
+    """Return the last record written by a running attempt, None if it is missing or damaged."""
     path = layout.progress_path(run_id, attempt)
     try:
         record = store.read_json(path, AttemptRecord)
@@ -81,17 +77,16 @@ def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | No
 
 
 class Committer:
-    """Publish runs. A results root has one committer at a time; its readers need none.
+    """Publisher of runs, one at a time for each results root.
 
-    Every method may be called again after a kill in the middle of it, and then leads to the same
-    files. Between any two file operations readers see each evaluation once and whole: data becomes
-    visible, and changes place, by the replacement of the run's manifest alone.
+    Every method can be repeated after a crash and then leads to the same files. Readers see each evaluation
+    once and whole at any time, since data becomes visible and moves by replacing the manifest of the run.
 
     Args:
         store: store of the root, which may not exist yet.
 
     Raises:
-        ResultsRootError: other files are there, or a root of another version.
+        ResultsRootError: if the store has other files or a root of another version.
     """
 
     def __init__(self, store: Store) -> None:
@@ -100,35 +95,30 @@ class Committer:
 
     @classmethod
     def open(cls, uri: str | Path) -> Self:
-        """Return the committer of the root at a folder or URI, which is made if it is empty."""
+        """Return the committer of the root at a folder or URI, creating it if empty."""
         return cls(Store.open(uri))
 
     def manifest(self, run_id: str) -> Manifest | None:
-        """Return the manifest of a run, None if it has published nothing.
-
-        Raises:
-            DamagedFileError: the manifest cannot be read.
-        """
+        """Return the manifest of a run, None if it has published nothing."""
         try:
             return Manifest.load(self.store, run_id)
         except FileNotFoundError:
             return None
 
     def start(self, run: RunRecord) -> int:
-        """Return the number of a new attempt at a run; from here on older ones publish nothing.
+        """Start a new attempt at a run, which makes older ones stale, and return its number.
 
-        What the run has published stays visible until the attempt publishes. One before it without a row
-        gets one: its driver died.
+        Published results stay visible. A previous attempt whose driver died gets its row.
 
         Raises:
-            StaleAttemptError: the run is done.
+            StaleAttemptError: if the run is done.
         """
         published = _readable(self.store, run.run_id)
         if published is not None:
             attempt = published.attempt + 1
-        else:  # over that of every attempt with a trace: no two may ever write to the same files
-            folders = [f"{place}/{run.run_id}" for place in (layout.STAGING, layout.CHECKPOINTS, layout.LOGS)]
-            names = (path.removeprefix(f"{each}/") for each in folders for path in self.store.files(each))
+        else:  # above all attempts with files: no two may ever write to the same files
+            folders = [f"{name}/{run.run_id}" for name in (layout.STAGING, layout.CHECKPOINTS, layout.LOGS)]
+            names = (path.removeprefix(f"{base}/") for base in folders for path in self.store.files(base))
             attempt = 1 + max((int(n) for name in names for n in ATTEMPT.findall(name)), default=-1)
         accepted_manifest(self.store, run.run_id, attempt)
         if published is not None and published.status is RunStatus.RUNNING:
@@ -138,51 +128,47 @@ class Committer:
         return attempt
 
     def withdraw(self, run_id: str, attempt: int) -> None:
-        """Take an attempt back that never began: it gets no row, and its number is not given again."""
+        """Withdraw an attempt that never began, without a row; its number is not reused."""
         self.store.write_bytes(layout.progress_path(run_id, attempt), WITHDRAWN)
 
     def done(self, run_ids: Iterable[str]) -> set[str]:
-        """Return those of some runs that are done and whole.
+        """Return the runs that are done and intact.
 
-        All their files are read and compared with their checksums. A run that is damaged is taken back, which
-        is logged, and may be started again.
-
-        Raises:
-            StorageError: the storage refuses to read.
+        Files are compared with their checksums. Damaged runs are logged and marked as failed, to be repeated.
         """
         readable = (_readable(self.store, run_id) for run_id in run_ids)
         published = [manifest for manifest in readable if manifest and manifest.status is RunStatus.DONE]
         whole = set()
-        for manifest, found in Inspector(self.store).inspect_all(published):
-            if found.damage:
-                logger.warning("%s; the run is done again", found.damage[0])
-                error = f"it was done, and is damaged: {found.damage[0]}"
+        for manifest, inspection in Inspector(self.store).inspect_all(published):
+            if inspection.damage:
+                logger.warning("%s; the run is done again", inspection.damage[0])
+                error = f"it was done, and is damaged: {inspection.damage[0]}"
                 self._replace(manifest, Manifest(manifest.run, RunStatus.FAILED, manifest.attempt, (), error))
             else:
                 whole.add(manifest.run.run_id)
         return whole
 
     def publish(self, run: RunRecord, attempt: int, parts: Sequence[PartFile]) -> None:
-        """Publish `parts`, all of the run so far in order, once a checkpoint holds them.
+        """Publish all `parts` of the run so far, once a checkpoint refers to them.
 
         Raises:
-            StaleAttemptError: a later attempt is accepted, or the run is done.
-            FileNotFoundError: a part is not there.
+            StaleAttemptError: if a later attempt is accepted, or the run is done.
+            FileNotFoundError: if a part is missing.
         """
         published = accepted_manifest(self.store, run.run_id, attempt)
-        known = set(published.files) if published else set()
+        visible = set(published.files) if published else set()
         for part in parts:
-            if part not in known and not self.store.exists(part.path):
+            if part not in visible and not self.store.exists(part.path):
                 raise FileNotFoundError(f"{self.store.where(part.path)} is not there; nothing was published")
         self._replace(published, Manifest(run, RunStatus.RUNNING, attempt, tuple(parts)))
 
     def finish(self, run: RunRecord, attempt: int, final: Sequence[PartFile]) -> None:
-        """Publish the files that `RunWriter.finish` returned, and the policy; then remove the staging folder.
+        """Publish the policy and the files of `RunWriter.finish`, then remove the staging folder.
 
         Raises:
-            StaleAttemptError: a later attempt is accepted, or another one has finished the run.
-            FileNotFoundError: a file is neither staged nor published.
-            DamagedFileError: a file is not what was written.
+            StaleAttemptError: if a later attempt is accepted, or another one has finished the run.
+            FileNotFoundError: if a file is neither staged nor published.
+            DamagedFileError: if a file is damaged.
         """
         if sorted(file.table for file in final) != sorted(DATA_TABLES):
             raise ValueError(f"a run ends with one file for each of {', '.join(DATA_TABLES)}; got {final}")
@@ -204,48 +190,44 @@ class Committer:
         self.store.delete(layout.staging_folder(run.run_id))
 
     def fail(self, run: RunRecord, attempt: int, error: str) -> None:
-        """Mark a run as failed; what it has published stays, and a later attempt may continue it.
+        """Mark a run as failed. A later attempt may continue it.
 
         Raises:
-            StaleAttemptError: a later attempt is accepted, or the run is done.
+            StaleAttemptError: if a later attempt is accepted, or the run is done.
         """
         published = accepted_manifest(self.store, run.run_id, attempt)
         files = published.files if published else ()
         self._replace(published, Manifest(run, RunStatus.FAILED, attempt, files, error))
 
     def record_attempt(self, record: AttemptRecord) -> None:
-        """Write the row of an attempt, replacing an earlier one of the same number."""
+        """Write or replace the row of an attempt."""
         row = {**asdict(record), "outcome": record.outcome.value}
         self._merge(Table.ATTEMPTS, record.run_id, [row], key=("attempt",))
 
     def write_cells(self, campaign: str, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Write the cells of a campaign and their runs.
-
-        Cells that the campaign has written before and that are not among `rows` stay: a campaign
-        may be run teacher by teacher.
-        """
+        """Write the cells of a campaign and their runs, keeping its cells from earlier calls."""
         key = tuple(name for name in SCHEMAS[Table.CELLS].names if name != "run_id")
         self._merge(Table.CELLS, campaign, [{"campaign": campaign, **row} for row in rows], key)
 
     def sweep(self) -> None:
-        """Remove what kills and stale attempts left: half-made files; all but the results of runs done."""
+        """Remove temporary files, and staging folders and checkpoints of runs that are done."""
         self.store.clear_temporaries(TEMPORARY_SECONDS)
-        for place in (layout.STAGING, layout.CHECKPOINTS):
-            for run_id in sorted({PurePosixPath(path).parts[1] for path in self.store.files(place)}):
+        for folder in (layout.STAGING, layout.CHECKPOINTS):
+            for run_id in sorted({PurePosixPath(path).parts[1] for path in self.store.files(folder)}):
                 published = _readable(self.store, run_id)
                 if published is not None and published.status is RunStatus.DONE:
                     self._record_done(run_id, published.attempt)
-                    self.store.delete(f"{place}/{layout.check_id(run_id)}")
+                    self.store.delete(f"{folder}/{layout.check_id(run_id)}")
 
     def _record_lost(self, run_id: str, attempt: int) -> None:
-        """Write the row of an attempt that has none, since its driver died with it."""
+        """Write the row of an attempt whose driver died, unless it has one."""
         path = layout.progress_path(run_id, attempt)
         if self._has_row(run_id, attempt):
             return
         if self.store.exists(path) and self.store.read_bytes(path) == WITHDRAWN:
             return
         record = read_progress(self.store, run_id, attempt)
-        if record is None:  # it published nothing but its number, when it was started
+        if record is None:  # only its manifest tells when it was started
             written_at, _ = self.store.stamps(layout.MANIFESTS).get(
                 layout.manifest_path(run_id), (None, None)
             )
@@ -254,17 +236,17 @@ class Committer:
         self.record_attempt(record)
 
     def _record_done(self, run_id: str, attempt: int) -> None:
-        """Write what an attempt kept that has finished its run: its driver may die before it writes more."""
-        kept = read_progress(self.store, run_id, attempt)
-        if kept is not None and not self._has_row(run_id, attempt):
-            self.record_attempt(replace(kept, outcome=AttemptOutcome.DONE))
+        """Write the row of the attempt that finished a run, in case its driver dies before it does."""
+        record = read_progress(self.store, run_id, attempt)
+        if record is not None and not self._has_row(run_id, attempt):
+            self.record_attempt(replace(record, outcome=AttemptOutcome.DONE))
 
     def _has_row(self, run_id: str, attempt: int) -> bool:
         path = layout.table_path(Table.ATTEMPTS, run_id)
         return any(row["attempt"] == attempt for row in self._rows_before(Table.ATTEMPTS, path))
 
     def _replace(self, published: Manifest | None, new: Manifest) -> None:
-        """Write the run's row, then its manifest, so that a manifest never stands without its row."""
+        """Write the row of a run before its manifest, so that no manifest lacks a row."""
         if published is None or published.row() != new.row():
             row = to_arrow(Table.RUNS, SCHEMAS[Table.RUNS], [new.row()])
             self.store.write_bytes(layout.table_path(Table.RUNS, new.run.run_id), encode(Table.RUNS, row))
@@ -276,13 +258,13 @@ class Committer:
     ) -> None:
         path = layout.table_path(table, name)
         before = self._rows_before(table, path)
-        to_arrow(table, SCHEMAS[table], rows)  # refuses wrong columns before they are merged
+        to_arrow(table, SCHEMAS[table], rows)  # checks columns before merging
         merged = {tuple(row[column] for column in key): row for row in [*before, *rows]}
         ordered = [merged[identity] for identity in sorted(merged)]
         self.store.write_bytes(path, encode(table, to_arrow(table, SCHEMAS[table], ordered)))
 
     def _rows_before(self, table: Table, path: str) -> list[dict[str, Any]]:
-        """Return the rows of a file that is about to be replaced; none if it is damaged, which is logged."""
+        """Return the rows of a file to be replaced, none if it is damaged (which is logged)."""
         try:
             rows: list[dict[str, Any]] = decode(table, self.store.read_bytes(path)).to_pylist()
         except FileNotFoundError:
@@ -296,24 +278,23 @@ class Committer:
 
 
 class RunWriter:
-    """Write the rows of one attempt at a run, outside of readers' view.
+    """Writer of the staged rows of one attempt at a run.
 
-    Rows are committed by a checkpoint that holds what `flush` returned; an attempt that resumes
-    from it hands them back as `committed`, and later parts of the attempt before are never read.
+    A checkpoint commits rows by storing the result of `flush`, which is `committed` for a resuming attempt.
 
     Args:
-        store: the results root.
+        store: store of the results root.
         run_id: id of the run.
-        attempt: number of this attempt; no two processes may share one.
-        committed: parts that belong to the run so far, of whatever attempt.
+        attempt: number of this attempt, unique to this process.
+        committed: parts of the run so far, by any attempt.
 
     Raises:
-        ValueError: a committed part of another run.
+        ValueError: if a committed part belongs to another run.
     """
 
     def __init__(self, store: Store, run_id: str, attempt: int, committed: Sequence[PartFile] = ()) -> None:
-        own = layout.staging_folder(run_id) + "/"
-        foreign = [part.path for part in committed if not part.path.startswith(own)]
+        folder = layout.staging_folder(run_id) + "/"
+        foreign = [part.path for part in committed if not part.path.startswith(folder)]
         if foreign:
             raise ValueError(
                 f"{foreign[0]} does not belong to run {run_id}: was the checkpoint another run's?"
@@ -326,22 +307,21 @@ class RunWriter:
         self._buffer: dict[Table, list[pa.Table]] = {table: [] for table in DATA_TABLES}
 
     def add(self, table: Table, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Append rows; those of one evaluation belong in one call, so that no part holds half of it.
+        """Append rows, those of one evaluation in one call so that parts hold whole evaluations.
 
         Args:
             table: one of `DATA_TABLES`.
-            rows: values by column name, without run_id; a nullable column may be left out.
+            rows: values by column name, without run_id; nullable columns may be missing.
 
         Raises:
-            ValueError: a column missing, unknown, or of a wrong type; the message names it.
+            ValueError: if a column is missing, unknown, or of a wrong type.
         """
         if table not in DATA_TABLES:
             raise ValueError(f"a run writes {', '.join(DATA_TABLES)}; {table} is written by the committer")
-        # The first column, run_id, is ours to fill.
-        self._buffer[table].append(to_arrow(table, SCHEMAS[table].remove(0), rows))
+        self._buffer[table].append(to_arrow(table, SCHEMAS[table].remove(0), rows))  # without run_id
 
     def flush(self) -> tuple[PartFile, ...]:
-        """Write the rows added since the last call as the next part; returns all parts of the run so far."""
+        """Write the rows added since the last call as a part, and return all parts of the run so far."""
         written = []
         for table, buffered in self._buffer.items():
             rows = pa.concat_tables(buffered) if buffered else None
@@ -356,13 +336,11 @@ class RunWriter:
         return self._parts
 
     def finish(self) -> tuple[PartFile, ...]:
-        """Write and return the canonical files, one per data table, also for tables without rows.
-
-        Their bytes depend on the rows only, not on how these were split over parts and attempts.
+        """Write and return one canonical file per data table, whose bytes depend on the rows only.
 
         Raises:
-            FileNotFoundError: a part is gone.
-            DamagedFileError: a part is not what was written.
+            FileNotFoundError: if a part is missing.
+            DamagedFileError: if a part is damaged.
         """
         files = []
         for table, buffered in self._buffer.items():

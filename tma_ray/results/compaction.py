@@ -1,4 +1,4 @@
-"""Tables of many runs in one file each: packed, copied, compacted, added as shards."""
+"""Merging of many runs' files: compaction of roots, merged copies, and shards of releases."""
 
 import os
 import re
@@ -28,21 +28,20 @@ from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.verification import Inspector
 from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning
 
-SINGLE_RUNS = "single_runs"  # name of the files of runs that belong to no experiment
+SINGLE_RUNS = "single_runs"  # experiment of runs without a campaign, in file names
 
 
 @dataclass(frozen=True)
 class CopyOptions:
-    """CopyOptions of a copy of a root.
+    """Options of a copy of a root.
 
     Attributes:
-        tables: data tables that are copied.
+        tables: data tables to copy.
         unfinished: True to copy runs that are not done.
         policies: True to copy final policies.
-        hosts: True to keep the names of machines in the table of attempts.
-        runs: ids of the runs that are copied; None for all.
-        rounded: True to round returns of evaluations and tasks of curricula to `SIGNIFICANT_BITS`, and to
-            write the weights of policies as float16.
+        hosts: True to keep host names in the table of attempts.
+        runs: ids of the runs to copy, None for all.
+        rounded: True to round values to `SIGNIFICANT_BITS`, and weights of policies to float16.
     """
 
     tables: tuple[Table, ...] = DATA_TABLES
@@ -54,7 +53,6 @@ class CopyOptions:
 
 
 WHOLE: Final = CopyOptions()
-"""All that a root says of its runs."""
 
 LEAN: Final = CopyOptions(
     (Table.EVALUATIONS, Table.TRAINING, Table.CURRICULUM),
@@ -63,29 +61,27 @@ LEAN: Final = CopyOptions(
     hosts=False,
     rounded=True,
 )
-"""Some 10 kB a run: neither episodes, logs of teachers and policies, nor names of machines; rounded."""
+"""About 10 kB per run: rounded, without episodes, teacher logs, policies and host names."""
 
 SIGNIFICANT_BITS: Final = {Table.EVALUATIONS: ("episodic_return", 24), Table.CURRICULUM: ("task", 12)}
-"""Columns that are rounded, and the significant bits of their values, relative errors of 6e-8 and 2.4e-4: the
-other bits are noise, which nothing compresses."""
+"""Rounded columns and their significant bits (relative errors of 6e-8 and 2.4e-4); the rest is noise, which
+does not compress."""
 
 
 def experiments_of(results: Results) -> dict[str, str]:
-    """Return the experiment of each run by id, as file names have it; of several the first by name."""
+    """Return the experiment of each run by id, sanitised for file names, the first of several by name."""
     cells = results.table(Table.CELLS, columns=["experiment", "run_id"]).to_pylist()
-    found = {
-        cell["run_id"]: cell["experiment"]
-        for cell in sorted(cells, key=lambda c: c["experiment"], reverse=True)
-    }
+    cells.sort(key=lambda cell: cell["experiment"], reverse=True)
+    experiments = {cell["run_id"]: cell["experiment"] for cell in cells}
     ids = (manifest.run.run_id for manifest in results.runs())
     return {
-        run_id: re.sub(r"[^0-9a-zA-Z_-]", "_", found.get(run_id, SINGLE_RUNS)) or SINGLE_RUNS
+        run_id: re.sub(r"[^0-9a-zA-Z_-]", "_", experiments.get(run_id, SINGLE_RUNS)) or SINGLE_RUNS
         for run_id in ids
     }
 
 
 def grouped(manifests: Sequence[Manifest], experiments: Mapping[str, str]) -> dict[str, list[Manifest]]:
-    """Return `manifests` by experiment, each group by run id."""
+    """Return the manifests of each experiment, sorted by run id."""
     groups: dict[str, list[Manifest]] = {}
     for manifest in sorted(manifests, key=lambda manifest: manifest.run.run_id):
         groups.setdefault(experiments[manifest.run.run_id], []).append(manifest)
@@ -100,22 +96,18 @@ def pack(
     tick: Callable[[], None],
     options: CopyOptions = WHOLE,
 ) -> list[Manifest]:
-    """Write one file per table with all rows of some runs; returns manifests that lead to them.
-
-    The rows come run after run, each run's as they were written: in order of steps, and rounded if `contents`
-    says so. Nothing refers to the files yet when it returns; they have been read back and compared with what
-    they were made of.
+    """Write one file per table with all rows of some runs, verify them, and return manifests for them.
 
     Args:
-        results: the root that the runs are read from.
-        manifests: manifests of these runs, by run id.
-        target: the root to write to, perhaps the same.
-        name: name of the files; none of that name may exist.
-        tick: called now and then, as long work needs signs of life.
+        results: root of the runs.
+        manifests: manifests of the runs, sorted by run id.
+        target: root to write to, perhaps the same.
+        name: name of the new files.
+        tick: function called between runs, for signs of life.
         options: tables and files to write.
 
     Raises:
-        DamagedFileError: rows cannot be read, or were not written as they are.
+        DamagedFileError: if rows cannot be read, or the written files differ from them.
     """
     slices: dict[str, list[PartFile]] = {manifest.run.run_id: [] for manifest in manifests}
     for table in options.tables:
@@ -124,16 +116,16 @@ def pack(
     for table in (Table.RUNS, Table.ATTEMPTS):
         rows, path = results.table(table, list(slices)), layout.table_path(table, name)
         if table is Table.ATTEMPTS and not options.hosts:
-            place = rows.schema.get_field_index("host")
-            field = rows.schema.field(place)
+            column = rows.schema.get_field_index("host")
+            field = rows.schema.field(column)
             empty = pa.array([""] * len(rows), pa.string()).dictionary_encode().cast(field.type)
-            rows = rows.set_column(place, field, empty)
+            rows = rows.set_column(column, field, empty)
         PartFile.write(target, path, table, len(rows), encode(table, rows)).read(target)
     return [replace(manifest, files=tuple(slices[manifest.run.run_id])) for manifest in manifests]
 
 
 def _rows_of(results: Results, table: Table, run: RunRecord, rounded: bool) -> pa.Table:
-    """Return the rows of one run; a DamagedFileError if some cannot be read."""
+    """Return the rows of one run, or raise a DamagedFileError if some are unreadable."""
     before = len(results.problems)
     rows = results.table(table, [run.run_id])
     if len(results.problems) > before:
@@ -142,10 +134,10 @@ def _rows_of(results: Results, table: Table, run: RunRecord, rounded: bool) -> p
 
 
 def _rounded(rows: pa.Table, table: Table, run: RunRecord) -> pa.Table:
-    """Return `rows` with fewer significant bits; no return crosses the threshold of mastery."""
-    column, bits = SIGNIFICANT_BITS[table]
-    place = rows.schema.get_field_index(column)
-    values = rows[column].combine_chunks()
+    """Return `rows` with fewer significant bits, keeping returns on their side of the mastery threshold."""
+    name, bits = SIGNIFICANT_BITS[table]
+    column = rows.schema.get_field_index(name)
+    values = rows[name].combine_chunks()
     exact = (values.values if table is Table.CURRICULUM else values).to_numpy()
     significand, exponent = np.frexp(exact)
     fewer = np.ldexp(np.round(np.ldexp(significand, bits)), exponent - bits)
@@ -154,18 +146,18 @@ def _rounded(rows: pa.Table, table: Table, run: RunRecord) -> pa.Table:
     else:
         threshold = mastery_threshold(run)
         fewer = pa.array(np.where((fewer > threshold) == (exact > threshold), fewer, exact))
-    return rows.set_column(place, rows.schema.field(place), fewer)
+    return rows.set_column(column, rows.schema.field(column), fewer)
 
 
 def _pack_table(
     results: Results,
     manifests: Sequence[Manifest],
     target: Store,
-    place: tuple[Table, str],
+    file: tuple[Table, str],
     tick: Callable[[], None],
     options: CopyOptions,
 ) -> Iterator[tuple[str, PartFile]]:
-    table, name = place
+    table, name = file
     counts: dict[str, int] = {}
 
     def parts() -> Iterator[pa.Table]:
@@ -184,28 +176,24 @@ def _pack_table(
         tick()
         run_id = manifest.run.run_id
         expected = _rows_of(results, table, manifest.run, options.rounded)
-        found = (
-            decode_rows(table, stored, first, counts[run_id], SCHEMAS[table].names)
-            if counts[run_id]
-            else expected
-        )
-        if not same_rows(table, found, expected):
+        count, names = counts[run_id], SCHEMAS[table].names
+        rows = decode_rows(table, stored, first, count, names) if count else expected
+        if not same_rows(table, rows, expected):
             raise DamagedFileError(
                 f"{target.where(path)} does not hold what run {run_id} wrote; nothing was merged"
             )
-        yield run_id, replace(written, rows=counts[run_id], first=first)
-        first += counts[run_id]
+        yield run_id, replace(written, rows=count, first=first)
+        first += count
 
 
-JOURNAL: Final = "compacting.json"
-"""Name of the list of files without use: replaced ones, or new ones of an interrupted compaction."""
+JOURNAL: Final = "compacting.json"  # journal of a compaction in progress
 
 _MERGED: Final = re.compile(rf"{layout.TABLES}/[^/]+/[^/]+\.parquet")
 
 
 @dataclass(frozen=True)
 class Journal:
-    """Files to delete in the end: those that no manifest lists, and those that were replaced."""
+    """Files to delete after a compaction: those that no manifest lists, and replaced ones."""
 
     unless_used: tuple[str, ...] = ()
     replaced: tuple[str, ...] = ()
@@ -219,35 +207,35 @@ class Journal:
 
     @classmethod
     def load(cls, store: Store) -> "Journal":
-        """Return the journal of a root; an empty one if there is none, or one that cannot be read."""
+        """Return the journal of a root, empty if it is missing or damaged."""
         try:
             return store.read_json(JOURNAL, cls)
         except FileNotFoundError:
             return cls()
-        except DamagedFileError as error:  # what it listed stays, and no reader looks at it
+        except DamagedFileError as error:  # its files stay, unused by readers
             warnings.warn(str(error), DamagedFileWarning, stacklevel=2)
             return cls()
 
     def write(self, store: Store) -> None:
-        """Replace the journal of a root by this one."""
+        """Write this journal to a root."""
         store.write_json(JOURNAL, Journal(tuple(sorted(set(self.unless_used))), self.replaced))
 
 
 def clean(store: Store) -> None:
-    """Delete what the journal lists and no manifest needs.
+    """Delete files in the journal that no manifest needs.
 
-    While a manifest cannot be read, what it may list stays: all but files of runs whose manifests can.
+    If manifests are unreadable, files that they may list are kept.
     """
     if not store.exists(JOURNAL):
         return
     journal, results = Journal.load(store), Results(store)
     used = {file.path for manifest in results.runs() for file in manifest.files}
-    known = {manifest.run.run_id for manifest in results.runs()}
+    readable = {manifest.run.run_id for manifest in results.runs()}
     unused = [path for path in journal.unless_used if path not in used]
     doubtful = [
         path
         for path in unused
-        if results.problems and known.isdisjoint((*PurePosixPath(path).parts, PurePosixPath(path).stem))
+        if results.problems and readable.isdisjoint((*PurePosixPath(path).parts, PurePosixPath(path).stem))
     ]
     for path in (*(path for path in unused if path not in doubtful), *journal.replaced):
         store.delete(path)
@@ -257,17 +245,16 @@ def clean(store: Store) -> None:
         store.delete(JOURNAL)
 
 
-POLICY_FILES: Final = (".json", ".safetensors")
-"""Endings of the files of policies that are copied: nothing that runs when it is read."""
+POLICY_FILES: Final = (".json", ".safetensors")  # endings of policy files that are safe to read
 
 
 @dataclass(frozen=True)
 class Copy:
-    """Runs and files that a copy of a root lacks.
+    """Files left out of a copy of a root.
 
     Attributes:
-        policy_files: files of policies that were left out, being neither JSON nor safetensors.
-        damaged: a message for each run and file that was left out, since it is damaged.
+        policy_files: policy files that are neither JSON nor safetensors.
+        damaged: messages about damaged runs and files.
     """
 
     policy_files: tuple[str, ...]
@@ -275,16 +262,14 @@ class Copy:
 
 
 def copy_merged(results: Results, target: Store, options: CopyOptions = WHOLE) -> Copy:
-    """Copy the tables and policies of a root to an empty place, with files merged.
-
-    What is damaged is left out.
+    """Copy the intact runs of a root to an empty store, with merged files.
 
     Raises:
-        DamagedFileError: a file was written by a newer version, with columns that would be lost.
-        ResultsRootError: `target` is not empty.
+        DamagedFileError: if a file of a newer version has columns that would be lost.
+        ResultsRootError: if `target` is not empty.
     """
     sound, damaged = intact_runs(results, options)
-    ours = pa.array([manifest.run.run_id for manifest in sound], pa.string())
+    ids = pa.array([manifest.run.run_id for manifest in sound], pa.string())
     layout.create_root(target)
     packed: list[Manifest] = []
     for name, manifests in grouped(sound, experiments_of(results)).items():
@@ -297,7 +282,7 @@ def copy_merged(results: Results, target: Store, options: CopyOptions = WHOLE) -
             damaged.append(f"{path}: {error}")
     cells = pa.concat_tables([SCHEMAS[Table.CELLS].empty_table(), *parts]).unify_dictionaries()
     if not options.unfinished:
-        cells = cells.filter(pc.is_in(cells["run_id"].cast(pa.string()), ours))
+        cells = cells.filter(pc.is_in(cells["run_id"].cast(pa.string()), ids))
     campaigns = cells["campaign"].cast(pa.string())
     for campaign in sorted(campaigns.unique().to_pylist()):
         rows = cells.filter(pc.equal(campaigns, campaign))
@@ -310,15 +295,15 @@ def copy_merged(results: Results, target: Store, options: CopyOptions = WHOLE) -
 def copy_extras(
     results: Results, target: Store, manifests: Sequence[Manifest], options: CopyOptions
 ) -> tuple[str, ...]:
-    """Copy what runs read, and their policies; returns files of policies that were left out as unsafe."""
+    """Copy inputs and policies of runs, and return the policy files left out as unsafe."""
     for path in kept_files(results.store, (manifest.run for manifest in manifests)):
         target.write_bytes(path, results.store.read_bytes(path))
     if not options.policies:
         return ()
-    ours = {manifest.run.run_id for manifest in manifests}
+    ids = {manifest.run.run_id for manifest in manifests}
     left_out = []
     for path in results.store.files(layout.POLICIES):
-        chosen = PurePosixPath(path).parts[1] in ours
+        chosen = PurePosixPath(path).parts[1] in ids
         if chosen and path.endswith(POLICY_FILES):
             data = results.store.read_bytes(path)
             weights = options.rounded and path.endswith(".safetensors")
@@ -329,7 +314,7 @@ def copy_extras(
 
 
 def _halved(data: bytes) -> bytes:
-    """Return a safetensors file with its matrices of float32 as float16."""
+    """Return a safetensors file with float32 matrices as float16."""
     tensors = {
         name: tensor.astype(np.float16) if tensor.dtype == np.float32 and tensor.ndim == 2 else tensor
         for name, tensor in parse_tensors(data).items()
@@ -338,29 +323,29 @@ def _halved(data: bytes) -> bytes:
 
 
 def intact_runs(results: Results, options: CopyOptions) -> tuple[list[Manifest], list[str]]:
-    """Return the runs of a root that are to be copied and whose files are whole, and the damage of others.
+    """Return the intact runs to copy from a root, and the damage of all others.
 
     Raises:
-        DamagedFileError: a file was written by a newer version, with columns that would be lost.
+        DamagedFileError: if a file of a newer version has columns that would be lost.
     """
     sound: list[Manifest] = []
     damaged: list[str] = []
-    wanted = [
+    selected = [
         manifest
         for manifest in results.runs()
         if (options.unfinished or manifest.status is RunStatus.DONE)
         and (options.runs is None or manifest.run.run_id in options.runs)
     ]
-    for manifest, found in Inspector(results.store).inspect_all(wanted):
-        if found.newer:
-            raise DamagedFileError(newer_version(results.store, found.newer[0]))
-        damaged += map(str, found.damage)
-        sound += [] if found.damage else [manifest]
+    for manifest, inspection in Inspector(results.store).inspect_all(selected):
+        if inspection.newer:
+            raise DamagedFileError(newer_version(results.store, inspection.newer[0]))
+        damaged += map(str, inspection.damage)
+        sound += [] if inspection.damage else [manifest]
     return sound, damaged
 
 
 def newer_version(store: Store, path: str) -> str:
-    """Return the reason why a file with unknown columns is neither merged nor copied."""
+    """Return the message about a file with unknown columns, which is neither merged nor copied."""
     return (
         f"{store.where(path)} was written by a newer tma_ray, with columns that this one would lose: it was "
         f"left as it is; use that version"
@@ -369,15 +354,7 @@ def newer_version(store: Store, path: str) -> str:
 
 @dataclass(frozen=True)
 class Compaction:
-    """Outcome of a compaction.
-
-    Attributes:
-        runs: number of runs whose files were merged.
-        files_before: number of files of tables before.
-        files_after: number of files of tables after.
-        bytes_before: size of those files before, bytes.
-        bytes_after: size of those files after, bytes.
-    """
+    """Outcome of a compaction: number of merged runs, and number and size of table files before and after."""
 
     runs: int
     files_before: int
@@ -387,22 +364,20 @@ class Compaction:
 
 
 def compact(root: str | Path) -> Compaction:
-    """Merge the files of all runs of a root that are done, experiment by experiment.
+    """Merge the files of all finished runs of a root, experiment by experiment.
 
-    The merged files are written aside, read back and compared; then one manifest after the other is
-    switched to them, and what no manifest needs any more is deleted. A kill at any time leaves a root that
-    reads the same, and the next call cleans up. Readers may go on; campaigns may not, and continue later.
-
-    Runs that are damaged stay as they are, and so do those written by a newer version with columns that would
-    be lost: a `DamagedFileWarning` names each.
+    Merged files are verified before manifests are switched to them, one by one, and unused files deleted. A
+    crash leaves a readable root, which the next call cleans up. Readers may run at the same time, campaigns
+    may not. Damaged runs, and those of a newer version with unknown columns, stay with a
+    `DamagedFileWarning`.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
 
     Raises:
-        ResultsRootError: the root does not exist.
-        RootInUseError: a campaign is running on it.
-        DamagedFileError: a merged file was not written as it should be; nothing refers to it.
+        ResultsRootError: if the root does not exist.
+        RootInUseError: if a campaign is running on it.
+        DamagedFileError: if a merged file was not written correctly.
     """
     store = Store.open(root)
     layout.check_root(store)
@@ -412,9 +387,9 @@ def compact(root: str | Path) -> Compaction:
         results = Results(store)
         done = [manifest for manifest in results.runs() if manifest.status is RunStatus.DONE]
         mergeable = []
-        for manifest, found in Inspector(store).inspect_all(done):
-            reasons = [f"{damage}; not merged" for damage in found.damage]
-            reasons += [newer_version(store, path) for path in found.newer]
+        for manifest, inspection in Inspector(store).inspect_all(done):
+            reasons = [f"{damage}; not merged" for damage in inspection.damage]
+            reasons += [newer_version(store, path) for path in inspection.newer]
             for reason in reasons:
                 warnings.warn(reason, DamagedFileWarning, stacklevel=2)
             mergeable += [] if reasons else [manifest]
@@ -438,17 +413,17 @@ def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lea
         name = f"{experiment}-{count}"
     new = [layout.table_path(table, name) for table in (*DATA_TABLES, Table.RUNS, Table.ATTEMPTS)]
     old = [file.path for manifest in manifests for file in manifest.files]
-    ours, about = {manifest.run.run_id for manifest in manifests}, []
+    ids, about = {manifest.run.run_id for manifest in manifests}, []
     for table in (Table.RUNS, Table.ATTEMPTS):
         for path in store.files(f"{layout.TABLES}/{table}"):
-            with suppress(*UNREADABLE):  # readers name it
-                said = decode(table, store.read_bytes(path), ["run_id"])["run_id"].unique().to_pylist()
-                if ours.issuperset(said):
+            with suppress(*UNREADABLE):  # reported by readers
+                listed = decode(table, store.read_bytes(path), ["run_id"])["run_id"].unique().to_pylist()
+                if ids.issuperset(listed):
                     about.append(path)
-    kept = Journal.load(store).unless_used
-    Journal((*kept, *new, *old)).write(store)
+    unused = Journal.load(store).unless_used
+    Journal((*unused, *new, *old)).write(store)
     packed = pack(results, manifests, store, name, lease.keep)
-    Journal((*kept, *new[: len(DATA_TABLES)], *old), tuple(about)).write(store)
+    Journal((*unused, *new[: len(DATA_TABLES)], *old), tuple(about)).write(store)
     lease.renew()
     for manifest in packed:
         lease.keep()
@@ -462,44 +437,37 @@ def _files(store: Store) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class Shard(Copy):
-    """Additions of one batch, and what was left out of it.
-
-    Attributes:
-        runs: number of runs that were added.
-        cells: number of rows added to the table of cells.
-    """
+    """Outcome of adding a shard: number of added runs and cells, and files left out."""
 
     runs: int
     cells: int
 
 
 def add_shard(results: Results, target: Store, name: str) -> Shard:
-    """Add to a root those runs of another that are done and that it lacks, with their cells.
-
-    No table that is there is changed: each gets one file called `name`, and the index a line for each run.
+    """Add the finished runs of a root that `target` lacks, with their cells, as new files.
 
     Args:
-        results: the root of the batch, which may have begun with the runs of `target`.
-        target: the root that grows; an empty place becomes one.
-        name: name of the new files; letters, digits, "_" and "-".
+        results: root of the new runs.
+        target: root that grows, or an empty store.
+        name: name of the new files (letters, digits, "_" and "-").
 
     Raises:
-        ResultsRootError: `target` is not a results root, or has files of that name.
-        DamagedFileError: a file was written by a newer version, with columns that would be lost.
+        ResultsRootError: if `target` is not a results root, or has files of that name.
+        DamagedFileError: if a file of a newer version has columns that would be lost.
     """
     layout.create_root(target)
     before = Results(target)
-    known = {manifest.run.run_id for manifest in before.runs()}
+    existing = {manifest.run.run_id for manifest in before.runs()}
     for table in Table:
         if target.exists(layout.table_path(table, name)):
             raise ResultsRootError(
                 f"{target.where(layout.table_path(table, name))} exists: choose another name"
             )
     sound, damaged = intact_runs(results, LEAN)
-    new = [manifest for manifest in sound if manifest.run.run_id not in known]
-    ids = known | {manifest.run.run_id for manifest in new}
-    there = {tuple(row.values()) for row in before.table(Table.CELLS).to_pylist()}
-    cells = {tuple(row.values()) for row in results.table(Table.CELLS, ids).to_pylist()} - there
+    new = [manifest for manifest in sound if manifest.run.run_id not in existing]
+    ids = existing | {manifest.run.run_id for manifest in new}
+    cells = {tuple(row.values()) for row in results.table(Table.CELLS, ids).to_pylist()}
+    cells -= {tuple(row.values()) for row in before.table(Table.CELLS).to_pylist()}
     packed = pack(results, new, target, name, lambda: None, LEAN) if new else []
     if cells:
         schema = SCHEMAS[Table.CELLS]
@@ -512,20 +480,20 @@ def add_shard(results: Results, target: Store, name: str) -> Shard:
 
 
 def start_from(store: Store, source: Store) -> int:
-    """Copy the runs of a root that are done, with their cells, to another that lacks them; return how many.
+    """Copy finished runs, with their cells, to a root that lacks them, and return their number.
 
-    A campaign on that root takes them as its own, and does what is missing. Files keep their paths.
+    A campaign on that root then only runs what is missing.
 
     Raises:
-        ResultsRootError: `source` is not a results root, or a file of that path and another content is there.
-        RootInUseError: a campaign is running on `store`.
+        ResultsRootError: if `source` is not a results root, or `store` has another file at the same path.
+        RootInUseError: if a campaign is running on `store`.
     """
     layout.check_root(source)
     layout.create_root(store)
     with Lease(store, f"start from {source} (process {os.getpid()} on {socket.gethostname()})") as lease:
-        there = {manifest.run.run_id for manifest in Results(store).runs()}
+        existing = {manifest.run.run_id for manifest in Results(store).runs()}
         done = [run for run in Results(source).runs() if run.status is RunStatus.DONE]
-        new = [manifest for manifest in done if manifest.run.run_id not in there]
+        new = [manifest for manifest in done if manifest.run.run_id not in existing]
         paths = {file.path for manifest in new for file in manifest.files}
         for table in (table for table in Table if new and table not in DATA_TABLES):
             paths.update(source.files(f"{layout.TABLES}/{table}"))
@@ -538,6 +506,6 @@ def start_from(store: Store, source: Store) -> int:
                 raise ResultsRootError(
                     f"{store.where(path)} differs from {source.where(path)}: begin in a new folder"
                 )
-        for manifest in new:  # last: a run is there when its manifest is
+        for manifest in new:  # last, since they make runs visible
             store.write_bytes(layout.manifest_path(manifest.run.run_id), manifest.to_bytes())
     return len(new)

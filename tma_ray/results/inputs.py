@@ -1,4 +1,4 @@
-"""The files that runs of a root read, and the sources of their plug-ins, kept by content below ``inputs``."""
+"""Input files and plug-in sources of runs, stored by content below ``inputs``."""
 
 import base64
 import hashlib
@@ -14,7 +14,7 @@ from tma_ray.components.plugin_source import PluginSource
 from tma_ray.results.layout import INPUTS
 from tma_ray.results.records import RunRecord
 from tma_ray.results.storage import Store
-from tma_ray.support.decoding import MOST_BYTES, DamagedFileError, Sha256, decode_json
+from tma_ray.support.decoding import MOST_FILE_BYTES, DamagedFileError, Sha256, decode_json
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class _Plugin:
 
 
 @dataclass(frozen=True)
-class _Read:
-    """The part of a spec that names what its run reads."""
+class _SpecInputs:
+    """Inputs and plug-ins in a spec."""
 
     inputs: dict[str, _Input] = field(default_factory=dict)
     plugins: dict[str, _Plugin] = field(default_factory=dict)
@@ -37,7 +37,7 @@ class _Read:
 
 @dataclass(frozen=True)
 class _Source:
-    """A plug-in's source as it is kept: files in base 64."""
+    """Stored source of a plug-in, with files in base 64."""
 
     module: str
     installed: bool
@@ -45,32 +45,32 @@ class _Source:
 
 
 def input_path(sha256: str) -> str:
-    """Path of the file with this content; a ValueError for what is not a hexadecimal SHA-256."""
+    """Return the path of the file with this content, or raise a ValueError for an invalid checksum."""
     if not re.fullmatch(r"[0-9a-f]{64}", sha256):
         raise ValueError(f"sha256 {sha256!r}: expected 64 hexadecimal digits")
     return f"{INPUTS}/{sha256}"
 
 
 def plugin_path(digest: str) -> str:
-    """Path of the source of a plug-in; a ValueError for what is not a hexadecimal digest."""
+    """Return the path of a plug-in's source, or raise a ValueError for an invalid digest."""
     if not re.fullmatch(r"[0-9a-f]+", digest):
         raise ValueError(f"digest {digest!r}: expected hexadecimal digits")
     return f"{INPUTS}/plugin-{digest}.json"
 
 
 def keep_input(store: Store, data: bytes) -> None:
-    """Write the content of a file, unless it is there."""
+    """Store the content of an input file, unless it exists."""
     path = input_path(hashlib.sha256(data).hexdigest())
     if not store.exists(path):
         store.write_bytes(path, data)
 
 
 def read_input(store: Store, sha256: str) -> bytes:
-    """Return the content of a file that was kept.
+    """Return the content of a stored input file.
 
     Raises:
-        FileNotFoundError: it was not.
-        DamagedFileError: it is not what was written.
+        FileNotFoundError: if it is missing.
+        DamagedFileError: if it is damaged.
     """
     data = store.read_bytes(input_path(sha256))
     if hashlib.sha256(data).hexdigest() != sha256:
@@ -79,7 +79,7 @@ def read_input(store: Store, sha256: str) -> bytes:
 
 
 def keep_plugin(store: Store, source: PluginSource) -> None:
-    """Write the source of a plug-in, for others to read; nothing runs it from there."""
+    """Store the source of a plug-in for readers. It is never run from there."""
     path = plugin_path(source.digest)
     if store.exists(path):
         return
@@ -89,37 +89,37 @@ def keep_plugin(store: Store, source: PluginSource) -> None:
 
 
 def read_plugin(store: Store, digest: str) -> PluginSource:
-    """Return the source of a plug-in that was kept.
+    """Return the stored source of a plug-in.
 
     Raises:
-        FileNotFoundError: it was not.
-        DamagedFileError: it is not what was written.
+        FileNotFoundError: if it is missing.
+        DamagedFileError: if it is damaged.
     """
     where = store.where(plugin_path(digest))
-    content = decode_json(store.read_bytes(plugin_path(digest), MOST_BYTES), _Source, where)
+    content = decode_json(store.read_bytes(plugin_path(digest), MOST_FILE_BYTES), _Source, where)
     try:
         files = {name: base64.b64decode(code) for name, code in content.files.items()}
         source = PluginSource(content.module, files, content.installed)
-        found = source.digest
+        actual = source.digest
     except (ValueError, SyntaxError, RecursionError) as error:
         raise DamagedFileError(f"{where} is damaged: {error!r:.200}") from error
-    if found != digest:
-        raise DamagedFileError(f"{where} is damaged: its source hashes to {found}")
+    if actual != digest:
+        raise DamagedFileError(f"{where} is damaged: its source hashes to {actual}")
     return source
 
 
 def kept_files(store: Store, runs: Iterable[RunRecord]) -> list[str]:
-    """Return the paths of what a root keeps of the inputs and plug-ins of `runs`."""
-    wanted: set[str] = set()
+    """Return the paths of stored inputs and plug-ins of `runs`."""
+    paths: set[str] = set()
     for run in runs:
-        read = _read_by(run)
-        wanted |= {input_path(file.sha256) for file in read.inputs.values()}
-        wanted |= {plugin_path(plugin.digest) for plugin in read.plugins.values()}
-    return sorted(wanted & set(store.files(INPUTS)))
+        spec = _read_by(run)
+        paths |= {input_path(file.sha256) for file in spec.inputs.values()}
+        paths |= {plugin_path(plugin.digest) for plugin in spec.plugins.values()}
+    return sorted(paths & set(store.files(INPUTS)))
 
 
 def damaged_inputs(store: Store, runs: Iterable[RunRecord]) -> Iterator[tuple[str, str, str]]:
-    """Yield path, problem and run id of each input that is missing or is not what was written."""
+    """Yield path, problem and run id of each missing or damaged input."""
     needed = {input_path(file.sha256): run.run_id for run in runs for file in _read_by(run).inputs.values()}
     present = set(store.files(INPUTS))
     for path in sorted(set(needed) - present):
@@ -136,9 +136,9 @@ def damaged_inputs(store: Store, runs: Iterable[RunRecord]) -> Iterator[tuple[st
             yield path, str(error), needed.get(path, "")
 
 
-def _read_by(run: RunRecord) -> _Read:
-    """Return the files that the spec of a run names: none for any other text."""
+def _read_by(run: RunRecord) -> _SpecInputs:
+    """Return the inputs and plug-ins of a run, none if its spec is invalid."""
     try:
-        return decode_json(run.spec, _Read, f"the spec of run {run.run_id}")
+        return decode_json(run.spec, _SpecInputs, f"the spec of run {run.run_id}")
     except DamagedFileError:
-        return _Read()
+        return _SpecInputs()

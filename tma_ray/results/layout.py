@@ -1,4 +1,4 @@
-"""The layout of a results root, and the file that marks one."""
+"""Layout of a results root: paths, and the file that marks one."""
 
 import re
 import warnings
@@ -21,7 +21,7 @@ STOP_FILE: Final = "stop.json"
 HEARTBEAT_FILE: Final = "heartbeat.json"
 MANIFESTS: Final = "manifests"
 INDEX_FILE: Final = "manifests.jsonl.gz"
-"""Manifests of a release, one a line; a file in `MANIFESTS` has precedence over the line of its run."""
+"""Manifests of a release, one per line. Files in `MANIFESTS` take precedence."""
 STAGING: Final = "staging"
 TABLES: Final = "tables"
 CHECKPOINTS: Final = "checkpoints"
@@ -32,26 +32,26 @@ INPUTS: Final = "inputs"
 FOLDERS: Final = (TEMPORARY, MANIFESTS, STAGING, TABLES, CHECKPOINTS, POLICIES, LOGS, INPUTS)
 """Folders that campaigns write to."""
 
-LONGEST_ID: Final = 200  # characters of an id: with its ending it is a file name on every disk
+LONGEST_ID: Final = 200  # characters of an id, which is part of file names
 
 _ID: Final = re.compile(rf"[0-9a-zA-Z_-]{{1,{LONGEST_ID}}}")
 
 
 @dataclass(frozen=True)
 class RootFile:
-    """The content of `ROOT_FILE`: kind of the folder, and schema version of its files."""
+    """Content of `ROOT_FILE`."""
 
     format: str
     schema_version: Natural
 
 
 def check_usable(store: Store) -> None:
-    """Refuse a place that neither is a results root of this version nor could become one; leaves nothing.
+    """Check that a store is a results root of this version or can become one, without writing.
 
     Raises:
-        ResultsRootError: something else is there, or a root of another version.
-        DamagedFileError: a link in a root leads out of it.
-        ObjectStoreError: the bucket does not exist, or we may not write there.
+        ResultsRootError: if it holds something else, or a root of another version.
+        DamagedFileError: if a link leads out of the root.
+        ObjectStoreError: if the bucket does not exist or is not writable.
     """
     store.check_access()
     _check_content(store)
@@ -72,11 +72,11 @@ def _check_content(store: Store) -> None:
 
 
 def create_root(store: Store) -> None:
-    """Make an empty place a results root; leave one of this version unchanged but for a missing `ROOT_FILE`.
+    """Make an empty store a results root, or add a missing `ROOT_FILE` to a root of this version.
 
     Raises:
-        ResultsRootError: something else is there, or a root of another version.
-        DamagedFileError: a link in a root leads out of it.
+        ResultsRootError: if it holds something else, or a root of another version.
+        DamagedFileError: if a link leads out of the root.
     """
     _check_content(store)
     content = RootFile(FORMAT, SCHEMA_VERSION)
@@ -85,13 +85,11 @@ def create_root(store: Store) -> None:
 
 
 def check_root(store: Store) -> None:
-    """Refuse what is not a results root of this version.
-
-    Where `ROOT_FILE` is missing or damaged, the version is that which the tables name.
+    """Check that a store is a results root of this version, by its tables if `ROOT_FILE` is missing.
 
     Raises:
-        ResultsRootError: no results root, or one written by another version.
-        TypeError: `store` is none.
+        ResultsRootError: if it is not a results root, or one of another version.
+        TypeError: if `store` is not a store.
     """
     check_type("store", store, Store, "a Store, as Store.open('results')")
     content = _root_file(store)
@@ -127,7 +125,7 @@ def _root_file(store: Store) -> RootFile | DamagedFileError | None:
 
 
 def _version_of_tables(store: Store) -> int | None:
-    """Return the schema version that a table of runs names, None if none can be read."""
+    """Return the schema version of a table of runs, None without a readable one."""
     for path in store.files(f"{TABLES}/{Table.RUNS}"):
         try:
             return store.read_parts(path, schema_version)
@@ -137,16 +135,12 @@ def _version_of_tables(store: Store) -> int | None:
 
 
 def is_id(name: str) -> bool:
-    """Return True if `name` can be part of a path: up to `LONGEST_ID` letters, digits, "_" and "-"."""
+    """Return True if `name` is a valid id: up to `LONGEST_ID` letters, digits, "_" and "-"."""
     return _ID.fullmatch(name) is not None
 
 
 def check_id(name: str) -> str:
-    """Return `name` if it can be part of a path.
-
-    Raises:
-        ValueError: anything but letters, digits, "_" and "-", or too many of them.
-    """
+    """Return `name` if it is a valid id, or raise a ValueError."""
     if not is_id(name):
         raise ValueError(
             f"id {name!r:.60} is part of file names: use up to {LONGEST_ID} letters, digits, '_' and '-'"
@@ -155,61 +149,57 @@ def check_id(name: str) -> str:
 
 
 def check_path(path: str) -> str:
-    """Return `path` if it stays below its base folder, as paths named in files must.
-
-    Raises:
-        ValueError: an absolute path, or one with "..", a backslash or an empty part.
-    """
+    """Return `path` if it is relative, without "..", backslashes and empty parts, or raise a ValueError."""
     if any(part in ("", ".", "..") or "\\" in part for part in path.split("/")):
         raise ValueError(f"path {path!r} may lead out of its folder: expected names, separated by '/'")
     return path
 
 
 def manifest_path(run_id: str) -> str:
-    """Path of the file that makes a run's parts visible."""
+    """Return the path of a run's manifest."""
     return f"{MANIFESTS}/{check_id(run_id)}.json"
 
 
 def staging_folder(run_id: str) -> str:
-    """Folder of the parts of all attempts at a run."""
+    """Return the folder of the parts of all attempts at a run."""
     return f"{STAGING}/{check_id(run_id)}"
 
 
 def part_path(run_id: str, attempt: int, part: int, table: Table) -> str:
-    """Path of one part: no two attempts ever write to the same one."""
+    """Return the path of one part of an attempt."""
     return f"{staging_folder(run_id)}/attempt-{attempt:03d}/part-{part:05d}/{table}.parquet"
 
 
 def part_number(path: str) -> int:
-    """Number of the part that lies at `path`."""
+    """Return the number of the part at `path`."""
     return int(PurePosixPath(path).parent.name.removeprefix("part-"))
 
 
 def progress_path(run_id: str, attempt: int) -> str:
-    """Path of the record of an attempt under way."""
+    """Return the path of the record of a running attempt."""
     return f"{staging_folder(run_id)}/attempt-{attempt:03d}/attempt.json"
 
 
 def final_path(run_id: str, attempt: int, table: Table) -> str:
-    """Path of a canonical file before its publication."""
+    """Return the path of a canonical file before its publication."""
     return f"{staging_folder(run_id)}/attempt-{attempt:03d}/final/{table}.parquet"
 
 
 def staged_policy(run_id: str, attempt: int) -> str:
-    """Folder of an attempt's final policy before its publication."""
+    """Return the folder of an attempt's final policy before its publication."""
     return f"{staging_folder(run_id)}/attempt-{attempt:03d}/policy"
 
 
 def policy_folder(run_id: str) -> str:
-    """Folder of a run's published final policy."""
+    """Return the folder of a run's published policy."""
     return f"{POLICIES}/{check_id(run_id)}"
 
 
 def log_path(run_id: str, attempt: int) -> str:
-    """Path of what was logged during an attempt."""
+    """Return the path of an attempt's log."""
     return f"{LOGS}/{check_id(run_id)}/attempt-{attempt:03d}.log"
 
 
 def table_path(table: Table, name: str) -> str:
-    """Path of a published file; `name` is a run id, or a campaign for cells."""
+    """Return the path of a published file by run id, or by campaign for cells."""
     return f"{TABLES}/{table}/{check_id(name)}.parquet"

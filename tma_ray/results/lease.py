@@ -1,4 +1,4 @@
-"""One campaign at a time on a results root: its lease, and the heartbeat that shows it alive."""
+"""Lease of a results root, which excludes other campaigns, and heartbeat of its holder."""
 
 import json
 import logging
@@ -23,7 +23,7 @@ from tma_ray.support.validation import check_type
 
 @dataclass(frozen=True)
 class Process:
-    """A process, as others on its machine find it: start of the machine, namespace of the number, number."""
+    """Identity of a process on its machine: boot id, pid namespace and pid."""
 
     boot: str
     namespace: str
@@ -31,7 +31,7 @@ class Process:
 
     @classmethod
     def this(cls) -> "Process | None":
-        """Return this process, None where others could not find it."""
+        """Return this process, None on systems without these identities."""
         try:
             boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
             namespace = str(Path("/proc/self/ns/pid").readlink())
@@ -40,25 +40,20 @@ class Process:
         return cls(boot, namespace, os.getpid())
 
     def is_dead(self) -> bool:
-        """True if the process is known to have ended; one of another machine never is."""
-        here = Process.this()
-        if here is None or (self.boot, self.namespace) != (here.boot, here.namespace):
+        """Return True if the process has ended on this machine."""
+        this = Process.this()
+        if this is None or (self.boot, self.namespace) != (this.boot, this.namespace):
             return False
         return not Path(f"/proc/{self.pid}").exists()
 
 
 HEARTBEAT_SECONDS: Final = 15.0  # time between two heartbeats, s
-SILENT_SECONDS: Final = 120.0  # silence after which a campaign is taken to be dead, s
+SILENT_SECONDS: Final = 120.0  # time without heartbeats after which a campaign counts as dead, s
 
 
 @dataclass(frozen=True)
 class RunProgress:
-    """Progress of a running run, newer than its published one.
-
-    Attributes:
-        step: environment steps.
-        steps_per_second: environment steps per second.
-    """
+    """Unpublished progress of a run: environment steps, and environment steps per second."""
 
     step: Natural
     steps_per_second: float
@@ -69,13 +64,13 @@ class LearnerProgress:
     """Recent progress of the learner of a cohort.
 
     Attributes:
-        host: name of its machine.
-        device: name of its device, as torch has it.
-        width: number of its slots.
-        runs: number of runs in them.
-        updates_per_second: updates of single runs, 1/s.
+        host: name of the machine.
+        device: torch device.
+        width: number of slots.
+        runs: number of runs in the slots.
+        updates_per_second: updates summed over the runs, 1/s.
         busy: share of the time with work, in [0, 1].
-        memory_gib: memory in use, of the GPU, or by its process on a CPU, GiB.
+        memory_gib: memory in use on the GPU, or by the process on a CPU, GiB.
         memory_total_gib: memory of the device, GiB.
     """
 
@@ -96,10 +91,10 @@ class Heartbeat:
     Attributes:
         holder: campaign, host and process, as in the lease.
         at: time of writing, s since 1970.
-        runs: the running runs by id.
-        ended: True for the last one, of a campaign that has ended.
-        process: process that wrote it; None where others could not find it.
-        learners: learners of cohorts.
+        runs: progress of running runs by id.
+        ended: True for the last heartbeat of a campaign.
+        process: process of the campaign, None if unknown.
+        learners: progress of learners of cohorts.
     """
 
     holder: str
@@ -111,28 +106,25 @@ class Heartbeat:
 
     @classmethod
     def load(cls, store: Store) -> Self | None:
-        """Return the last heartbeat on a root; None if there is none, or none that can be read."""
+        """Return the last heartbeat of a root, None if it is missing or damaged."""
         try:
             return store.read_json(HEARTBEAT_FILE, cls)
         except (FileNotFoundError, DamagedFileError):
-            return None  # of no consequence: it only tells more than the manifests do
+            return None
 
     def alive(self, now: float) -> bool:
-        """True if its campaign is running, as far as can be known at `now`.
-
-        A sign from the future is none: the clock of who gave it is wrong.
-        """
+        """Return True if its campaign seems to run at `now`, unless it is from the future (a wrong clock)."""
         if self.ended or (self.process is not None and self.process.is_dead()):
             return False
         return abs(now - self.at) < SILENT_SECONDS
 
     def write(self, store: Store) -> None:
-        """Replace the root's heartbeat by this one."""
+        """Write this heartbeat to a root."""
         store.write_json(HEARTBEAT_FILE, self)
 
 
 class HeartbeatWriter:
-    """Write a campaign's heartbeats, not more often than every `HEARTBEAT_SECONDS`."""
+    """Writer of a campaign's heartbeats, at most every `HEARTBEAT_SECONDS`."""
 
     def __init__(self, store: Store, holder: str, clock: Callable[[], float] = time.time) -> None:
         self._store = store
@@ -141,15 +133,15 @@ class HeartbeatWriter:
         self._last = 0.0
 
     def beat(self, runs: Mapping[str, RunProgress], learners: Sequence[LearnerProgress] = ()) -> None:
-        """Write the progress of running runs and learners, if it is time."""
+        """Write the progress of runs and learners if a heartbeat is due."""
         if self._clock() - self._last >= HEARTBEAT_SECONDS:
             self._last = self._clock()
-            with suppress(StorageError):  # it is for those who watch: the next one will do
-                process, theirs = Process.this(), tuple(learners)
-                Heartbeat(self._holder, self._last, runs, False, process, theirs).write(self._store)
+            with suppress(StorageError):  # not essential
+                process, progress = Process.this(), tuple(learners)
+                Heartbeat(self._holder, self._last, runs, False, process, progress).write(self._store)
 
     def end(self) -> None:
-        """Write that the campaign has ended, unless another one holds the root by now."""
+        """Write the last heartbeat, unless another campaign holds the root."""
         with suppress(StorageError):
             newest = Heartbeat.load(self._store)
             if newest is not None and newest.holder == self._holder:
@@ -162,9 +154,9 @@ class LeaseFile:
 
     Attributes:
         holder: campaign, host and process, for messages.
-        token: random text of this lease alone.
-        renewed_at: time of the last renewal, s since 1970 by the holder's clock.
-        process: process of the holder; None where others could not find it.
+        token: unique random text.
+        renewed_at: time of the last renewal by the holder's clock, s since 1970.
+        process: process of the holder, None if unknown.
     """
 
     holder: str
@@ -173,29 +165,25 @@ class LeaseFile:
     process: Process | None = None
 
     def is_dead(self, now: float, seconds: float) -> bool:
-        """True if it was not renewed for `seconds`, or by a process of this machine that has ended."""
+        """Return True if it was not renewed for `seconds`, or its process on this machine has ended."""
         return now - self.renewed_at >= seconds or (self.process is not None and self.process.is_dead())
 
     def is_ahead(self, now: float, seconds: float) -> bool:
-        """True if it was renewed in the future: its clock or ours is wrong, and times tell nothing."""
+        """Return True if it was renewed in the future, so that one of the clocks is wrong."""
         return self.renewed_at - now >= seconds and not self.is_dead(now, seconds)
 
 
 @dataclass(frozen=True)
 class StopRequest:
-    """Ask a holder to leave: by the token of its lease, or by its name where that could not be read."""
+    """Request to a holder to stop, by the token of its lease, or by name if the lease is damaged."""
 
     token: str = ""
     holder: str = ""
 
 
-LEASE_SECONDS: Final = 120.0
-"""Age over which a lease that nobody renewed is taken to be that of a killed process, s."""
-
-MAKING_SECONDS: Final = 0.2
-"""Time in which another process finishes the lease that it makes, where the disk has no hard links, s."""
-
-STOP_CHECK_SECONDS: Final = 3.0  # time between two looks for a request to stop, s
+LEASE_SECONDS: Final = 120.0  # age at which an unrenewed lease expires, s
+CREATION_SECONDS: Final = 0.2  # time to create a lease on a disk without hard links, s
+STOP_CHECK_SECONDS: Final = 3.0  # time between two checks for a request to stop, s
 
 logger = logging.getLogger(__name__)
 
@@ -209,28 +197,25 @@ class RootInUseError(RefusedError):
 
 
 class Lease:
-    """Lease that holds a results root as long as it is renewed, several times within `seconds`.
+    """Exclusive lease of a results root, valid as long as it is renewed within `seconds`.
 
-    Exactly one of several that ask at once gets it, in a folder of this machine and in a bucket: a new lease
-    is made, and an old one replaced, only if nobody was faster (`Store.create`, `Store.replace`). A folder
-    shared over a network needs locks for that once a lease has run out; where it has none, the lease is read
-    back, and its first renewal refuses a second holder.
+    Leases are created and replaced by conditional writes (`Store.create`, `Store.replace`), so that exactly
+    one of several processes gets it. On a network folder without locks, the lease is read back, and its first
+    renewal rejects a second holder.
 
-    The lease of a process that is known to be dead, because it ran on this machine, is free at once. So is
-    one that cannot be read, unless a heartbeat shows that a campaign lives; a holder that finds its own
-    damaged writes it again. Of one from the future, clocks tell nothing: it is watched for half of `seconds`,
-    in which a living holder renews it twice, and is free if nothing has changed.
+    A lease is free at once if its process on this machine has ended, or if it is damaged and no heartbeat
+    shows a running campaign. One from the future, after a wrong clock, is watched for half of `seconds`, in
+    which a running holder renews it twice.
 
-    A request to an object store that was sent before the lease was lost, and is still being tried, may
-    arrive after another campaign has begun. Files stay whole then, and checksums tell of a part that was
-    replaced.
+    A delayed request of a former holder to an object store may still arrive. Files stay whole then, and
+    checksums reveal a replaced part.
 
     Args:
-        store: the results root.
-        holder: name of the campaign, host and process, for messages of others.
-        seconds: time without renewal after which another may replace the lease, s.
-        clock: current time, s since 1970; a holder whose clock is late by `seconds` is taken for dead.
-        sleep: function that waits so many s.
+        store: store of the results root.
+        holder: campaign, host and process, for messages.
+        seconds: time without renewal after which the lease expires, s.
+        clock: function that returns the current time, s since 1970.
+        sleep: function that waits for some seconds.
     """
 
     def __init__(
@@ -248,7 +233,7 @@ class Lease:
         self._sleep = sleep
         self._token = uuid4().hex
         self._renewed_at = 0.0
-        self._asked, self._looked_at = False, -math.inf
+        self._asked, self._checked_at = False, -math.inf
 
     def __enter__(self) -> Self:
         self.acquire()
@@ -265,11 +250,11 @@ class Lease:
             logger.warning("%s; the lease stays, and is free once this process has ended", unreleased)
 
     def acquire(self) -> None:
-        """Acquire the lease if it is free, released, damaged, or no longer renewed.
+        """Acquire the lease.
 
         Raises:
-            RootInUseError: another campaign renewed it less than `seconds` ago, or while it was watched.
-            ResultsRootError: the place cannot be a results root.
+            RootInUseError: if another campaign holds it.
+            ResultsRootError: if the store cannot be a results root.
         """
         self.store.check_place()
         silent = _readable(self.store)
@@ -284,57 +269,57 @@ class Lease:
             self._sleep(self.seconds / 2)
         else:
             silent = None
-        found, version = _look(self.store)
-        if isinstance(found, DamagedFileError):
-            self._sleep(MAKING_SECONDS)
-            found, version = _look(self.store)
-        if isinstance(found, DamagedFileError):
+        current, version = _read(self.store)
+        if isinstance(current, DamagedFileError):
+            self._sleep(CREATION_SECONDS)
+            current, version = _read(self.store)
+        if isinstance(current, DamagedFileError):
             heartbeat = _beating(self.store, self._clock())
             if heartbeat is not None:
                 self._refuse(LeaseFile(heartbeat.holder, "", heartbeat.at))
-            logger.warning("%s; no campaign gives signs of life: it is replaced", found)
+            logger.warning("%s; no campaign gives signs of life: it is replaced", current)
         elif (
-            found is not None
-            and found != silent
-            and not self._is_ours(found)
-            and not found.is_dead(self._clock(), self.seconds)
+            current is not None
+            and current != silent
+            and not self._is_ours(current)
+            and not current.is_dead(self._clock(), self.seconds)
         ):
-            self._refuse(found)
-        if not self._write(found, version) or not self._is_ours(_look(self.store)[0]):
+            self._refuse(current)
+        if not self._write(current, version) or not self._is_ours(_read(self.store)[0]):
             self._refuse(_readable(self.store))
 
     def renew(self) -> None:
-        """Renew the lease; to be called before anything is published after a pause.
+        """Renew the lease, as required before publishing after a pause.
 
         Raises:
-            RootInUseError: another campaign has taken the lease over; publish nothing more.
+            RootInUseError: if another campaign has taken it over.
         """
-        found, version = _look(self.store)
-        if isinstance(found, DamagedFileError):
-            logger.warning("%s; it is written again", found)
-        elif not self._is_ours(found):
-            self._refuse_renewal(found)
-        if not self._write(found, version):
+        current, version = _read(self.store)
+        if isinstance(current, DamagedFileError):
+            logger.warning("%s; it is written again", current)
+        elif not self._is_ours(current):
+            self._refuse_renewal(current)
+        if not self._write(current, version):
             self._refuse_renewal(_readable(self.store))
 
     def keep(self) -> None:
-        """Renew the lease, as `renew`, once a quarter of its time has passed; cheap enough for a loop."""
+        """Renew the lease after a quarter of its time; cheap enough for a loop."""
         if self._clock() - self._renewed_at >= self.seconds / 4:
             self.renew()
 
     def release(self) -> None:
-        """Delete the lease; one that another campaign has replaced stays."""
+        """Delete the lease, unless another campaign has replaced it."""
         try:
-            self.renew()  # nobody can take it over for a while: what is deleted next is ours
+            self.renew()  # so that nobody takes it over before it is deleted
         except RootInUseError:
             return
         self.store.delete(STOP_FILE)
         self.store.delete(LEASE_FILE)
 
     def asked_to_stop(self) -> bool:
-        """True if `ask_to_stop` was called for this holder; cheap enough for every turn of a loop."""
-        if not self._asked and self._clock() - self._looked_at >= STOP_CHECK_SECONDS:
-            self._looked_at = self._clock()
+        """Return True if `ask_to_stop` was called for this holder; cheap enough for a loop."""
+        if not self._asked and self._clock() - self._checked_at >= STOP_CHECK_SECONDS:
+            self._checked_at = self._clock()
             try:
                 request = self.store.read_json(STOP_FILE, StopRequest)
                 self._asked = request.token == self._token or request.holder == self.holder
@@ -358,36 +343,34 @@ class Lease:
         name = taker.holder if taker else "nobody: its lease file is gone"
         raise RootInUseError(f"{self.holder} has lost {self.store} to {name}; start it again")
 
-    def _is_ours(self, found: LeaseFile | DamagedFileError | None) -> bool:
-        return isinstance(found, LeaseFile) and found.token == self._token
+    def _is_ours(self, current: LeaseFile | DamagedFileError | None) -> bool:
+        return isinstance(current, LeaseFile) and current.token == self._token
 
-    def _write(self, found: LeaseFile | DamagedFileError | None, version: Version) -> bool:
-        """Write our lease in place of what was found; returns False if somebody else was faster."""
+    def _write(self, current: LeaseFile | DamagedFileError | None, version: Version) -> bool:
+        """Replace the `current` lease by ours, and return False if another process was faster."""
         self._renewed_at = self._clock()
         lease = LeaseFile(self.holder, self._token, self._renewed_at, Process.this())
         data = json.dumps(asdict(lease)).encode()
-        if found is None:
+        if current is None:
             written = self.store.create(LEASE_FILE, data)
         elif version is None:
             self.store.write_bytes(LEASE_FILE, data)
             written = True
         else:
             written = self.store.replace(LEASE_FILE, data, version)
-        # The answer to a request may be lost, and its repetition then finds what it has written itself.
-        return written or self._is_ours(_look(self.store)[0])
+        # a request repeated after a lost response finds its own lease
+        return written or self._is_ours(_read(self.store)[0])
 
 
 def ask_to_stop(store: Store) -> str:
-    """Ask the campaign that holds a results root to stop with checkpoints; return its name.
-
-    From any machine that sees the root. The campaign looks every few seconds.
+    """Ask the campaign that holds a results root to stop with checkpoints, and return its name.
 
     Raises:
-        NotRunningError: nobody holds the root.
-        TypeError: `store` is none.
+        NotRunningError: if no campaign holds the root.
+        TypeError: if `store` is not a store.
     """
     check_type("store", store, Store, "a Store, as Store.open('results')")
-    now, current = time.time(), _look(store)[0]
+    now, current = time.time(), _read(store)[0]
     if isinstance(current, DamagedFileError):
         heartbeat = _beating(store, now)
         if heartbeat is None:
@@ -405,11 +388,11 @@ def ask_to_stop(store: Store) -> str:
 
 
 def holder_of(store: Store, seconds: float = LEASE_SECONDS) -> str | None:
-    """Return the name of the campaign that holds a results root, None if nobody alive does.
+    """Return the name of the running campaign that holds a results root, None if there is none.
 
-    Where the lease cannot be read, or is from the future, the last heartbeat tells.
+    If the lease is damaged or from the future, the last heartbeat decides.
     """
-    now, current = time.time(), _look(store)[0]
+    now, current = time.time(), _read(store)[0]
     if current is None:
         return None
     if isinstance(current, LeaseFile) and not current.is_ahead(now, seconds):
@@ -419,18 +402,18 @@ def holder_of(store: Store, seconds: float = LEASE_SECONDS) -> str | None:
 
 
 def _beating(store: Store, now: float) -> Heartbeat | None:
-    """Return the last heartbeat of a campaign that is alive, None if there is none."""
+    """Return the heartbeat of a running campaign, None if there is none."""
     heartbeat = Heartbeat.load(store)
     return heartbeat if heartbeat is not None and heartbeat.alive(now) else None
 
 
-def _look(store: Store) -> tuple[LeaseFile | DamagedFileError | None, Version]:
-    """Return the lease of a root or why it cannot be read, and its version; None for what there is not."""
+def _read(store: Store) -> tuple[LeaseFile | DamagedFileError | None, Version]:
+    """Return the lease of a root, or its damage, and its version, None if missing."""
     try:
         data, version = store.read_version(LEASE_FILE)
     except FileNotFoundError:
         return None, None
-    except DamagedFileError as error:  # something else lies in its place
+    except DamagedFileError as error:  # not a file
         return error, None
     try:
         return decode_json(data, LeaseFile, store.where(LEASE_FILE)), version
@@ -439,5 +422,5 @@ def _look(store: Store) -> tuple[LeaseFile | DamagedFileError | None, Version]:
 
 
 def _readable(store: Store) -> LeaseFile | None:
-    found, _ = _look(store)
-    return found if isinstance(found, LeaseFile) else None
+    lease, _ = _read(store)
+    return lease if isinstance(lease, LeaseFile) else None

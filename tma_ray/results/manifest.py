@@ -1,4 +1,4 @@
-"""The manifest of a run: the one file that readers trust for what it has published."""
+"""Manifests of runs, which list their published files, and reading of these files."""
 
 import gzip
 import hashlib
@@ -20,7 +20,7 @@ from tma_ray.results.schema import Table
 from tma_ray.results.storage import Store
 from tma_ray.support.decoding import (
     INT64_MAX,
-    MOST_BYTES,
+    MOST_FILE_BYTES,
     DamagedFileError,
     Natural,
     Sha256,
@@ -29,15 +29,15 @@ from tma_ray.support.decoding import (
     decode_json,
 )
 
-MOST_RUN_ROWS: Final = 50_000_000  # rows of one run in a table beyond which its manifest is not believed
+MOST_RUN_ROWS: Final = 50_000_000  # rows of one run in a table; more is damage
 
 
 def read_checked(store: Store, path: str, sha256: str) -> bytes:
     """Return the content of a file with this checksum.
 
     Raises:
-        FileNotFoundError: the file is not there.
-        DamagedFileError: its content is not what was written.
+        FileNotFoundError: if the file is missing.
+        DamagedFileError: if its checksum is another.
     """
     data = store.read_bytes(path)
     if hashlib.sha256(data).hexdigest() != sha256:
@@ -47,14 +47,14 @@ def read_checked(store: Store, path: str, sha256: str) -> bytes:
 
 @dataclass(frozen=True)
 class PartFile:
-    """One Parquet file of a run, or the run's rows in a file that many runs share.
+    """Parquet file of a run, or the run's rows in a shared file.
 
     Attributes:
         table: table of the rows.
         path: path of the file, from the results root.
         rows: number of rows of the run.
         sha256: checksum of the file, hexadecimal.
-        first: row of the file at which the run's begin; None for a file of the run alone.
+        first: first row of the run in a shared file, None for a file of the run alone.
     """
 
     table: Table
@@ -68,12 +68,12 @@ class PartFile:
 
     @classmethod
     def write(cls, store: Store, path: str, table: Table, rows: int, data: bytes) -> Self:
-        """Write `data`, the encoded `rows` of `table`, and returns the file that it became."""
+        """Write the encoded rows of a table, and return the new file."""
         store.write_bytes(path, data)
         return cls(table, path, rows, hashlib.sha256(data).hexdigest())
 
     def read(self, store: Store) -> bytes:
-        """Return the content; raises as `read_checked`."""
+        """Return the content of the intact file."""
         return read_checked(store, self.path, self.sha256)
 
     def to_json(self) -> dict[str, Any]:
@@ -89,8 +89,8 @@ class Manifest:
     Attributes:
         run: description of the run.
         status: status of the run.
-        attempt: the accepted attempt; older ones may publish nothing any more.
-        files: parts in order while it runs, one canonical file per data table when it is done.
+        attempt: accepted attempt, which makes older ones stale.
+        files: parts in order of a running run, one canonical file per data table of a finished one.
         error: reason of a failure.
     """
 
@@ -110,32 +110,26 @@ class Manifest:
 
     @staticmethod
     def load(store: Store, run_id: str) -> "Manifest":
-        """Return the manifest of a run, also from the index; raises as `load_manifest`."""
+        """Return the manifest of a run, from its file or the index."""
         try:
             return load_manifest(store, manifest_path(run_id))
         except FileNotFoundError:
-            for _, found in read_index(store, f'"run_id": "{run_id}"'):
-                if isinstance(found, Exception):
-                    raise found from None
-                if found.run.run_id == run_id:
-                    return found
+            for _, manifest in read_index(store, f'"run_id": "{run_id}"'):
+                if isinstance(manifest, Exception):
+                    raise manifest from None
+                if manifest.run.run_id == run_id:
+                    return manifest
             raise
 
     def check(self, run_id: str) -> None:
-        """Refuse a manifest that cannot be that of `run_id`.
-
-        Raises:
-            ValueError: that of another run, one whose spec is not its own, or one that lists files of others.
-        """
+        """Raise a ValueError if the manifest, its spec or its files belong to another run than `run_id`."""
         if self.run.run_id != run_id:
             raise ValueError(f"it is about another run, {self.run.run_id!r}")
         check_spec(self.run)
         for file in self.files:
-            own = file.path == table_path(file.table, run_id) or file.path.startswith(
-                f"{staging_folder(run_id)}/"
-            )
+            staged = file.path.startswith(f"{staging_folder(run_id)}/")
             shared = file.first is not None and file.path.startswith(f"{TABLES}/{file.table}/")
-            if not (own or shared):
+            if not (staged or shared or file.path == table_path(file.table, run_id)):
                 raise ValueError(f"it lists {file.path}, which does not belong to run {run_id}")
         largest = max(self.files, key=lambda file: file.rows, default=None)
         if largest is not None and largest.rows > MOST_RUN_ROWS:
@@ -145,7 +139,7 @@ class Manifest:
             raise ValueError("it lists a file twice")
 
     def row(self) -> dict[str, Any]:
-        """Return the row of the table of runs."""
+        """Return the row of the run in the table of runs."""
         added = {"error": self.error, "mastery_threshold": mastery_threshold(self.run)}
         return {**vars(self.run), "status": self.status.value, **added}
 
@@ -154,8 +148,8 @@ def load_manifest(store: Store, path: str) -> Manifest:
     """Return the manifest at `path`.
 
     Raises:
-        FileNotFoundError: there is none.
-        DamagedFileError: it is not a manifest, is that of another run, or lists what cannot be this run's.
+        FileNotFoundError: if it is missing.
+        DamagedFileError: if it is not a valid manifest of the run in its name.
     """
     manifest = store.read_json(path, Manifest)
     try:
@@ -166,7 +160,7 @@ def load_manifest(store: Store, path: str) -> Manifest:
 
 
 def write_index(store: Store, manifests: Iterable[Manifest]) -> None:
-    """Write the manifests of a root that is complete as one file, one JSON object a line, by run id."""
+    """Write the manifests of a complete root to one file, one JSON object per line, by run id."""
     ordered = sorted(manifests, key=lambda manifest: manifest.run.run_id)
     lines = (json.dumps(manifest.to_json(), ensure_ascii=False) for manifest in ordered)
     text = "".join(f"{line}\n" for line in lines)
@@ -174,16 +168,13 @@ def write_index(store: Store, manifests: Iterable[Manifest]) -> None:
 
 
 def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | Exception]]:
-    """Yield name and manifest of each line of a root's index that contains `text`, nothing if it has none.
-
-    A line that is damaged gives its error instead, and so does an index that cannot be read.
-    """
-    if not store.holds(INDEX_FILE):  # most roots have none, and status looks every few seconds
+    """Yield name and manifest, or the error of a damaged line, of each index line that contains `text`."""
+    if not store.holds(INDEX_FILE):  # usually missing, and polled by status
         return
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(store.read_bytes(INDEX_FILE))) as file:
-            content = file.read(MOST_BYTES + 1)
-        check_size(store.where(INDEX_FILE), len(content), MOST_BYTES)
+            content = file.read(MOST_FILE_BYTES + 1)
+        check_size(store.where(INDEX_FILE), len(content), MOST_FILE_BYTES)
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         yield INDEX_FILE, DamagedFileError(f"{store.where(INDEX_FILE)} is damaged: {error}")
         return
@@ -204,17 +195,17 @@ def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | E
                 yield name, manifest
 
 
-UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)  # what reading a damaged file raises
-FEW: Final = 8  # up to so many runs are read by their row groups alone; for more a file is read whole
+UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)  # errors of reading a damaged file
+MOST_SLICES: Final = 8  # runs of a shared file read by row groups; for more it is read whole
 
 
 def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table:
-    """Return the rows of one run, reading little else. Pages are checked by their own checksums only.
+    """Return the rows of one run by reading its row groups only, checked by page checksums.
 
     Raises:
-        FileNotFoundError: the file is not there.
-        DamagedFileError: it has too few rows.
-        OSError, pa.ArrowException: it is not a complete Parquet file.
+        OSError: if the file is missing or not a complete Parquet file.
+        pa.ArrowException: if it is not a complete Parquet file.
+        DamagedFileError: if it has too few rows.
     """
     first = file.first or 0
     try:
@@ -228,8 +219,8 @@ def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table
 def read_slices(
     store: Store, files: Sequence[PartFile], columns: Sequence[str]
 ) -> Mapping[PartFile, pa.Table | Exception]:
-    """Return the rows of each run in one file, or why they cannot be read."""
-    if len(files) <= FEW:
+    """Return the rows, or the error, of each run in one shared file."""
+    if len(files) <= MOST_SLICES:
         return {file: _tried(store, file, columns) for file in files}
     try:
         rows = decode(files[0].table, files[0].read(store), columns, checked=True)
@@ -247,20 +238,16 @@ def read_slices(
 
 
 def damaged_rows(store: Store, file: PartFile) -> tuple[tuple[int, int], ...]:
-    """Return first and end of rows that cannot be read of a file whose checksum is not the recorded one.
-
-    Pages have checksums of their own, so that damage can be told from the rest. Where no page is damaged it
-    is what describes them all, and no row can be trusted.
-    """
+    """Return the ranges of unreadable rows of a damaged file by page checksums, or all rows."""
     try:
-        found = tuple(unreadable_rows(file.table, store.read_bytes(file.path)))
+        ranges = tuple(unreadable_rows(file.table, store.read_bytes(file.path)))
     except UNREADABLE:
-        found = ()
-    return found or ((0, INT64_MAX),)
+        ranges = ()
+    return ranges or ((0, INT64_MAX),)  # all: the damage is outside of the pages
 
 
 def is_hit(file: PartFile, damaged: Sequence[tuple[int, int]]) -> bool:
-    """True if rows of a run are among those that `damaged_rows` returned."""
+    """Return True if rows of a run are in the ranges of `damaged_rows`."""
     first = file.first or 0
     return any(first < end and start < first + file.rows for start, end in damaged)
 
@@ -273,29 +260,29 @@ def _tried(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table | E
 
 
 def shared_by_path(files: Iterable[PartFile]) -> dict[str, list[PartFile]]:
-    """Return those of `files` that are parts of shared ones and hold rows, by path."""
-    found: dict[str, list[PartFile]] = {}
+    """Return the nonempty slices of shared files among `files`, by path."""
+    slices: dict[str, list[PartFile]] = {}
     for file in files:
         if file.first is not None and file.rows:
-            found.setdefault(file.path, []).append(file)
-    return found
+            slices.setdefault(file.path, []).append(file)
+    return slices
 
 
 def by_appearance(rows: pa.Table) -> pa.Table:
-    """Return `rows` with the dictionary of every column in order of appearance, without what is not used."""
-    for place, field in enumerate(rows.schema):
+    """Return `rows` with the used dictionary values of each column in order of appearance."""
+    for number, field in enumerate(rows.schema):
         if pa.types.is_dictionary(field.type):
-            column = rows.column(place).combine_chunks()
+            column = rows.column(number).combine_chunks()
             if column.null_count or not len(column):
                 used = pc.drop_null(pc.unique(column.indices))
                 renumbered = pc.index_in(column.indices, used).cast(column.indices.type)
-            else:  # a look-up of indices that mostly follow their like, since there are tens of millions
+            else:  # tens of millions of indices in long runs of equal ones
                 indices = column.indices.to_numpy()
                 starts = np.flatnonzero(indices[1:] != indices[:-1]) + 1
                 used = pc.unique(pa.array(indices[np.concatenate([[0], starts])]))
-                places = np.zeros(len(column.dictionary), dtype=indices.dtype)
-                places[used.to_numpy()] = np.arange(len(used))
-                renumbered = pa.array(places[indices])
+                numbers = np.zeros(len(column.dictionary), dtype=indices.dtype)
+                numbers[used.to_numpy()] = np.arange(len(used))
+                renumbered = pa.array(numbers[indices])
             ordered = pa.DictionaryArray.from_arrays(renumbered, column.dictionary.take(used))
-            rows = rows.set_column(place, field, ordered.cast(field.type))
+            rows = rows.set_column(number, field, ordered.cast(field.type))
     return rows

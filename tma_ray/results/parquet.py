@@ -1,4 +1,4 @@
-"""Tables to Parquet bytes and back: the same rows give the same bytes, however they came together."""
+"""Parquet encoding with bytes that depend on the rows only, and decoding with memory limits."""
 
 import io
 import itertools
@@ -12,37 +12,36 @@ import pyarrow.parquet as pq
 
 from tma_ray.results.schema import SCHEMA_VERSION, SCHEMAS, Table, completed, selected
 from tma_ray.results.storage import Store
-from tma_ray.support.decoding import MOST_BYTES, DamagedFileError
+from tma_ray.support.decoding import MOST_FILE_BYTES, DamagedFileError
 
-_Fields: TypeAlias = dict[int, Any]  # numbers and structures of Thrift by the number of their field
-PAGE_BYTES: Final = 1024  # bytes that a page counts besides its content: many empty ones take time
-_VALUE_BYTES: Final = 8  # size of a number, or of the place of a text
+_Fields: TypeAlias = dict[int, Any]  # fields of a Thrift structure by number
+PAGE_BYTES: Final = 1024  # overhead of a page, since many empty ones take time
+_VALUE_BYTES: Final = 8  # size of a number or of a text's offset
 
 _NUMBERS: Final = ("BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE")
 _PLAIN, _LENGTHS_APART, _BY_DICTIONARY = 0, 6, (2, 8)  # encodings
-_SIZE, _PACKED_SIZE, _DATA, _DICTIONARY, _DATA_2 = 2, 3, 5, 7, 8  # fields of the header of a page
-_BOOLEANS, _BYTE, _INTEGERS, _DOUBLE, _BINARY, _STRUCTURE = (1, 2), 3, (4, 5, 6), 7, 8, 12  # kinds of fields
+_SIZE, _PACKED_SIZE, _DATA, _DICTIONARY, _DATA_2 = 2, 3, 5, 7, 8  # fields of a page header
+_BOOLEANS, _BYTE, _INTEGERS, _DOUBLE, _BINARY, _STRUCTURE = (1, 2), 3, (4, 5, 6), 7, 8, 12  # Thrift types
 
 
 def unpacked_sizes(
     file: pq.ParquetFile, source: Any, groups: Iterable[int], columns: Collection[str], kept: Collection[str]
 ) -> Iterator[int]:
-    """Yield bounds of the bytes that pages of some columns take in memory, one by one.
+    """Yield upper bounds of the memory of each page of some columns, in bytes.
+
+    Arrow only checks page headers while it allocates, and small forged pages may unpack to any size.
 
     Args:
-        file: the opened file.
+        file: opened file.
         source: the same file, with `read_at`.
-        groups: row groups that are to be read.
-        columns: columns that are to be read.
-        kept: those of texts that are read as dictionaries, in which every text stays one.
-
-    Raises:
-        DamagedFileError: something else lies where a page should be.
+        groups: row groups to read.
+        columns: columns to read.
+        kept: text columns to read as dictionaries.
     """
     for group in map(file.metadata.row_group, groups):
         for chunk in map(group.column, range(group.num_columns)):
             if not chunk.num_values or chunk.path_in_schema.partition(".")[0] not in columns:
-                continue  # of a column without values no page is read
+                continue  # its pages are not read
             stays = chunk.physical_type == "BYTE_ARRAY" and chunk.path_in_schema in kept
             largest = 0
             for page in _pages(source, chunk):
@@ -51,9 +50,9 @@ def unpacked_sizes(
                 encoding = page.get(_DATA_2, {}).get(4, page.get(_DATA, {}).get(2, _PLAIN))
                 if chunk.physical_type in _NUMBERS or encoding in (_PLAIN, _LENGTHS_APART):
                     size = page[_SIZE] + _VALUE_BYTES * _count(page)
-                else:  # texts, of which those in the dictionary have `largest` bytes or fewer
-                    each = largest if encoding in _BY_DICTIONARY else page[_SIZE]
-                    size = _count(page) * (_VALUE_BYTES + each)
+                else:  # texts of at most `largest` bytes in the dictionary
+                    most = largest if encoding in _BY_DICTIONARY else page[_SIZE]
+                    size = _count(page) * (_VALUE_BYTES + most)
                 yield PAGE_BYTES + size
 
 
@@ -63,100 +62,97 @@ def _count(page: _Fields) -> int:
 
 
 def _pages(source: Any, chunk: Any) -> Iterator[_Fields]:
-    """Yield the headers of the pages of a column."""
-    at = chunk.data_page_offset
+    """Yield the page headers of a column chunk."""
+    offset = chunk.data_page_offset
     if chunk.has_dictionary_page:
-        at = min(at, chunk.dictionary_page_offset or at)
-    end = at + chunk.total_compressed_size
-    while at < end:
+        offset = min(offset, chunk.dictionary_page_offset or offset)
+    end = offset + chunk.total_compressed_size
+    while offset < end:
         for most in (512, 1 << 16):  # few headers are longer
             with suppress(IndexError, RecursionError):
-                page, size = _structure(source.read_at(most, at), 0)
+                page, size = _structure(source.read_at(most, offset), 0)
                 break
         else:
-            raise DamagedFileError(f"no page begins at {at:,}")
+            raise DamagedFileError(f"no page begins at {offset:,}")
         if min(page.get(_SIZE, -1), page.get(_PACKED_SIZE, -1), _count(page)) < 0:
-            raise DamagedFileError(f"a page at {at:,} tells no size")
+            raise DamagedFileError(f"a page at {offset:,} tells no size")
         yield page
-        at += size + page[_PACKED_SIZE]
+        offset += size + page[_PACKED_SIZE]
 
 
-def _structure(data: bytes, at: int) -> tuple[_Fields, int]:
-    """Return the numbers and structures in a structure of Thrift's compact protocol, and where it ends."""
+def _structure(data: bytes, offset: int) -> tuple[_Fields, int]:
+    """Return numbers and nested structures of a Thrift structure (compact protocol), and its end."""
     fields: _Fields = {}
     number = 0
-    while data[at]:
-        kind, step = data[at] & 15, data[at] >> 4
-        at += 1
+    while data[offset]:
+        kind, step = data[offset] & 15, data[offset] >> 4
+        offset += 1
         if step:
             number += step
         else:
-            number, at = _integer(data, at)
+            number, offset = _integer(data, offset)
         if kind == _STRUCTURE:
-            fields[number], at = _structure(data, at)
+            fields[number], offset = _structure(data, offset)
         elif kind in _INTEGERS:
-            fields[number], at = _integer(data, at)
+            fields[number], offset = _integer(data, offset)
         elif kind == _BINARY:
-            size, at = _unsigned(data, at)
-            at += size
+            size, offset = _unsigned(data, offset)
+            offset += size
         elif kind in (_BYTE, _DOUBLE):
-            at += 1 if kind == _BYTE else 8
+            offset += 1 if kind == _BYTE else 8
         elif kind not in _BOOLEANS:
             raise DamagedFileError(f"a page's header has a field of kind {kind}, which none has")
-    return fields, at + 1
+    return fields, offset + 1
 
 
-def _integer(data: bytes, at: int) -> tuple[int, int]:
-    value, at = _unsigned(data, at)
-    return (value >> 1) ^ -(value & 1), at
+def _integer(data: bytes, offset: int) -> tuple[int, int]:
+    value, offset = _unsigned(data, offset)
+    return (value >> 1) ^ -(value & 1), offset
 
 
-def _unsigned(data: bytes, at: int) -> tuple[int, int]:
+def _unsigned(data: bytes, offset: int) -> tuple[int, int]:
     value = shift = 0
     while True:
-        value |= (data[at] & 127) << shift
+        value |= (data[offset] & 127) << shift
         shift += 7
-        at += 1
-        if data[at - 1] < 128:
-            return value, at
+        offset += 1
+        if data[offset - 1] < 128:
+            return value, offset
 
 
-ROW_GROUP_ROWS: Final = 1 << 17
-"""Rows of a row group: several runs' evaluations, and a few megabytes of episodes."""
+ROW_GROUP_ROWS: Final = 1 << 17  # a few megabytes of episodes
 
 MOST_ROWS: Final = {
     table: 2_000_000 if table in (Table.RUNS, Table.ATTEMPTS, Table.CELLS) else 500_000_000 for table in Table
 }
-"""Rows of one file beyond which it is a mistake, or a trap: repeated rows take next to nothing on disk."""
+"""Limit on the rows of a file (repeated rows take next to nothing on disk)."""
 
 MOST_ROW_BYTES: Final = {
     table: 2**20 if table in (Table.RUNS, Table.TEACHER_LOG) else 2**16 for table in Table
 }
-"""Bytes of one row in memory, on average, that are at most read; a file under 1,000 rows may have as many as
-if it had 1,000."""
+"""Limit on the mean bytes of a row in memory, counting at least 1,000 rows."""
 
 MOST_UNPACKED_BYTES: Final = {Table.RUNS: 2**30, Table.ATTEMPTS: 2**28, Table.CELLS: 2**28}
-"""Bytes of a file in memory that are at most read; of other tables half of `MOST_BYTES`."""
+"""Limit on the bytes of a file in memory; half of `MOST_FILE_BYTES` for other tables."""
 
 _REPEATED: Final = {
     Table.EVALUATIONS: ("task_index", "task.list.element"),
     Table.CURRICULUM: ("step", "sample"),
 }
-"""Numbers that recur, smaller as a dictionary than in the encoding of their type."""
+"""Columns of recurring numbers, which are smallest as dictionaries."""
 
 
 def encode(table: Table, rows: pa.Table) -> bytes:
-    """Return `rows` as a Parquet file; its bytes depend on their values and order only."""
+    """Return `rows` as a Parquet file, whose bytes depend on their values and order only."""
     sink = pa.BufferOutputStream()
     pq.write_table(_canonical(table, rows), sink, row_group_size=ROW_GROUP_ROWS, **_options(table))
     return bytes(sink.getvalue())
 
 
 def encode_together(table: Table, parts: Iterable[pa.Table]) -> bytes:
-    """Return the rows of `parts`, one after the other, as a Parquet file.
+    """Return the concatenated rows of `parts` as a Parquet file, with few parts in memory at once.
 
-    No part is divided between row groups unless it alone is too large for one, so that its rows can be read
-    without those of many others. `parts` are taken one by one, and few are in memory at once.
+    Parts are not split between row groups unless too large for one, so that they can be read separately.
     """
     sink = pa.BufferOutputStream()
     with pq.ParquetWriter(sink, SCHEMAS[table], **_options(table)) as writer:
@@ -171,12 +167,13 @@ def encode_together(table: Table, parts: Iterable[pa.Table]) -> bytes:
 
 
 def decode_rows(table: Table, file: Any, first: int, count: int, columns: Sequence[str]) -> pa.Table:
-    """Return `count` rows from `first` on of an open Parquet file, reading the row groups that hold them.
+    """Return `count` rows from row `first` of an open Parquet file, reading only their row groups.
 
     Raises:
-        OSError, pa.ArrowException: the bytes are not a complete Parquet file of this table.
-        DamagedFileError: it lacks a column.
-        IndexError: the file does not have so many rows.
+        OSError: if it is not a complete Parquet file.
+        pa.ArrowException: if it is not a Parquet file of this table.
+        DamagedFileError: if it lacks a column.
+        IndexError: if it has too few rows.
     """
     parquet = _opened(table, file)
     ends = list(
@@ -200,18 +197,19 @@ def decode(
     *,
     checked: bool = False,
 ) -> pa.Table:
-    """Return the rows of a Parquet file with all columns of its table, or these in this order.
+    """Return the rows of a Parquet file.
 
     Args:
         table: table of the rows.
         data: content of the file.
-        columns: names of the columns to read; all if None.
-        count: number of rows that it must have; any number up to `MOST_ROWS` if None.
-        checked: True if `data` was compared with a checksum, which makes those of its pages needless.
+        columns: columns to read, in this order; all if None.
+        count: expected number of rows; any number up to `MOST_ROWS` if None.
+        checked: True if the checksum of `data` was verified, so that page checksums are skipped.
 
     Raises:
-        OSError, pa.ArrowException: the bytes are not a complete Parquet file of this table.
-        DamagedFileError: it lacks a column, has another number of rows, or claims more than makes sense.
+        OSError: if it is not a complete Parquet file.
+        pa.ArrowException: if it is not a Parquet file of this table.
+        DamagedFileError: if it lacks a column, has another number of rows, or is too large.
     """
     source = pa.BufferReader(data)
     file = _opened(table, source, checked=checked)
@@ -225,12 +223,12 @@ def decode(
 
 
 def opened(data: bytes) -> pq.ParquetFile:
-    """Return a Parquet file of which only the end was read: how many rows and which columns it has."""
+    """Return an opened Parquet file, of which only the metadata was read."""
     return pq.ParquetFile(pa.BufferReader(data))
 
 
 def unreadable_rows(table: Table, data: bytes) -> Iterator[tuple[int, int]]:
-    """Yield first and end of the rows of each row group in which a page is damaged."""
+    """Yield the range of rows of each row group with a damaged page."""
     source = pa.BufferReader(data)
     file, first = _opened(table, source), 0
     for group in range(file.num_row_groups):
@@ -244,16 +242,15 @@ def unreadable_rows(table: Table, data: bytes) -> Iterator[tuple[int, int]]:
 
 
 def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
-    """True if two tables would be the same file: the same values in the same order, NaN included."""
+    """Return True if two tables have the same rows in the same order, NaN included."""
     alike = _canonical(table, rows).equals(_canonical(table, others))
-    return alike or encode(table, rows) == encode(table, others)  # NaN equals itself as bytes only
+    return alike or encode(table, rows) == encode(table, others)  # equal bytes, since NaN != NaN
 
 
 def _opened(table: Table, source: Any, *, checked: bool = False) -> pq.ParquetFile:
-    """Return an opened file whose ids are read as dictionaries, whatever types the file stores."""
+    """Return an opened file whose ids are read as dictionaries."""
     metadata = pq.read_metadata(source)
-    there = set(metadata.schema.names)  # an older file lacks some, which must not be asked for
-    ids = [name for name in _ids(table) if name in there]
+    ids = [name for name in _ids(table) if name in metadata.schema.names]  # older files lack some
     return pq.ParquetFile(
         source, metadata=metadata, page_checksum_verification=not checked, read_dictionary=ids
     )
@@ -271,24 +268,24 @@ def _check_size(
     columns: Sequence[str],
     most_rows: int,
 ) -> None:
-    """Refuse columns of row groups that would fill the memory."""
+    """Raise a DamagedFileError if columns of row groups would take too much memory."""
     rows = sum(file.metadata.row_group(group).num_rows for group in groups)
     if rows > most_rows:
         raise DamagedFileError(f"it claims {rows:,} rows, more than {most_rows:,} of {table}")
-    most = min(MOST_ROW_BYTES[table] * max(rows, 1_000), MOST_UNPACKED_BYTES.get(table, MOST_BYTES // 2))
+    most = min(MOST_ROW_BYTES[table] * max(rows, 1_000), MOST_UNPACKED_BYTES.get(table, MOST_FILE_BYTES // 2))
     sizes = itertools.accumulate(unpacked_sizes(file, source, groups, columns, _ids(table)))
     if any(size > most for size in sizes):
         raise DamagedFileError(f"its {rows:,} rows of {table} would take more than {most:,} bytes of memory")
 
 
 def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
-    """Return the `columns` that `file` has; if it has none, any other one, for the number of rows."""
-    there = file.schema_arrow.names
-    return [name for name in columns if name in there] or there[:1]
+    """Return the `columns` in `file`, or any other one for the number of rows."""
+    names = file.schema_arrow.names
+    return [name for name in columns if name in names] or names[:1]
 
 
 def _completed(table: Table, columns: Sequence[str], rows: pa.Table) -> pa.Table:
-    if rows.schema.equals(_selected(table, tuple(columns))):  # nearly always, and files are many
+    if rows.schema.equals(_selected(table, tuple(columns))):  # the usual, fast path
         return rows
     try:
         return completed(SCHEMAS[table], columns, rows)
@@ -308,7 +305,7 @@ def _write_group(writer: pq.ParquetWriter, table: Table, parts: Sequence[pa.Tabl
 
 
 def _canonical(table: Table, rows: pa.Table) -> pa.Table:
-    """Return `rows` with dictionaries of ids in order of appearance, whatever their parts held."""
+    """Return `rows` with dictionaries of ids in order of appearance."""
     columns = []
     for field in SCHEMAS[table]:
         column = rows[field.name]
@@ -321,7 +318,7 @@ def _canonical(table: Table, rows: pa.Table) -> pa.Table:
 
 
 def _options(table: Table) -> dict[str, Any]:
-    """Return the options of a Parquet file: compression, checksums, and the encoding of each column."""
+    """Return compression, checksums and column encodings of a Parquet file."""
     dictionaries, encodings = [], {}
     for path, kind in (leaf for field in SCHEMAS[table] for leaf in _leaves(field.name, field.type)):
         if path in _REPEATED.get(table, ()):
@@ -341,7 +338,7 @@ def _options(table: Table) -> dict[str, Any]:
 
 
 def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
-    """Yield the Parquet columns that a column of this type becomes."""
+    """Yield path and type of the leaf columns of a column."""
     if pa.types.is_map(kind):
         yield from _leaves(f"{path}.key_value.key", kind.key_type)
         yield from _leaves(f"{path}.key_value.value", kind.item_type)
@@ -356,7 +353,7 @@ def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
 
 PUBLISHED_FILE: Final = "published.parquet"
 
-MOST_PUBLISHED_BYTES: Final = 2**26  # bytes in memory beyond which a table is none that anybody published
+MOST_PUBLISHED_BYTES: Final = 2**26  # limit on the memory of published results
 
 _NAMES = pa.list_(pa.field("element", pa.string(), nullable=False))
 _PERCENT = {"unit": "% of the test tasks"}
@@ -378,15 +375,11 @@ PUBLISHED_SCHEMA: Final = pa.schema(
     ],
     metadata={"tma_ray.table": "published", "tma_ray.schema_version": str(SCHEMA_VERSION)},
 )
-"""One row is one entry of a table: runs of several bodies and students pooled, and why to doubt it, if so."""
+"""Schema of published results: one pooled entry of a paper's table per row, with doubts about it."""
 
 
 def write_published(store: Store, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write published results as `PUBLISHED_FILE`.
-
-    Raises:
-        ValueError: a row without exactly the columns of `PUBLISHED_SCHEMA`.
-    """
+    """Write published results, or raise a ValueError for columns other than `PUBLISHED_SCHEMA`."""
     names = set(PUBLISHED_SCHEMA.names)
     for row in rows:
         if set(row) != names:
@@ -403,9 +396,9 @@ def read_published(store: Store) -> pa.Table:
     """Return the rows that `write_published` wrote.
 
     Raises:
-        FileNotFoundError: there is none.
-        DamagedFileError: the file lacks a column, or would take too much memory.
-        OSError, pa.ArrowException: it is not a complete Parquet file.
+        OSError: if the file is missing or incomplete.
+        pa.ArrowException: if it is not a Parquet file.
+        DamagedFileError: if it lacks a column, or would take too much memory.
     """
     data = pa.BufferReader(store.read_bytes(PUBLISHED_FILE))
     file = pq.ParquetFile(data, page_checksum_verification=True)

@@ -1,4 +1,4 @@
-"""Reading a results root: what its manifests list, and nothing else."""
+"""Reader of a results root, by its manifests."""
 
 import time
 import warnings
@@ -34,71 +34,67 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 _Shared: TypeAlias = dict[PartFile, pa.Table | Exception]
-"""Rows of runs in shared files, or why they could not be read."""
+"""Rows of runs in shared files, or the error of reading them."""
 
-_Known: TypeAlias = dict[tuple[str, tuple[int | None, int | None]], Manifest | None]
-"""Manifests by path, and by when the file was written and its bytes."""
+_Cache: TypeAlias = dict[tuple[str, tuple[int | None, int | None]], Manifest | None]
+"""Manifests by path and stamp of their files."""
 
-SHOWN_RUNS: Final = 5  # number of runs that a message names
-RUN_ID: Final = "run_id"  # the column that all tables of runs have
+SHOWN_RUNS: Final = 5  # number of runs in a message
+RUN_ID: Final = "run_id"
 
 KEYS: Final = {Table.ATTEMPTS: (RUN_ID, "attempt"), Table.CELLS: (RUN_ID,)}
-"""Columns by which rows of tables about runs are chosen and told apart."""
+"""Key columns of tables about runs."""
 
-_THREADS: Final = 16  # more than cores: they wait for disks and object stores
-
-_SETTLED_NS: Final = 5_000_000_000
-"""Age of a file from which its successor would have another time, ns: some storages tell only seconds."""
-
-_SMALL_ROWS: Final = 20_000  # rows up to which a file is decoded sooner than handed to a thread
+_THREADS: Final = 16  # more than cores, since they wait for disks and object stores
+_SETTLED_NS: Final = 5_000_000_000  # age at which a rewritten file would have another time, ns
+_SMALL_ROWS: Final = 20_000  # rows of a file that is decoded faster than handed to a thread
 
 
 class Results:
-    """The runs of a results root as they stood when it was opened.
+    """Snapshot of the runs of a results root.
 
-    A file that cannot be read, or is not what was written, is left out: a `DamagedFileWarning`
-    names it and `problems` keeps the message.
+    Unreadable and damaged files are left out with a `DamagedFileWarning`.
 
     Args:
-        store: the results root.
-        before: an earlier look at the same root, whose manifests are taken where theirs have not changed.
+        store: store of the results root.
+        before: earlier snapshot of the same root, whose unchanged manifests are reused.
 
     Raises:
-        ResultsRootError: there is none, or one of another version.
+        ResultsRootError: if it is not a results root, or of another version.
 
     Attributes:
-        problems: a message for each file that was left out.
+        problems: messages about the files left out.
     """
 
     def __init__(self, store: Store, before: "Results | None" = None) -> None:
         check_root(store)
         self.store = store
         self.problems: list[str] = []
-        known: _Known = before._known if before is not None else {}
+        cache: _Cache = before._cache if before is not None else {}
         now = time.time_ns()
         stamps = store.stamps(MANIFESTS)
-        new = [path for path, stamp in stamps.items() if (path, stamp) not in known]
+        new = [path for path, stamp in stamps.items() if (path, stamp) not in cache]
         loaded = self._map(
             lambda path: self._tried(path, lambda: load_manifest(store, path)), new, self._threads()
         )
         read = dict(zip(new, loaded, strict=True))
-        found = {key: known[key] if key in known else read[key[0]] for key in stamps.items()}
+        listed = {key: cache[key] if key in cache else read[key[0]] for key in stamps.items()}
         ids, problems = {PurePosixPath(path).stem for path in stamps}, len(self.problems)
-        manifests = [manifest for manifest in found.values() if manifest is not None]
-        for name, each in read_index(store):
-            if isinstance(each, Exception):
-                self._report(name, each)
-            elif each.run.run_id not in ids:
-                manifests.append(each)
+        manifests = [manifest for manifest in listed.values() if manifest is not None]
+        for name, entry in read_index(store):
+            if isinstance(entry, Exception):
+                self._report(name, entry)
+            elif entry.run.run_id not in ids:
+                manifests.append(entry)
         for path, error in lost_manifests(store, manifests, ids).items():
             self._report(path, error)
         self._warn(problems)
-        self._manifests = tuple(sorted(manifests, key=lambda each: manifest_path(each.run.run_id)))
-        self._places = {manifest.run.run_id: place for place, manifest in enumerate(self._manifests)}
-        self._known: _Known = {
-            (path, (at, size)): manifest
-            for (path, (at, size)), manifest in found.items()
-            if manifest is not None and at is not None and now - at > _SETTLED_NS
+        self._manifests = tuple(sorted(manifests, key=lambda run: manifest_path(run.run.run_id)))
+        self._indices = {manifest.run.run_id: index for index, manifest in enumerate(self._manifests)}
+        self._cache: _Cache = {
+            (path, (time_ns, size)): manifest
+            for (path, (time_ns, size)), manifest in listed.items()
+            if manifest is not None and time_ns is not None and now - time_ns > _SETTLED_NS
         }
 
     @classmethod
@@ -111,33 +107,33 @@ class Results:
         return self._manifests
 
     def find(self, name: str) -> Manifest:
-        """Return the manifest of the run whose id is, or alone begins with, `name`.
+        """Return the manifest of the run with the id `name`, or with this unique prefix.
 
         Raises:
-            ValueError: no such run, or several.
+            ValueError: if no run matches, or several do.
         """
         runs = {manifest.run.run_id: manifest for manifest in self.runs()}
-        meant = [name] if name in runs else [run for run in runs if run.startswith(name)]
-        if len(meant) == 1:
-            return runs[meant[0]]
-        problem = f"{len(meant)} runs begin with" if meant else "unknown run"
-        shown = (meant or list(runs))[:SHOWN_RUNS]
-        rest = ", …" if len(meant or runs) > SHOWN_RUNS else ""
+        matches = [name] if name in runs else [run for run in runs if run.startswith(name)]
+        if len(matches) == 1:
+            return runs[matches[0]]
+        problem = f"{len(matches)} runs begin with" if matches else "unknown run"
+        shown = (matches or list(runs))[:SHOWN_RUNS]
+        rest = ", …" if len(matches or runs) > SHOWN_RUNS else ""
         raise ValueError(f"{problem} {name!r}; {self.store} has {', '.join(shown) or 'no runs'}{rest}")
 
     def table(
         self, table: Table, run_ids: Collection[str] | None = None, columns: Sequence[str] | None = None
     ) -> pa.Table:
-        """Return the rows of a table: run after run by id, each run's in the order they were written.
+        """Return the rows of a table, by run id and then in the order of writing.
 
         Args:
             table: name of the table.
-            run_ids: ids of the runs to read, as far as they are there; all by default.
-            columns: names of the columns to read, in this order; all by default.
+            run_ids: ids of the runs to read, ignoring missing ones; all by default.
+            columns: columns to read, in this order; all by default.
 
         Raises:
-            ValueError: an unknown table, or a column that it does not have.
-            TypeError: `run_ids` is one text.
+            ValueError: if the table or a column is unknown.
+            TypeError: if `run_ids` is a single text.
         """
         check_known("table", table, list(Table), "there are")
         check_sequence("run_ids", () if run_ids is None else run_ids)
@@ -151,28 +147,28 @@ class Results:
             return self._about_runs(table, run_ids, names).select(names)
         chosen: Sequence[Manifest] = self._manifests
         if run_ids is not None:
-            places = sorted(self._places[run_id] for run_id in set(run_ids) if run_id in self._places)
-            chosen = [self._manifests[place] for place in places]
-        # Ids are known without reading them, and there are tens of millions.
+            indices = sorted(self._indices[run_id] for run_id in set(run_ids) if run_id in self._indices)
+            chosen = [self._manifests[index] for index in indices]
+        # tens of millions of ids need not be read
         read = [name for name in names if name != RUN_ID] or names
         files = (file for manifest in chosen for file in manifest.files if file.table is table)
         slices = self._map(
             lambda sharing: read_slices(self.store, sharing, read), shared_by_path(files).values()
-        )  # of files that many runs share, each read once
-        shared = {file: rows for found in slices for file, rows in found.items()}
+        )  # each shared file is read once
+        shared = {file: rows for file_slices in slices for file, rows in file_slices.items()}
         per_run = self._map(
             lambda manifest: self._run_rows(manifest, table, read, shared),
             chosen,
             self._threads(file.rows for manifest in chosen for file in manifest.files if file.table is table),
         )
-        rows = _joined(table, read, [rows for found in per_run for rows in found])
+        rows = _joined(table, read, [part for parts in per_run for part in parts])
         rows = by_appearance(rows) if shared else rows
         if read == names:
             return rows
         counts = [
             (manifest.run.run_id, count)
-            for manifest, found in zip(chosen, per_run, strict=True)
-            if (count := sum(map(len, found)))
+            for manifest, parts in zip(chosen, per_run, strict=True)
+            if (count := sum(map(len, parts)))
         ]
         repeated = np.repeat(np.arange(len(counts), dtype=np.int32), [count for _, count in counts])
         present = pa.array([run_id for run_id, _ in counts], pa.string())
@@ -180,38 +176,37 @@ class Results:
         return rows.add_column(names.index(RUN_ID), SCHEMAS[table].field(RUN_ID), ids)
 
     def _about_runs(self, table: Table, run_ids: Collection[str] | None, names: Sequence[str]) -> pa.Table:
-        """Return at least the columns `names` of a table that no run has alone, and the keys of its rows."""
+        """Return at least the columns `names` and the keys of a table about runs."""
         names = [name for name in SCHEMAS[table].names if name in {*names, *KEYS.get(table, ())}]
         if table is Table.RUNS:
             rows = to_arrow(table, SCHEMAS[table], [manifest.row() for manifest in self.runs()])
         else:
             paths = self.store.files(f"{TABLES}/{table}")
-            if table is Table.ATTEMPTS and run_ids is not None:  # files of the runs, and of several
-                others = {table_path(table, run_id) for run_id in self._places.keys() - set(run_ids)}
+            if table is Table.ATTEMPTS and run_ids is not None:  # skip files of other runs
+                others = {table_path(table, run_id) for run_id in self._indices.keys() - set(run_ids)}
                 paths = tuple(path for path in paths if path not in others)
-            found = self._map(
+            parts = self._map(
                 lambda path: self._tried(path, lambda: decode(table, self.store.read_bytes(path), names)),
                 paths,
                 self._threads(),
             )
-            rows = _joined(table, names, [part for part in found if part is not None])
-        if table is Table.ATTEMPTS:  # while files are being merged some are there twice
+            rows = _joined(table, names, [part for part in parts if part is not None])
+        if table is Table.ATTEMPTS:  # duplicates exist while files are merged
             keys = list(zip(rows["run_id"].to_pylist(), rows["attempt"].to_pylist(), strict=True))
-            places = {key: place for place, key in enumerate(keys)}
-            order = [places[key] for key in sorted(places)]
+            indices = {key: index for index, key in enumerate(keys)}
+            order = [indices[key] for key in sorted(indices)]
             rows = rows if order == list(range(len(keys))) else by_appearance(rows.take(order))
         if run_ids is None:
             return rows
         ids = rows["run_id"].combine_chunks().cast(pa.string())
-        wanted = pc.is_in(ids, pa.array(list(run_ids), pa.string()))
-        return rows if pc.all(wanted, min_count=0).as_py() else rows.filter(wanted)
+        mask = pc.is_in(ids, pa.array(list(run_ids), pa.string()))
+        return rows if pc.all(mask, min_count=0).as_py() else rows.filter(mask)
 
     def _run_rows(
         self, manifest: Manifest, table: Table, columns: Sequence[str], shared: _Shared
     ) -> list[pa.Table]:
-        files = [file for file in manifest.files if file.table is table]
-        found = []
-        for file in files:
+        parts = []
+        for file in (file for file in manifest.files if file.table is table):
             try:
                 if file.first is None:
                     rows = decode(file.table, file.read(self.store), columns, file.rows, checked=True)
@@ -221,16 +216,16 @@ class Results:
                     rows = shared[file] if file in shared else read_slice(self.store, file, columns)
                 if isinstance(rows, Exception):
                     raise rows
-                found.append(rows)
+                parts.append(rows)
             except UNREADABLE as error:
                 if isinstance(error, FileNotFoundError):
-                    # Parts go when a run ends, and files when they are merged.
+                    # parts are deleted when a run ends, files when they are merged
                     run_id = manifest.run.run_id
                     fresh = self._tried(manifest_path(run_id), lambda: Manifest.load(self.store, run_id))  # noqa: B023
                     if fresh is not None and fresh.files != manifest.files:
                         return self._run_rows(fresh, table, columns, {})
                 self._report(file.path, error)
-        return found
+        return parts
 
     def _tried(self, path: str, read: Callable[[], T]) -> T | None:
         try:
@@ -246,26 +241,26 @@ class Results:
             self.problems.append(problem)
 
     def _threads(self, rows: Iterable[int] = ()) -> int:
-        """Return the number of threads that read files of so many rows; one for small local files."""
+        """Return the number of threads for files with these numbers of rows, one for small local files."""
         return _THREADS if self.store.is_object_store or max(rows, default=0) > _SMALL_ROWS else 1
 
     def _map(self, function: Callable[[S], T], items: Iterable[S], threads: int = _THREADS) -> list[T]:
-        """Return the results in the order of `items`, computed in threads; warns of new problems."""
-        known = len(self.problems)
+        """Apply `function` to `items` in threads, warn of new problems, and return the results in order."""
+        before = len(self.problems)
         if threads == 1:
-            found = list(map(function, items))
+            results = list(map(function, items))
         else:
             with ThreadPoolExecutor(threads) as executor:
-                found = list(executor.map(function, items))
-        self._warn(known)
-        return found
+                results = list(executor.map(function, items))
+        self._warn(before)
+        return results
 
-    def _warn(self, known: int) -> None:
-        """Warn of the problems after the first `known` ones."""
-        for problem in self.problems[known:]:
+    def _warn(self, start: int) -> None:
+        """Warn of the problems from number `start` on."""
+        for problem in self.problems[start:]:
             warnings.warn(problem, DamagedFileWarning, stacklevel=5)
 
 
-def _joined(table: Table, columns: Sequence[str], found: Sequence[pa.Table]) -> pa.Table:
+def _joined(table: Table, columns: Sequence[str], parts: Sequence[pa.Table]) -> pa.Table:
     empty = SCHEMAS[table].empty_table().select(columns)
-    return pa.concat_tables([empty, *found]).unify_dictionaries()
+    return pa.concat_tables([empty, *parts]).unify_dictionaries()

@@ -1,4 +1,4 @@
-"""Records of runs and of attempts at them, as readers see them."""
+"""Records of runs, attempts and trials."""
 
 import hashlib
 import json
@@ -14,11 +14,11 @@ from tma_ray.support.decoding import Natural, SmallNatural, decode_json
 from tma_ray.tasks import MASTERY_RETURN
 
 HASHED_ID: Final = re.compile(r".*-s\d+-([0-9a-f]{12})")
-"""An id that `run_id` of a spec has made: its end is the spec's `digest`."""
+"""Pattern of run ids, which end in the digest of the spec."""
 
 
 class RunStatus(StrEnum):
-    """Status of a run, to readers."""
+    """Status of a run."""
 
     RUNNING = "running"
     DONE = "done"
@@ -27,23 +27,22 @@ class RunStatus(StrEnum):
 
 @dataclass(frozen=True)
 class RunRecord:
-    """Description of a run: its row of the table of runs.
+    """Row of the table of runs.
 
     Attributes:
         run_id: hash of the effective spec and seed.
-        spec: the whole effective spec, JSON.
+        spec: effective spec, JSON.
         environment: name of the environment.
-        challenge: name of the variant of the environment.
-        embodiment: name of the body.
-        student: name of the deep-RL algorithm.
-        teacher: name of the ACL algorithm.
+        challenge: name of the challenge.
+        embodiment: name of the embodiment.
+        student: name of the student.
+        teacher: name of the teacher.
         expert_knowledge: level of expert knowledge that the teacher had and used.
-        test_set: name of the test set of its evaluations.
+        test_set: name of the test set.
         steps: budget, environment steps.
         seed: seed of the run.
-        physics_version: version of the physics; 0 if the worlds were those of another engine.
-        benchmark_version: version of the benchmark that the run was made with; 0 before there was one, and
-            for other engines.
+        physics_version: version of the physics, 0 for other engines.
+        benchmark_version: version of the benchmark, 0 for older runs and other engines.
     """
 
     run_id: str
@@ -65,12 +64,9 @@ class AttemptOutcome(StrEnum):
     """Outcome of an attempt at a run."""
 
     DONE = "done"
-    STOPPED = "stopped"
-    """It was asked to stop, and left a checkpoint."""
-    FAILED = "failed"
-    """An exception of its own."""
-    LOST = "lost"
-    """Its process or machine died."""
+    STOPPED = "stopped"  # on request, with a checkpoint
+    FAILED = "failed"  # by an exception
+    LOST = "lost"  # with its process or machine
 
 
 @dataclass(frozen=True)
@@ -80,11 +76,11 @@ class AttemptRecord:
     Attributes:
         run_id: id of the run.
         attempt: number of the attempt, from 0.
-        started_at: time of its start, with a time zone.
-        wall_seconds: duration, set-up included, s.
-        env_steps_per_second: environment steps over the time of the loop, set-up left out, 1/s.
-        host: name of its machine.
-        fingerprint: CPU model, vector extensions, thread count and library versions, as JSON.
+        started_at: start time, with a time zone.
+        wall_seconds: duration, including set-up, s.
+        env_steps_per_second: environment steps per second of the loop, without set-up, 1/s.
+        host: name of the machine.
+        fingerprint: CPU model, vector extensions, thread count and library versions, JSON.
         outcome: outcome of the attempt.
     """
 
@@ -104,30 +100,30 @@ class AttemptRecord:
 
 @dataclass(frozen=True)
 class ScheduleView:
-    """Training budget of a spec's schedule, environment steps: what readers use of it."""
+    """View of a spec's schedule: its budget in environment steps."""
 
     steps: Natural | None = None
 
 
 @dataclass(frozen=True)
 class SpecView:
-    """Facts of a run's spec that readers use; None or empty where the spec does not say.
+    """View of the fields of a spec that readers use, None or empty if missing.
 
     Attributes:
-        engine: simulator of the worlds, of imported runs.
+        engine: simulator of imported runs.
         environment: name of the environment.
-        challenge: name of the variant of the environment.
-        student: name of the deep-RL algorithm.
-        teacher: name of the ACL algorithm.
+        challenge: name of the challenge.
+        student: name of the student.
+        teacher: name of the teacher.
         seed: seed of the run.
         mastery_threshold: episodic return over which a task is mastered.
-        schedule: its budget.
-        plugins: sources of what does not ship with tma_ray, by part of the run.
-        task_space: dimensions of what the teacher chooses from.
-        environment_options: options of the environment, the embodiment among them.
+        schedule: budget.
+        plugins: sources of plug-ins, by component.
+        task_space: dimensions of the task space.
+        environment_options: options of the environment, including the embodiment.
         student_hyperparameters: hyper-parameters of the student.
         teacher_hyperparameters: hyper-parameters of the teacher.
-        test_set: the evaluation tasks.
+        test_set: evaluation tasks.
     """
 
     engine: str | None = None
@@ -147,62 +143,46 @@ class SpecView:
 
 
 def spec_digest(spec: str) -> str:
-    """Return the hash of a spec, JSON with sorted keys, of which the end of its run's id is made."""
+    """Return the hash of a spec (JSON with sorted keys), whose start ends the run id."""
     return hashlib.sha256(spec.encode()).hexdigest()
 
 
 def mastery_threshold(run: RunRecord) -> float:
-    """Return the episodic return over which a task is mastered in a run, also where its spec names none."""
+    """Return the episodic return over which a task is mastered in a run."""
     threshold = decode_json(run.spec, SpecView, f"the spec of run {run.run_id}").mastery_threshold
     return MASTERY_RETURN if threshold is None else threshold
 
 
 def check_spec(run: RunRecord) -> None:
-    """Refuse a record whose spec is not that of its id, or says something else than its columns.
+    """Raise a ValueError for a record whose spec does not match its id or columns.
 
-    Ids of imported runs are hashes of their source files instead, and are not compared.
-
-    Raises:
-        ValueError: the message names the field.
+    Ids of imported runs hash source files instead, and are not checked.
     """
-    facts = decode_json(run.spec, SpecView, f"the spec of run {run.run_id}")
-    hashed = HASHED_ID.fullmatch(run.run_id)
-    if hashed and facts.engine is None and not spec_digest(run.spec).startswith(hashed[1]):
+    spec = decode_json(run.spec, SpecView, f"the spec of run {run.run_id}")
+    match = HASHED_ID.fullmatch(run.run_id)
+    if match and spec.engine is None and not spec_digest(run.spec).startswith(match[1]):
         raise ValueError(f"its spec does not hash to the end of the run's id, {run.run_id}")
-    told = {name: getattr(facts, name) for name in ("environment", "challenge", "student", "teacher", "seed")}
-    told["steps"] = facts.schedule.steps
-    for name, value in told.items():
+    fields = {
+        name: getattr(spec, name) for name in ("environment", "challenge", "student", "teacher", "seed")
+    }
+    fields["steps"] = spec.schedule.steps
+    for name, value in fields.items():
         if value is not None and value != getattr(run, name):
             raise ValueError(f"its {name} is {getattr(run, name)!r}, but its spec says {value!r}")
 
 
-CHIPMUNK: Final = "Chipmunk"
-"""Simulates the worlds of tma_ray; a run whose spec names no engine is one of its."""
-
-BOX2D: Final = "Box2D"
-"""Simulated the worlds of the original release."""
-
-SIMULATED: Final = "Simulated students"
-"""Stands for the equations of students without physics."""
-
-NO_PHYSICS_VERSION: Final = 0
-"""Physics version of runs of other engines; those of tma_ray count from 1."""
-
-BOX2D_TEST_SET: Final = "box2d_"
-"""Before the name of a test set whose worlds were Box2D's."""
-
+CHIPMUNK: Final = "Chipmunk"  # engine of tma_ray, and of specs without an engine
+BOX2D: Final = "Box2D"  # engine of the original release
+SIMULATED: Final = "Simulated students"  # pseudo-engine of students without physics
+NO_PHYSICS_VERSION: Final = 0  # physics version of other engines
+BOX2D_TEST_SET: Final = "box2d_"  # prefix of test sets with worlds of Box2D
 
 TRIAL_FILE: Final = "trial.json"
 
 
 @dataclass(frozen=True)
 class TrialLook:
-    """A look at a trial.
-
-    Attributes:
-        seeds: number of seeds of every cell.
-        said: verdicts in a sentence.
-    """
+    """Interim look of a trial: number of seeds per cell, and its verdicts as a sentence."""
 
     seeds: Natural
     said: str
@@ -213,10 +193,10 @@ class TrialFile:
     """The content of `TRIAL_FILE`.
 
     Attributes:
-        design: design that was fixed beforehand.
-        looks: looks so far.
-        ended: why it ended; empty while it goes on.
-        format: kind of the file.
+        design: design of the trial, fixed beforehand.
+        looks: interim looks so far.
+        ended: reason of its end, empty before.
+        format: format of the file.
     """
 
     design: Mapping[str, Any]
@@ -226,15 +206,11 @@ class TrialFile:
 
     @classmethod
     def load(cls, store: Store) -> "TrialFile | None":
-        """Return the trial of a root, None if it has none.
-
-        Raises:
-            DamagedFileError: it is not what was written.
-        """
+        """Return the trial of a root, None without one."""
         if not store.holds(TRIAL_FILE):
             return None
         return store.read_json(TRIAL_FILE, cls)
 
     def save(self, store: Store) -> None:
-        """Write it in one piece."""
+        """Write the trial to a root."""
         store.write_bytes(TRIAL_FILE, (json.dumps(asdict(self), indent=1) + "\n").encode())

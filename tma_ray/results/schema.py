@@ -1,7 +1,6 @@
-"""The tables of a results root: their columns, types and units.
+"""Tables of a results root: columns, types and units.
 
-A column that may be absent says so by being nullable; every other one is required in every row. A column
-that is added later is nullable or names a default, which is what rows of older files have there.
+Columns are required unless nullable. Columns added later are nullable or have a default for older rows.
 """
 
 import json
@@ -14,17 +13,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 SCHEMA_VERSION: Final = 1
-"""Version of tables, manifests and layout together; raise it when any of them changes its meaning.
+"""Version of tables, manifests and layout, raised when meanings change, not for additions (`default_of`)."""
 
-Columns and fields may be added without that: see `default_of`.
-"""
-
-VERSION_KEY: Final = "tma_ray.schema_version"
-"""Under which the metadata of every file of a table names the version."""
+VERSION_KEY: Final = "tma_ray.schema_version"  # key of the version in a file's metadata
 
 
 class Table(StrEnum):
-    """The tables of a results root."""
+    """Names of the tables of a results root."""
 
     RUNS = "runs"
     ATTEMPTS = "attempts"
@@ -37,7 +32,7 @@ class Table(StrEnum):
 
 
 DATA_TABLES: Final = (Table.EVALUATIONS, Table.TRAINING, Table.EPISODES, Table.CURRICULUM, Table.TEACHER_LOG)
-"""What a run writes itself; the other tables are about runs and are written by the committer."""
+"""Tables written by runs. The committer writes the other ones, which are about runs."""
 
 _ID = pa.dictionary(pa.int32(), pa.string())
 _TASK = pa.list_(pa.field("element", pa.float32(), nullable=False))
@@ -48,12 +43,11 @@ _GAUSSIAN = pa.struct(
 _BOX = pa.struct([("low", _VECTOR), ("high", _VECTOR), ("score", pa.float64())])
 
 
-DEFAULT: Final = b"default"
-"""Key of a column's metadata: JSON of what rows have that were written before there was the column."""
+DEFAULT: Final = b"default"  # key of the JSON default for older rows in a column's metadata
 
 
 def default_of(field: pa.Field) -> Any:
-    """Return the value of a column that did not exist when rows were written; a KeyError if it always has."""
+    """Return a column's value in rows older than the column, or raise a KeyError if it always existed."""
     metadata = field.metadata or {}
     if DEFAULT in metadata:
         return json.loads(metadata[DEFAULT])
@@ -156,31 +150,25 @@ SCHEMAS: Final[Mapping[Table, pa.Schema]] = {
     table: pa.schema(columns, metadata={"tma_ray.table": table, VERSION_KEY: str(SCHEMA_VERSION)})
     for table, columns in _COLUMNS.items()
 }
-"""Columns in order; field metadata "unit" tells what the numbers count."""
+"""Schema of each table, with units in the metadata "unit" of fields."""
 
 
 def schema_version(file: Any) -> int:
-    """Return the schema version that an open Parquet file names.
-
-    Raises:
-        OSError, pa.ArrowException: the bytes are not a Parquet file.
-        KeyError: it names none.
-        ValueError: it names something else than a number.
-    """
+    """Return the schema version of an open Parquet file, or raise a KeyError or ValueError without one."""
     return int((pq.read_schema(file).metadata or {})[VERSION_KEY.encode()])
 
 
 def to_arrow(table: Table, schema: pa.Schema, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Return `rows` with the columns of `schema`; one that is nullable or has a default may be left out.
+    """Return `rows` with the columns of `schema`, filling in missing nullable columns and defaults.
 
     Raises:
-        ValueError: a column missing, unknown, or of a wrong type; the message names table and column.
+        ValueError: if a column is missing, unknown, or of a wrong type.
     """
     defaults = {f.name: default_of(f) for f in schema if f.nullable or DEFAULT in (f.metadata or {})}
-    known, needed = set(schema.names), [f.name for f in schema if not f.nullable and f.name not in defaults]
+    names, needed = set(schema.names), [f.name for f in schema if not f.nullable and f.name not in defaults]
     for row in rows:
-        if not known.issuperset(row) or any(row.get(name) is None for name in needed):
-            unknown = [name for name in row if name not in known]
+        if not names.issuperset(row) or any(row.get(name) is None for name in needed):
+            unknown = [name for name in row if name not in names]
             missing = [name for name in needed if row.get(name) is None]
             raise ValueError(
                 f"a row of {table} has the columns {', '.join(schema.names)}; "
@@ -194,14 +182,11 @@ def to_arrow(table: Table, schema: pa.Schema, rows: Sequence[Mapping[str, Any]])
 
 
 def completed(schema: pa.Schema, names: Sequence[str], rows: pa.Table) -> pa.Table:
-    """Return `rows` of a file with the columns `names` of `schema`, whatever columns the file has.
-
-    A column that came into the schema later is null or has the default that the schema names; one that this
-    schema does not know is left out.
+    """Return `rows` of a file with the columns `names` of `schema`, filling in columns added later.
 
     Raises:
-        KeyError: a column is missing that has always been there.
-        pa.ArrowException: a column is of another type.
+        KeyError: if a required column is missing.
+        pa.ArrowException: if a column has another type.
     """
     columns = []
     for name in names:
@@ -216,14 +201,14 @@ def completed(schema: pa.Schema, names: Sequence[str], rows: pa.Table) -> pa.Tab
 
 
 def selected(schema: pa.Schema, names: Sequence[str]) -> pa.Schema:
-    """Return the columns `names` of `schema`, in their order."""
+    """Return the schema of the columns `names`, in this order."""
     return pa.schema([schema.field(name) for name in names], schema.metadata)
 
 
 def _to_array(table: Table, field: pa.Field, values: list[Any]) -> pa.Array:
     try:
         if pa.types.is_integer(field.type):
-            return pa.array(values).cast(field.type)  # refuses 1.5, which pa.array would cut to 1
+            return pa.array(values).cast(field.type)  # rejects 1.5, which pa.array truncates
         return pa.array(values, type=field.type)
     except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
         raise ValueError(f"{table}.{field.name} holds values of type {field.type}: {error}") from error

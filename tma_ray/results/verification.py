@@ -1,4 +1,4 @@
-"""Comparison of a results root with its manifests: checksums, row counts, what is missing."""
+"""Verification of a results root against its manifests."""
 
 import threading
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -35,9 +35,9 @@ TRACES: Final = (
     layout.CHECKPOINTS,
     layout.STAGING,
 )
-"""Folders in which something is called like a run only after the run got its manifest."""
+"""Folders with files named after runs that have a manifest."""
 
-_THREADS: Final = 16  # more than cores: they wait for the object store
+_THREADS: Final = 16  # more than cores, since they wait for the object store
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Damage:
     Attributes:
         path: path of the file, from the results root.
         problem: description of the damage.
-        run_id: id of the run of the file; empty for a file of several runs.
+        run_id: id of the run, empty for a file of several runs.
     """
 
     path: str
@@ -61,21 +61,20 @@ class Damage:
 
 @dataclass(frozen=True)
 class Inspection:
-    """Damage in the files of one run, and those files that have columns that this version does not know."""
+    """Damage in the files of one run, and files with columns unknown to this version."""
 
     damage: tuple[Damage, ...] = ()
     newer: tuple[str, ...] = ()
 
 
 class Inspector:
-    """Compare the files of runs with their manifests, reading each file once.
+    """Inspector that compares files of runs with their manifests, reading each file once.
 
-    Damage of a file that many runs share is reported for those runs whose rows it hit.
+    Damage of a shared file is reported for the runs whose rows are affected.
 
     Args:
-        store: the results root.
-        raise_refusals: raises what a storage says that refuses to read, since it may read later; else that
-            counts as damage, too.
+        store: store of the results root.
+        raise_refusals: True to raise a StorageError, which may be temporary, False to report it as damage.
     """
 
     def __init__(self, store: Store, *, raise_refusals: bool = True) -> None:
@@ -85,12 +84,8 @@ class Inspector:
         self._lock = threading.Lock()
 
     def inspect_all(self, manifests: Sequence[Manifest]) -> Iterator[tuple[Manifest, Inspection]]:
-        """Yield each manifest with what is wrong with its files.
-
-        Raises:
-            StorageError: the storage refuses to read.
-        """
-        # Small files of a disk are read faster by one thread.
+        """Yield each manifest with the inspection of its files."""
+        # one thread reads small files of a disk faster
         with ThreadPoolExecutor(_THREADS if self._store.is_object_store else 1) as executor:
             yield from zip(manifests, executor.map(self._inspect, manifests), strict=True)
 
@@ -98,12 +93,12 @@ class Inspector:
         damage, newer = [], []
         for file in manifest.files:
             if file.first is None:
-                problem, has_more = self._look(file)
+                problem, has_more = self._inspect_file(file)
                 hit = True
             else:
                 with self._lock:
                     if file.path not in self._shared:
-                        problem, has_more = self._look(file)
+                        problem, has_more = self._inspect_file(file)
                         rows = damaged_rows(self._store, file) if problem else ()
                         self._shared[file.path] = problem, has_more, rows
                 problem, has_more, rows = self._shared[file.path]
@@ -114,8 +109,8 @@ class Inspector:
                 newer.append(file.path)
         return Inspection(tuple(damage), tuple(newer))
 
-    def _look(self, file: PartFile) -> tuple[str, bool]:
-        """Return the damage of a file, empty for none, and True if it has unknown columns."""
+    def _inspect_file(self, file: PartFile) -> tuple[str, bool]:
+        """Return the damage of a file, empty if intact, and True if it has unknown columns."""
         try:
             parquet = opened(file.read(self._store))
             count = parquet.metadata.num_rows
@@ -131,66 +126,65 @@ class Inspector:
 def lost_manifests(
     store: Store, manifests: Collection[Manifest], damaged: Collection[str]
 ) -> dict[str, DamagedFileError]:
-    """Return the manifests that are gone, by path, with what shows that they were there.
+    """Return an error for each lost manifest, by path.
 
-    A run gets its manifest when it starts, and keeps it. One without has lost it if its row says that it
-    is done, or if a row or cell lists it and one of the `TRACES` of runs that have started is there.
+    A started run has lost its manifest if its row is done, or if a row or cell lists it and it has `TRACES`.
 
     Args:
-        store: the results root.
-        manifests: those that can be read.
-        damaged: ids of the runs whose manifests cannot be read, but are there.
+        store: store of the results root.
+        manifests: readable manifests.
+        damaged: ids of runs with unreadable manifests.
     """
-    known = {manifest.run.run_id for manifest in manifests}.union(damaged)
+    listed = {manifest.run.run_id for manifest in manifests}.union(damaged)
     traces = {
         name.partition(".")[0]: f"{folder}/{name}" for folder in TRACES for name in _names(store, folder)
     }
-    found = {}
-    for path in _unknown_files(store, Table.RUNS, known):
+    lost = {}
+    for path in _unknown_files(store, Table.RUNS, listed):
         for row in _rows(store, Table.RUNS, path, ["run_id", "status"]):
-            if row["run_id"] not in known and (row["status"] == RunStatus.DONE or row["run_id"] in traces):
-                found[row["run_id"]] = traces.get(row["run_id"], path)
-    merged = {file.path.rpartition("/")[2].partition(".")[0] for each in manifests for file in each.files}
-    unclear = traces.keys() - known - merged - found.keys()
+            if row["run_id"] not in listed and (row["status"] == RunStatus.DONE or row["run_id"] in traces):
+                lost[row["run_id"]] = traces.get(row["run_id"], path)
+    merged = {PurePosixPath(file.path).name.partition(".")[0] for run in manifests for file in run.files}
+    unclear = traces.keys() - listed - merged - lost.keys()
     for path in _unknown_files(store, Table.CELLS, ()) if unclear else ():
         ids = {row["run_id"] for row in _rows(store, Table.CELLS, path, ["run_id"])}
-        found |= {run_id: traces[run_id] for run_id in unclear & ids}
+        lost |= {run_id: traces[run_id] for run_id in unclear & ids}
     problem = "it is missing, although the run has been started: {} is there"
     return {
-        layout.manifest_path(run_id): DamagedFileError(problem.format(found[run_id]))
-        for run_id in sorted(filter(layout.is_id, found))
-        if not store.holds(layout.manifest_path(run_id))  # it may have started meanwhile
+        layout.manifest_path(run_id): DamagedFileError(problem.format(lost[run_id]))
+        for run_id in sorted(filter(layout.is_id, lost))
+        if not store.holds(layout.manifest_path(run_id))  # it may have started since
     }
 
 
 def _unknown_files(store: Store, table: Table, run_ids: Collection[str]) -> Iterator[str]:
-    """Yield the files of a table about runs that are not called like one of these runs."""
+    """Yield the files of a table about runs that are not named after one of `run_ids`."""
     folder = f"{layout.TABLES}/{table}"
     names = sorted(_names(store, folder))
     yield from (f"{folder}/{name}" for name in names if name.removesuffix(".parquet") not in run_ids)
 
 
 def _names(store: Store, folder: str) -> set[str]:
-    with suppress(StorageError):  # a folder that cannot be listed shows nothing
+    with suppress(StorageError):  # ignore unreadable folders
         return store.names(folder)
     return set()
 
 
 def _rows(store: Store, table: Table, path: str, columns: Sequence[str]) -> list[dict[str, str]]:
-    with suppress(*UNREADABLE):  # whoever needs the file names it
+    with suppress(*UNREADABLE):  # reported by readers
         rows: list[dict[str, str]] = decode(table, store.read_bytes(path), columns).to_pylist()
         return rows
     return []
 
 
 def damage_reason(error: Exception, where: str) -> str:
-    """Return the damage of the file `where`, which raised `error` when it was read."""
+    """Return the damage of the file `where` by the `error` of reading it."""
     if isinstance(error, FileNotFoundError):
         return "it is missing"
     return str(error).removeprefix(f"{where} is damaged: ")
 
 
-SPEC_FILE: Final = "spec.json"  # beside every saved policy, the spec of its run
+SPEC_FILE: Final = "spec.json"  # spec of the run, beside every saved policy
 
 
 @dataclass(frozen=True)
@@ -199,9 +193,9 @@ class RootVerification:
 
     Attributes:
         runs: number of runs with a readable manifest.
-        files: path and sha256 of each file that their manifests list.
-        damage: list of what is not as it was written.
-        unlisted: files of tables and policies that belong to no run; readers ignore them.
+        files: path and sha256 of each file in their manifests.
+        damage: damage of the root.
+        unlisted: files of tables and policies of no run, which readers ignore.
     """
 
     runs: int
@@ -211,10 +205,10 @@ class RootVerification:
 
 
 def verify_root(store: Store) -> RootVerification:
-    """Compare all that a results root holds with its manifests.
+    """Compare all files of a results root with its manifests.
 
     Raises:
-        ResultsRootError: the root does not exist, or is one of another version.
+        ResultsRootError: if the root does not exist, or is of another version.
     """
     layout.check_root(store)
     damage: list[Damage] = []
@@ -228,13 +222,13 @@ def verify_root(store: Store) -> RootVerification:
             manifests.append(load_manifest(store, path))
         except UNREADABLE as error:
             report(path, error)
-    own = {PurePosixPath(path).stem for path in paths}
-    for name, each in read_index(store):
-        if isinstance(each, Exception):
-            report(name, each)
-        elif each.run.run_id not in own:
-            manifests.append(each)
-    lost = lost_manifests(store, manifests, {PurePosixPath(each.path).stem for each in damage})
+    ids = {PurePosixPath(path).stem for path in paths}
+    for name, entry in read_index(store):
+        if isinstance(entry, Exception):
+            report(name, entry)
+        elif entry.run.run_id not in ids:
+            manifests.append(entry)
+    lost = lost_manifests(store, manifests, {PurePosixPath(item.path).stem for item in damage})
     damage += [Damage(path, str(error), PurePosixPath(path).stem) for path, error in lost.items()]
     for _, inspection in Inspector(store, raise_refusals=False).inspect_all(manifests):
         damage += inspection.damage
@@ -242,18 +236,20 @@ def verify_root(store: Store) -> RootVerification:
     damage += _foreign_rows(store, manifests)
     damage += _tables_about_runs(store)
     damage += _foreign_policies(store, manifests)
-    damage += (Damage(*found) for found in damaged_inputs(store, [manifest.run for manifest in manifests]))
+    damage += (Damage(*entry) for entry in damaged_inputs(store, [manifest.run for manifest in manifests]))
     listed = {(file.path, file.sha256) for manifest in manifests for file in manifest.files}
-    known = {manifest.run.run_id for manifest in manifests}
+    readable = {manifest.run.run_id for manifest in manifests}
     rows = [path for table in DATA_TABLES for path in store.files(f"{layout.TABLES}/{table}")]
     unlisted = [path for path in rows if path not in {path for path, _ in listed}]
-    unlisted += [path for path in store.files(layout.POLICIES) if PurePosixPath(path).parts[1] not in known]
+    unlisted += [
+        path for path in store.files(layout.POLICIES) if PurePosixPath(path).parts[1] not in readable
+    ]
     files = tuple(sorted(listed))
     return RootVerification(len(manifests), files, tuple(dict.fromkeys(damage)), tuple(unlisted))
 
 
 def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield files, or rows of shared files, that two runs claim."""
+    """Yield files, or rows of shared files, listed for two runs."""
     claims: dict[str, list[tuple[int, int, str]]] = {}
     for manifest in manifests:
         for file in manifest.files:
@@ -268,7 +264,7 @@ def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
 
 
 def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield rows of shared files that are listed for a run and name another."""
+    """Yield rows of shared files with another run id than their manifest."""
     shared: dict[str, list[tuple[PartFile, str]]] = {}
     for manifest in manifests:
         for file in manifest.files:
@@ -278,10 +274,10 @@ def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damag
         try:
             ids = decode(slices[0][0].table, store.read_bytes(path), ["run_id"])["run_id"]
         except UNREADABLE:
-            continue  # reported already
+            continue  # already reported
         for file, run_id in slices:
-            mine = ids.slice(file.first, file.rows).cast(pa.string())
-            if len(mine) < file.rows or pc.unique(mine).to_pylist() != [run_id]:
+            slice_ids = ids.slice(file.first, file.rows).cast(pa.string())
+            if len(slice_ids) < file.rows or pc.unique(slice_ids).to_pylist() != [run_id]:
                 yield Damage(path, f"rows {file.first:,} and following are not this run's", run_id)
 
 
@@ -295,7 +291,7 @@ def _tables_about_runs(store: Store) -> Iterator[Damage]:
 
 
 def _foreign_policies(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield policies whose spec is not that of their run."""
+    """Yield policies with another spec than their run."""
     saved = set(store.files(layout.POLICIES))
     for manifest in manifests:
         path = f"{layout.policy_folder(manifest.run.run_id)}/{SPEC_FILE}"

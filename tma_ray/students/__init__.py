@@ -1,6 +1,6 @@
 """Students: deep-RL algorithms over stable-baselines3.
 
-What is listed here is imported when it is first asked for. None of it imports torch.
+Names are imported on first use, and none of them imports torch.
 """
 
 from typing import TYPE_CHECKING

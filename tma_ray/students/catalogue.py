@@ -1,4 +1,4 @@
-"""Students by name. Names and hyper-parameters are checked without importing torch."""
+"""Registry of students, which checks names and hyper-parameters without importing torch."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ if TYPE_CHECKING:
     from gymnasium import Space
     from torch import nn
 
-STOCK = "stock:"  # before a name: updated by stable-baselines3 itself, not by our equal but leaner code
+STOCK = "stock:"  # prefix of students updated by stable-baselines3 instead of our equal but leaner code
 
 
 class StudentRegistry(Registry[type[Student]]):
-    """Students by name, and the algorithms of stable-baselines3 and sb3-contrib by theirs."""
+    """Registry of students, which includes the algorithms of stable-baselines3 and sb3-contrib."""
 
     def names(self) -> list[str]:  # noqa: D102
         return sorted({*super().names(), *ALGORITHMS}, key=lambda name: (name in ALGORITHMS, name))
 
     def get(self, name: str) -> type[Student]:
-        """Return the student called `name`; ``stock:SAC`` and ``stock:sac`` are one.
+        """Return the student called `name`, ignoring case after ``stock:``.
 
         Raises:
-            UnknownNameError: nothing answers to `name`, or its package is not installed.
+            UnknownNameError: if `name` is unknown, or its package is not installed.
         """
         name = base_name(name)
         if name in ALGORITHMS and name not in self._decorated:
-            from tma_ray.students.sb3.algorithms import student_of  # it imports torch
+            from tma_ray.students.sb3.algorithms import student_of  # deferred: imports torch
 
             return student_of(name)
         if name.startswith(STOCK) and name.lower() not in self._targets:
@@ -94,14 +94,14 @@ def make_student(
         name: "ppo", "sac", "stock:ppo", "stock:sac", an algorithm like "TQC", or any registered student.
         observation_space: a one-dimensional box, of size o.
         action_space: a bounded one-dimensional box, of size a.
-        seed: source of all its randomness; not changed, so that the same seed gives the same student.
+        seed: source of all randomness, which is not changed.
         hyperparameters: values that differ from `default_hyperparameters`.
-        device: torch's name of where networks live.
-        threads: torch's threads, for the whole process; results are repeatable for one number of them.
+        device: torch device of the networks.
+        threads: torch threads of the whole process, on whose number results depend.
 
     Raises:
-        UnknownNameError: no student answers to `name`.
-        ValueError: unknown or unfit hyper-parameters, or spaces that the student cannot use.
+        UnknownNameError: if no student has this `name`.
+        ValueError: if hyper-parameters are unknown or invalid, or the student cannot use the spaces.
     """
     PROCESSES.check("threads", threads)
     check_type("seed", seed, np.random.SeedSequence, "numpy's, as np.random.SeedSequence(0)")
@@ -112,36 +112,36 @@ def make_student(
 
 
 def default_hyperparameters(name: str) -> dict[str, Any]:
-    """Return all hyper-parameters of the student called `name` at their defaults, fit for JSON."""
+    """Return the default hyper-parameters of the student called `name` as JSON values."""
     values = check_hyperparameters(name)
     return {field.name: to_json(getattr(values, field.name)) for field in dataclasses.fields(values)}
 
 
-def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> Any:
-    """Return the frozen hyper-parameters of the student called `name` with the values `given`.
+def check_hyperparameters(name: str, overrides: Mapping[str, Any] | None = None) -> Any:
+    """Return the frozen hyper-parameters of the student called `name`, with `overrides`.
 
     Args:
-        name: a student's name, with hyper-parameters if wanted (``sac:learning_rate=3e-4``).
-        given: further values that differ from the student's defaults.
+        name: a student's name, perhaps with hyper-parameters (``sac:learning_rate=3e-4``).
+        overrides: further values that differ from the student's defaults.
 
     Raises:
-        UnknownNameError: no student answers to `name`.
-        ValueError: an unknown key, a wrong type or a value outside its range.
+        UnknownNameError: if no student has this `name`.
+        ValueError: if a key is unknown, or a value has a wrong type or is out of range.
     """
     base, settings = split_name(name)
-    kind = _BUILTIN_HYPERPARAMETERS.get(base) or STUDENTS.get(base).hyperparameters_type
+    record = _BUILTIN_HYPERPARAMETERS.get(base) or STUDENTS.get(base).hyperparameters_type
     try:
-        return kind(**parse_settings(kind, settings, given))
+        return record(**parse_settings(record, settings, overrides))
     except ValueError as error:
         raise ValueError(f"student {base!r}: {error}") from error
 
 
-def canonical_student(name: str, given: Mapping[str, Any] | None = None) -> str:
+def canonical_student(name: str, overrides: Mapping[str, Any] | None = None) -> str:
     """Return the name of a student with the hyper-parameters that differ from its defaults.
 
-    Equal students have equal names: see `tma_ray.support.component_names`. Raises as `check_hyperparameters`.
+    Equal students have equal names. Errors are those of `check_hyperparameters`.
     """
-    hyperparameters = check_hyperparameters(name, given)
+    hyperparameters = check_hyperparameters(name, overrides)
     return join_name(base_name(name), non_defaults(type(hyperparameters), config_dict(hyperparameters)))
 
 
@@ -149,11 +149,11 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
     """Return the greedy policy that a student called `name` saved in `folder`.
 
     It acts as the student did, bit for bit on the same machine with as many threads. The folder may come
-    from anywhere: what is read is JSON and safetensors, never a pickle.
+    from anywhere: only JSON and safetensors are read, never a pickle.
 
     Raises:
-        UnknownNameError: no student answers to `name`.
-        PolicyFileError: a file that no such student wrote.
+        UnknownNameError: if no student has this `name`.
+        PolicyFileError: if a file was not written by such a student.
     """
     return STUDENTS.get(name).load_policy(folder, device)
 
@@ -161,12 +161,11 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
 def policy_layers(name: str, folder: Path) -> nn.Sequential:
     """Return the layers of the greedy policy that a student called `name` saved in `folder`.
 
-    That is a row of torch's layers and those of `tma_ray.students.layers`, which takes raw
-    observations (n, o) and returns actions (n, a): normalisation and bounds are among them.
+    They map raw observations (n, o) to actions (n, a), normalisation and bounds included.
 
     Raises:
-        UnknownNameError: no student answers to `name`.
-        PolicyFileError: a file that no such student wrote.
-        ValueError: the policy is not a row of layers, or its student does not tell.
+        UnknownNameError: if no student has this `name`.
+        PolicyFileError: if a file was not written by such a student.
+        ValueError: if the policy is not a sequence of layers, or the student does not define `policy_layers`.
     """
     return STUDENTS.get(name).policy_layers(folder)

@@ -1,4 +1,4 @@
-"""Hyper-parameters of the students, checked before anything is computed. Imports no torch."""
+"""Hyper-parameters of the students, checked at construction without importing torch."""
 
 import math
 from collections.abc import Mapping
@@ -30,17 +30,15 @@ class MatmulPrecision(StrEnum):
 class PPOHyperparameters:
     """Proximal policy optimisation (paper, appendix on DRL students).
 
-    The defaults are the paper's. The preset "decisive" has the student under which teachers differ most
-    against the scatter of seeds, chosen by the pilot of ``docs/pilot.md``: longer rollouts, smaller batches
-    and a longer horizon.
+    The defaults are the paper's. The preset "decisive", chosen in ``docs/pilot.md``, separates teachers best:
+    longer rollouts, smaller batches and a longer horizon.
 
     Attributes:
-        algorithm_version: algorithm version of the student; here, so that it is known without torch.
-        absent_at_default: hyper-parameters that came after the first runs, whose identity they leave as it
-            was: see `tma_ray.components.settings.config_dict`.
-        presets: hyper-parameters that belong together, by the name that ``preset=`` chooses them with.
-        hidden_units: units per hidden layer of the trunk that policy and value share, or of each one's.
-        activation: function after each hidden layer; ReLU as the paper says (the original release: tanh).
+        algorithm_version: version of the student's algorithm, readable without torch.
+        absent_at_default: hyper-parameters added later, left out of run ids at their defaults.
+        presets: values of several hyper-parameters by the name of a ``preset``.
+        hidden_units: units per hidden layer of the shared trunk, or of each separate one.
+        activation: activation of the hidden layers; ReLU as in the paper (the original release: tanh).
         separate_trunks: True if policy and value share no layer.
         learning_rate: Adam's step size, constant; its epsilon is 1e-5 (the release).
         steps_per_update: environment steps between two updates (the release's launch files: 20,000).
@@ -48,17 +46,17 @@ class PPOHyperparameters:
         batch_size: steps per mini-batch.
         gamma: discount factor, also of the returns whose variance scales the rewards.
         gae_lambda: lambda of the generalised advantage estimator.
-        clip_range: largest change of the probability ratio that is still rewarded.
-        value_clip_range: largest change of the value per update, in units of the normalised return
-            (the release clips, the paper does not say); None turns it off.
+        clip_range: clip range of the probability ratio.
+        value_clip_range: clip range of the value's change per update, in units of the normalised return
+            (as in the release; the paper leaves it open); None turns it off.
         value_coefficient: weight of the value's mean squared error in the loss.
         entropy_coefficient: weight of the policy's entropy in the loss.
         max_gradient_norm: norm to which the gradient is clipped.
         observation_clip: normalised observations are clipped to [-x, x].
         reward_clip: normalised rewards are clipped to [-x, x].
-        averaged_steps: environment steps over which the weights are averaged exponentially, update by update;
-            evaluations and the saved policy have the average. 0 for the weights themselves.
-        matmul_precision: matmul precision of the updates' matrix products.
+        averaged_steps: environment steps of the exponential moving average of the weights, which evaluations
+            and the saved policy use; 0 for no average.
+        matmul_precision: precision of the updates' matrix products.
     """
 
     algorithm_version: ClassVar[int] = 1
@@ -104,24 +102,24 @@ class PPOHyperparameters:
         check_at_least(self, 0, "averaged_steps")
 
     def layout(self, inputs: int, actions: int) -> Layout:
-        """Return the network from observations of a size to means of `actions` and the value.
+        """Return the layout of the network from observations to action means and the value.
 
-        Separate trunks lie side by side in layers of twice the units; see `Layout.trunks`.
+        Separate trunks share layers of twice the units; see `Layout.trunks`.
         """
         hidden = (units * (1 + self.separate_trunks) for units in self.hidden_units)
         return Layout((inputs, *hidden, actions + 1), self.activation)
 
     @property
     def averaging(self) -> float:
-        """Share of the present weights that an update adds to their average."""
+        """Weight of the current parameters in their moving average."""
         return -math.expm1(-self.steps_per_update / self.averaged_steps)
 
 
 class LogStd(StrEnum):
-    """Map from the actor's output to the policy's log deviation, within [-20, 2].
+    """Map from the actor's output to the log standard deviation, within [-20, 2].
 
     Attributes:
-        TANH: the tangent hyperbolic scaled to the range; about -9 at the start (Spinning Up 0.1.1).
+        TANH: scaled tanh; about -9 at the start (Spinning Up 0.1.1).
         CLAMP: clamped to the range; about 0 at the start (stable-baselines3).
     """
 
@@ -130,12 +128,11 @@ class LogStd(StrEnum):
 
 
 class UpdateSchedule(StrEnum):
-    """Time of SAC's updates.
+    """Schedule of SAC's updates.
 
     Attributes:
-        EPISODE_END: all at the end of each episode, the first one included: its length divided by
-            `steps_per_update`, rounded up (Spinning Up 0.1.1).
-        INTERLEAVED: one every `steps_per_update` steps, after the uniform actions.
+        EPISODE_END: ceil(length / `steps_per_update`) updates at the end of each episode (Spinning Up 0.1.1).
+        INTERLEAVED: one update every `steps_per_update` steps, after the uniform actions.
     """
 
     EPISODE_END = "episode_end"
@@ -147,21 +144,21 @@ class SACHyperparameters:
     """Soft actor-critic with a fixed entropy coefficient (paper, appendix on DRL students).
 
     Attributes:
-        algorithm_version: algorithm version of the student; here, so that it is known without torch.
+        algorithm_version: version of the student's algorithm, readable without torch.
         hidden_units: units per hidden layer of the actor and of each critic, ReLU.
         learning_rate: Adam's step size of actor and critics.
         buffer_size: transitions kept for replay.
         batch_size: transitions per update.
-        exploration_steps: environment steps of uniform actions at the start of the run; happens once,
-            not again after a reset (the release).
+        exploration_steps: environment steps of uniform actions at the start of the run, not repeated after a
+            reset (as in the release).
         steps_per_update: environment steps per update.
-        updates: time of the updates.
-        log_std: map from the actor's output to the log deviation.
+        updates: schedule of the updates.
+        log_std: map from the actor's output to the log standard deviation.
         gamma: discount factor.
-        target_rate: share of the critics that the target critics take over at each update.
+        target_rate: rate tau of the target critics' updates.
         entropy_coefficient: weight alpha of the policy's entropy in the return.
-        value_samples: actions per state that V(s) = E[min Q - alpha log pi] averages over.
-        matmul_precision: matmul precision of the updates' matrix products.
+        value_samples: actions per state in the estimate of V(s) = E[min Q - alpha log pi].
+        matmul_precision: precision of the updates' matrix products.
     """
 
     algorithm_version: ClassVar[int] = 1
@@ -181,7 +178,7 @@ class SACHyperparameters:
     matmul_precision: MatmulPrecision = MatmulPrecision.HIGHEST
 
     def layout(self, inputs: int, actions: int) -> Layout:
-        """Return the actor from observations of a size to means and log deviations of `actions`."""
+        """Return the layout of the actor from observations to action means and log standard deviations."""
         return Layout((inputs, *self.hidden_units, 2 * actions))
 
     def __post_init__(self) -> None:
@@ -206,8 +203,7 @@ ALGORITHMS: Final[Mapping[str, str]] = {
     "TQC": "sb3_contrib",
     "TRPO": "sb3_contrib",
 }
-"""Those for continuous actions, without memory, and the module that offers them; PPO and SAC have students
-of their own."""
+"""Module of each algorithm for continuous actions without memory; PPO and SAC are students of their own."""
 
 PACKAGES: Final[Mapping[str, str]] = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}
-"""What to install for a module."""
+"""Distribution of each module."""

@@ -1,4 +1,4 @@
-"""A greedy policy as layers in a row, from which files in other formats are made."""
+"""Greedy policies as sequences of torch layers, for exports to other formats."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -21,7 +21,7 @@ from tma_ray.students.policy_files import StoredPolicy
 
 
 class Standardise(nn.Module):
-    """Layer that subtracts a mean, divides by a deviation and clips, in float64 as `Normaliser` does.
+    """Layer that normalises and clips observations in float64, like `Normaliser`.
 
     Args:
         mean: mean of observations (o,).
@@ -39,16 +39,16 @@ class Standardise(nn.Module):
         self.clip = clip
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return float32 (n, o) of `inputs` (n, o)."""
+        """Return the normalised float32 `inputs` (n, o)."""
         return ((inputs.double() - self.mean) / self.deviation).clamp(-self.clip, self.clip).float()
 
 
 class Affine(nn.Module):
-    """Multiplies each value by one number and adds another.
+    """Layer that scales and shifts each value.
 
     Args:
-        weight: factors (k,).
-        bias: summands (k,).
+        weight: scales (k,).
+        bias: shifts (k,).
     """
 
     weight: torch.Tensor
@@ -86,7 +86,7 @@ class Clamp(nn.Module):
 
 
 def in_a_row(layers: Sequence[nn.Module]) -> nn.Sequential:
-    """Return `layers` as one module that computes and does not learn."""
+    """Return `layers` as one frozen module in evaluation mode."""
     return nn.Sequential(*layers).eval().requires_grad_(False)
 
 
@@ -100,24 +100,24 @@ def acting_layers(model: BaseAlgorithm) -> nn.Sequential:
     """Return the layers of ``predict(observations, deterministic=True)`` of `model`.
 
     Raises:
-        ValueError: its policy is not built as those of stable-baselines3 and sb3-contrib are.
+        ValueError: if its policy is of an unknown kind.
     """
     policy: Any = model.policy
     actor: Any = getattr(policy, "actor", None)
-    parts: list[Any]
+    modules: list[Any]
     if isinstance(policy, ActorCriticPolicy):
-        parts = [policy.pi_features_extractor, policy.mlp_extractor.policy_net, policy.action_net]
+        modules = [policy.pi_features_extractor, policy.mlp_extractor.policy_net, policy.action_net]
     elif hasattr(actor, "latent_pi"):
-        parts = [actor.features_extractor, actor.latent_pi, actor.mu]
+        modules = [actor.features_extractor, actor.latent_pi, actor.mu]
     elif hasattr(actor, "mu"):
-        parts = [actor.features_extractor, actor.mu]  # which ends in the tangent hyperbolic
+        modules = [actor.features_extractor, actor.mu]  # `mu` ends in a tanh
     else:
         raise ValueError(f"it is not known what a {type(policy).__name__} computes to act")
-    if policy.squash_output and len(parts) == 3:
-        parts.append(nn.Tanh())
+    if policy.squash_output and len(modules) == 3:
+        modules.append(nn.Tanh())
     space: Any = model.action_space
-    parts.append(unscale(space) if policy.squash_output else Clamp(space.low, space.high))
-    return in_a_row([_plain(layer) for part in parts for layer in _leaves(part)])
+    modules.append(unscale(space) if policy.squash_output else Clamp(space.low, space.high))
+    return in_a_row([_without_batch_norm(layer) for module in modules for layer in _leaves(module)])
 
 
 def _leaves(module: nn.Module) -> Iterator[nn.Module]:
@@ -128,13 +128,13 @@ def _leaves(module: nn.Module) -> Iterator[nn.Module]:
         yield module
 
 
-def _plain(layer: Any) -> nn.Module:
-    """Return a batch renormalisation that no longer learns as the multiplication that it is."""
+def _without_batch_norm(layer: Any) -> nn.Module:
+    """Return a batch renormalisation as its affine map, any other layer unchanged."""
     if type(layer).__name__ != "BatchRenorm1d":
         return layer  # type: ignore[no-any-return]
     mean, variance, scale, bias = (
-        part.numpy(force=True).astype(np.float64)
-        for part in (layer.ra_mean, layer.ra_var, layer.scale, layer.bias)
+        tensor.numpy(force=True).astype(np.float64)
+        for tensor in (layer.ra_mean, layer.ra_var, layer.scale, layer.bias)
     )
     weight = (scale if layer.affine else 1.0) / np.sqrt(variance + layer.eps)
     return Affine(weight, (bias if layer.affine else 0.0) - mean * weight)
@@ -144,18 +144,17 @@ MEAN = "mean"  # name of the last layer; hidden ones are numbered
 
 
 class GreedyNetwork:
-    """The network that gives the mean action: alone for a saved policy, with further outputs in training.
+    """Network of the mean actions, shared by students and saved policies so that both act bit for bit alike.
 
-    One observation goes through a `RowNetwork`, several through `forward`; a saved policy takes the same
-    ways as its student, and so gives the same bits.
+    Single observations use `row`, batches `forward`.
 
     Args:
-        parameters: values (p,); for several observations always the present ones are applied.
+        parameters: shared memory of the parameters (p,); call `refresh` after changing them.
         layout: layout of the network, whose first outputs are the means.
         action_size: number of means a.
 
     Attributes:
-        row: for one observation; whoever changes the parameters calls `refresh`.
+        row: network for single observations.
     """
 
     def __init__(self, parameters: torch.Tensor, layout: Layout, action_size: int) -> None:
@@ -167,11 +166,11 @@ class GreedyNetwork:
         self.refresh()
 
     def refresh(self) -> None:
-        """Load the present parameters for single observations."""
+        """Copy the parameters to `row`."""
         self.row.load(self._parameters.numpy(force=True))
 
     def __call__(self, observations: Observations, squash: bool) -> Actions:
-        """Return the mean actions (n, a) of `observations` (n, o), or their tangent hyperbolic."""
+        """Return the mean actions (n, a) for `observations` (n, o), squashed by tanh if `squash`."""
         if len(observations) == 1:
             mean = self.row(observations[0])[None, : self._action_size]
             return np.tanh(mean) if squash else mean
@@ -182,7 +181,7 @@ class GreedyNetwork:
         return means
 
     def outputs(self, observations: Observations) -> NDArray[np.float32]:
-        """Return all outputs (n, h) for `observations` (n, o), not only the means."""
+        """Return all outputs (n, h) for `observations` (n, o)."""
         if len(observations) == 1:
             return self.row(observations[0])[None]
         layers = split(self._parameters, self._layout)
@@ -191,7 +190,7 @@ class GreedyNetwork:
         return values
 
     def tensors(self) -> dict[str, NDArray[Any]]:
-        """Return weight (outputs, inputs) and bias (outputs,) of every layer, fit for `write_policy`."""
+        """Return weight and bias of every layer by name, for `write_policy`."""
         return {
             f"{name}.{key}": tensor.numpy(force=True)
             for name, layer in zip(_names(len(self._layers)), self._layers, strict=True)
@@ -200,10 +199,10 @@ class GreedyNetwork:
 
 
 def tensor_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Return the shapes that `StoredPolicy.check` expects of layers of the sizes ``hidden_units``.
+    """Return shape and type of each layer's tensors, by name, as `StoredPolicy.check` expects them.
 
     Raises:
-        PolicyFileError: these are not sizes, or the activation is unknown.
+        PolicyFileError: if ``hidden_units`` or the activation is invalid.
     """
     units = stored.hyperparameters.get("hidden_units")
     if not isinstance(units, list) or not units or not all(type(size) is int and size > 0 for size in units):
@@ -220,21 +219,21 @@ def tensor_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]
 
 
 def stored_parameters(stored: StoredPolicy) -> tuple[torch.Tensor, Layout]:
-    """Return the parameters (p,) that `stored` holds, checked before, and their layout."""
+    """Return the parameters (p,) of a checked policy, and their layout."""
     layout = _layout(stored)
     names = _names(len(layout.shapes))
-    parts = [stored.tensors[f"{name}.{key}"].reshape(-1) for name in names for key in ("weight", "bias")]
-    return torch.from_numpy(np.concatenate(parts)), layout
+    vectors = [stored.tensors[f"{name}.{key}"].reshape(-1) for name in names for key in ("weight", "bias")]
+    return torch.from_numpy(np.concatenate(vectors)), layout
 
 
 def stored_network(stored: StoredPolicy, device: str) -> GreedyNetwork:
-    """Return the network whose layers `stored` holds, checked before, on `device`."""
+    """Return the network of a checked policy on `device`."""
     parameters, layout = stored_parameters(stored)
     return GreedyNetwork(parameters.to(device), layout, layout.sizes[-1])
 
 
 def check_rows(observations: Observations, size: int) -> None:
-    """Refuse observations of another shape than (n, `size`)."""
+    """Check that observations have the shape (n, `size`)."""
     if observations.ndim != 2 or observations.shape[1] != size:
         raise ValueError(f"observations of shape {observations.shape}: the policy expects (n, {size})")
 

@@ -1,4 +1,4 @@
-"""Running statistics that normalise observations and rewards, as stable-baselines3's VecNormalize does."""
+"""Running normalisation of observations and rewards, equal to stable-baselines3's VecNormalize."""
 
 import json
 import math
@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from tma_ray.students.base import Observations, Transition
 from tma_ray.support.jit import kernel
 
-EPSILON = 1e-8  # added to every variance before its root is taken
-INITIAL_COUNT = 1e-4  # weight of the initial mean 0 and variance 1 among the observations
+EPSILON = 1e-8  # added to variances before taking the root
+INITIAL_COUNT = 1e-4  # weight of the initial mean 0 and variance 1
 
 MEAN_TENSOR, VARIANCE_TENSOR = "normaliser.mean", "normaliser.variance"
 COUNT_TENSOR = "normaliser.count"
-"""Names of the statistics of observations in a saved policy; the count is how many they are of."""
+"""Names of the observation statistics in a saved policy."""
 
 
 class Normaliser:
-    """Scales observations to mean 0 and variance 1, rewards by the deviation of the discounted return.
+    """Running normalisation of observations, and of rewards by the deviation of the discounted return.
 
-    Equal to VecNormalize over one environment to the last bit; one observation at a time, it is
-    several times faster. Statistics are float64, results float32.
+    Bit for bit equal to VecNormalize over one environment, and several times as fast. Statistics are float64,
+    results float32.
 
     Args:
         size: length o of an observation.
@@ -43,12 +43,12 @@ class Normaliser:
         self._discounted_return = 0.0
 
     def update(self, observation: Observations) -> None:
-        """Count one more observation (o,)."""
+        """Update the statistics with one observation (o,)."""
         _count_in(observation, self._mean, self._variance, self._count)
         self._count += 1
 
     def update_reward(self, reward: float) -> None:
-        """Count one more reward of the running episode."""
+        """Update the statistics with one reward of the current episode."""
         self._discounted_return = self._discounted_return * self.gamma + reward
         count = self._return_count
         total = count + 1
@@ -58,13 +58,13 @@ class Normaliser:
         self._return_count = total
 
     def end_episode(self) -> None:
-        """Start the discounted return of the next episode."""
+        """Reset the discounted return for the next episode."""
         self._discounted_return = 0.0
 
     def count_in(self, transition: Transition, value: Callable[[Observations], float]) -> float:
-        """Count one more step, after the first observation of its episode; return its normalised reward.
+        """Update all statistics with a step and return its normalised reward.
 
-        A time limit adds the `value` of the last observation, in normalised reward, to the last reward.
+        The last reward of a truncated episode includes the discounted `value` of its last observation.
         """
         ended = transition.terminated or transition.truncated
         if not ended:
@@ -84,24 +84,20 @@ class Normaliser:
 
     @property
     def statistics(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Statistics that `scaled` takes after the observations."""
+        """Arguments of `scaled` after the observations."""
         return self._mean, self._variance, self.observation_clip
 
     def normalise_reward(self, reward: float) -> float:
-        """Return `reward` scaled and clipped; the mean is not subtracted."""
+        """Return `reward` scaled and clipped, without subtracting a mean."""
         return max(-self.reward_clip, min(self.reward_clip, reward / self.reward_scale))
 
     @property
     def reward_scale(self) -> float:
-        """Divisor of rewards, and factor of the values of normalised rewards."""
+        """Scale that divides rewards, and multiplies values of normalised rewards."""
         return math.sqrt(self._return_variance + EPSILON)
 
     def save(self, path: Path) -> None:
-        """Write all statistics as JSON.
-
-        To normalise an observation: ``clip((observation - observation_mean) /
-        sqrt(observation_variance + epsilon), -observation_clip, observation_clip)``.
-        """
+        """Write all statistics as JSON."""
         content = {
             "observation_mean": self._mean.tolist(),
             "observation_variance": self._variance.tolist(),
@@ -118,7 +114,7 @@ class Normaliser:
         path.write_text(json.dumps(content, indent=1))
 
     def tensors(self) -> dict[str, NDArray[np.float64]]:
-        """Return the tensors that normalise observations, by the names in a saved policy."""
+        """Return the observation statistics by their names in a saved policy."""
         return {
             MEAN_TENSOR: self._mean,
             VARIANCE_TENSOR: self._variance,
@@ -127,13 +123,13 @@ class Normaliser:
 
     @staticmethod
     def tensor_kinds(size: int) -> dict[str, tuple[tuple[int, ...], str]]:
-        """Return shapes and types of `tensors`, for observations of length `size`."""
+        """Return shape and type of each of `tensors`, for observations of length `size`."""
         shapes = {MEAN_TENSOR: (size,), VARIANCE_TENSOR: (size,), COUNT_TENSOR: ()}
         return {name: (shape, "float64") for name, shape in shapes.items()}
 
     @classmethod
     def load(cls, path: Path) -> "Normaliser":
-        """Return the normaliser that `save` wrote, equal to the last bit."""
+        """Return the normaliser that `save` wrote."""
         content = json.loads(path.read_text())
         mean: NDArray[np.float64] = np.array(content["observation_mean"])
         normaliser = cls(mean.size, content["gamma"], content["observation_clip"], content["reward_clip"])

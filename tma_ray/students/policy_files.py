@@ -1,4 +1,4 @@
-"""Saved policies: ``policy.json`` and ``policy.safetensors``. Reading them runs nothing that they contain."""
+"""Saved policies, ``policy.json`` and ``policy.safetensors``, which are safe to read from anywhere."""
 
 import json
 import math
@@ -19,30 +19,29 @@ from tma_ray.support.decoding import DamagedFileError, decode_json, read_file
 
 T = TypeVar("T")
 
-FORMAT_VERSION: Final = 1  # raise it when names or meaning of what students write change
+FORMAT_VERSION: Final = 1  # raise it when the names or meaning of saved values change
 
 POLICY_FILE: Final = "policy.json"
 TENSORS_FILE: Final = "policy.safetensors"
 
-_LARGEST: Final = float(np.finfo(np.float32).max)
+_MAX_FLOAT32: Final = float(np.finfo(np.float32).max)
 
 _ADVICE: Final = "copy the whole folder again, or run its spec again on a new results root"
 
-
-Bound: TypeAlias = Annotated[float, msgspec.Meta(ge=-_LARGEST, le=_LARGEST)] | None
-"""Of one dimension of a space; None, which JSON has, where there is none."""
+Bound: TypeAlias = Annotated[float, msgspec.Meta(ge=-_MAX_FLOAT32, le=_MAX_FLOAT32)] | None
+"""Bound of one dimension of a space, None for an infinite one (JSON has no infinity)."""
 
 
 @dataclass(frozen=True)
 class _Version:
-    """What every version of `POLICY_FILE` says."""
+    """Fields of every version of `POLICY_FILE`."""
 
     format_version: int
 
 
 @dataclass(frozen=True)
 class _Bounds:
-    """Both bounds of every dimension of a space."""
+    """Bounds of the dimensions of a space."""
 
     low: Annotated[tuple[Bound, ...], msgspec.Meta(min_length=1)]
     high: Annotated[tuple[Bound, ...], msgspec.Meta(min_length=1)]
@@ -50,7 +49,7 @@ class _Bounds:
 
 @dataclass(frozen=True)
 class _Settings:
-    """What `POLICY_FILE` says besides its version."""
+    """Fields of `POLICY_FILE` besides its version."""
 
     student: str
     observation_space: _Bounds
@@ -62,8 +61,8 @@ class PolicyFileError(ValueError):
     """A saved policy that cannot be read.
 
     Attributes:
-        file: its path.
-        problem: fault, and what to do.
+        file: path of the file.
+        problem: the fault and its remedy.
     """
 
     def __init__(self, file: str | Path, problem: str) -> None:
@@ -73,14 +72,14 @@ class PolicyFileError(ValueError):
 
 @dataclass(frozen=True)
 class StoredPolicy:
-    """Content of a saved policy, as `read_policy` found it.
+    """Content of a saved policy, as read by `read_policy`.
 
     Attributes:
         folder: folder of the policy.
-        observation_space: observation space of the environment of its training (o,).
-        action_space: action space of that environment (a,).
-        hyperparameters: those that shape the policy.
-        tensors: its arrays by name.
+        observation_space: observation space of the training environment (o,).
+        action_space: action space of the training environment (a,).
+        hyperparameters: hyper-parameters that shape the policy.
+        tensors: arrays by name.
     """
 
     folder: Path
@@ -90,18 +89,19 @@ class StoredPolicy:
     tensors: Mapping[str, NDArray[Any]]
 
     def check(self, expected: Mapping[str, tuple[tuple[int, ...], str]]) -> None:
-        """Refuse other tensors than `expected`: the shape and numpy's name of the type of each.
+        """Check that the tensors are those of `expected`, a shape and a numpy type by name.
 
         Raises:
-            PolicyFileError: one is missing, nobody's, or of another shape or type.
+            PolicyFileError: if a tensor is missing, unknown, or of another shape or type.
         """
         for name, (shape, kind) in expected.items():
             if name not in self.tensors:
                 self.refuse_tensors(f"tensor {name!r} is missing")
             tensor = self.tensors[name]
             if tensor.shape != tuple(shape) or tensor.dtype != np.dtype(kind):
-                found, wanted = f"{tensor.dtype} {tensor.shape}", f"{kind} {tuple(shape)}"
-                self.refuse_tensors(f"tensor {name!r} is {found}, expected {wanted}")
+                self.refuse_tensors(
+                    f"tensor {name!r} is {tensor.dtype} {tensor.shape}, expected {kind} {tuple(shape)}"
+                )
         for name in sorted(self.tensors.keys() - expected.keys()):
             self.refuse_tensors(f"tensor {name!r} does not belong to the policy")
 
@@ -110,7 +110,7 @@ class StoredPolicy:
         raise PolicyFileError(self.folder / TENSORS_FILE, f"{problem}; {_ADVICE}")
 
     def refuse(self, problem: str) -> NoReturn:
-        """Raise a `PolicyFileError` about what is not a tensor."""
+        """Raise a `PolicyFileError` about `POLICY_FILE`."""
         raise PolicyFileError(self.folder / POLICY_FILE, f"{problem}; {_ADVICE}")
 
 
@@ -122,15 +122,15 @@ def write_policy(
     tensors: Mapping[str, NDArray[Any]],
     hyperparameters: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a policy into the existing `folder`; the same one gives the same bytes.
+    """Write a policy into the existing `folder`, deterministically to the byte.
 
     Args:
         folder: folder of the policy alone.
-        student: kind of policy; `read_policy` asks for it.
+        student: name of the kind of policy, which `read_policy` checks.
         observation_space: a one-dimensional float32 box.
         action_space: a one-dimensional float32 box.
-        tensors: all that is learned and that acting needs, by names of the student's own.
-        hyperparameters: values that shape the policy, of types that JSON has.
+        tensors: learned arrays that acting needs, by name.
+        hyperparameters: JSON values that shape the policy.
     """
     content = {
         "format_version": FORMAT_VERSION,
@@ -139,17 +139,17 @@ def write_policy(
         "action_space": _bounds(action_space),
         "hyperparameters": dict(hyperparameters or {}),
     }
-    # safetensors copies the memory as it lies, whatever its strides
+    # safetensors ignores strides
     ordered = {name: np.asarray(tensor, order="C") for name, tensor in tensors.items()}
     (folder / TENSORS_FILE).write_bytes(serialise_tensors(ordered))
     (folder / POLICY_FILE).write_text(json.dumps(content, indent=1) + "\n")
 
 
 def read_policy(folder: Path, student: str) -> StoredPolicy:
-    """Return the policy that `write_policy` wrote; the caller then calls `StoredPolicy.check`.
+    """Return the policy that `write_policy` wrote, whose tensors the caller checks by `StoredPolicy.check`.
 
     Raises:
-        PolicyFileError: a file is missing, damaged, of another format version or of another student.
+        PolicyFileError: if a file is missing, damaged, of another format version or of another student.
     """
     path = folder / POLICY_FILE
     data = _bytes(path)
@@ -169,12 +169,12 @@ def read_policy(folder: Path, student: str) -> StoredPolicy:
     action_space = _box(path, settings.action_space, "action_space")
     path = folder / TENSORS_FILE
     try:
-        found = parse_tensors(_bytes(path))
-    except (SafetensorError, KeyError, TypeError) as error:  # a type that numpy lacks is a KeyError
+        stored = parse_tensors(_bytes(path))
+    except (SafetensorError, KeyError, TypeError) as error:  # KeyError: a type that numpy lacks
         raise PolicyFileError(path, f"no sound safetensors file ({error}); {_ADVICE}") from error
-    tensors = {  # aligned and writable; releases have float16
+    tensors = {  # copies are aligned and writable; releases store float16
         name: np.array(tensor, np.float32 if tensor.dtype == np.float16 else tensor.dtype)
-        for name, tensor in found.items()
+        for name, tensor in stored.items()
     }
     return StoredPolicy(folder, observation_space, action_space, settings.hyperparameters, tensors)
 
@@ -195,7 +195,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _bounds(space: spaces.Box) -> dict[str, list[float | None]]:
-    """Return both bounds of every dimension; None, which JSON has, where there is none."""
+    """Return the bounds of each dimension, with None for infinite ones (JSON has no infinity)."""
     return {
         name: [float(value) if math.isfinite(value) else None for value in bounds]
         for name, bounds in (("low", space.low), ("high", space.high))

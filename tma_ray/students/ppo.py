@@ -1,4 +1,4 @@
-"""PPO over stable-baselines3, with the paper's hyper-parameters and normalisation."""
+"""PPO on top of stable-baselines3, with the paper's hyper-parameters and normalisation."""
 
 import math
 from pathlib import Path
@@ -35,14 +35,14 @@ from tma_ray.students.sb3.base import StableBaselinesStudent
 
 
 class Trunk(BaseFeaturesExtractor):
-    """Hidden layers that policy and value share.
+    """Hidden layers shared by policy and value.
 
-    stable-baselines3 shares features extractors, no longer hidden layers; so these are one.
+    stable-baselines3 shares features extractors only, so they are one.
 
     Args:
         observation_space: a one-dimensional box.
-        hidden_units: units per layer, each followed by the activation.
-        activation: function after each layer.
+        hidden_units: units per layer.
+        activation: activation after each layer.
     """
 
     def __init__(
@@ -63,10 +63,10 @@ class Trunk(BaseFeaturesExtractor):
 
 @torch.no_grad()
 def separate(trunk: Trunk, means: nn.Linear, value: nn.Linear) -> None:
-    """Initialise two networks side by side, as stable-baselines3 does with separate ones.
+    """Initialise `trunk` as two separate networks, as stable-baselines3 initialises them.
 
-    The first half of each hidden layer of `trunk` leads to the `means`, the second to the `value`; weights
-    between halves are 0.
+    The first half of each hidden layer leads to the `means`, the second to the `value`; weights between the
+    halves are 0.
     """
     hidden = [layer.weight for layer in trunk.layers if isinstance(layer, nn.Linear)]
     for index, weight in enumerate(hidden):
@@ -77,26 +77,26 @@ def separate(trunk: Trunk, means: nn.Linear, value: nn.Linear) -> None:
             halves = [halves[0][:, :inputs], halves[1][:, inputs:]]
         for half in halves:
             nn.init.orthogonal_(half, math.sqrt(2))
-    for weight, gain, own in (
+    for weight, gain, columns in (
         (means.weight, 0.01, slice(outputs)),
         (value.weight, 1.0, slice(outputs, None)),
     ):
         weight.zero_()
-        nn.init.orthogonal_(weight[:, own], gain)
+        nn.init.orthogonal_(weight[:, columns], gain)
 
 
 _HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 
 
 class Steps(NamedTuple):
-    """A mini-batch of n steps; stable-baselines3's samples have these attributes in this order.
+    """A mini-batch of n steps, with the fields of stable-baselines3's samples.
 
     Attributes:
-        observations: normalised (n, o).
+        observations: normalised observations (n, o).
         actions: sampled actions (n, a).
-        old_values: values of the observations when they were made (n,).
-        old_log_prob: log probabilities of the actions when they were taken (n,).
-        advantages: not normalised (n,).
+        old_values: values of the observations before the update (n,).
+        old_log_prob: log probabilities of the actions before the update (n,).
+        advantages: advantages, not normalised (n,).
         returns: advantages plus old values (n,).
     """
 
@@ -109,15 +109,15 @@ class Steps(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """Parts of the loss, and figures for logging, one number per run each; and the gradient.
+    """Terms of the loss and metrics, one number per run each, and the gradient.
 
     Attributes:
         policy: clipped surrogate objective.
         value: mean squared error.
         divergence: approximate Kullback-Leibler divergence from the old policy.
         clipped: share of ratios beyond the clip range.
-        outputs_gradient: gradient of the loss by the outputs (n, a + 1).
-        log_std_gradient: gradient of the loss by the log deviation (a,).
+        outputs_gradient: gradient of the loss with respect to the outputs (n, a + 1).
+        log_std_gradient: gradient of the loss with respect to the log standard deviation (a,).
     """
 
     policy: torch.Tensor
@@ -129,9 +129,13 @@ class Losses(NamedTuple):
 
 
 def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PPOHyperparameters) -> Losses:
-    """Return the parts of a mini-batch's loss, and its gradient (arXiv:1707.06347, equations 7 and 9).
+    """Return the terms of a mini-batch's loss, and its gradient (arXiv:1707.06347, equations 7 and 9).
 
-    `outputs` are means of the actions, and the value (n, a + 1); `log_std` is their log deviation (a,).
+    Args:
+        outputs: action means and value (n, a + 1).
+        log_std: log standard deviation of the actions (a,).
+        steps: the mini-batch.
+        hyper: hyper-parameters of the student.
     """
     advantages, clip = steps.advantages, hyper.clip_range
     centred = advantages - advantages.mean(dim=-1, keepdim=True)
@@ -146,7 +150,7 @@ def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PP
     policy, value = -torch.minimum(*surrogates).mean(dim=-1), value_error.square().mean(dim=-1)
     divergence = (ratio - 1 - log_ratio).mean(dim=-1)
     clipped = ((ratio - 1).abs() > clip).to(ratio.dtype).mean(dim=-1)
-    # the smaller surrogate counts, and where that is the clipped one, the policy's gradient is zero
+    # the gradient is zero where the clipped surrogate is the smaller one
     share = (surrogates[0] * (surrogates[0] <= surrogates[1])).div_(-ratio.shape[-1])[..., None]
     gradient = share * error / deviation
     log_std_gradient = (share * (error.square() - 1)).sum(dim=-2) - hyper.entropy_coefficient
@@ -156,14 +160,14 @@ def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PP
 
 
 def log_density(error: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
-    """Return the log density (n,) of actions that are `error` (n, a) deviations off their means."""
+    """Return the log density (n,) of actions at standardised `error` (n, a)."""
     return -(0.5 * error.square() + (log_std + _HALF_LOG_2PI)).sum(dim=-1)
 
 
 def _value_error(
     values: torch.Tensor, steps: Steps, clip: float | None
 ) -> tuple[torch.Tensor, torch.Tensor | float]:
-    """Return the errors of the clipped `values` (n,), and 1 where the clipping lets a gradient through."""
+    """Return the errors of the clipped `values` (n,), and True where they are not clipped."""
     if clip is None:
         return values - steps.returns, 1.0
     change = values - steps.old_values
@@ -171,13 +175,11 @@ def _value_error(
 
 
 class PPOUpdate:
-    """PPO's update of the networks of `model`, whose policy and value share a `Trunk`.
-
-    The model stays their owner, and the owner of the state of `adam`.
+    """PPO's update of the networks of a stable-baselines3 model, which owns them and the optimiser's state.
 
     Args:
-        model: a set-up stable-baselines3 PPO.
-        parameters: its network's, whose outputs are means and value, and its log deviation.
+        model: a set-up stable-baselines3 PPO, whose policy and value share a `Trunk`.
+        parameters: parameters of its network and its log standard deviation.
         hyperparameters: hyper-parameters of the student.
     """
 
@@ -193,45 +195,46 @@ class PPOUpdate:
             self._trunks = torch.from_numpy(network.layout.trunks(means)).to(network.gradient)
 
     def __call__(self, rollout: Rollout) -> None:
-        """Pass several times over the finished `rollout`."""
+        """Train for several epochs on the finished `rollout`."""
         hyper, model = self._hyper, self._model
-        parts = [self.train_on(batch) for _ in range(hyper.epochs) for batch in rollout.get(hyper.batch_size)]
+        batches = (batch for _ in range(hyper.epochs) for batch in rollout.get(hyper.batch_size))
+        terms = [self.train_on(batch) for batch in batches]
         model._n_updates += hyper.epochs
         names = ("policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction")
-        for name, values in zip(names, list(zip(*parts, strict=True))[:4], strict=True):
+        for name, values in zip(names, list(zip(*terms, strict=True))[:4], strict=True):
             model.logger.record(f"train/{name}", torch.stack(values).mean().item())
         model.logger.record("train/std", self.flat.others[0].detach().exp().mean().item())
         variance = explained_variance(rollout.values, rollout.returns)
         model.logger.record("train/explained_variance", variance)
 
-    @torch.no_grad()  # the gradient is in closed form; recording for autograd costs a twentieth of a step
+    @torch.no_grad()  # the gradient in closed form saves a twentieth of a step
     def train_on(self, batch: RolloutBufferSamples) -> Losses:
         """Take one optimiser step on the mini-batch `batch`; return the losses before it."""
         (network,), (log_std,) = self.flat.networks, self.flat.others
         kept = network.activations(batch.observations)
-        parts = losses(kept[-1], log_std, Steps(*batch), self._hyper)
-        self.flat.backpropagate(kept, parts.outputs_gradient, [parts.log_std_gradient])
+        terms = losses(kept[-1], log_std, Steps(*batch), self._hyper)
+        self.flat.backpropagate(kept, terms.outputs_gradient, [terms.log_std_gradient])
         if self._trunks is not None:
             network.gradient.mul_(self._trunks)
         norm = torch.linalg.vector_norm(self.flat.gradient)
         self.flat.gradient.mul_(torch.clamp(self._hyper.max_gradient_norm / (norm + 1e-6), max=1.0))
         self.adam.step()
-        return parts
+        return terms
 
 
 NORMALISER_FILE = "normaliser.json"
 AVERAGE_FILE = "average.npy"
 
-POLICY = "ppo"  # what saved policies say that they are; those of `StockPPO` say the same
+POLICY = "ppo"  # kind in saved policies, also of `StockPPO`
 
 
 class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     """Proximal policy optimisation: 2,000 steps, then 5 epochs over them.
 
-    Observations and rewards are normalised with running statistics, which evaluation uses without
-    changing them and which a reset keeps. The greedy action is the mean, clipped to the action space
-    (the original release evaluates with sampled actions). A time limit adds the value of the last
-    observation to the last reward (the release bootstraps from the next episode's first).
+    Observations and rewards are normalised with running statistics, which evaluation does not change and a
+    reset keeps. The greedy action is the mean, clipped to the action space (the original release evaluates
+    with sampled actions). Truncated episodes bootstrap from the value of the last observation (in the
+    release, of the next episode's first one).
     """
 
     device: torch.device
@@ -294,7 +297,7 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
         log_std: NDArray[np.float32] = self._flat.others[0].numpy(force=True).copy()
         self._policy = log_std, np.stack([self._low, self._high])
 
-    def _prepare_update(self) -> None:  # whoever changes its parameters or optimiser calls `changed`
+    def _prepare_update(self) -> None:  # call `changed` after changing its parameters or optimiser
         self.update = PPOUpdate(self.model, self._flat, self.hyperparameters)
 
     def _train(self) -> None:
@@ -309,28 +312,24 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
         self._greedy.refresh()
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Return V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards.
-
-        The original release asks the value head about raw observations, which it was not trained on.
-        """
+        """Return V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards."""
         with torch.no_grad():
             outputs = self._network.frozen(as_batch(self.normaliser.normalise(observations), self.device))
         values: NDArray[np.float64] = outputs[:, -1].numpy(force=True).astype(np.float64)
         return values * self.normaliser.reward_scale
 
     def save_policy(self, folder: Path) -> None:
-        """Write the layers to the mean action, and the statistics that normalise what goes in.
+        """Write the layers of the mean action (float32) and the observation statistics (float64).
 
-        These are float64, the layers float32. To play elsewhere: ``clip((observation - mean) /
-        sqrt(variance + 1e-8), -observation_clip, observation_clip)``, the layers with the activation between,
-        and the result clipped to the action space. Separate trunks are layers with the value's half, too.
+        To act elsewhere, apply ``clip((observation - mean) / sqrt(variance + 1e-8), -observation_clip,
+        observation_clip)``, then the layers with activations between, and clip to the action space.
         """
         hyper = self.hyperparameters
         values: dict[str, Any] = {
             "hidden_units": list(self._layout.sizes[1:-1]),
             "observation_clip": hyper.observation_clip,
         }
-        if hyper.activation is not Activation.RELU:  # which files without the entry have
+        if hyper.activation is not Activation.RELU:  # the default of files without the entry
             values["activation"] = hyper.activation.value
         tensors = {**self._greedy.tensors(), **self.normaliser.tensors()}
         write_policy(folder, POLICY, self.observation_space, self.action_space, tensors, values)
@@ -388,22 +387,22 @@ class StockPPO(PPO):
 
     def _connect(self) -> None:
         super()._connect()
-        if self.hyperparameters.separate_trunks:  # kept apart, since the gradients are autograd's here
-            kept = torch.ones_like(self._flat.values)
+        if self.hyperparameters.separate_trunks:  # mask the gradients of autograd
+            mask = torch.ones_like(self._flat.values)
             trunks = torch.from_numpy(self._layout.trunks(self._low.size))
-            kept[: len(trunks)] = trunks.to(kept)
-            for parameter, own in zip(self._flat.parameters, self._flat.views(kept), strict=True):
-                parameter.register_hook(own.mul)  # type: ignore[no-untyped-call]
+            mask[: len(trunks)] = trunks.to(mask)
+            for parameter, view in zip(self._flat.parameters, self._flat.views(mask), strict=True):
+                parameter.register_hook(view.mul)  # type: ignore[no-untyped-call]
 
     def _prepare_update(self) -> None:
-        """Prepare nothing: the model's optimiser is the only one."""
+        """Do nothing, since the model's own optimiser is used."""
 
     def _train(self) -> None:
         self.model.train()
 
 
 def _stored(folder: Path) -> StoredPolicy:
-    """Return the saved policy in `folder`, whose tensors and clip are sound."""
+    """Return the checked policy in `folder`."""
     stored = read_policy(folder, POLICY)
     stored.check({**tensor_kinds(stored), **Normaliser.tensor_kinds(*stored.observation_space.shape)})
     clip = stored.hyperparameters.get("observation_clip")

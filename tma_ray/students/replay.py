@@ -1,4 +1,4 @@
-"""Replay storage that keeps every observation once, and the last ones of truncated episodes too."""
+"""Replay buffer that stores observations once, with the last observations of truncated episodes."""
 
 import math
 from collections.abc import Iterator
@@ -23,12 +23,11 @@ _COUNTERS = ("_row", "_size", "_filled", "_first_ending", "_next_ending", "_adde
 class ReplayBuffer:
     """A ring of transitions whose next observation is the following row's observation.
 
-    Where the following transition does not start from it (an episode ended, however), the next
-    observation is kept in a second, small ring. Nothing is lost, so truncated episodes bootstrap from
-    the observation that they were cut at; stable-baselines3's own buffer refuses that together with
-    storing observations once. Memory is touched only as it fills.
+    Next observations at the end of an episode are stored in a second, small ring, so that truncated episodes
+    bootstrap from their last observation; stable-baselines3's buffer cannot do that while storing
+    observations once. Memory is touched only as it fills.
 
-    It stands in for stable-baselines3's buffer: its update calls nothing but `sample`.
+    It replaces stable-baselines3's buffer, of which the update only calls `sample`.
 
     Args:
         capacity: transitions kept.
@@ -54,7 +53,7 @@ class ReplayBuffer:
         self._rewards = np.zeros(self._rows, dtype=np.float32)
         self._terminated = np.zeros(self._rows, dtype=np.bool_)
         self._ending = np.zeros(self._rows, dtype=np.int32)  # number of the stored ending, 0 if none
-        self._added = 0  # transitions ever
+        self._added = 0  # transitions added since the start
         self.clear()
 
     def __len__(self) -> int:
@@ -62,18 +61,15 @@ class ReplayBuffer:
 
     def clear(self) -> None:
         """Forget all transitions."""
-        self._row = 0  # where the next transition goes
+        self._row = 0  # row of the next transition
         self._size = 0
         self._filled = 0  # rows ever written, all of them after a wrap
-        self._saved = 0  # transitions ever at the last save, 0 if that has nothing of what is kept now
+        self._saved = 0  # `_added` at the last save, 0 if that save holds nothing of the current content
         self._endings = np.empty((1, self._observations.shape[1]), dtype=np.float32)
         self._first_ending, self._next_ending = 1, 1  # numbers of the endings kept: [first, next)
 
     def add(self, transition: Transition, action: NDArray[np.float32]) -> None:
-        """Store `transition`, and forget the oldest if the buffer is full.
-
-        Its own action is not read: `action` (a,) is in the network's range [-1, 1].
-        """
+        """Store `transition` with its `action` (a,) scaled to [-1, 1], overwriting the oldest if full."""
         row = self._row
         following = row + 1 if row + 1 < self._rows else 0
         if self._size == self._rows - 1:  # the oldest transition lies where the next observation goes
@@ -99,13 +95,16 @@ class ReplayBuffer:
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Store n consecutive transitions of an episode, as n calls of `add` would.
+        """Store n consecutive transitions of an episode, like n calls of `add`.
 
-        `observations` (n + 1, o) are those acted on and the last next one, `actions` (n, a) are in [-1, 1];
-        only the last transition can have `terminated`.
+        Args:
+            observations: observations of all transitions, and the last next one (n + 1, o).
+            actions: actions in [-1, 1] (n, a).
+            rewards: rewards (n,).
+            terminated: True if the last transition ended in a terminal state.
         """
         count, row = len(actions), self._row
-        if self._size + count >= self._rows or row + count >= self._rows:  # at the seam, or full
+        if self._size + count >= self._rows or row + count >= self._rows:  # would wrap around or overwrite
             for k in range(count):
                 last = terminated and k == count - 1
                 step = Transition(
@@ -128,7 +127,7 @@ class ReplayBuffer:
         self._filled = max(self._filled, self._row)
 
     def pieces(self) -> Iterator[tuple[Observations, NDArray[np.float32], NDArray[np.float32], bool]]:
-        """Yield all transitions, oldest first, in pieces of episodes that `extend` takes."""
+        """Yield all transitions, oldest first, episode by episode as arguments of `extend`."""
         rows = (self._row - np.arange(self._size, 0, -1)) % self._rows
         ends = self._terminated[rows] | (self._ending[rows] > 0)
         for piece in np.split(rows, ends.nonzero()[0] + 1):
@@ -143,9 +142,9 @@ class ReplayBuffer:
 
         Args:
             batch_size: number of transitions n.
-            env: stable-baselines3 passes its normalising environment here; there is none.
+            env: normalising environment of stable-baselines3, always None.
         """
-        assert env is None, "stable-baselines3's normalising environment, of which there is none"
+        assert env is None, "a normalising environment of stable-baselines3 is not used"
         ages = self._generator.integers(1, self._size + 1, size=batch_size)
         rows = (self._row - ages) % self._rows
         batch = (
@@ -155,17 +154,17 @@ class ReplayBuffer:
             self._terminated[rows, None].astype(np.float32),
             self._rewards[rows, None],
         )
-        return ReplayBufferSamples(*(torch.from_numpy(part).to(self._device) for part in batch))
+        return ReplayBufferSamples(*(torch.from_numpy(column).to(self._device) for column in batch))
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
-        """Write the filled part in segments, every observation once; return the names of segments left out.
+        """Write the filled rows in segments and return the names of the segments left out.
 
-        Those are left out, if `incremental`, that did not change since this buffer was last saved or loaded.
+        If `incremental`, segments unchanged since the last save or load are left out.
         """
         changed: set[int] | None = None
         if incremental and self._saved:
             new = min(self._added - self._saved, self._rows)
-            # with the row before, whose ending may have been kept since, and the one ahead
+            # and the row before, whose ending may be new, and the one after
             touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
             changed = set((touched // SEGMENT_ROWS).tolist())
         used, unchanged = min(self._filled + 1, self._rows), []
@@ -184,7 +183,7 @@ class ReplayBuffer:
         return tuple(unchanged)
 
     def load(self, folder: Path) -> None:
-        """Load what a buffer of the same sizes saved."""
+        """Load the content that a buffer of the same sizes saved."""
         for number, path in enumerate(sorted(folder.glob("replay-*.npz"))):
             start = number * SEGMENT_ROWS
             with np.load(path) as segment:
@@ -213,5 +212,5 @@ class ReplayBuffer:
             grown[kept % len(grown)] = self._endings[kept % len(self._endings)]
             self._endings = grown
         self._endings[self._next_ending % len(self._endings)] = self._observations[row]
-        self._ending[row - 1] = self._next_ending  # row - 1 is -1, the last row, at the seam
+        self._ending[row - 1] = self._next_ending  # -1, the last row, at the wrap
         self._next_ending += 1

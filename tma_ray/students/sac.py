@@ -1,4 +1,4 @@
-"""SAC over stable-baselines3, with the paper's hyper-parameters."""
+"""SAC on top of stable-baselines3, with the paper's hyper-parameters."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -33,18 +33,18 @@ from tma_ray.students.sb3.base import StableBaselinesStudent
 
 _HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 
-Pass: TypeAlias = Callable[[torch.Tensor], torch.Tensor]  # a network, as a function of its inputs
+Pass: TypeAlias = Callable[[torch.Tensor], torch.Tensor]  # forward pass of a network
 
 
 class Transitions(NamedTuple):
-    """A batch of n transitions; stable-baselines3's samples have these attributes, too.
+    """A batch of n transitions, with fields of stable-baselines3's samples.
 
     Attributes:
-        observations: values (n, o).
+        observations: observations (n, o).
         actions: actions in [-1, 1] (n, a).
-        next_observations: values (n, o).
-        dones: 1 where nothing follows (n, 1).
-        rewards: values (n, 1).
+        next_observations: observations after the steps (n, o).
+        dones: 1 at terminal states, else 0 (n, 1).
+        rewards: rewards (n, 1).
     """
 
     observations: torch.Tensor
@@ -58,7 +58,7 @@ class Draw(NamedTuple):
     """Actions drawn from the policy.
 
     Attributes:
-        actions: squashed to [-1, 1] (n, a).
+        actions: actions squashed to [-1, 1] (n, a).
         log_probabilities: log probabilities of the actions (n, 1).
     """
 
@@ -67,7 +67,7 @@ class Draw(NamedTuple):
 
 
 def in_range(outputs: torch.Tensor, log_std: LogStd) -> torch.Tensor:
-    """Return the log deviations, within `LOG_STD_RANGE`, of an actor's `outputs` for them."""
+    """Return an actor's `outputs` mapped to log standard deviations within `LOG_STD_RANGE`."""
     low, high = LOG_STD_RANGE
     if log_std is LogStd.CLAMP:
         return outputs.clamp(low, high)
@@ -75,9 +75,12 @@ def in_range(outputs: torch.Tensor, log_std: LogStd) -> torch.Tensor:
 
 
 def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor, log_std: LogStd) -> Draw:
-    """Return the tangent hyperbolic of normal variables, and its log density.
+    """Return actions sampled from a tanh-squashed normal distribution, and their log density.
 
-    `outputs` (n, 2a) are an actor's, `noise` (n, a) is standard normal.
+    Args:
+        outputs: outputs of an actor (n, 2a).
+        noise: standard normal noise (n, a).
+        log_std: map from outputs to log standard deviations.
     """
     mean, log_deviation = outputs.chunk(2, dim=-1)
     log_deviation = in_range(log_deviation, log_std)
@@ -88,7 +91,7 @@ def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor, log_std: LogStd) -
 
 
 def joined(critics: Sequence[Pass]) -> Pass:
-    """Return the function that gives the values of all `critics` (n, c)."""
+    """Return the joint forward pass of all `critics`, with outputs (n, c)."""
     return lambda inputs: torch.cat([critic(inputs) for critic in critics], dim=-1)
 
 
@@ -101,7 +104,7 @@ def soft_values(critics: Pass, observations: torch.Tensor, draw: Draw, alpha: fl
 def critic_loss(critics: Pass, batch: Transitions, targets: torch.Tensor) -> torch.Tensor:
     """Return half the mean squared error of each critic, summed over the critics.
 
-    The `targets` are r + gamma (1 - done) V(s') (n, 1), which no gradient passes.
+    The `targets` are r + gamma (1 - done) V(s') (n, 1), without a gradient.
     """
     values = critics(torch.cat((batch.observations, batch.actions), dim=-1))
     return 0.5 * (values - targets).square().mean(dim=-2).sum(dim=-1)
@@ -113,19 +116,19 @@ def actor_loss(critics: Pass, observations: torch.Tensor, draw: Draw, alpha: flo
 
 
 class TanhActor(Actor):
-    """An actor whose log deviation is not clamped, but a tangent hyperbolic scaled to the same range."""
+    """Actor whose log standard deviation is a scaled tanh instead of clamped."""
 
     def get_action_dist_params(
         self, obs: PyTorchObs
     ) -> tuple[torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
-        """Return means (n, a) and log deviations (n, a) of the actions before squashing."""
+        """Return means and log standard deviations (n, a) of the actions before squashing."""
         latent = self.latent_pi(self.extract_features(obs, self.features_extractor))
         log_std: Any = self.log_std
         return self.mu(latent), in_range(log_std(latent), LogStd.TANH), {}
 
 
 class TanhPolicy(SACPolicy):
-    """A policy with a `TanhActor`."""
+    """SAC policy with a `TanhActor`."""
 
     def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Actor:
         """Return a new actor."""
@@ -134,20 +137,20 @@ class TanhPolicy(SACPolicy):
 
 
 POLICIES: dict[LogStd, type[SACPolicy]] = {LogStd.TANH: TanhPolicy, LogStd.CLAMP: SACPolicy}
-"""stable-baselines3's policy for each map to the log deviation."""
+"""Policy class for each map to the log standard deviation."""
 
 
 class SACUpdate:
-    """SAC's update of the networks of `model`, which owns them and the optimisers' states.
+    """SAC's update of the networks of a stable-baselines3 model, which owns them and the optimisers' states.
 
     Args:
         model: a set-up stable-baselines3 SAC with a fixed entropy coefficient.
-        actor: the parameters of its actor.
-        critics: the parameters of its critics.
+        actor: parameters of its actor.
+        critics: parameters of its critics.
         hyperparameters: hyper-parameters of the student.
 
     Attributes:
-        targets: the parameters of the target critics.
+        targets: parameters of the target critics.
         actor_adam: optimiser of the actor.
         critic_adam: optimiser of the critics.
     """
@@ -166,7 +169,7 @@ class SACUpdate:
         self._model, self._hyper = model, hyperparameters
 
     def __call__(self, samples: ReplayBufferSamples) -> None:
-        """Take one step of the critics, of the actor and of the targets; draw from torch's generator."""
+        """Update critics, actor and targets once, with noise from torch's generator."""
         batch = Transitions(*samples[:5])
         noise, next_noise = (torch.randn_like(batch.actions) for _ in range(2))
         hyper, (actor,) = self._hyper, self.actor.networks
@@ -189,18 +192,17 @@ class SACUpdate:
         self._model.logger.record("train/actor_loss", policy_loss.item())
 
 
-POLICY = "sac"  # what saved policies say that they are; those of `StockSAC` say the same
+POLICY = "sac"  # kind in saved policies, also of `StockSAC`
 
 
 class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     """Soft actor-critic with a fixed entropy coefficient, as in Spinning Up 0.1.1, which the paper names.
 
     The first 10,000 actions of the run are uniform. At the end of each episode, from the first one on,
-    the networks are updated once for every 10 steps of it, rounded up; an episode that the run's budget
-    cuts has no end and no updates. Batches are drawn with replacement: a buffer with fewer transitions
-    than a batch serves, too. Time limits bootstrap. The greedy action is the squashed mean.
-    stable-baselines3 has no V network (the original release has one): V(s) = E[min Q(s, a) - alpha log
-    pi(a|s)] is averaged over sampled actions.
+    the networks are updated once for every 10 of its steps, rounded up; an episode cut off by the run's
+    budget brings no updates. Batches are drawn with replacement, also from fewer transitions than a batch
+    has. Time limits bootstrap. The greedy action is the squashed mean. It has no V network (the original
+    release has one): V(s) = E[min Q(s, a) - alpha log pi(a|s)] is averaged over sampled actions.
     """
 
     _acting: GreedyNetwork
@@ -243,7 +245,7 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
         self._acting.refresh()
 
     def _prepare_update(self) -> None:
-        # flat parameters and optimisers; whoever changes them calls `changed`
+        # call `changed` after changing its parameters or optimisers
         self.update = SACUpdate(self.model, self._actor, self._critics, self.hyperparameters)
 
     def _train(self, updates: int) -> None:
@@ -271,16 +273,16 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
         return values
 
     def value_noise(self, states: int) -> NDArray[np.float32]:
-        """Return standard normal noise (m, n, a) of the m actions that the value of each state averages."""
+        """Return standard normal noise (m, n, a) of the m sampled actions per state."""
         shape = self.hyperparameters.value_samples, states, self._low.size
         noise: NDArray[np.float32] = self._values.standard_normal(shape, dtype=np.float32)
         return noise
 
     def save_policy(self, folder: Path) -> None:
-        """Write the actor's layers to the mean.
+        """Write the actor's layers of the mean action.
 
-        To play elsewhere: the layers with ReLUs between, and the tangent hyperbolic of the result mapped from
-        [-1, 1] to the action space.
+        To act elsewhere, apply the layers with ReLUs between, and map the tanh of the result from [-1, 1] to
+        the action space.
         """
         hyperparameters = {"hidden_units": list(self.hyperparameters.hidden_units)}
         spaces = self.observation_space, self.action_space
@@ -320,7 +322,7 @@ class StockSAC(SAC):
     """SAC whose update is stable-baselines3's own `train`; all else is alike."""
 
     def _prepare_update(self) -> None:
-        """Prepare nothing: the model's optimisers are the only ones."""
+        """Do nothing, since the model's own optimisers are used."""
 
     def _train(self, updates: int) -> None:
         self.model.train(gradient_steps=updates, batch_size=self.hyperparameters.batch_size)

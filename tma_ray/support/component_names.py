@@ -1,11 +1,10 @@
 """The grammar of names with settings, ``name:key=value``.
 
-Settings follow the name of a part, as in ``alp_gmm:fit_every=100``, ``stock:sac:learning_rate=3e-4`` or
-``module:Name:key=value``. Lists are written with "x" between their entries (``hidden_units=64x64``), or as
-JSON where an entry is a list or has an "x" itself; mappings as JSON, booleans as ``true`` and ``false``, no
-value as ``none``; ":", "=", "," and "%" within a value are escaped as in addresses (``%3A``). The canonical
-name of a part holds what differs from its defaults and nothing else, with sorted keys, so that equal parts
-have equal names wherever they are compared.
+Settings follow the name of a component, as in ``alp_gmm:fit_every=100``, ``stock:sac:learning_rate=3e-4`` or
+``module:Name:key=value``. Lists are separated by "x" (``hidden_units=64x64``), or JSON if an entry is a
+list or contains an "x"; mappings are JSON, booleans ``true`` and ``false``, a missing value ``none``. The
+characters ":", "=", "," and "%" in values are percent-encoded (``%3A``). The canonical name of a component
+has only settings that differ from its defaults, sorted by key, so that equal components have equal names.
 """
 
 import difflib
@@ -15,19 +14,19 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 from urllib.parse import unquote
 
-SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")  # the settings at the end of a name
-FILE = re.compile(r"\.py:(\w+)$")  # the end of a plug-in that is named by its file, before its settings
-LIST_SEPARATOR = "x"  # between the entries of a list; commas separate names
+_SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")  # settings at the end of a name
+_FILE = re.compile(r"\.py:(\w+)$")  # end of a plug-in named by its file
+LIST_SEPARATOR = "x"  # separator of list entries, since commas separate names
 
 ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":=,%"})
-"""How characters are written within a value that mean something in a name."""
+"""Percent-encoding of special characters in values."""
 
 
 def split_name(text: str) -> tuple[str, dict[str, str]]:
-    """Return the name of a part without its settings, and the settings as text.
+    """Return a component's name without settings, and its settings as text.
 
     Raises:
-        ValueError: a setting is given twice.
+        ValueError: if a setting occurs twice.
 
     Examples:
         >>> split_name("stock:sac:learning_rate=3e-4")
@@ -45,7 +44,7 @@ def split_name(text: str) -> tuple[str, dict[str, str]]:
 
 
 def base_name(text: str) -> str:
-    """Return the name of a part without its settings; a file ``module.py:Name`` as its module.
+    """Return a component's name without settings, with ``module.py:Name`` as ``module:Name``.
 
     Examples:
         >>> base_name("alp_gmm:fit_every=10"), base_name("module:Name"), base_name("module.py:Name")
@@ -55,28 +54,28 @@ def base_name(text: str) -> str:
 
 
 def _parted(text: str) -> tuple[str, str]:
-    """Return the name of a part and the text of its settings, with the colon before it."""
+    """Return a component's name and the text of its settings with the leading colon."""
     if not isinstance(text, str):
         raise TypeError(f"{text!r:.60}: expected the name of a part, as 'random'")
-    match = SETTINGS.search(text)
+    match = _SETTINGS.search(text)
     end = len(text) if match is None else match.start()
-    return FILE.sub(r":\1", text[:end]), text[end:]
+    return _FILE.sub(r":\1", text[:end]), text[end:]
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Return a hint at the known name that is most like `name`, empty if none is like it.
+def nearest(name: str, candidates: Iterable[str]) -> str:
+    """Return a hint at the candidate most similar to `name`, empty if none is similar.
 
     Examples:
         >>> nearest("Alp_gm", ["random", "alp_gmm"])
         "did you mean 'alp_gmm'? "
     """
-    by_lower_case = {str(each).lower(): str(each) for each in known}
-    found = difflib.get_close_matches(name.lower(), by_lower_case, n=1)
-    return f"did you mean {by_lower_case[found[0]]!r}? " if found else ""
+    by_lower_case = {str(candidate).lower(): str(candidate) for candidate in candidates}
+    matches = difflib.get_close_matches(name.lower(), by_lower_case, n=1)
+    return f"did you mean {by_lower_case[matches[0]]!r}? " if matches else ""
 
 
 def join_name(name: str, settings: Mapping[str, Any]) -> str:
-    """Return `name` with `settings`, sorted by key; the reverse of `split_name`.
+    """Return `name` with `settings` sorted by key (inverse of `split_name`).
 
     Examples:
         >>> join_name("sac", {"learning_rate": 3e-4, "hidden_units": (64, 64), "batch_size": 100.0})
@@ -86,7 +85,7 @@ def join_name(name: str, settings: Mapping[str, Any]) -> str:
 
 
 def text_of(value: Any) -> str:
-    """Return a value as it is written in a name.
+    """Return the text of a value in a name.
 
     Examples:
         >>> [text_of(value) for value in (1.0, 3e-4, True, None, (64, 64), ["box"])]
@@ -104,7 +103,7 @@ def text_of(value: Any) -> str:
 
 
 def _needs_quotes(item: Any) -> bool:
-    """True if an entry of a list would not be read again between separators."""
+    """Return True if a list with this entry must be written as JSON."""
     if isinstance(item, str):
         return not item or LIST_SEPARATOR in item or item.startswith(("[", "{"))
     return isinstance(item, (tuple, list, dict))

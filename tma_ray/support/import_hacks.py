@@ -1,4 +1,4 @@
-"""Workarounds that keep imported libraries from importing larger ones that are not needed."""
+"""Workarounds that keep pyarrow and torch from importing pandas and torch's compiler."""
 
 from __future__ import annotations
 

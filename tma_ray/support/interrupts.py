@@ -1,6 +1,6 @@
-"""Ctrl-C while a command is starting, running or ending: exit code 130, and no traceback.
+"""Handling of Ctrl-C at any time of a command: exit code 130 without a traceback.
 
-It is imported before everything else, and imports only what is there already.
+It is imported first, and so imports only modules that are loaded already.
 """
 
 from __future__ import annotations
@@ -13,33 +13,31 @@ import threading
 from collections.abc import Iterator
 from types import FrameType
 
-INTERRUPTED = 130
-"""Exit code of a command that was stopped by Ctrl-C: 128 and the number of the signal, as of a shell."""
+INTERRUPTED = 130  # exit code after Ctrl-C: 128 plus the signal number, as in shells
 
 
 def is_command(arguments: list[str]) -> bool:
-    """True if an interpreter with these arguments runs the command ``tma-ray``."""
+    """Return True if an interpreter with these arguments runs the command ``tma-ray``."""
     stems = {os.path.basename(word).partition(".")[0] for word in arguments[:2]}  # noqa: PTH119
     return bool({"tma_ray", "tma_ray.cli"} & set(arguments[1:3])) or "tma-ray" in stems
 
 
 def leave_at_once(*_: object) -> None:
-    """End the process, before anything was started or after everything was done."""
+    """End the process at once."""
     os._exit(INTERRUPTED)
 
 
 def expect_early() -> None:
-    """End the process on Ctrl-C while the command imports the package."""
-    with contextlib.suppress(ValueError):  # another thread than the main one imports it
+    """End the process on Ctrl-C during imports."""
+    with contextlib.suppress(ValueError):  # imported in another thread
         signal.signal(signal.SIGINT, leave_at_once)
 
 
 @contextlib.contextmanager
 def block_sigint() -> Iterator[None]:
-    """Block Ctrl-C, which a terminal sends to all processes, in processes that are started within.
+    """Context in which started processes have Ctrl-C blocked, so that it does not interrupt their imports.
 
-    One that comes meanwhile reaches this process at the end of the block, and the others at `unblock_sigint`:
-    until then they import, where it would end in a traceback.
+    A pending Ctrl-C reaches this process at the end of the block, and the others at `unblock_sigint`.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -49,16 +47,16 @@ def block_sigint() -> Iterator[None]:
 
 
 def unblock_sigint() -> None:
-    """Unblock Ctrl-C, which ends this process without a message, also if it came while blocked."""
+    """Unblock Ctrl-C, pending or not, which then ends the process without a message."""
     signal.signal(signal.SIGINT, leave_at_once)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 @contextlib.contextmanager
 def raised_interrupts(came: list[int]) -> Iterator[None]:
-    """Context manager in which Ctrl-C raises KeyboardInterrupt, in the main thread, and is added to a list.
+    """Context in which Ctrl-C raises KeyboardInterrupt in the main thread and is appended to `came`.
 
-    Libraries turn a KeyboardInterrupt into errors of their own, or lose it where Python cannot raise it.
+    The list is needed since libraries may convert or swallow the exception.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

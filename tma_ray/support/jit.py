@@ -1,4 +1,4 @@
-"""Compilation of kernels, which stay plain Python under ``NUMBA_DISABLE_JIT=1``."""
+"""Compilation of kernels by numba, except under ``NUMBA_DISABLE_JIT=1``."""
 
 import hashlib
 import sys
@@ -35,18 +35,14 @@ def _announce() -> None:
     )
 
 
-_kernels: list[Any] = []  # kernels of the modules that have been imported
+_kernels: list[Any] = []  # kernels of all imported modules
 
 
 def count_compiled(show: Callable[[int, int], None]) -> None:
-    """Call `show` after each compilation from now on.
-
-    Args:
-        show: function of the number of kernels that are compiled, and of all in the modules imported so far.
-    """
+    """Call `show` with the numbers of compiled kernels and of all kernels after each compilation."""
 
     def count() -> None:
-        show(sum(bool(each.signatures) for each in _kernels), len(_kernels))
+        show(sum(bool(compiled.signatures) for compiled in _kernels), len(_kernels))
 
     event.register("numba:compile", _Listener(after=count))  # type: ignore[no-untyped-call]
 
@@ -58,19 +54,18 @@ if is_command(sys.orig_argv):
 def kernel(function: F, nogil: bool = False, counted: bool = True) -> F:
     """Return `function` compiled on its first call, without fast-math, and cached on disk.
 
-    Kernels of the physics and the terrains use arithmetic and comparisons only, no transcendental functions:
-    compiled and plain they give the same bits.
+    Kernels of physics and terrains avoid transcendental functions, so that plain Python gives the same bits.
 
     Args:
         function: the kernel.
-        nogil: True if other threads of the interpreter go on during a call.
-        counted: False if most processes never call it; `count_compiled` leaves it out then.
+        nogil: True to release the GIL during calls.
+        counted: False to leave it out of `count_compiled`, if most processes never call it.
 
     Raises:
-        OSError: no folder in which compiled kernels are kept may be written.
+        OSError: if no cache folder is writable.
     """
     try:
-        # Inlined: a call hands over an array as seven values, and takes longer than most kernels.
+        # inlined, since calls with arrays take longer than most kernels
         compiled: Any = numba.njit(cache=True, forceinline=True, nogil=nogil)(function)
     except RuntimeError as error:
         raise OSError(
@@ -78,8 +73,8 @@ def kernel(function: F, nogil: bool = False, counted: bool = True) -> F:
             f"user's own cache may be written; name a folder that may be in NUMBA_CACHE_DIR"
         ) from error
     if compiled is not function:
-        # numba notices changes of the function's own file only, but kernels call others of their package; it
-        # unpickles an index before it compares the stamp, and so fails on types of modules that are gone.
+        # numba only notices changes of the function's file, but kernels call others of their package; its
+        # index is unpickled before stamps are compared, which fails on types of deleted modules
         file = Path(function.__code__.co_filename)
         compiled._cache._cache_file._version = (numba.__version__, _sources(_package(file)))
         if counted:
@@ -88,7 +83,7 @@ def kernel(function: F, nogil: bool = False, counted: bool = True) -> F:
 
 
 def _package(file: Path) -> Path:
-    """Return the subpackage directly below the topmost package of `file`, else the file's own folder."""
+    """Return the top-level subpackage of `file`, or its folder outside of subpackages."""
     folder = file.parent
     while (folder.parent.parent / "__init__.py").is_file():
         folder = folder.parent
@@ -97,9 +92,9 @@ def _package(file: Path) -> Path:
 
 @cache
 def _sources(folder: Path) -> str:
-    """Return a digest of every file that a kernel of `folder` may be in, with the files' names."""
+    """Return a digest of the Python files in `folder` and their names."""
     content = hashlib.sha256()
-    is_package = (folder / "__init__.py").is_file()  # any other folder may be anything, a home for instance
+    is_package = (folder / "__init__.py").is_file()  # never recurse into other folders, perhaps a home
     for path in sorted(folder.glob("**/*.py" if is_package else "*.py")):
         content.update(f"{path.relative_to(folder)}\0".encode() + path.read_bytes())
     return content.hexdigest()

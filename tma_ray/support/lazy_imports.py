@@ -1,4 +1,4 @@
-"""Packages whose parts are imported when they are first asked for: a name alone needs none of them."""
+"""Lazy imports of the public names of packages."""
 
 import ast
 import sys
@@ -9,28 +9,26 @@ from typing import Any
 
 
 def attach(package: str, source: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return the functions `__getattr__` and `__dir__` of a package.
-
-    They know what the package imports under ``if TYPE_CHECKING:``, objects or whole modules.
+    """Return `__getattr__` and `__dir__` for a package, which import its ``if TYPE_CHECKING:`` names on use.
 
     Args:
-        package: its ``__name__``.
-        source: its ``__file__``.
+        package: ``__name__`` of the package.
+        source: ``__file__`` of the package.
     """
     blocks = [node for node in ast.parse(Path(source).read_bytes()).body if isinstance(node, ast.If)]
     imports = [node for block in blocks for node in block.body if isinstance(node, ast.ImportFrom)]
-    modules = {each.name: str(node.module) for node in imports for each in node.names}
+    modules = {alias.name: str(node.module) for node in imports for alias in node.names}
 
     def get(name: str) -> Any:
         if name not in modules:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         module = modules[name]
         if module == package or not hasattr(import_module(module), name):
-            found: Any = import_module(f"{module}.{name}")
+            value: Any = import_module(f"{module}.{name}")
         else:
-            found = getattr(import_module(module), name)
-        setattr(sys.modules[package], name, found)
-        return found
+            value = getattr(import_module(module), name)
+        setattr(sys.modules[package], name, value)
+        return value
 
     def listed() -> list[str]:
         return sorted({*vars(sys.modules[package]), *modules})

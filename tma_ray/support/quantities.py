@@ -1,4 +1,4 @@
-"""Kinds of numbers with their ranges, and paths of the home folder."""
+"""Kinds of numbers with their ranges, parsed from text, and expansion of home folders."""
 
 import re
 from dataclasses import dataclass
@@ -7,26 +7,25 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Final
 
-SHOWN: Final = 60  # number of characters of a refused text in a message
+MOST_SHOWN_CHARS: Final = 60  # characters of a rejected text in a message
 
 _NUMBER: Final = re.compile(r"(-?\d+(?:_\d+)*(?:\.\d+)?(?:[eE][+-]?\d{1,3})?)([A-Za-z]*)", re.ASCII)
 _FACTORS: Final = {"": 1, "k": 1_000, "K": 1_000, "M": 1_000_000}
-"""Values of the letters after a number; "m" is none, since it could be a thousandth or a million."""
+"""Factors of units. "m" is missing, since it could be a thousandth or a million."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Kind of number, with its range; calling it parses a text.
+    """Kind of number with a range, callable as a parser of text.
 
-    Numbers are written as 500000, 500_000, 5e5, 500k, 500K or 20M, without a plus. Infinities and NaN are
-    refused.
+    Numbers are written as 500000, 500_000, 5e5, 500k, 500K or 20M, without a plus, infinities and NaN.
 
     Attributes:
-        expected: description of the kind, for refusals.
+        expected: description in error messages.
         least: smallest value.
-        most: largest value, beyond everything that makes sense, so that a slip is refused at once.
-        whole: True if only whole numbers are accepted.
-        positive: True if `least` itself is refused.
+        most: largest value, generous enough to reject mistakes only.
+        whole: True for whole numbers only.
+        positive: True to exclude `least` itself.
     """
 
     expected: str
@@ -39,11 +38,11 @@ class Quantity:
         """Return the number in `text`.
 
         Raises:
-            ValueError: a text that is not a number of this kind.
+            ValueError: if it is not a number of this kind.
         """
-        found = _NUMBER.fullmatch(text.strip())
-        if found is not None:
-            digits, unit = found.groups()
+        match = _NUMBER.fullmatch(text.strip())
+        if match is not None:
+            digits, unit = match.groups()
             if unit not in _FACTORS:
                 raise refused(
                     text, f"unknown unit {unit!r}: k is a thousand, M a million; expected {self.expected}"
@@ -56,11 +55,7 @@ class Quantity:
         raise refused(text, f"expected {self.expected}")
 
     def check(self, name: str, value: object) -> None:
-        """Refuse a value that is not of this kind.
-
-        Raises:
-            ValueError: the message holds `name`, the value and what was expected.
-        """
+        """Raise a ValueError if the argument `name` is not a number of this kind."""
         kind = Integral if self.whole else Real
         if isinstance(value, bool) or not isinstance(value, kind) or not self._holds(value):
             raise ValueError(f"{name} = {value!s:.60}: expected {self.expected}")
@@ -84,7 +79,7 @@ WIDTH: Final = Quantity("a whole number of slots from 0 to 4,096", 0, 4096, whol
 """Number of slots of a cohort."""
 
 LOSSES: Final = Quantity("a whole number from 0 to 1e6", 0, 1e6, whole=True)
-"""Number of times that something may be lost."""
+"""Maximum number of losses."""
 
 CORES: Final = Quantity("a number of cores over 0, up to 65,536, such as 1 or 0.5", 0, 65_536, positive=True)
 """Cores of one run."""
@@ -97,18 +92,14 @@ SECONDS: Final = Quantity("a number of seconds from 0 to 1e9", 0, 1e9)  # time, 
 COORDINATE: Final = Quantity("a number from -1e9 to 1e9", -1e9, 1e9)  # value of a dimension of a task space
 
 BODY_SIZE: Final = Quantity("a number over 0, up to 100", 0, 100, positive=True)
-"""Size of a body, as a multiple of its own."""
+"""Size of an embodiment, as a multiple of its default."""
 
 TORQUE: Final = Quantity("a number of N m over 0, up to 1e6", 0, 1e6, positive=True)  # torque of a motor, N m
 SHARE: Final = Quantity("a share over 0, up to 1", 0, 1, positive=True)  # share of a whole
 
 
 def expanded(path: str | Path) -> Path:
-    """Return a path with the home folder in place of ``~`` or ``~user``.
-
-    Raises:
-        ValueError: an unknown user.
-    """
+    """Return a path with ``~`` or ``~user`` expanded, or raise a ValueError for an unknown user."""
     try:
         return Path(path).expanduser()
     except RuntimeError as error:
@@ -119,6 +110,6 @@ def expanded(path: str | Path) -> Path:
 
 
 def refused(text: str, reason: str) -> ValueError:
-    """Return the error of a refused text: the text and the `reason`."""
-    shown = text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
+    """Return the error of a rejected text."""
+    shown = text if len(text) <= MOST_SHOWN_CHARS else f"{text[:MOST_SHOWN_CHARS]}…"
     return ValueError(f"{shown!r}: {reason}")

@@ -1,4 +1,4 @@
-"""Checks of the arguments of public functions: errors say the name, its value, and what was expected."""
+"""Checks of public arguments, whose errors give name, value and expectation."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,7 +11,7 @@ from typing import Any, Final, get_args, get_origin, get_type_hints
 
 from tma_ray.support.component_names import nearest
 
-_IN_WORDS: Final[dict[type, str]] = {
+_DESCRIPTIONS: Final[dict[type, str]] = {
     str: "a text",
     bool: "True or False",
     int: "a whole number",
@@ -23,20 +23,19 @@ _IN_WORDS: Final[dict[type, str]] = {
 
 
 def check_type(name: str, value: object, kind: type | tuple[type, ...], expected: str) -> None:
-    """Refuse an argument of another type by a TypeError."""
+    """Raise a TypeError if an argument has another type."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {value!r:.60}: expected {expected}")
 
 
 def check_fields(record: Any) -> None:
-    """Refuse fields of a dataclass with values of other types than declared.
+    """Check that the fields of a dataclass have values of their declared types.
 
-    Whole and real numbers are not told apart, since their ranges are checked elsewhere; choices and tuples
-    have checks of their own.
+    Whole numbers and floats count as one type; enums and tuples are not checked.
 
     Raises:
-        TypeError: a value of another type where no number was expected.
-        ValueError: a value that is not a number.
+        TypeError: if a value has another type.
+        ValueError: if a number was expected.
     """
     for name, (kinds, expected) in _kinds_of_fields(record.__class__).items():
         value = getattr(record, name)
@@ -48,74 +47,61 @@ def check_fields(record: Any) -> None:
 
 @cache
 def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
-    """Return the accepted types of each field of a dataclass, and their description."""
-    found = {}
+    """Return the accepted types of each field of a dataclass with a description."""
+    fields = {}
     for name, hint in get_type_hints(record).items():
-        hints = [
-            get_origin(each) or each for each in (get_args(hint) if isinstance(hint, UnionType) else (hint,))
-        ]
-        if not any(each in (Any, tuple) or issubclass(each, Enum) for each in hints):
-            kinds = tuple(Real if each in (int, float) else each for each in hints)
-            found[name] = kinds, " or ".join(_IN_WORDS.get(each, f"a {each.__name__}") for each in hints)
-    return found
+        hints = get_args(hint) if isinstance(hint, UnionType) else (hint,)
+        types = [get_origin(kind) or kind for kind in hints]
+        if not any(kind in (Any, tuple) or issubclass(kind, Enum) for kind in types):
+            kinds = tuple(Real if kind in (int, float) else kind for kind in types)
+            fields[name] = kinds, " or ".join(_DESCRIPTIONS.get(kind, f"a {kind.__name__}") for kind in types)
+    return fields
 
 
 def check_sequence(name: str, value: object) -> None:
-    """Refuse a single text where a list of texts is expected, by a TypeError."""
+    """Raise a TypeError for a single text where a list of texts is expected."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise TypeError(f"{name} = {value!r:.60}: expected several, as in [{value!r:.60}]")
 
 
-def check_known(kind: str, name: object, known: Iterable[str], has: str) -> None:
-    """Refuse a name that is not among `known`: a ValueError with the nearest match, `has` and all names."""
-    known = list(known)
-    if name not in known:
-        hint = nearest(str(name), known)
-        raise ValueError(f"no {kind} {name!r}: {hint}{has} {', '.join(map(str, known)) or 'none'}")
+def check_known(kind: str, name: object, names: Iterable[str], has: str) -> None:
+    """Raise a ValueError for an unknown name, with the nearest match and, after `has`, all `names`."""
+    names = list(names)
+    if name not in names:
+        hint = nearest(str(name), names)
+        raise ValueError(f"no {kind} {name!r}: {hint}{has} {', '.join(map(str, names)) or 'none'}")
 
 
 def check_finite(name: str, value: Any) -> None:
-    """Refuse an argument that is not a finite number by a ValueError."""
+    """Raise a ValueError if an argument is not a finite number."""
     if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         raise ValueError(f"{name} = {value!r:.60}: expected a finite number")
 
 
 def check_whole(name: str, value: object, least: int) -> None:
-    """Refuse an argument that is not a whole number of at least `least` by a ValueError."""
+    """Raise a ValueError if an argument is not a whole number of at least `least`."""
     if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
         raise ValueError(f"{name} = {value!r:.60}: expected a whole number of at least {least}")
 
 
 def check_pair(name: str, value: object, expected: str) -> None:
-    """Refuse an argument that is not a sequence of two values by a ValueError."""
+    """Raise a ValueError if an argument is not a sequence of two values."""
     if not isinstance(value, Sequence) or len(value) != 2:
         raise ValueError(f"{name} = {value!r:.60}: expected {expected}")
 
 
 def check_at_least(record: object, least: float, *names: str) -> None:
-    """Refuse attributes of `record` under `least`.
-
-    Raises:
-        ValueError: the message holds the attribute's name and its value.
-    """
+    """Raise a ValueError if an attribute of `record` is under `least`."""
     _check_attributes(record, names, lambda value: value >= least, f"at least {least}")
 
 
 def check_positive(record: object, *names: str) -> None:
-    """Refuse attributes of `record` that are not over 0; None is not checked.
-
-    Raises:
-        ValueError: the message holds the attribute's name and its value.
-    """
+    """Raise a ValueError if an attribute of `record` is neither over 0 nor None."""
     _check_attributes(record, names, lambda value: value is None or value > 0, "more than 0")
 
 
 def check_shares(record: object, *names: str) -> None:
-    """Refuse attributes of `record` that are not in [0, 1].
-
-    Raises:
-        ValueError: the message holds the attribute's name and its value.
-    """
+    """Raise a ValueError if an attribute of `record` is not in [0, 1]."""
     _check_attributes(record, names, lambda value: 0 <= value <= 1, "a share in [0, 1]")
 
 

@@ -1,4 +1,4 @@
-"""For authors of teachers: a contract to test against, and students that need no physics."""
+"""Tools for authors of teachers: conformance tests, and simulated students without physics."""
 
 from tma_ray.testing.conformance import TeacherConformance
 from tma_ray.testing.scenarios import Scenario, ScriptedStudent

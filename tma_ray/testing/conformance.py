@@ -1,4 +1,4 @@
-"""The contract of every teacher, as a test class that its author inherits."""
+"""Conformance tests of teachers, as a test class to inherit."""
 
 import copy
 import dataclasses
@@ -29,47 +29,42 @@ from tma_ray.testing.scenarios import (
 )
 
 SAVED_AFTER = (0, 1, 149, 150, 211)
-"""Episodes after which a state is taken, around the ends of batches; one number per scenario, in turn."""
+"""Episodes after which states are saved, around the ends of batches; one per scenario, in turn."""
 
 SET_BY_START = ("space", "knowledge", "rng")  # attributes that `Teacher.start` sets
 
-QUICK_SCENARIOS = 3
-"""Number of scenarios that the quick check plays: a line, a plane, and a space with a constant dimension. In
-the others a teacher is only started."""
-
-PROBED = 20  # tasks asked of a probe
+QUICK_SCENARIOS = 3  # scenarios that the quick check plays; in the others a teacher is only started
+PROBED = 20  # tasks per probe
 
 
 @dataclass(frozen=True)
-class Record:
-    """An undisturbed play: its tasks, the pickled states on the way, and what was logged."""
+class UndisturbedPlay:
+    """Reference play of a teacher: its tasks, pickled states by episode, and log."""
 
     tasks: list[Any]
     states: Mapping[int, bytes]
     updates: list[TeacherUpdate]
 
 
-_RECORDS: dict[tuple[type, str], Record] = {}
+_PLAYS: dict[tuple[type, str], UndisturbedPlay] = {}
 
-_UNSTARTED: set[type] = set()  # teachers that were found not to start their base class
+_UNSTARTED: set[type] = set()  # teachers that do not call `Teacher.start`
 
 
 class TeacherConformance:
-    """The contract of a teacher, as tests.
+    """Conformance tests of a teacher.
 
-    Inherit from it where pytest looks for tests, and name the teacher::
+    Inherit from it in a test module, and name the teacher, which other processes must be able to import::
 
         class TestMyTeacher(TeacherConformance):
             teacher = MyTeacher
 
-    Every method is a promise; a failure says which, and what to do. Most are checked for each of
-    `scenarios`. pytest is needed to run the class, not to import it. The teacher has to be defined where
-    a new process can import it: in a module, not inside a function.
+    Most tests run for each of `scenarios`. pytest is needed to run the class, not to import it.
 
     Attributes:
-        teacher: the class.
-        hyperparameters: hyper-parameters for the tests, for instance smaller networks; the defaults if empty.
-        scenarios: the task spaces.
+        teacher: class of the teacher.
+        hyperparameters: hyper-parameters for the tests, for instance smaller networks.
+        scenarios: task spaces of the tests.
         episodes: number of episodes of each play; more than `SAVED_AFTER`, and enough for updates.
     """
 
@@ -80,21 +75,21 @@ class TeacherConformance:
 
     @classmethod
     def claimed_scenarios(cls) -> list[Scenario]:
-        """Return those of `scenarios` whose spaces are within the limits that the teacher declares."""
-        claimed = [one for one in cls.scenarios if not cls.teacher.refusal(one.space)]
+        """Return the `scenarios` within the declared limits of the teacher."""
+        claimed = [scenario for scenario in cls.scenarios if not cls.teacher.refusal(scenario.space)]
         assert claimed, f"{cls.teacher.__name__} declares limits within which no scenario is; raise them"
         return claimed
 
     def pytest_generate_tests(self, metafunc: Any) -> None:
-        """Tell pytest to run the methods that take a scenario, or a student, for each of them."""
+        """Parametrise tests by scenario and by scripted student (a hook of pytest)."""
         if "scenario" in metafunc.fixturenames:
             claimed = self.claimed_scenarios() if hasattr(self, "teacher") else self.scenarios
-            metafunc.parametrize("scenario", claimed, ids=[one.name for one in claimed])
+            metafunc.parametrize("scenario", claimed, ids=[scenario.name for scenario in claimed])
         if "student" in metafunc.fixturenames:
             metafunc.parametrize("student", [ScriptedStudent.HOPELESS, ScriptedStudent.PERFECT])
 
     def test_hyperparameters_are_fields_with_defaults(self) -> None:
-        """Hyper-parameters can be left out, listed, and stored as JSON."""
+        """Check that hyper-parameters have defaults and JSON values."""
         assert issubclass(self.teacher, Teacher), f"{self._name} does not inherit from Teacher"
         annotated = set(inspect.get_annotations(self.teacher))
         forgotten = sorted(annotated - set(self.teacher.__dataclass_fields__))
@@ -108,7 +103,7 @@ class TeacherConformance:
         json.dumps(hyperparameters_of(self.teacher()))
 
     def test_unknown_hyperparameters_are_refused(self) -> None:
-        """Check that unknown hyper-parameters are refused before anything runs."""
+        """Check that unknown hyper-parameters are rejected."""
         try:
             self.teacher(no_such_hyperparameter=1)  # type: ignore[call-arg]
         except TypeError:
@@ -118,7 +113,7 @@ class TeacherConformance:
         )
 
     def test_hyperparameters_never_change(self) -> None:
-        """Check that what is learned goes into attributes that end in an underscore, not into fields."""
+        """Check that learning does not change hyper-parameters."""
         teacher = self._started(self.claimed_scenarios()[0])
         before = copy.deepcopy(hyperparameters_of(teacher))
         play(teacher, self.claimed_scenarios()[0], 0, self.episodes // 2)
@@ -127,7 +122,7 @@ class TeacherConformance:
         assert not changed, f"{self._name} changed its hyper-parameters {changed} while it was learning"
 
     def test_expert_knowledge_levels(self) -> None:
-        """The teacher runs at each level that it lists, each makes a difference, and less is refused."""
+        """Check that listed levels work and differ, and lower ones are rejected."""
         levels = self.teacher.knowledge_levels
         ranks = [level.rank for level in levels]
         assert ranks, f"{self._name} lists no knowledge_levels; name at least the one that it needs"
@@ -146,7 +141,7 @@ class TeacherConformance:
         scenario = self.claimed_scenarios()[0]
         plays = [
             play(self._started(scenario, level=level), scenario, 0, self.episodes) for level in levels[:-1]
-        ] + [self._record(scenario).tasks]
+        ] + [self._undisturbed(scenario).tasks]
         for lower, higher, level in zip(plays, plays[1:], levels[1:], strict=False):
             check_tasks(lower, scenario.space, self._name)
             assert first_difference(lower, higher) is not None, (
@@ -155,11 +150,11 @@ class TeacherConformance:
             )
 
     def test_tasks_stay_inside_the_space(self, scenario: Scenario) -> None:
-        """Tasks are float32, of the space's size, and within its bounds."""
-        check_tasks(self._record(scenario).tasks, scenario.space, self._name)
+        """Check that tasks are float32 vectors within the bounds of the space."""
+        check_tasks(self._undisturbed(scenario).tasks, scenario.space, self._name)
 
     def test_tasks_stay_inside_whatever_the_student_does(self, student: ScriptedStudent) -> None:
-        """Check that tasks stay inside the space when nothing or everything is mastered."""
+        """Check that tasks stay inside the space if nothing or everything is mastered."""
         scenario = self.claimed_scenarios()[-1]
         teacher = self._started(scenario)
         check_tasks(play(teacher, scenario, 0, self.episodes, student), scenario.space, self._name)
@@ -167,8 +162,8 @@ class TeacherConformance:
             check_update(update, scenario.space, self._name)
 
     def test_the_seed_determines_the_curriculum(self, scenario: Scenario) -> None:
-        """The same seed, 0 included, gives the same tasks bit for bit; another one gives others."""
-        tasks = self._record(scenario).tasks
+        """Check that equal seeds give equal tasks, bit for bit, and another seed gives others."""
+        tasks = self._undisturbed(scenario).tasks
         again = play(self._started(scenario), scenario, 0, self.episodes)
         assert first_difference(tasks, again) is None, (
             f"{self._name}: the same seed gave other tasks from episode {first_difference(tasks, again)} on; "
@@ -182,18 +177,18 @@ class TeacherConformance:
         raise AssertionError(f"{self._name}: another seed gave the same tasks; draw from self.rng")
 
     def test_global_randomness_is_left_alone(self) -> None:
-        """A teacher in the student's process must not disturb the student, nor be disturbed."""
+        """Check that the teacher leaves the random state of other code in its process unchanged."""
         scenario = self.claimed_scenarios()[0]
         teacher = self._started(scenario)
         play(teacher, scenario, 0, 1)
-        before = _global_state()
+        before = global_state()
         play(teacher, scenario, 1, self.episodes // 2)
         teacher.probe(PROBED)
-        changed = [name for name, state in _global_state().items() if state != before.get(name, state)]
+        changed = [name for name, state in global_state().items() if state != before.get(name, state)]
         assert not changed, f"{self._name} changed the global state of {changed}; draw from self.rng only"
 
     def test_a_probe_leaves_no_trace(self, scenario: Scenario) -> None:
-        """A probe is repeatable, stays inside the space, and changes nothing that comes after."""
+        """Check that a probe is repeatable, stays inside the space, and changes no later task."""
         teacher, tasks = self._started(scenario), []
         for first in range(0, self.episodes, 80):
             probe, again = teacher.probe(PROBED), teacher.probe(PROBED)
@@ -203,24 +198,24 @@ class TeacherConformance:
                 f"{self._name}: two probes in a row differ; draw them from self.probe_rng()"
             )
             tasks += play(teacher, scenario, first, min(first + 80, self.episodes))
-        difference = first_difference(tasks, self._record(scenario).tasks)
+        difference = first_difference(tasks, self._undisturbed(scenario).tasks)
         assert difference is None, (
             f"{self._name}: a probe changed the tasks from episode {difference} on; draw from "
             f"self.probe_rng(), and change no attribute"
         )
 
     def test_a_saved_teacher_continues_in_a_new_process(self) -> None:
-        """A saved teacher continues bit for bit, after any number of episodes."""
+        """Check that a saved teacher continues bit for bit in a new process."""
         scenarios = self.claimed_scenarios()
-        records = [self._record(scenario) for scenario in scenarios]
-        after = [SAVED_AFTER[index % len(SAVED_AFTER)] for index in range(len(records))]
+        plays = [self._undisturbed(scenario) for scenario in scenarios]
+        after = [SAVED_AFTER[index % len(SAVED_AFTER)] for index in range(len(plays))]
         saved = tuple(
-            Saved(scenario, record.states[episodes], episodes, self.episodes)
-            for scenario, record, episodes in zip(scenarios, records, after, strict=True)
+            Saved(scenario, reference.states[episodes], episodes, self.episodes)
+            for scenario, reference, episodes in zip(scenarios, plays, after, strict=True)
         )
-        plays = continued(self.teacher, self.hyperparameters, self._level, saved)
-        for start, record, tasks in zip(saved, records, plays, strict=True):
-            difference = first_difference(tasks, record.tasks[start.episodes :])
+        resumed = continued(self.teacher, self.hyperparameters, self._level, saved)
+        for start, reference, tasks in zip(saved, plays, resumed, strict=True):
+            difference = first_difference(tasks, reference.tasks[start.episodes :])
             assert difference is None, (
                 f"{self._name}, saved after {start.episodes} episodes in the scenario "
                 f"{start.scenario.name!r} and continued in a new process, gave other tasks from the "
@@ -228,8 +223,8 @@ class TeacherConformance:
             )
 
     def test_log_rows_can_be_stored_and_drawn(self, scenario: Scenario) -> None:
-        """Covariances are positive definite, boxes ordered, numbers finite; and each row is given once."""
-        for update in self._record(scenario).updates:
+        """Check that log rows are finite, well-formed, and returned once."""
+        for update in self._undisturbed(scenario).updates:
             check_update(update, scenario.space, self._name)
         teacher = self._started(scenario)
         play(teacher, scenario, 0, 2)
@@ -245,12 +240,12 @@ class TeacherConformance:
         return self.teacher.knowledge_levels[-1]
 
     def _started(self, scenario: Scenario, seed: int = 0, level: KnowledgeLevel | None = None) -> Teacher:
-        """Return a started teacher; of one that never started its base class, only the first test fails."""
+        """Return a started teacher. Only the first test fails if it does not call `super().start`."""
         if self.teacher in _UNSTARTED:
             raise SkipTest(f"{self._name}.start() does not call super().start()")
         try:
             teacher = scenario.started(self.teacher, self.hyperparameters, level or self._level, seed)
-        except AttributeError as error:  # it uses what it has not been given
+        except AttributeError as error:  # it uses attributes of its base class
             if error.name not in SET_BY_START:
                 raise
         except (MemoryError, ValueError) as error:
@@ -268,32 +263,32 @@ class TeacherConformance:
             f"{', '.join(f'self.{name}' for name in SET_BY_START)}: call it first"
         )
 
-    def _record(self, scenario: Scenario) -> Record:
-        """Return the undisturbed play of seed 0 that others are compared with; played once."""
+    def _undisturbed(self, scenario: Scenario) -> UndisturbedPlay:
+        """Return the cached reference play with seed 0."""
         key = (type(self), scenario.name)
-        if key not in _RECORDS:
+        if key not in _PLAYS:
             teacher = self._started(scenario)
             tasks: list[Any] = []
             states = {}
             for first, last in zip((0, *SAVED_AFTER), (*SAVED_AFTER, self.episodes), strict=True):
                 tasks += play(teacher, scenario, first, last)
                 states[last] = pickle.dumps(teacher.state())
-            _RECORDS[key] = Record(tasks, states, teacher.drain_updates())
-        return _RECORDS[key]
+            _PLAYS[key] = UndisturbedPlay(tasks, states, teacher.drain_updates())
+        return _PLAYS[key]
 
 
 def check_quickly(name: str) -> None:
-    """Check within seconds, and without pytest, what a teacher promises, before anything is spent on it.
+    """Run the most important conformance tests of a teacher within seconds and without pytest.
 
     Args:
-        name: registered name or ``module:Name``, with hyper-parameters if wanted.
+        name: registered name or ``module:Name``, perhaps with hyper-parameters.
 
     Raises:
-        ValueError: a promise is broken; the message says which, and what to do.
+        ValueError: if a test fails, with a remedy.
     """
     teacher = make_teacher(name)
-    own = {"teacher": type(teacher), "hyperparameters": hyperparameters_of(teacher)}
-    contract = type(f"Quick{type(teacher).__name__}", (TeacherConformance,), own)()
+    members = {"teacher": type(teacher), "hyperparameters": hyperparameters_of(teacher)}
+    contract = type(f"Quick{type(teacher).__name__}", (TeacherConformance,), members)()
     try:
         contract.test_hyperparameters_are_fields_with_defaults()
         contract.test_unknown_hyperparameters_are_refused()
@@ -317,8 +312,8 @@ def check_quickly(name: str) -> None:
         raise ValueError(f"{name} breaks the contract of teachers: {error}") from error
 
 
-def _global_state() -> dict[str, Any]:
-    """Return the state that every part of a process shares; torch's only if something has imported it."""
+def global_state() -> dict[str, Any]:
+    """Return the random state and settings shared in a process, torch's only if it is imported."""
     state: dict[str, Any] = {
         "random": random.getstate(),
         "numpy.random": pickle.dumps(np.random.get_state()),  # noqa: NPY002 - compared, not used

@@ -1,4 +1,4 @@
-"""Many simulated runs: teachers x challenges x levels of expert knowledge x seeds, over several processes."""
+"""Matrices of simulated runs (teachers x challenges x knowledge levels x seeds) in several processes."""
 
 import itertools
 import multiprocessing
@@ -16,35 +16,35 @@ from threadpoolctl import threadpool_limits
 from tma_ray.support.interrupts import block_sigint, unblock_sigint
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers import TEACHERS, check_limits, effective_level, knows_enough
-from tma_ray.testing.simulation import POINTS, SimulatedRun, simulate
+from tma_ray.testing.simulation import EVALUATIONS, SimulatedRun, simulate
 from tma_ray.testing.students import SimulatedChallenge
 
 NAMES = ("teacher", "challenge", "expert_knowledge", "seed", "effective_knowledge")
-"""Columns that say what a row is of."""
+"""Key columns."""
 
 RECOVERY = {"before_reset": 0.0, "tenth_later": 0.1, "three_tenths_later": 0.3}
-"""Columns around the first reset, and how much later they are read, as shares of all episodes."""
+"""Columns around the first reset, with their delay as a share of all episodes."""
 
-MEASURES = ("mastered_percent", *RECOVERY)
+RUN_MEASURES = ("mastered_percent", *RECOVERY)
 
-CURVE = tuple(f"at_{100 * (point + 1) // POINTS:02}" for point in range(POINTS))
+CURVE = tuple(f"at_{100 * (point + 1) // EVALUATIONS:02}" for point in range(EVALUATIONS))
 """Columns of the learning curve."""
 
 
 class ProcessLostError(RuntimeError):
-    """A process of a pool of runs was killed; the message names the runs that it may have played."""
+    """A killed process of a pool, with the runs that it may have played."""
 
 
 @dataclass(frozen=True)
 class SimulatedCell:
-    """One combination of a matrix; its seeds are runs.
+    """Cell of a matrix, with one run per seed.
 
     Attributes:
         challenge: simulated challenge.
         teacher: registered name, or ``module:Name``.
         level: expert knowledge offered.
-        effective_level: level that the teacher uses, None if that is too little for it to run; cells that
-            agree in this share their runs.
+        effective_level: level that the teacher uses, None if it is too little to run. Cells with the same
+            effective level share runs.
     """
 
     challenge: SimulatedChallenge
@@ -56,10 +56,10 @@ class SimulatedCell:
 def cells_of(
     teachers: Sequence[str], challenges: Sequence[SimulatedChallenge], levels: Sequence[KnowledgeLevel]
 ) -> list[SimulatedCell]:
-    """Return the cells of a matrix, each once, by teacher, level and challenge.
+    """Return the distinct cells of a matrix, by teacher, level and challenge.
 
     Raises:
-        ValueError: an unknown teacher, or a challenge beyond the limits that one declares.
+        ValueError: if a teacher is unknown, or a challenge exceeds its declared limits.
     """
     for teacher, challenge in itertools.product(teachers, challenges):
         check_limits(TEACHERS.get(teacher), teacher, challenge.task_space)
@@ -67,7 +67,7 @@ def cells_of(
     for teacher, level in itertools.product(dict.fromkeys(teachers), dict.fromkeys(levels)):
         kind = TEACHERS.get(teacher)
         used = effective_level(kind, teacher, level) if knows_enough(kind, level) else None
-        cells += [SimulatedCell(each, teacher, level, used) for each in dict.fromkeys(challenges)]
+        cells += [SimulatedCell(challenge, teacher, level, used) for challenge in dict.fromkeys(challenges)]
     return cells
 
 
@@ -76,22 +76,21 @@ def run_cells(
     seeds: Sequence[int],
     episodes: int,
     jobs: int,
-    kept: Iterable[SimulatedRun] = (),
+    finished: Iterable[SimulatedRun] = (),
 ) -> Generator[SimulatedRun, None, None]:
-    """Yield the runs of `cells` as they end, each once, played by `jobs` processes of one thread each.
+    """Yield the distinct runs of `cells` except `finished` ones as they end, seed by seed.
 
-    Every cell's first seed is played before any cell's second; what is among `kept` is not played again.
-    The processes end with the iterator, also in the middle of a run: close it.
+    They are played by `jobs` single-threaded processes, which end when the iterator is closed.
 
     Raises:
-        ProcessLostError: a process was killed; all runs that had ended have been yielded.
+        ProcessLostError: if a process was killed.
     """
-    done = {(run.challenge, run.teacher, run.level, run.seed) for run in kept}
+    done = {(run.challenge, run.teacher, run.level, run.seed) for run in finished}
     spawn = multiprocessing.get_context("spawn")
-    wanted, wanting = spawn.Pipe(duplex=False)
+    alive, parent = spawn.Pipe(duplex=False)
     runs: dict[Future[SimulatedRun], str] = {}
     lost: set[Future[SimulatedRun]] = set()
-    with wanted, ProcessPoolExecutor(jobs, spawn, initializer=_settle, initargs=(wanted,)) as pool:
+    with alive, ProcessPoolExecutor(jobs, spawn, initializer=_settle, initargs=(alive,)) as pool:
         try:
             with block_sigint():
                 for seed, (challenge, teacher, level) in itertools.product(seeds, runs_of(cells)):
@@ -104,7 +103,7 @@ def run_cells(
                 else:
                     yield run.result()
         finally:
-            wanting.close()
+            parent.close()
             pool.shutdown(cancel_futures=True)
     if lost:
         begun = [name for run, name in runs.items() if run in lost][:jobs]
@@ -114,24 +113,24 @@ def run_cells(
 
 
 def run_count(cells: Sequence[SimulatedCell], seeds: Sequence[int]) -> int:
-    """Return the number of runs of `cells` with `seeds`."""
+    """Return the number of distinct runs of `cells`."""
     return len(runs_of(cells)) * len(seeds)
 
 
 def runs_of(cells: Sequence[SimulatedCell]) -> list[tuple[SimulatedChallenge, str, KnowledgeLevel]]:
-    """Return challenge, teacher and effective level of the runs of `cells`, each once."""
+    """Return challenge, teacher and effective level of the distinct runs of `cells`."""
     runs = ((c.challenge, c.teacher, c.effective_level) for c in cells if c.effective_level is not None)
     return list(dict.fromkeys(runs))
 
 
 def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd.DataFrame:
-    """Return one row per cell and seed, in the order of `cells` and of seeds.
+    """Return one row per cell and seed, in this order, and one row without a seed per cell that cannot run.
 
-    A cell that is refused is one row without a seed. The columns are
+    The columns are
 
     - teacher, challenge, expert_knowledge, seed;
-    - effective_knowledge: rows that agree in this and the other three are one run; empty when refused;
-    - mastered_percent: of the test tasks at the end;
+    - effective_knowledge: level that the teacher uses; rows that agree up to here are one run;
+    - mastered_percent: mastered test tasks at the end;
     - before_reset, tenth_later, three_tenths_later: the same just before the student's first reset and
       one tenth and three tenths of all episodes after it; empty for a student that is not reset;
     - at_05 to at_100: the same after each twentieth of the episodes.
@@ -152,19 +151,19 @@ def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd
         for run in played[cell.challenge.name, cell.teacher, cell.effective_level]:
             row = {"seed": run.seed, "effective_knowledge": run.level.value, "mastered_percent": run.mastered}
             for name, later in RECOVERY.items() if cell.challenge.resets else ():
-                row[name] = run.curve[round((cell.challenge.resets[0] + later) * POINTS) - 1]
+                row[name] = run.curve[round((cell.challenge.resets[0] + later) * EVALUATIONS) - 1]
             rows.append(names | row | dict(zip(CURVE, run.curve, strict=True)))
-    return pd.DataFrame(rows, columns=[*NAMES, *MEASURES, *CURVE]).astype({"seed": "Int64"})
+    return pd.DataFrame(rows, columns=[*NAMES, *RUN_MEASURES, *CURVE]).astype({"seed": "Int64"})
 
 
-def _settle(wanted: Connection) -> None:
-    """Prepare a worker: one thread, also in torch; no life after its parent closes the end of `wanted`."""
+def _settle(alive: Connection) -> None:
+    """Prepare a single-threaded worker process, which exits when the parent closes its end of `alive`."""
     unblock_sigint()
     threadpool_limits(limits=1)
     os.environ["OMP_NUM_THREADS"] = "1"
 
     def follow() -> None:
-        wanted.poll(None)
+        alive.poll(None)
         os._exit(1)
 
     threading.Thread(target=follow, daemon=True).start()

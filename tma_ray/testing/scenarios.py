@@ -1,4 +1,4 @@
-"""Trial plays of the conformance kit: many task spaces, trial students, plays continued elsewhere."""
+"""Scenarios of the conformance tests: task spaces, scripted students, and resumed plays."""
 
 import importlib
 import pickle
@@ -31,7 +31,7 @@ from tma_ray.testing.students import report_episode
 
 
 def check_tasks(tasks: Iterable[Any], space: TaskSpace, name: str) -> None:
-    """Refuse all but float32 tasks inside `space`."""
+    """Check that tasks are float32 vectors inside `space`."""
     for task in tasks:
         assert isinstance(task, np.ndarray), f"{name} gave {task!r}; expected a numpy array"
         assert task.dtype == np.float32, f"{name} gave {task.dtype} tasks; expected float32 (space.clip)"
@@ -43,21 +43,23 @@ def check_tasks(tasks: Iterable[Any], space: TaskSpace, name: str) -> None:
 
 
 def check_update(update: TeacherUpdate, space: TaskSpace, name: str) -> None:
-    """Refuse a log row that does not fit `space`, or cannot be drawn."""
+    """Check that a log row matches `space` and can be drawn."""
     square = (space.size, space.size)
-    for part in update.gaussians:
-        assert np.shape(part.mean) == (space.size,), f"{name} logs a mean of shape {np.shape(part.mean)}"
-        assert np.shape(part.covariance) == square, (
-            f"{name} logs a covariance of shape {np.shape(part.covariance)}; expected {square}"
+    for gaussian in update.gaussians:
+        assert np.shape(gaussian.mean) == (space.size,), (
+            f"{name} logs a mean of shape {np.shape(gaussian.mean)}"
         )
-        numbers = [part.weight, *np.ravel(part.mean), *np.ravel(part.covariance)]
-        assert np.all(np.isfinite(numbers)), f"{name} logs a Gaussian that is not finite: {part}"
-        assert part.weight >= 0, f"{name} logs a Gaussian of negative weight: {part}"
-        assert np.allclose(part.covariance, np.transpose(part.covariance)), (
-            f"{name} logs an asymmetric {part}"
+        assert np.shape(gaussian.covariance) == square, (
+            f"{name} logs a covariance of shape {np.shape(gaussian.covariance)}; expected {square}"
         )
-        assert np.all(np.linalg.eigvalsh(part.covariance) > 0), (
-            f"{name} logs a covariance that is not positive definite: {part.covariance}"
+        numbers = [gaussian.weight, *np.ravel(gaussian.mean), *np.ravel(gaussian.covariance)]
+        assert np.all(np.isfinite(numbers)), f"{name} logs a Gaussian that is not finite: {gaussian}"
+        assert gaussian.weight >= 0, f"{name} logs a Gaussian of negative weight: {gaussian}"
+        assert np.allclose(gaussian.covariance, np.transpose(gaussian.covariance)), (
+            f"{name} logs an asymmetric {gaussian}"
+        )
+        assert np.all(np.linalg.eigvalsh(gaussian.covariance) > 0), (
+            f"{name} logs a covariance that is not positive definite: {gaussian.covariance}"
         )
     for box in update.boxes:
         assert np.shape(box.low) == np.shape(box.high) == (space.size,), f"{name} logs a misshapen {box}"
@@ -69,43 +71,41 @@ def check_update(update: TeacherUpdate, space: TaskSpace, name: str) -> None:
 
 
 def first_difference(first: Iterable[Any], second: Iterable[Any]) -> int | None:
-    """Return the index of the first task in which two plays differ, None if they do not."""
+    """Return the index of the first different task of two plays, None if they are equal."""
     for index, (one, other) in enumerate(zip(first, second, strict=True)):
         if not np.array_equal(one, other):
             return index
     return None
 
 
-STEPS = 1_000  # length of every episode, so that a few hundred reach what teachers do every 100,000 steps
-VALUE_SHARE = 0.05  # discounted return and value of a state as a share of the episodic return
-
-
-UNSTEADINESS = 60.0
-"""What the improving student returns more in every second episode and less in the others, so that some tasks
-are mastered now and then."""
+STEPS = 1_000  # length of every episode: a few hundred reach updates every 100,000 steps
+VALUE_SHARE = 0.05  # discounted returns and state values as a share of the episodic return
+UNSTEADINESS = (
+    60.0  # alternating change of the improving student's returns, so that it sometimes masters tasks
+)
 
 
 class ScriptedStudent(StrEnum):
-    """Source of a play's returns: a formula of task and episode, so that it can be resumed."""
+    """Scripted student, whose returns are a formula of task and episode so that plays can be resumed."""
 
     IMPROVING = "improving"
-    """Masters a share of the tasks that grows with time, the easiest first; at the limit now and then."""
+    """Student that masters a growing share of the tasks, the easiest first."""
 
     HOPELESS = "hopeless"
-    """Return -100, whatever the task."""
+    """Student with return -100 on every task."""
 
     PERFECT = "perfect"
-    """Return 300, whatever the task."""
+    """Student with return 300 on every task."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """A task space to be taught.
+    """Task space of a conformance test.
 
     Attributes:
         name: name in test ids.
-        space: the box of the teacher; its lower corner is the easiest task of the world.
-        rugged: True if the world's landscape is shuffled.
+        space: task space, whose lower corner is the easiest task of the world.
+        rugged: True to shuffle the space.
     """
 
     name: str
@@ -114,16 +114,13 @@ class Scenario:
 
     @cached_property
     def landscape(self) -> ShuffledSpace:
-        """The real places of tasks; with one interval per dimension, those that the teacher sees."""
+        """Map from tasks of the teacher to the world, the identity unless rugged."""
         return ShuffledSpace.shuffle(self.space, np.random.default_rng(3), cuts=4 if self.rugged else 1)
 
     def started(
         self, teacher: type[Teacher], hyperparameters: Mapping[str, Any], level: KnowledgeLevel, seed: int = 0
     ) -> Teacher:
-        """Return a new teacher of this space; the knowledge depends on `level` alone.
-
-        Hyper-parameters are converted to the types of their fields, as for a run: text to enums.
-        """
+        """Return a new, started teacher of this space, with knowledge that depends on `level` alone."""
         easy_task = self.landscape.from_world(self.space.low)
         knowledge = expert_knowledge(level, self.space, np.random.default_rng(7), easy_task)
         new = teacher(**parse_settings(teacher, {}, hyperparameters))
@@ -131,11 +128,11 @@ class Scenario:
         return new
 
     def episode(self, task: Task, index: int, student: ScriptedStudent) -> Episode:
-        """Return the student's episode number `index`, counted from 0, on `task`."""
+        """Return the student's episode number `index` (from 0) on `task`."""
         free = self.space.width > 0
-        easy = self.space.clip(np.nan_to_num(task))  # the kit reports it; a student can play anything
+        easy = self.space.clip(np.nan_to_num(task))  # invalid tasks are reported elsewhere
         mean = float(self.space.normalise(self.landscape.to_world(easy))[free].mean())
-        # About uniform in [0, 1] for uniform tasks, in any number of dimensions.
+        # roughly uniform in [0, 1] for uniform tasks in any number of dimensions
         difficulty = 1 / (1 + float(np.exp(-1.7 * np.sqrt(12 * free.sum()) * (mean - 0.5))))
         observation = np.array([difficulty, 0.2 + index / 1000], dtype=np.float32)
         luck = UNSTEADINESS if index % 2 else -UNSTEADINESS
@@ -152,9 +149,9 @@ class Scenario:
         )
 
     def outcomes(self, tasks: Task, index: int, student: ScriptedStudent) -> Outcomes:
-        """Return the student's outcomes on `tasks` (n, d) after its episode number `index`."""
+        """Return the student's outcomes on `tasks` (n, d) after episode number `index`."""
         episodes = [self.episode(task, index, student) for task in tasks]
-        episodic_returns = np.array([each.episodic_return for each in episodes])
+        episodic_returns = np.array([episode.episodic_return for episode in episodes])
         return Outcomes(
             episodic_returns, episodic_returns > MASTERY_RETURN, np.full(len(tasks), STEPS, dtype=np.int64)
         )
@@ -177,7 +174,7 @@ def play(
     last: int,
     student: ScriptedStudent = ScriptedStudent.IMPROVING,
 ) -> list[Task]:
-    """Return the tasks of the episodes numbered from `first` up to but not including `last`."""
+    """Return the tasks of episodes number `first` to `last` (exclusive)."""
     tasks = []
 
     def values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -196,7 +193,7 @@ def play(
 
 
 def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the improving student's expectations (n,) of observations (n, 2): difficulty and skill."""
+    """Return the improving student's expected returns (n,) at observations (n, 2) of difficulty and skill."""
     difficulty, skill = observations.astype(np.float64).T
     returns: NDArray[np.float64] = 300 - 400 * np.clip(difficulty - skill, 0, 1)
     return returns
@@ -204,7 +201,7 @@ def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Saved:
-    """A teacher's state after `episodes` of a scenario, pickled, to be played on to episode `last`."""
+    """Pickled state of a teacher after `episodes` of a scenario, to be resumed up to episode `last`."""
 
     scenario: Scenario
     state: bytes
@@ -213,7 +210,7 @@ class Saved:
 
 
 START = "import sys; sys.path[:] = sys.argv[1:]; from tma_ray.testing.scenarios import main; main()"
-"""The new process looks for modules where this one does."""
+"""Code of the new process, which gets the import path of this one."""
 
 
 def continued(
@@ -222,10 +219,10 @@ def continued(
     level: KnowledgeLevel,
     saved: tuple[Saved, ...],
 ) -> list[Task]:
-    """Return the tasks (n, d) that a new process plays on from each of `saved`.
+    """Return the tasks (n, d) of a new process that resumes each of `saved`.
 
     Raises:
-        RuntimeError: the new process failed; the message holds its errors.
+        RuntimeError: if the new process fails, with its errors.
     """
     job = (teacher.__module__, teacher.__qualname__, hyperparameters, level, saved)
     command = [sys.executable, "-c", START, *sys.path]
@@ -240,12 +237,12 @@ def continued(
 
 
 def main() -> None:
-    """Play the job on the standard input; write a list of tasks (n, d) to the standard output."""
+    """Run the job on standard input, and write a list of tasks (n, d) to standard output."""
     module, name, hyperparameters, level, states = pickle.load(sys.stdin.buffer)
     teacher = attrgetter(name)(importlib.import_module(module))
     results = []
     for saved in states:
-        new = saved.scenario.started(teacher, hyperparameters, level, seed=99)  # which the state replaces
+        new = saved.scenario.started(teacher, hyperparameters, level, seed=99)  # replaced by the state
         new.load_state(pickle.loads(saved.state))
         results.append(np.stack(play(new, saved.scenario, saved.episodes, saved.last)))
     sys.stdout.buffer.write(pickle.dumps(results))

@@ -1,4 +1,4 @@
-"""One training run of a simulated student under a teacher."""
+"""Training runs of simulated students under a teacher."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,10 +27,8 @@ from tma_ray.testing.students import (
     report_episode,
 )
 
-EPISODES = 10_000
-"""Default length of a run: the paper's 20 million steps."""
-
-POINTS = 20  # evaluations of a run, evenly spaced, the last at its end
+EPISODES = 10_000  # default length of a run, the paper's 20 million steps
+EVALUATIONS = 20  # evenly spaced evaluations of a run, the last at its end
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class SimulatedRun:
         challenge: name of the simulated challenge.
         teacher: registered name, or ``module:Name``.
         level: effective level of expert knowledge.
-        seed: seed of teacher, student, and everything placed at random.
+        seed: seed of all randomness.
         returns: expected return on each test task after each twentieth of the episodes (20, n).
     """
 
@@ -53,33 +51,32 @@ class SimulatedRun:
 
     @property
     def curve(self) -> tuple[float, ...]:
-        """Mastered share of the test tasks in per cent after each twentieth of the episodes."""
+        """Percentage of mastered test tasks after each twentieth of the episodes."""
         return tuple(100 * float(np.mean(np.array(row) > MASTERY_RETURN)) for row in self.returns)
 
     @property
     def mastered(self) -> float:
-        """Share of the test tasks mastered at the end, in per cent."""
+        """Percentage of mastered test tasks at the end."""
         return self.curve[-1]
 
 
 class Simulation:
-    """Loop of a teacher and a simulated student.
+    """Training loop of a teacher and a simulated student.
 
-    Attributes:
-        episodes: played so far, those of evaluations for the teacher among them.
-
-    Seeds are spawned in a fixed order: a shuffled space and the randomly placed initial Gaussian depend
-    on the seed alone, so that all teachers meet the same, and the same student.
+    Student, shuffled space and random initial Gaussian depend on the seed alone, the same for all teachers.
 
     Args:
         challenge: simulated challenge.
         teacher: registered name, or ``module:Name``.
-        level: expert knowledge offered; the teacher is told what it uses of it.
+        level: expert knowledge offered.
         seed: whole number of at least 0.
         hyperparameters: values that differ from the teacher's defaults.
 
     Raises:
-        ValueError: an unknown teacher or hyper-parameter, or too little knowledge for the teacher.
+        ValueError: if a teacher or hyper-parameter is unknown, or the knowledge does not suffice.
+
+    Attributes:
+        episodes: number of episodes so far, including evaluations for the teacher.
     """
 
     def __init__(
@@ -104,7 +101,7 @@ class Simulation:
         self.episodes = 0
 
     def advance(self) -> Episode:
-        """Play one episode, tell the teacher, and return it."""
+        """Play one episode, report it to the teacher, and return it."""
         proposal = self.teacher.propose()
         task = check_task(proposal.task, self.teacher.space)
         world = self._world(task)
@@ -129,7 +126,7 @@ class Simulation:
         return task if self.landscape is None else self.landscape.to_world(task)
 
     def _outcomes(self, tasks: Task, _greedy: bool) -> Outcomes:
-        """Return the outcomes of an evaluation, whose episodes count; both policies are one."""
+        """Return the outcomes of an evaluation, whose episodes are counted."""
         checked = [check_task(task, self.teacher.space) for task in tasks]
         played = np.array([self.student.play(self._world(task), trains=False) for task in checked])
         self.episodes += len(played)
@@ -141,7 +138,7 @@ class Simulation:
         return tuple(map(float, self.student.expected_returns(tests)))
 
     def mastered(self, tests: Task) -> float:
-        """Return the share of `tests` (n, d) that the student masters, in per cent."""
+        """Return the percentage of `tests` (n, d) that the student masters."""
         return 100 * float(np.mean(np.array(self.evaluate(tests)) > MASTERY_RETURN))
 
 
@@ -153,28 +150,30 @@ def simulate(
     episodes: int = EPISODES,
     hyperparameters: Mapping[str, Any] | None = None,
 ) -> SimulatedRun:
-    """Return the run of `episodes` episodes that `Simulation` describes.
+    """Return the outcome of a `Simulation` over a number of episodes.
 
     Args:
         challenge: simulated challenge.
         teacher: registered name, or ``module:Name``.
-        level: expert knowledge offered; the teacher is told what it uses of it.
+        level: expert knowledge offered.
         seed: whole number of at least 0.
         episodes: length of the run.
         hyperparameters: values that differ from the teacher's defaults.
 
     Raises:
-        ValueError: fewer episodes than evaluations, or what `Simulation` refuses.
+        ValueError: if there are fewer episodes than evaluations, or `Simulation` raises it.
     """
-    if episodes < POINTS:
-        raise ValueError(f"episodes = {episodes}: expected at least {POINTS}, one per evaluation")
+    if episodes < EVALUATIONS:
+        raise ValueError(f"episodes = {episodes}: expected at least {EVALUATIONS}, one per evaluation")
     simulation = Simulation(challenge, teacher, level, seed, hyperparameters)
     tests = challenge.tests().tasks
     resets = sorted(round(share * episodes) for share in challenge.resets)
     returns: list[tuple[float, ...]] = []
     while simulation.episodes < episodes:
         simulation.advance()
-        while len(returns) < POINTS and simulation.episodes >= episodes * (len(returns) + 1) / POINTS:
+        while (
+            len(returns) < EVALUATIONS and simulation.episodes >= episodes * (len(returns) + 1) / EVALUATIONS
+        ):
             returns.append(simulation.evaluate(tests))
         while resets and simulation.episodes >= resets[0]:
             simulation.student.reset()

@@ -1,4 +1,4 @@
-"""Simulated students: learners given by a few equations, for trying out teachers without physics.
+"""Simulated students, a few equations for trying out teachers without physics.
 
 A task makes demands q in [0, 1]^d on the student: 0 is the easiest value of each dimension, 1 the hardest.
 The space of demands is cut into regions with centres c_i, and the student has a competence k_i in [0, 1] in
@@ -35,34 +35,33 @@ from tma_ray.support.validation import check_fields, check_known
 from tma_ray.tasks import Answer, Episode, Outcomes, QueryKind, Task, TaskSpace, TestSet, Trajectory
 from tma_ray.teachers import Teacher
 
-DISCOUNT = 0.99  # gamma of simulated students; rewards come evenly over an episode
+DISCOUNT = 0.99  # gamma of simulated students, whose rewards are constant within an episode
 
-StateValues = Callable[[NDArray[np.float32]], NDArray[np.float64]]
-"""Return values (n,) of observations (n, o)."""
-
-Evaluate = Callable[[Task, bool], Outcomes]
-"""Return the outcomes of tasks (n, d); the second argument asks for the deterministic policy."""
+StateValues = Callable[[NDArray[np.float32]], NDArray[np.float64]]  # observations (n, o) to values (n,)
+Evaluate = Callable[
+    [Task, bool], Outcomes
+]  # tasks (n, d), and True for the deterministic policy, to outcomes
 
 
 def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues, evaluate: Evaluate) -> None:
-    """Tell `teacher` of `episode` and answer what it asks.
+    """Report `episode` to `teacher` and answer its queries.
 
     Raises:
-        ValueError: it asks for a trajectory or an evaluation without having declared that it wants any.
+        ValueError: if a query for a trajectory or an evaluation was not declared in its class.
     """
     query = teacher.observe(episode)
     while query is not None:
         answer: Answer
-        wanted = "wants_trajectory" if query.kind is QueryKind.TRAJECTORY else "wants_evaluations"
+        flag = "wants_trajectory" if query.kind is QueryKind.TRAJECTORY else "wants_evaluations"
         if query.kind is QueryKind.STATE_VALUES:
             assert query.observations is not None, "a query for values holds observations"
             answer = state_values(query.observations)
-        elif not getattr(teacher, wanted):
+        elif not getattr(teacher, flag):
             raise ValueError(
                 f"{type(teacher).__name__} made a query of the kind {query.kind.value!r}: declare "
-                f"{wanted} = True in its class"
+                f"{flag} = True in its class"
             )
-        elif query.kind is QueryKind.TRAJECTORY:  # nothing changes, and rewards come evenly
+        elif query.kind is QueryKind.TRAJECTORY:  # constant observations and rewards
             observations = np.tile(episode.initial_observation, (episode.length + 1, 1))
             rewards = np.full(episode.length, episode.episodic_return / episode.length)
             actions = np.zeros((episode.length, 1), np.float32)
@@ -76,44 +75,42 @@ def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues
 Array = NDArray[np.float64]
 
 SIMULATION_VERSION = 1
-"""Version of the equations and their parameters, part of every simulated run; raise it when these change."""
+"""Version of the equations and their parameters, part of every simulated run."""
 
-WORST_RETURN = -100.0  # expected return without any competence: a walker that falls at once
-RETURN_RANGE = 400.0  # what full competence adds; mastery, a return over 230, takes a competence over 0.825
+WORST_RETURN = -100.0  # expected return without competence: a walker that falls at once
+RETURN_RANGE = 400.0  # expected return added by full competence; mastery (230) needs a competence of 0.825
 
 STEADY_SPREAD = 0.02
-"""Standard deviation of an episode's competence around the student's at a hopeless or a mastered task: 8
-units of return, as random walkers vary (docs/fidelity.md)."""
+"""Standard deviation of an episode's competence at hopeless and mastered tasks: 8 units of return, as for
+random walkers (docs/fidelity.md)."""
 
-UNSTEADY_SPREAD = 0.4  # times k (1 - k) added to it: who half masters a task now falls, now arrives
+UNSTEADY_SPREAD = 0.4  # factor of k (1 - k) in the standard deviation at half-mastered tasks
 
 EPISODE_STEPS = 2_000
-"""Environment steps of every simulated episode, the time limit of Stump Tracks: 10,000 episodes are the
-paper's 20 million steps, and teachers that count steps update as often as they would there."""
+"""Environment steps per episode, the time limit of Stump Tracks: 10,000 episodes are the paper's 20 million
+steps, also for teachers that count steps."""
 
 DISCOUNTED_SHARE = (1 - DISCOUNT**EPISODE_STEPS) / (1 - DISCOUNT) / EPISODE_STEPS
-"""Discounted return of an episode that returns 1 in all: about 1/20."""
+"""Discounted return of an episode with return 1: about 1/20."""
 
-MOST_REGIONS = 10_000  # regions that a student may have in all, so that an episode costs tens of microseconds
+MOST_REGIONS = 10_000  # regions of a student in all dimensions together, for speed
 
 
 @dataclass(frozen=True)
 class StudentParameters:
     """Parameters of one simulated student; symbols as in the module's equations.
 
-    The defaults were fixed by looking at Random alone on the original challenge: it should master a middling
-    share of the test tasks in 10,000 episodes, and still be learning at their end. No other teacher was run
-    before, and none changed them.
+    The defaults were chosen with Random alone on the original challenge, before any other teacher was run: it
+    masters a middling share of the test tasks in 10,000 episodes, and still learns at their end.
 
     Attributes:
-        pace: eta, share of what is missing that a perfectly prepared episode on an easy task teaches.
-        pace_spread: standard deviation of the logarithm of a factor on `pace` that each student draws when it
-            is made, since no two training runs go alike.
+        pace: eta, share of the missing competence that an easy, perfectly prepared episode teaches.
+        pace_spread: standard deviation of the logarithm of each student's random factor on `pace`.
         zone: width of the zone of proximal development, in demands.
         reach: ell, distance over which experience carries, in regions.
         forgetting: phi, share of competence lost per episode.
         limit: L, difficulty over which tasks are unfeasible.
-        regions: per dimension; over all dimensions at most 10,000.
+        regions: number of regions per dimension, at most 10,000 in all.
     """
 
     pace: float = 0.06
@@ -139,13 +136,13 @@ class SimulatedStudent:
     """A learner without physics, trained one task at a time.
 
     Args:
-        easy: the easiest task (d,); what is easier still counts as this.
-        hard: the hardest task (d,) that could be feasible, different from `easy` in every dimension.
-        rng: source of the student's own pace, then the noise of returns.
-        aptitude: speed of learning.
+        easy: easiest task (d,); easier ones count as this.
+        hard: hardest task (d,) that may be feasible, different from `easy` in every dimension.
+        rng: source of the student's pace, then of the noise of returns.
+        aptitude: parameters of the student.
 
     Raises:
-        ValueError: shapes that do not fit, a dimension without width, or too many regions.
+        ValueError: if shapes do not match, a dimension has no width, or there are too many regions.
     """
 
     def __init__(
@@ -175,14 +172,11 @@ class SimulatedStudent:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything: an untrained student again."""
+        """Forget everything learned."""
         self._competence = np.zeros_like(self._pace)
 
     def play(self, task: ArrayLike, trains: bool = True) -> float:
-        """Play one episode of `task` (d,), learn from it if it `trains`, and return its episodic return.
-
-        Without learning nothing is forgotten either.
-        """
+        """Play one episode of `task` (d,), learn if it `trains`, and return its episodic return."""
         demands = self.initial_observations(task).astype(np.float64)
         competence = 0.0
         if self._feasible(demands):
@@ -199,20 +193,16 @@ class SimulatedStudent:
         return WORST_RETURN + RETURN_RANGE * (competence + spread * float(self._rng.standard_normal()))
 
     def initial_observations(self, tasks: ArrayLike) -> NDArray[np.float32]:
-        """Return the initial observations (..., d) of `tasks` (..., d): their demands.
-
-        They tell more than the lidars of a walker would, so that teachers which ask for values get all that
-        there is to know.
-        """
+        """Return the initial observations (..., d) of `tasks` (..., d), which are their demands."""
         demands = (np.asarray(tasks, dtype=np.float64) - self._easy) / (self._hard - self._easy)
         return np.maximum(demands, 0.0).astype(np.float32)
 
     def expected_returns(self, tasks: ArrayLike) -> Array:
-        """Return the expected episodic returns (n,) of `tasks` (n, d), from which nothing is learned."""
+        """Return the expected episodic returns (n,) of `tasks` (n, d)."""
         return self._expected(self.initial_observations(tasks))
 
     def state_values(self, observations: NDArray[np.float32]) -> Array:
-        """Return the expected discounted returns (n,) of initial observations (n, d), which never change."""
+        """Return the expected discounted returns (n,) of observations (n, d)."""
         if (observations == observations[0]).all():  # a trajectory
             return np.repeat(DISCOUNTED_SHARE * self._expected(observations[:1]), len(observations))
         return DISCOUNTED_SHARE * self._expected(observations)
@@ -227,12 +217,12 @@ class SimulatedStudent:
         return feasible
 
     def _kernels(self, demands: Array) -> Array:
-        """Factors (d, n, regions) of the kernel, which is a product over dimensions."""
+        """Return the factors (d, n, regions) of the kernel, a product over dimensions."""
         kernels: Array = np.exp(self._precision * (np.minimum(demands, 1.0).T[..., None] - self._axis) ** 2)
         return kernels
 
     def _read(self, kernels: Array) -> Array:
-        """Kernel averages (n,) of the competence, one dimension after the other."""
+        """Return the kernel averages (n,) of the competence, dimension by dimension."""
         count, regions = kernels.shape[1:]
         weights = kernels / kernels.sum(axis=-1, keepdims=True)
         average: Array = weights[0] @ self._competence.reshape(regions, -1)
@@ -241,7 +231,7 @@ class SimulatedStudent:
         return average[:, 0]
 
     def _learn(self, readiness: float, kernels: Array) -> None:
-        """Teach the regions around a task whose kernel has the factors (d, regions)."""
+        """Update the regions around a task by the factors (d, regions) of its kernel."""
         kernel = kernels[0]
         for axis in kernels[1:]:
             kernel = np.multiply.outer(kernel, axis)
@@ -250,18 +240,18 @@ class SimulatedStudent:
 
 @dataclass(frozen=True)
 class SimulatedChallenge:
-    """A setting for simulated students that isolates one difficulty for teachers.
+    """Challenge for simulated students.
 
     Attributes:
-        name: name in files and flags, as the paper's challenges are called in results.
+        name: name in results and flags.
         title: name in tables.
         task_space: tasks that the teacher may choose from.
-        aptitudes: aptitudes of the students, one run after the other: seed s trains the (s mod n)-th.
+        aptitudes: parameters of the students; seed s trains the (s mod n)-th.
         resets: shares of the episodes after which the student forgets everything.
-        cuts: intervals per dimension that change places in the teacher's space, 0 for none.
-        easy_task: the easiest task (d,), told at high expert knowledge.
-        hard_task: the hardest task (d,) that could be feasible; what demands more is not.
-        test_set: name of the tasks the student is tested on, which the world has, shuffled or not.
+        cuts: shuffled intervals per dimension of the task space, 0 for none.
+        easy_task: easiest task (d,), part of high expert knowledge.
+        hard_task: hardest task (d,) that may be feasible.
+        test_set: name of the test set, in coordinates of the world.
     """
 
     name: str
@@ -282,7 +272,7 @@ class SimulatedChallenge:
 def _simulated(
     name: str, title: str, aptitudes: tuple[StudentParameters, ...] = (StudentParameters(),)
 ) -> SimulatedChallenge:
-    """Return the challenge of Stump Tracks called `name`, for students of these `aptitudes`."""
+    """Return the simulated version of a challenge of Stump Tracks."""
     real = find_challenge("stump_tracks", name)
     assert real.easy_task is not None, "Stump Tracks has an easy task"
     shared = {key: getattr(real, key) for key in ("resets", "cuts", "easy_task", "test_set")}
@@ -301,17 +291,13 @@ SIMULATED_CHALLENGES: tuple[SimulatedChallenge, ...] = (
         tuple(StudentParameters(pace=pace, limit=limit) for limit in (0.5, 0.7) for pace in (0.04, 0.08)),
     ),
 )
-"""As in the paper's appendix C: almost 80 % of the mostly unfeasible space cannot be learned, half of the
-mostly trivial one is flat ground, the forgetting student starts anew at 7 and 14 of 20 million steps. Two
-limits (its two bodies) with two paces (its two students) stand for the diverse students."""
+"""The challenges of the paper's appendix C: almost 80 % of the mostly unfeasible space cannot be learned,
+half of the mostly trivial one is flat ground, the forgetting student is reset after 7 and 14 of 20 million
+steps. Diverse students combine two limits (for two bodies) with two paces (for two students)."""
 
 
 def find_simulated_challenge(name: str) -> SimulatedChallenge:
-    """Return the simulated challenge called `name`.
-
-    Raises:
-        ValueError: there is none; the message holds the nearest match.
-    """
-    known = {challenge.name: challenge for challenge in SIMULATED_CHALLENGES}
-    check_known("simulated challenge", name, known, "known:")
-    return known[name]
+    """Return the simulated challenge called `name`, or raise a ValueError with the nearest match."""
+    challenges = {challenge.name: challenge for challenge in SIMULATED_CHALLENGES}
+    check_known("simulated challenge", name, challenges, "known:")
+    return challenges[name]

@@ -1,4 +1,4 @@
-"""Storage of a results root: one contract, implemented by a folder, a bucket, and other addresses."""
+"""Storage of results roots in folders, buckets and at other addresses."""
 
 from tma_ray.results.storage.addresses import AddressStore
 from tma_ray.results.storage.base import ObjectStoreError, ResultsRootError, StorageError, Store, retry

@@ -1,7 +1,7 @@
-"""Addresses that pyarrow or fsspec knows, such as ``https://…`` and ``hf://…``, as file systems.
+"""Storage at addresses supported by pyarrow or fsspec, such as ``https://…`` and ``hf://…``.
 
-What fsspec's file systems raise differs from one to the next, and several take every failure for a file that
-is not there. Here a file is missing only if the place itself said so.
+File systems of fsspec raise different errors, and several report any failure as a missing file. Here a file
+is missing only if the server says so.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ from tma_ray.support.decoding import MOST_TEXT_BYTES, check_size
 
 T = TypeVar("T")
 
-EXPECTED: Final = (
+_USAGE_ERRORS: Final = (
     NotImplementedError,
     ImportError,
     ValueError,
@@ -26,16 +26,16 @@ EXPECTED: Final = (
     IsADirectoryError,
     NotADirectoryError,
 )
-"""What file systems raise of a request that makes no sense to them: no matter of the connection."""
+"""Errors of invalid requests, which are unrelated to the connection."""
 
 
 class AddressStore(Store, schemes=("*",)):
-    """A folder at an address of a file system that pyarrow or fsspec knows, mostly to read releases.
+    """Folder at an address supported by pyarrow or fsspec, mostly to read releases.
 
-    Such file systems have no conditional writes: `create` and `replace` look first, and exclude nobody.
+    Writes are not conditional: `create` and `replace` check first, and do not exclude other processes.
 
     Args:
-        filesystem: any file system of fsspec.
+        filesystem: file system of fsspec.
         base: path of the root in it.
     """
 
@@ -52,17 +52,17 @@ class AddressStore(Store, schemes=("*",)):
             from fsspec.core import url_to_fs
             from fsspec.implementations.arrow import ArrowFSWrapper
 
-            with suppress(pa.ArrowInvalid, ValueError):  # not pyarrow's own: fsspec may know it
+            with suppress(pa.ArrowInvalid, ValueError):  # else fsspec may support it
                 filesystem, path = fs.FileSystem.from_uri(uri)
                 handler = getattr(filesystem, "handler", None)
-                if isinstance(handler, fs.FSSpecHandler):  # pyarrow hands some over to fsspec itself
+                if isinstance(handler, fs.FSSpecHandler):  # pyarrow delegates some to fsspec
                     return cls(handler.fs, path)
                 return cls(ArrowFSWrapper(filesystem), path)
             return cls(*url_to_fs(uri))
         except (ImportError, ValueError) as error:
-            where = uri.split("@")[-1]  # no password
+            address = uri.split("@")[-1]  # no password
             raise ObjectStoreError(
-                f"{where}: {error}; pip install 'tma_ray[addresses]' has the libraries for https:// and hf://"
+                f"{address}: {error}; pip install 'tma_ray[addresses]' has the libraries for https:// and hf://"
             ) from error
 
     def __str__(self) -> str:
@@ -94,11 +94,7 @@ class AddressStore(Store, schemes=("*",)):
         return data, data
 
     def write_bytes(self, path: str, data: bytes) -> None:
-        """Write or replace a file.
-
-        Raises:
-            ObjectStoreError: addresses of this kind can only be read.
-        """
+        """Write or replace a file, or raise an ObjectStoreError if the address is read-only."""
         try:
             self._make_parent(path)
             with _reached(self.where(path)), self.filesystem.open(self.full_path(path), "wb") as stream:
@@ -122,7 +118,7 @@ class AddressStore(Store, schemes=("*",)):
         return self._kind(self.full_path(path), path) == "file"
 
     def _stamps(self, folder: str = "") -> dict[str, Stamp]:
-        found = {
+        stamps = {
             path.removeprefix(self._prefix): (
                 fs.FileInfo(path, mtime=info.get("mtime")).mtime_ns,
                 info["size"],
@@ -130,21 +126,21 @@ class AddressStore(Store, schemes=("*",)):
             for path, info in self._listed(folder).items()
             if info["type"] == "file"
         }
-        return dict(sorted(found.items()))
+        return dict(sorted(stamps.items()))
 
     def _names(self, folder: str) -> set[str]:
         return {PurePosixPath(path).name for path in self._listed(folder, maxdepth=1)}
 
     def _listed(self, folder: str, maxdepth: int | None = None) -> dict[str, dict[str, Any]]:
-        """Return what fsspec says of all below `folder`, by path."""
+        """Return fsspec's information about all files and folders below `folder`, by path."""
         full = self.full_path(folder) if folder else self.base
         with _reached(self.where(folder)):
             if not self.filesystem.isdir(full):
                 if self._kind(full, folder):
                     raise NotADirectoryError(full)
                 return {}
-            found = self.filesystem.find(full, maxdepth=maxdepth, withdirs=True, detail=True)
-        return {path: info for path, info in found.items() if path.strip("/") != full.strip("/")}
+            entries = self.filesystem.find(full, maxdepth=maxdepth, withdirs=True, detail=True)
+        return {path: info for path, info in entries.items() if path.strip("/") != full.strip("/")}
 
     def move(self, source: str, destination: str) -> None:
         self._make_parent(destination)
@@ -157,7 +153,7 @@ class AddressStore(Store, schemes=("*",)):
                 self.filesystem.rm(self.full_path(path), recursive=True)
 
     def _kind(self, full: str, path: str) -> str:
-        """Return "file", "directory" or another word of fsspec's for what lies there; empty for nothing."""
+        """Return fsspec's type of an entry ("file", "directory", ...), empty if there is none."""
         try:
             with _reached(self.where(path)):
                 return str(self.filesystem.info(full)["type"])
@@ -165,34 +161,34 @@ class AddressStore(Store, schemes=("*",)):
             return ""
 
     def _make_parent(self, path: str) -> None:
-        if not self.is_object_store:  # which has no folders to make
+        if not self.is_object_store:  # object stores have no folders
             with _reached(self.where(path)):
                 self.filesystem.makedirs(str(PurePosixPath(self.full_path(path)).parent), exist_ok=True)
 
 
 def _size(file: Any) -> int:
     """Return the size of an opened file, bytes."""
-    # With pyarrow's file systems it is a method before fsspec 2025.12, which not all libraries allow yet.
+    # a method for pyarrow's file systems before fsspec 2025.12
     return cast("int", file.size() if callable(file.size) else file.size)
 
 
 @contextmanager
 def _reached(where: str) -> Iterator[None]:
-    """Turn what libraries raise within the block of a connection into one error.
+    """Context that converts errors of all libraries.
 
     Raises:
-        FileNotFoundError: the place says that it lacks the file.
-        ObjectStoreError: the place cannot be reached, or refuses.
+        FileNotFoundError: if the server reports a missing file.
+        ObjectStoreError: if the server is unreachable, or refuses.
     """
     try:
         yield
-    except (ObjectStoreError, *EXPECTED):
+    except (ObjectStoreError, *_USAGE_ERRORS):
         raise
-    except Exception as error:  # of whichever library speaks to the place
+    except Exception as error:  # of any library
         causes: list[BaseException] = [error]
         while causes[-1].__cause__ is not None:
             causes.append(causes[-1].__cause__)
-        cause = next((each for each in causes if not _says_absent(each)), None)
+        cause = next((reason for reason in causes if not _is_missing(reason)), None)
         if cause is None:
             raise FileNotFoundError(f"{where} is not there") from error
         problem = "cannot be reached" if _status(cause) is None else "was refused"
@@ -202,12 +198,12 @@ def _reached(where: str) -> Iterator[None]:
         ) from error
 
 
-def _says_absent(error: BaseException) -> bool:
+def _is_missing(error: BaseException) -> bool:
     status = _status(error)
     return isinstance(error, FileNotFoundError) if status is None else status in (404, 410)
 
 
 def _status(error: BaseException) -> int | None:
-    """Return the HTTP answer that an error of aiohttp or httpx reports, None if it is of another kind."""
-    found = getattr(error, "status", None) or getattr(getattr(error, "response", None), "status_code", None)
-    return found if isinstance(found, int) else None
+    """Return the HTTP status of an error of aiohttp or httpx, None for other errors."""
+    status = getattr(error, "status", None) or getattr(getattr(error, "response", None), "status_code", None)
+    return status if isinstance(status, int) else None

@@ -1,4 +1,4 @@
-"""Buckets of S3 and Google Cloud Storage: addressing, credentials, retries, plain errors."""
+"""Storage in buckets of S3 and Google Cloud Storage."""
 
 import configparser
 import json
@@ -27,10 +27,10 @@ from tma_ray.support.decoding import MOST_TEXT_BYTES, check_size
 
 T = TypeVar("T")
 
-ATTEMPTS: Final = 10  # tries of one request, with random pauses that grow: about a minute in all
+ATTEMPTS: Final = 10  # attempts at one request, with growing random pauses: about a minute in all
 
 PARAMETERS: Final = {"s3": ("region", "scheme", "endpoint_override"), "gs": ("scheme", "endpoint_override")}
-"""Parameters of a URI, after its question mark."""
+"""Query parameters of URIs."""
 
 _ADVICE: Final = {
     "NoSuchBucket": "the bucket does not exist; create it, or correct the root",
@@ -48,12 +48,12 @@ _CREDENTIALS: Final = {
 
 
 class BucketStore(Store, schemes=("s3", "gs")):
-    """A folder of a bucket: a small object is one PUT, a large one an upload whose end makes it visible.
+    """Folder of a bucket, written by atomic requests.
 
     Args:
-        objects: the bucket, a store of obstore.
+        objects: store of obstore for the bucket.
         address: scheme, bucket and folder of the root, for messages.
-        uri: address that leads another process there, without credentials.
+        uri: address for other processes, without credentials.
     """
 
     is_object_store = True
@@ -69,16 +69,11 @@ class BucketStore(Store, schemes=("s3", "gs")):
     def at(cls, uri: str) -> "BucketStore":
         """Return the store at ``s3://bucket/folder`` or ``gs://bucket/folder``.
 
-        Credentials come from the environment. The region and the endpoint found here are part of what another
-        process is sent.
-
-        Raises:
-            ValueError: a URI with credentials, without bucket, or with a parameter not in `PARAMETERS`.
-            ObjectStoreError: the region of the bucket cannot be found out.
+        Credentials come from the environment. Region and endpoint are pickled with the store.
         """
         scheme, _, rest = uri.partition("://")
         start = re.split("[/?#]", rest)[0]
-        # A colon is enough: a secret may hold a slash, after which the rest of it looks like a path.
+        # a colon is enough: the rest of a secret with a slash looks like a path
         if "@" in start or ":" in start or "@" in uri.partition("?")[2]:
             raise ValueError(
                 f"a {scheme}:// root must not hold credentials, since roots are shown and logged: give "
@@ -137,7 +132,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
 
     def write_bytes(self, path: str, data: bytes) -> None:
         with _explained(self.where(path)):
-            self._objects.put(self._key(path), data, chunk_size=10 * 2**20)  # larger ones go in parts
+            self._objects.put(self._key(path), data, chunk_size=10 * 2**20)  # in parts if larger
 
     def create(self, path: str, data: bytes) -> bool:
         return self._put_if(path, data, "create")
@@ -165,19 +160,19 @@ class BucketStore(Store, schemes=("s3", "gs")):
 
     def _stamps(self, folder: str = "") -> dict[str, Stamp]:
         with _explained(self.where(folder)):
-            found = {each["path"]: each for each in self._listed(folder)}
-        parents = {path.rpartition("/")[0] for path in found} | {self._prefix_of(folder)}
+            objects = {item["path"]: item for item in self._listed(folder)}
+        parents = {path.rpartition("/")[0] for path in objects} | {self._prefix_of(folder)}
         start = len(self._folder) + 1 if self._folder else 0
         return {
-            path[start:]: (int(each["last_modified"].timestamp() * 1e9), each["size"])
-            for path, each in sorted(found.items())
-            if each["size"] or path not in parents  # other programs mark folders by empty objects
+            path[start:]: (int(item["last_modified"].timestamp() * 1e9), item["size"])
+            for path, item in sorted(objects.items())
+            if item["size"] or path not in parents  # other programs mark folders by empty objects
         }
 
     def _names(self, folder: str) -> set[str]:
         with _explained(self.where(folder)):
-            found = self._objects.list_with_delimiter(self._prefix_of(folder))
-        paths = (*found["common_prefixes"], *(each["path"] for each in found["objects"]))
+            listing = self._objects.list_with_delimiter(self._prefix_of(folder))
+        paths = (*listing["common_prefixes"], *(item["path"] for item in listing["objects"]))
         return {path.rpartition("/")[2] for path in paths} - {""}
 
     def move(self, source: str, destination: str) -> None:
@@ -187,7 +182,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
     def delete(self, path: str) -> None:
         key = self._key(path)
         with _explained(self.where(path)):
-            inner = [each["path"] for each in self._listed(path)]
+            inner = [item["path"] for item in self._listed(path)]
             if inner:
                 self._objects.delete(inner)
             with suppress(FileNotFoundError):
@@ -197,10 +192,10 @@ class BucketStore(Store, schemes=("s3", "gs")):
         self._names("")
 
     def _listed(self, folder: str) -> Iterator[Mapping[str, Any]]:
-        return (each for batch in self._objects.list(self._prefix_of(folder)) for each in batch)
+        return (item for batch in self._objects.list(self._prefix_of(folder)) for item in batch)
 
     def _key(self, path: str) -> str:
-        """Return `path` from the top of the bucket."""
+        """Return the key of `path` in the bucket."""
         return self.full_path(path).partition("/")[2]
 
     def _prefix_of(self, folder: str) -> str:
@@ -209,11 +204,11 @@ class BucketStore(Store, schemes=("s3", "gs")):
 
 @contextmanager
 def _explained(where: str) -> Iterator[None]:
-    """Turn what obstore raises within the block into errors that name `where` and say what to do.
+    """Context that converts errors of obstore into errors with `where` and a remedy.
 
     Raises:
-        FileNotFoundError: the object is not there.
-        ObjectStoreError: everything else that the store answered, after all tries.
+        FileNotFoundError: if the object is missing.
+        ObjectStoreError: for all other errors, after all attempts.
     """
     from obstore.exceptions import BaseError
 
@@ -225,25 +220,25 @@ def _explained(where: str) -> Iterator[None]:
         text = str(error).partition("\n\nDebug source")[0]
         if isinstance(error, FileNotFoundError) and "NoSuchBucket" not in text:
             raise FileNotFoundError(f"{where} is not there") from error
-        known = (advice for code, advice in _ADVICE.items() if code in text)
-        advice = next(known, "the object store went on failing after all retries; " + CONTINUES)
+        advices = (advice for code, advice in _ADVICE.items() if code in text)
+        advice = next(advices, "the object store went on failing after all retries; " + CONTINUES)
         raise ObjectStoreError(f"{where}: {advice} ({shorten(text, 300)})") from error
 
 
-def _s3_options(bucket: str, given: dict[str, str]) -> dict[str, str]:
-    """Return the place of the bucket by the URI, else by the environment, else by AWS's own defaults."""
+def _s3_options(bucket: str, parameters: dict[str, str]) -> dict[str, str]:
+    """Return region and endpoint of a bucket by its URI, the environment, or AWS."""
     environment = os.environ.get
     endpoint = (
-        given.get("endpoint_override")
+        parameters.get("endpoint_override")
         or environment("AWS_ENDPOINT_URL_S3")
         or environment("AWS_ENDPOINT_URL")
     )
-    region = given.get("region") or environment("AWS_REGION") or environment("AWS_DEFAULT_REGION")
+    region = parameters.get("region") or environment("AWS_REGION") or environment("AWS_DEFAULT_REGION")
     if endpoint:
-        scheme = {"scheme": given["scheme"]} if "scheme" in given else {}
+        scheme = {"scheme": parameters["scheme"]} if "scheme" in parameters else {}
         return {"region": region or "us-east-1", "endpoint_override": endpoint, **scheme}
     if region is None:
-        from pyarrow import fs  # obstore does not ask AWS for the region
+        from pyarrow import fs  # obstore cannot resolve regions
 
         with _explained(f"s3://{bucket}"):
             region = fs.resolve_s3_region(bucket)
@@ -251,7 +246,7 @@ def _s3_options(bucket: str, given: dict[str, str]) -> dict[str, str]:
 
 
 def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
-    """Return the bucket as obstore knows it."""
+    """Return the store of obstore for a bucket."""
     from obstore.store import GCSStore, S3Store
 
     endpoint = options.get("endpoint_override", "")
@@ -260,10 +255,10 @@ def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
     client: Any = {
         "allow_http": endpoint.startswith("http://"),
         "connect_timeout": timedelta(seconds=10),
-        "read_timeout": timedelta(seconds=30),  # a store may take long to copy a large object
-        "timeout": timedelta(hours=1),  # however slow the connection is
+        "read_timeout": timedelta(seconds=30),  # copies of large objects take long
+        "timeout": timedelta(hours=1),  # for slow connections
     }
-    # A pause is drawn uniformly between the first one and `base` times the one before.
+    # pauses are uniform between the first one and `base` times the previous one
     pauses = {"init_backoff": timedelta(seconds=0.5), "max_backoff": timedelta(seconds=20), "base": 3.5}
     retries: Any = {"max_retries": ATTEMPTS - 1, "retry_timeout": timedelta(hours=1), "backoff": pauses}
     config: Any = {"endpoint" if scheme == "s3" else "base_url": endpoint} if endpoint else {}
@@ -277,11 +272,7 @@ def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
 
 
 def _profile_credentials() -> Callable[[], dict[str, Any]] | None:
-    """Return a reader of the keys of a profile in AWS's own files, None where obstore finds others.
-
-    Raises:
-        ObjectStoreError: the profile has no keys and no process that prints some.
-    """
+    """Return a reader of the keys of a profile in AWS's files, None if obstore finds credentials itself."""
     environment = os.environ.get
     if any(environment(name) for name in ("AWS_ACCESS_KEY_ID", "AWS_WEB_IDENTITY_TOKEN_FILE")):
         return None
@@ -302,21 +293,21 @@ def _profile_credentials() -> Callable[[], dict[str, Any]] | None:
 
 def _profile(name: str) -> dict[str, str]:
     """Return the settings of a profile in AWS's configuration and credentials files."""
-    found: dict[str, str] = {}
-    for variable, place, section in (
+    settings: dict[str, str] = {}
+    for variable, default, section in (
         ("AWS_CONFIG_FILE", "~/.aws/config", name if name == "default" else f"profile {name}"),
         ("AWS_SHARED_CREDENTIALS_FILE", "~/.aws/credentials", name),
     ):
         parser = configparser.RawConfigParser()
-        parser.read(Path(os.environ.get(variable, place)).expanduser())
+        parser.read(Path(os.environ.get(variable, default)).expanduser())
         if parser.has_section(section):
-            found |= dict(parser[section])
-    return found
+            settings |= dict(parser[section])
+    return settings
 
 
 def _keys(profile: Mapping[str, str]) -> dict[str, Any]:
-    """Return the keys of a profile as obstore takes them, with the time at which it asks again."""
-    expires: Any = datetime.now(UTC) + timedelta(minutes=5)  # others may renew the keys in the files
+    """Return the keys of a profile for obstore, with their expiry."""
+    expires: Any = datetime.now(UTC) + timedelta(minutes=5)  # the files may be renewed
     if "aws_access_key_id" in profile:
         names = "aws_access_key_id", "aws_secret_access_key", "aws_session_token"
         key, secret, token = (profile.get(name) for name in names)

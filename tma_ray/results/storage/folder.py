@@ -1,4 +1,4 @@
-"""A folder: files written durably and whole, made exclusively, replaced under locks of the system."""
+"""Storage in a folder, with atomic and durable writes, exclusive creation and locks."""
 
 import errno
 import fcntl
@@ -30,7 +30,7 @@ from tma_ray.support.quantities import expanded
 T = TypeVar("T")
 
 DISK_FULL: Final = (errno.ENOSPC, errno.EDQUOT)
-"""Error numbers of a disk, or one's share of it, that is full."""
+"""Error numbers of a full disk or quota."""
 
 _ADVICE: Final = {
     errno.ENOSPC: "free some space there",
@@ -43,25 +43,21 @@ _ADVICE: Final = {
 }
 
 _LACKS: Final = frozenset({errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EPERM})
-"""Error numbers of a file system that lacks an operation, or forbids it for good."""
+"""Error numbers of operations that a file system lacks or forbids."""
 
 _NO_SYNC: Final = (_LACKS | {errno.EACCES, errno.EBADF, errno.EISDIR}) - {errno.EPERM}
-"""Error numbers of a file system whose folders cannot be opened or synced; PostgreSQL ignores them, too."""
+"""Error numbers of folders that cannot be opened or synced, which PostgreSQL ignores, too."""
 
-CHECKOUT: Final = (".git", "pyproject.toml")  # names of which the top folder of a source checkout has one
+CHECKOUT: Final = (".git", "pyproject.toml")  # files in the top folder of a source checkout
 
-LOCK_SECONDS: Final = 5.0
-"""Time to wait for a lock that another process keeps, which may be frozen, s; then it is done without."""
-
-FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")
-"""Endings of names that no folder of a root has."""
+LOCK_SECONDS: Final = 5.0  # longest wait for the lock of another process, s
+FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")  # endings of files, not folders
 
 
 class FolderStore(Store, schemes=("", "file")):
-    """A folder of a file system: files are written aside, synced and renamed.
+    """Folder of a file system, whose files are written to temporary ones, synced and renamed.
 
-    Nothing is read, written, moved or deleted through a symbolic link that leads out of the root. What cannot
-    be deleted at once is moved to the folder of temporary files and swept later.
+    Symbolic links out of the root are never followed. Folders are moved to temporary files before deletion.
     """
 
     @classmethod
@@ -94,10 +90,7 @@ class FolderStore(Store, schemes=("", "file")):
             write_file(target, self._aside(), data)
 
     def create(self, path: str, data: bytes) -> bool:
-        """Write a new file by an exclusive link, which needs no locks; return False if it exists.
-
-        Where the file system has no links, the file is empty for an instant; see `_name_exclusively`.
-        """
+        """Write a new file by an exclusive link, or return False if it exists."""
         target = self._own_path(path)
         with explained_disk(self.where(path)):
             return write_file(target, self._aside(), data, exclusive=True)
@@ -141,29 +134,29 @@ class FolderStore(Store, schemes=("", "file")):
             sync_folder(old.parent)
 
     def delete(self, path: str) -> None:
-        """Delete a file, a link but not its target, or a folder at once, even while it is written to."""
-        here = self._own_path(path)
+        """Delete a file, a link (not its target), or a folder, even while it is written to."""
+        target = self._own_path(path)
         with explained_disk(self.where(path)):
-            if here.is_dir() and not here.is_symlink():
-                here = here.replace(self._aside())
-            delete(here)
+            if target.is_dir() and not target.is_symlink():
+                target = target.replace(self._aside())
+            delete(target)
 
     def check_place(self, *folders: str) -> None:
         with explained_disk(self.where("")):
-            place = Path(os.path.realpath(self.base))  # no error of links in a circle
+            folder = Path(os.path.realpath(self.base))  # no error for circular links
             problem = ""
-            if place == Path(place.anchor):
+            if folder == Path(folder.anchor):
                 problem = "the root of the file system"
-            elif place == Path(os.path.expanduser("~")).resolve():  # noqa: PTH111 - some users have no home
+            elif folder == Path(os.path.expanduser("~")).resolve():  # noqa: PTH111 - some users have no home
                 problem = "your home folder"
-            elif any((place / name).exists() for name in CHECKOUT):
+            elif any((folder / name).exists() for name in CHECKOUT):
                 problem = "the top of a source checkout"
             if problem:
                 raise ResultsRootError(
-                    f"{self} is {problem}: results need a folder of their own, such as {place / 'results'}"
+                    f"{self} is {problem}: results need a folder of their own, such as {folder / 'results'}"
                 )
-        for folder in folders:
-            self._refuse_links_out(folder)
+        for name in folders:
+            self._refuse_links_out(name)
 
     def check_access(self) -> None:
         self.check_place()
@@ -173,12 +166,12 @@ class FolderStore(Store, schemes=("", "file")):
         for name in sorted(self._names(TEMPORARY)):
             if self.is_temporary(f"{TEMPORARY}/{name}"):
                 file = Path(self.base, TEMPORARY, name)
-                with suppress(FileNotFoundError):  # finished meanwhile
+                with suppress(FileNotFoundError):  # already renamed
                     if time.time() - file.lstat().st_mtime > older_than:
                         delete(file)
 
     def temporary(self) -> str:
-        """Return a new path for a temporary file, whose folder is made; the name has the root's inode."""
+        """Return a new path for a temporary file, marked by the root's inode, and create its folder."""
         self._refuse_links_out(TEMPORARY)
         make_folder(Path(self.base, TEMPORARY))
         return super().temporary()
@@ -187,14 +180,14 @@ class FolderStore(Store, schemes=("", "file")):
         return f"tma_ray-{Path(self.base).stat().st_ino}-"
 
     def _refuse_links_out(self, path: str) -> None:
-        """Refuse symbolic links that lead out of the root, which others may have created."""
+        """Raise a DamagedFileError for symbolic links out of the root."""
         if links_out(self.base, path):
             raise DamagedFileError(
                 f"{self.where(path)} is damaged: a symbolic link leads out of the root or nowhere"
             )
 
     def _own_path(self, path: str) -> Path:
-        """Return the full path, unless a link in its folder leads out of the root."""
+        """Return the full path, after checking that its folder is inside of the root."""
         full = self.full_path(path)
         self._refuse_links_out(str(PurePosixPath(path).parent))
         return Path(full)
@@ -205,28 +198,27 @@ class FolderStore(Store, schemes=("", "file")):
 
 @contextmanager
 def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator[None]:
-    """Turn what the operating system raises within the block into errors that name `where`.
+    """Context that converts errors of the operating system into a StorageError with `where` and a remedy.
 
     Args:
         where: name of the file or folder.
-        kinds: error numbers that are explained; None for all.
+        kinds: error numbers to convert, None for all.
 
     Raises:
-        FileNotFoundError: unchanged.
-        DamagedFileError: a folder lies where the file should be.
-        StorageError: everything else.
-        OSError: unchanged, if of another kind.
+        FileNotFoundError: if it is missing (unchanged).
+        DamagedFileError: if there is a folder instead of the file.
+        StorageError: for other errors of these kinds.
     """
     try:
         yield
     except (FileNotFoundError, StorageError):
         raise
-    except IsADirectoryError as error:  # which no patience mends
+    except IsADirectoryError as error:  # retries do not help
         raise DamagedFileError(f"{where} is damaged: a folder lies in its place") from error
     except OSError as error:
         if kinds is not None and error.errno not in kinds:
             raise
-        if error.errno in _LACKS:  # the same command would fail again
+        if error.errno in _LACKS:  # retries do not help
             raise StorageError(
                 f"{where}: its file system lacks an operation that results need ({error}); use a folder on "
                 f"another one"
@@ -236,7 +228,7 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
 
 
 def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
-    """Write a file by way of a `temporary` one next to it, atomically; False if `exclusive` and it exists."""
+    """Write a file atomically by a `temporary` one, or return False if `exclusive` and it exists."""
     make_folder(target.parent)
     try:
         with temporary.open("wb") as file:
@@ -256,14 +248,10 @@ def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = 
 
 
 def _name_exclusively(temporary: Path, target: Path) -> None:
-    """Give a file the name `target` that nothing has yet, so that one of several processes succeeds.
+    """Rename a file to the new name `target`, or raise a FileExistsError.
 
-    Where the file system has no hard links (FAT, exFAT, SMB, many in user space), the name is taken by an
-    empty file, which the other replaces at once. Who replaces files waits for that by the lock of the folder.
-
-    Raises:
-        FileExistsError: something has the name.
-        OSError: the file system refuses both ways.
+    File systems without hard links (FAT, exFAT, SMB, many in user space) first create an empty file, which is
+    replaced under the lock of the folder.
     """
     try:
         target.hardlink_to(temporary)
@@ -281,16 +269,15 @@ def _name_exclusively(temporary: Path, target: Path) -> None:
 
 @contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
-    """Keep other processes out of blocks under the lock of the same folder, which is made if need be.
+    """Context with the lock of a folder, which is created if missing.
 
-    The lock ends with its process. Where the file system has none, or it is not to be had for `LOCK_SECONDS`,
-    the block is entered without.
+    Without locks in the file system, or after `LOCK_SECONDS`, the block is entered without a lock.
     """
     make_folder(folder)
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         deadline = time.monotonic() + LOCK_SECONDS
-        with suppress(OSError):  # without locks
+        with suppress(OSError):  # no locks
             while time.monotonic() < deadline:
                 try:
                     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -303,7 +290,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its parents durably: each new name is synced in the folder that holds it."""
+    """Create a folder and its parents durably."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     for path in reversed(missing):
         path.mkdir(exist_ok=True)
@@ -311,7 +298,7 @@ def make_folder(folder: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in a folder survive a crash of the machine, where its file system can."""
+    """Sync the names in a folder to disk, where the file system supports it."""
     try:
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -324,42 +311,41 @@ def sync_folder(folder: Path) -> None:
 
 
 def links_out(base: str, path: str) -> bool:
-    """True if a symbolic link between the folder `base` and `path` leads out of it, or nowhere."""
-    place, linked = base, False
+    """Return True if a symbolic link in `path` leads out of `base`, or nowhere."""
+    target, linked = base, False
     for part in path.split("/"):
-        place = f"{place}/{part}"
-        linked = linked or os.path.islink(place)  # noqa: PTH114 - five times as fast, for thousands of files
+        target = f"{target}/{part}"
+        linked = linked or os.path.islink(target)  # noqa: PTH114 - five times as fast, for thousands of files
     if not linked:
         return False
     try:
-        os.stat(place)  # noqa: PTH116 - as above
+        os.stat(target)  # noqa: PTH116 - as above
     except OSError as error:
-        if error.errno == errno.ELOOP:  # which Path.resolve passes over from Python 3.13 on
+        if error.errno == errno.ELOOP:  # ignored by Path.resolve from Python 3.13 on
             return True
-    return not Path(place).resolve().is_relative_to(Path(base).resolve())
+    return not Path(target).resolve().is_relative_to(Path(base).resolve())
 
 
 def stamps_below(base: str, folder: str) -> Iterator[tuple[str, Stamp]]:
     """Yield path from `base` and `Stamp` of all files below `folder`.
 
-    Both parts of the stamp are None for what lies in the place of a file: pipes, sockets and devices, links
-    that lead nowhere, in a circle or out of `base`, folders that are called like a file or cannot be listed.
-
-    Raises:
-        OSError: `folder` itself cannot be listed.
+    Stamps are empty for other entries: pipes, sockets and devices, broken or circular links, links out of
+    `base`, folders named like files, and unreadable folders.
     """
     with os.scandir(folder) as entries:
         for entry in entries:
             path = entry.path[len(base) + 1 :]
             try:
-                found = entry.stat()
+                status = entry.stat()
             except OSError as error:
-                if entry.is_symlink() or not isinstance(error, FileNotFoundError):  # else it went meanwhile
+                if entry.is_symlink() or not isinstance(
+                    error, FileNotFoundError
+                ):  # a concurrent delete is not an error
                     yield path, (None, None)
                 continue
-            if stat.S_ISREG(found.st_mode):
-                yield path, (found.st_mtime_ns, found.st_size)
-            elif not stat.S_ISDIR(found.st_mode) or (
+            if stat.S_ISREG(status.st_mode):
+                yield path, (status.st_mtime_ns, status.st_size)
+            elif not stat.S_ISDIR(status.st_mode) or (
                 entry.is_symlink()
                 and (
                     links_out(base, path) or Path(folder).resolve().is_relative_to(Path(entry.path).resolve())
@@ -371,14 +357,14 @@ def stamps_below(base: str, folder: str) -> Iterator[tuple[str, Stamp]]:
                     yield path, (None, None)
                 try:
                     yield from stamps_below(base, entry.path)
-                except FileNotFoundError:  # it went meanwhile
+                except FileNotFoundError:  # deleted concurrently
                     continue
                 except OSError:
                     yield path, (None, None)
 
 
 def delete(path: Path) -> None:
-    """Delete a file, a link but not its target, or as much of a folder as possible, if it exists."""
+    """Delete a file, a link (not its target), or as much of a folder as possible."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:

@@ -1,4 +1,4 @@
-"""The device of a learner: execution of updates, random numbers by counter, copies from and to it."""
+"""Device utilities of a learner: repeated execution, counter-based random numbers, and copies."""
 
 import ctypes
 import math
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from tma_ray.students.hyperparameters import MatmulPrecision
 
 _TRIM_THRESHOLD, _MAP_THRESHOLD = -1, -3
-"""Options of glibc's mallopt: bytes that are free before they go back, and bytes that are mapped apart."""
+"""Options M_TRIM_THRESHOLD and M_MMAP_THRESHOLD of glibc's mallopt."""
 
 
 def empty(shape: tuple[int, ...], dtype: torch.dtype, device: torch.device) -> torch.Tensor:
-    """Return zeros; a CPU gives pages for them only when they are written to."""
+    """Return zeros, whose pages a CPU allocates on first write."""
     if device.type == "cpu":
         kind = torch.empty(0, dtype=dtype).numpy().dtype
         return torch.from_numpy(np.zeros(shape, dtype=kind))
@@ -26,63 +26,57 @@ def empty(shape: tuple[int, ...], dtype: torch.dtype, device: torch.device) -> t
 
 
 def upload(values: NDArray[Any], device: torch.device) -> torch.Tensor:
-    """Return `values` on `device`; on a CPU they may share memory."""
+    """Return `values` on `device`, perhaps in shared memory on a CPU."""
     tensor = torch.from_numpy(np.ascontiguousarray(values))
     if device.type == "cpu":
         return tensor
-    return tensor.pin_memory().to(
-        device, non_blocking=True
-    )  # torch keeps the pinned memory until it was read
+    return tensor.pin_memory().to(device, non_blocking=True)  # torch keeps pinned memory until it was read
 
 
 def keep_pages() -> None:
-    """Make the C library keep freed memory, if it can: new pages for each update take a fifth of its time."""
+    """Make glibc keep freed memory, since new pages take a fifth of an update's time."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(_TRIM_THRESHOLD, 2**31 - 1)
-        mallopt(_MAP_THRESHOLD, 2**25)  # the most that it takes
+        mallopt(_MAP_THRESHOLD, 2**25)  # its maximum
 
 
-WARM_UP = 3  # executions before a graph is captured, for libraries that make what they need at first use
+WARM_UP = 3  # executions before capturing a graph, for lazily initialised libraries
 
-COMPILE_MODE = "max-autotune-no-cudagraphs"
-"""Of torch's compiler: puts what is between products into them, and leaves the capture to us."""
-
-
-MOST_LEARNERS = 128
-"""Sizes that a function is compiled for in one process; beyond, torch would execute it uncompiled."""
+COMPILE_MODE = "max-autotune-no-cudagraphs"  # fuses elementwise operations; `Repeated` captures the graph
+MOST_SHAPES = 128  # shapes that torch compiles a function for in one process before it stops compiling
 
 
 @contextmanager
 def precision(chosen: MatmulPrecision) -> Iterator[None]:
-    """Has torch multiply float32 matrices in the precision `chosen`; casts to bfloat16 are explicit."""
-    outside = torch.get_float32_matmul_precision()
+    """Context of torch's matmul precision for float32 (casts to bfloat16 are explicit)."""
+    previous = torch.get_float32_matmul_precision()
     torch.set_float32_matmul_precision("high" if chosen == MatmulPrecision.HIGH else "highest")
     try:
         yield
     finally:
-        torch.set_float32_matmul_precision(outside)
+        torch.set_float32_matmul_precision(previous)
 
 
 def hidden_type(chosen: MatmulPrecision, dtype: torch.dtype) -> torch.dtype:
-    """Return the type of hidden layers where parameters are of `dtype`."""
+    """Return the data type of hidden layers for parameters of `dtype`."""
     return torch.bfloat16 if chosen == MatmulPrecision.MEDIUM else dtype
 
 
-def compile_if(wanted: bool | str, function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `function`, compiled by torch if that is `wanted`; a string is the compiler's mode."""
-    if not wanted:
+def compile_if(mode: bool | str, function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `function`, compiled by torch if `mode` is True or names a mode of the compiler."""
+    if not mode:
         return function
-    from torch._dynamo import config  # 2 s and 150 MB, which learners that compile nothing are spared
+    from torch._dynamo import config  # deferred: the import takes 2 s and 150 MB
 
-    config.recompile_limit = max(config.recompile_limit, MOST_LEARNERS)
-    return torch.compile(function, mode=COMPILE_MODE if wanted is True else wanted, dynamic=False)
+    config.recompile_limit = max(config.recompile_limit, MOST_SHAPES)
+    return torch.compile(function, mode=COMPILE_MODE if mode is True else mode, dynamic=False)
 
 
 class Repeated:
-    """A function that is executed many times, each time on the same memory.
+    """Function executed many times on the same memory, as a captured graph on a GPU.
 
-    On a GPU it is captured as a graph: nothing of it may depend on numbers of the host.
+    It must not depend on values in host memory.
     """
 
     def __init__(self, function: Callable[[], None], chosen: MatmulPrecision, device: torch.device) -> None:
@@ -92,7 +86,7 @@ class Repeated:
             keep_pages()
 
     def __call__(self, times: int) -> None:
-        """Execute the function `times` times; a GPU is not waited for."""
+        """Execute the function `times` times, without waiting for a GPU."""
         if self._graph is not None:
             for _ in range(times):
                 self._graph.replay()
@@ -102,16 +96,16 @@ class Repeated:
                 self._function()
 
     def forget(self) -> None:
-        """Drop the graph: the function's memory is about to move."""
+        """Drop the graph because the function's memory moved."""
         self._graph = None
 
     @property
     def wants_capture(self) -> bool:
-        """True if the next execution should be preceded by `capture`."""
+        """True if `capture` should precede the next execution."""
         return self._device.type == "cuda" and self._graph is None
 
     def capture(self) -> None:
-        """Capture the graph, for which the function is executed a few times."""
+        """Capture the graph after executing the function a few times."""
         stream = torch.cuda.Stream(self._device)  # type: ignore[no-untyped-call]
         stream.wait_stream(torch.cuda.current_stream(self._device))
         graph = torch.cuda.CUDAGraph()
@@ -134,21 +128,23 @@ _KEY_STEPS = 0x9E3779B9, 0xBB67AE85
 
 
 class Purpose(IntEnum):
-    """Purpose of random numbers; those of different purposes are independent."""
+    """Purpose of random numbers, with an independent stream each."""
 
-    BATCH = 0  # transitions of a batch
-    NOISE = 1  # of actions in an update
+    BATCH = 0  # indices of a batch
+    NOISE = 1  # noise of actions in updates
 
 
 def words_of(number: int) -> tuple[int, int]:
-    """Return the low and the high 32 bits of a `number` of 64 bits."""
+    """Return the low and high 32 bits of a 64-bit `number`."""
     return number & _WORD, number >> 32 & _WORD
 
 
 def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
-    """Return four random words for each counter, in a new last axis (..., 4).
+    """Return four random 32-bit words for each counter (..., 4).
 
-    Counters are four words, least significant first, keys two; all broadcast with one another (...).
+    Args:
+        counters: four words of each counter, least significant first, which broadcast (...).
+        keys: two words of each key, which broadcast (...).
     """
     c0, c1, c2, c3 = counters
     k0, k1 = keys
@@ -160,25 +156,24 @@ def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.T
 
 
 def words(keys: torch.Tensor, numbers: torch.Tensor, purpose: Purpose, count: int) -> torch.Tensor:
-    """Return random words (k, count) for the update `numbers` (k,) of runs with `keys` (k, 2)."""
+    """Return random words (k, count) of the update `numbers` (k,) of runs with `keys` (k, 2)."""
     blocks = torch.arange(-(-count // 4), device=keys.device)
     low, high = (numbers & _WORD)[:, None], (numbers >> 32 & _WORD)[:, None]
-    # the block is the second word, which no round multiplies: torch's compiler would do that in 32 bits
+    # the block is the second word, which no round multiplies: torch's compiler would use 32 bits
     counters = low, blocks, high, torch.full_like(low, int(purpose))
-    drawn = philox(counters, (keys[:, :1], keys[:, 1:])).flatten(1)
-    return drawn[:, :count]
+    return philox(counters, (keys[:, :1], keys[:, 1:])).flatten(1)[:, :count]
 
 
 def integers_below(limits: torch.Tensor, drawn: torch.Tensor) -> torch.Tensor:
-    """Return integers (k, n) in [0, limit) from random words `drawn` (k, n); `limits` (k,) are under 2^31.
+    """Return integers (k, n) in [0, limit) from random words `drawn` (k, n), with `limits` (k,) under 2^31.
 
-    A number is at most 2^-32 more or less likely than it should be.
+    Probabilities are off by at most 2^-32.
     """
     return drawn * limits[:, None] >> 32
 
 
 def standard_normals(drawn: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Return standard normals (k, n) from random words `drawn` (k, n), n even (Box and Muller)."""
+    """Return standard normals (k, n) from random words `drawn` (k, n) with even n (Box and Muller)."""
     halves = drawn.view(len(drawn), -1, 2).to(dtype)
     radii = (-2 * ((halves[..., 0] + 1) * 2.0**-32).log()).sqrt()
     angles = halves[..., 1] * (2 * math.pi * 2.0**-32)
@@ -186,10 +181,7 @@ def standard_normals(drawn: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 
 def _product(word: torch.Tensor, multiplier: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the high and the low word of a product of 32-bit words, computed from 16-bit halves.
-
-    Signed numbers of 64 bits would overflow, which compilers of C++ assume never to happen.
-    """
+    """Return the high and low words of a product of 32-bit words, without signed 64-bit overflow."""
     lower, upper = (word & 0xFFFF) * multiplier, (word >> 16) * multiplier
     upper = upper + (lower >> 16)
     return upper >> 16, (upper & 0xFFFF) << 16 | lower & 0xFFFF

@@ -1,4 +1,4 @@
-"""Forward passes of stacked networks over padded flat parameters, differentiable by autograd."""
+"""Stacked networks over padded flat parameters: forward passes for autograd, and Adam."""
 
 import math
 from typing import Any, NamedTuple
@@ -16,12 +16,12 @@ HIDDEN_MULTIPLE = 16
 
 
 class PaddedLayout(NamedTuple):
-    """A layout of which inputs and hidden layers are padded; outputs are not.
+    """A layout with padded inputs and hidden layers.
 
     Attributes:
         plain: layout without padding.
         padded: layout with padding.
-        others: number of parameters that follow the network's.
+        others: number of parameters after those of the network.
     """
 
     plain: Layout
@@ -30,28 +30,28 @@ class PaddedLayout(NamedTuple):
 
     @classmethod
     def of(cls, plain: Layout, others: int = 0) -> "PaddedLayout":
-        """Return the padding of `plain`, after whose parameters there are `others`."""
+        """Return the padded layout of `plain` followed by `others` more parameters."""
         inputs, *hidden, outputs = plain.sizes
         sizes = [_up(inputs, INPUTS_MULTIPLE), *(_up(size, HIDDEN_MULTIPLE) for size in hidden), outputs]
         return cls(plain, Layout(tuple(sizes), plain.activation), others)
 
     @property
     def length(self) -> int:
-        """Number of parameters with padding, at the end too."""
+        """Number of parameters, including padding."""
         return _up(self.padded.parameters + self.others, HIDDEN_MULTIPLE)
 
-    def places(self) -> NDArray[np.int64]:
-        """Return the index of each parameter of the plain vector (p,) in the padded one."""
-        parts, start = [], 0
+    def columns(self) -> NDArray[np.int64]:
+        """Return the index of each unpadded parameter (p,) in the padded vector."""
+        indices, start = [], 0
         for (outputs, inputs), padded in zip(self.plain.shapes, self.padded.shapes, strict=True):
             weights = start + np.arange(math.prod(padded)).reshape(padded)
             biases = start + weights.size
-            parts += [weights[:outputs, :inputs].ravel(), np.arange(biases, biases + outputs)]
+            indices += [weights[:outputs, :inputs].ravel(), np.arange(biases, biases + outputs)]
             start = biases + padded[0]
-        return np.concatenate([*parts, np.arange(start, start + self.others)])
+        return np.concatenate([*indices, np.arange(start, start + self.others)])
 
     def inputs(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return `inputs` (..., i) with zeros behind, as many as are missing."""
+        """Return `inputs` (..., i) padded with zeros."""
         missing = self.padded.sizes[0] - inputs.shape[-1]
         return torch.nn.functional.pad(inputs, (0, missing)) if missing else inputs
 
@@ -66,13 +66,13 @@ def stacked_pass(
     """Return the outputs (k, n, h) of k networks.
 
     Args:
-        parameters: padded (k, p).
+        parameters: padded parameters (k, p).
         layout: layout of each network.
-        inputs: values without padding (k, n, i).
-        hidden: type in which hidden layers are computed; the last layer is in that of the parameters.
+        inputs: inputs without padding (k, n, i).
+        hidden: data type of the hidden layers; the last layer uses that of the parameters.
     """
     layers, activation = _layers(parameters, layout), layout.padded.activation
-    # leaving rows out pays: not on a GPU, which would be waited for, nor in compiled code
+    # skipping rows pays in eager mode on a CPU only: a GPU would have to synchronise
     eager = parameters.device.type == "cpu" and not torch.compiler.is_compiling()
     by_inputs_only = inputs.requires_grad and not parameters.requires_grad
     if eager and by_inputs_only and hidden == parameters.dtype:
@@ -88,7 +88,7 @@ def stacked_pass(
 def twin_pass(
     parameters: torch.Tensor, layout: PaddedLayout, inputs: torch.Tensor, hidden: torch.dtype
 ) -> torch.Tensor:
-    """Return the values (k, n, 2) of k pairs of critics with `parameters` (k, 2, p); see `stacked_pass`."""
+    """Return the outputs (k, n, 2) of k pairs of critics with `parameters` (k, 2, p)."""
     runs, batch, size = inputs.shape
     both = inputs[:, None].expand(runs, 2, batch, size).flatten(0, 1)
     outputs = stacked_pass(parameters.flatten(0, 1), layout, both, hidden)
@@ -96,9 +96,9 @@ def twin_pass(
 
 
 class _PassByRows(torch.autograd.Function):
-    """A pass that is differentiated by the inputs only, network by network, by the rows with a gradient.
+    """Autograd function of the inputs only, skipping rows without a gradient.
 
-    The smaller value of a pair of critics counts, so each has a gradient in about half of the rows.
+    The minimum over a pair of critics gives each a gradient in about half of the rows.
     """
 
     @staticmethod
@@ -110,12 +110,12 @@ class _PassByRows(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None, None]:
-        (gradient,), kept, parts = gradients, ctx.saved_tensors, []
-        for own in range(len(gradient)):
-            layers = [(weight[own], bias[own]) for weight, bias in ctx.layers]
-            rows = [values[own] for values in kept]
-            parts.append(input_gradient(layers, rows, gradient[own], ctx.activation))
-        return torch.stack(parts), None, None
+        (gradient,), kept, results = gradients, ctx.saved_tensors, []
+        for index in range(len(gradient)):
+            layers = [(weight[index], bias[index]) for weight, bias in ctx.layers]
+            rows = [values[index] for values in kept]
+            results.append(input_gradient(layers, rows, gradient[index], ctx.activation))
+        return torch.stack(results), None, None
 
 
 _pass_by_rows: Any = _PassByRows.apply
@@ -129,32 +129,32 @@ BETAS = 0.9, 0.999
 
 
 class StackedAdam:
-    """Adam as in `torch.optim.Adam`, with a step count for each run.
+    """`torch.optim.Adam` with a step count for each run.
 
     Args:
-        parameters: parameters of all runs (k, ..., p), which `step` changes.
+        parameters: parameters of all runs (k, ..., p).
         rate: step size.
-        epsilon: added to the root of the mean square.
+        epsilon: term added to the root of the mean square.
 
     Attributes:
-        mean: running mean of the gradient, with the shape of the parameters.
-        square: running mean of the squared gradient, with the same shape.
+        mean: running mean of the gradient (k, ..., p).
+        square: running mean of the squared gradient (k, ..., p).
     """
 
     def __init__(self, parameters: torch.Tensor, rate: float, epsilon: float = 1e-8) -> None:
         self._parameters, self._rate, self._epsilon = parameters, rate, epsilon
         self.mean, self.square = torch.zeros_like(parameters), torch.zeros_like(parameters)
-        # computed once, on the host: powers would be rounded differently from device to device
+        # computed on the host: devices round powers differently
         self._corrections = torch.tensor(_corrections(rate), dtype=parameters.dtype, device=parameters.device)
 
     def step(self, gradient: torch.Tensor, counts: torch.Tensor, active: torch.Tensor) -> None:
-        """Move the parameters of the `active` runs (k,) against `gradient`; others' do not change by a bit.
+        """Take one step against `gradient` for the `active` runs (k,), leaving all others unchanged.
 
-        `counts` are the steps of each run before this one (k,).
+        `counts` are the previous steps of each run (k,).
         """
-        aside = len(active), *[1] * (gradient.ndim - 1)
-        mask, index = active.view(aside), (counts + 1).clamp(max=len(self._corrections) - 1)
-        rate, root = (part.view(aside) for part in self._corrections[index].unbind(dim=1))
+        shape = len(active), *[1] * (gradient.ndim - 1)
+        mask, index = active.view(shape), (counts + 1).clamp(max=len(self._corrections) - 1)
+        rate, root = (column.view(shape) for column in self._corrections[index].unbind(dim=1))
         mean = torch.lerp(self.mean, gradient, 1 - BETAS[0])
         square = torch.addcmul(self.square * BETAS[1], gradient, gradient, value=1 - BETAS[1])
         change = mean / (square.sqrt() / root + self._epsilon) * rate
@@ -163,9 +163,9 @@ class StackedAdam:
         keep(self._parameters, self._parameters - change, mask)
 
     def row(self, slot: int, parameters: torch.Tensor) -> "RowAdam":
-        """Return the optimiser of the run in `slot` alone, over the same moments.
+        """Return the optimiser of the run in `slot` alone, on the same memory.
 
-        `parameters` (1, ..., p), a leaf of autograd, are the same memory as the row of that slot.
+        `parameters` (1, ..., p) are the row of that slot as a leaf of autograd.
         """
         one = slice(slot, slot + 1)
         optimiser = torch.optim.Adam([parameters], self._rate, BETAS, self._epsilon, fused=True)
@@ -173,10 +173,7 @@ class StackedAdam:
 
 
 class RowAdam(StackedAdam):
-    """Adam for one run of a stack by torch's fused kernel, which takes a processor a sixth of the time.
-
-    Its parameters (1, ..., p) and moments are the stack's memory.
-    """
+    """Adam for one run of a stack by torch's fused kernel, six times as fast on a CPU."""
 
     def __init__(
         self, optimiser: torch.optim.Adam, parameters: torch.Tensor, mean: torch.Tensor, square: torch.Tensor
@@ -186,20 +183,20 @@ class RowAdam(StackedAdam):
         optimiser.state[parameters] = {"step": self._count, "exp_avg": mean, "exp_avg_sq": square}
 
     def step(self, gradient: torch.Tensor, counts: torch.Tensor, active: torch.Tensor) -> None:  # noqa: ARG002
-        """Move the parameters of the run, which is active; see `StackedAdam.step`."""
+        """Take one step for the run, as in `StackedAdam.step`."""
         self._count.copy_(counts[0])
         self._parameters.grad = gradient
         take_step(self._optimiser)
 
 
 def keep(memory: torch.Tensor, values: torch.Tensor, mask: torch.Tensor) -> None:
-    """Write `values` to `memory` where the `mask`, which broadcasts to them, is True."""
+    """Write `values` to `memory` where the broadcast `mask` is True."""
     memory.copy_(torch.where(mask, values, memory))
 
 
 def _corrections(rate: float) -> list[tuple[float, float]]:
-    """Return rate / (1 - beta_1^t) and sqrt(1 - beta_2^t) for t = 0, 1, ... until they stay the same."""
+    """Return rate / (1 - beta_1^t) and sqrt(1 - beta_2^t) for t = 0, 1, ... until they are constant."""
     last = math.ceil(math.log(2.0**-54) / math.log(max(BETAS)))
     first, second = BETAS
     powers = ((first**step, second**step) for step in range(1, last + 1))
-    return [(0.0, 1.0), *((rate / (1 - one), math.sqrt(1 - two)) for one, two in powers)]
+    return [(0.0, 1.0), *((rate / (1 - mean), math.sqrt(1 - square)) for mean, square in powers)]

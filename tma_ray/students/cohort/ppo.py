@@ -1,4 +1,4 @@
-"""Proximal policy optimisation of many runs at once."""
+"""Stacked PPO, which updates many runs at once."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -14,25 +14,26 @@ from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.mlp.network import Network
 from tma_ray.students.ppo import Losses, Steps, losses
 
-EPSILON = 1e-5  # of Adam, as in stable-baselines3's policies
+EPSILON = 1e-5  # epsilon of Adam, as in stable-baselines3
 
 
 def clip(gradient: torch.Tensor, norm: float) -> None:
-    """Scales each run's gradient (k, p) down to a norm."""
-    own = torch.linalg.vector_norm(gradient, dim=1, keepdim=True)
-    gradient.mul_(torch.clamp(norm / (own + 1e-6), max=1.0))
+    """Scale each run's gradient (k, p) down to at most `norm`, in place."""
+    norms = torch.linalg.vector_norm(gradient, dim=1, keepdim=True)
+    gradient.mul_(torch.clamp(norm / (norms + 1e-6), max=1.0))
 
 
-FIGURES = "policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction"
+METRICS = "policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction"
 
 
 class PPONetworks(NamedTuple):
-    """What a run has learned, on the host: flat parameters without padding, as a run alone has them.
+    """Learned state of a run in host memory, without padding.
 
     Attributes:
-        parameters: the network, whose outputs are means and value, and the log deviation (p,).
-        mean: Adam's running mean of their gradient (p,), as `square` is that of its square.
-        step: number of Adam's steps since the networks are new.
+        parameters: parameters of the network and the log standard deviation (p,).
+        mean: Adam's running mean of the gradient (p,).
+        square: Adam's running mean of the squared gradient (p,).
+        step: number of steps of Adam.
     """
 
     parameters: NDArray[np.floating]
@@ -42,7 +43,7 @@ class PPONetworks(NamedTuple):
 
 
 class StackedPPO(StackedLearner):
-    """PPO of many runs; an update is a step of the optimiser on one mini-batch.
+    """PPO of many runs, of which an update is one optimiser step on a mini-batch.
 
     Args:
         sizes: lengths o of an observation and a of an action.
@@ -50,10 +51,10 @@ class StackedPPO(StackedLearner):
         width: number of slots k.
         device: device of the learner.
         dtype: data type of parameters, losses and optimisers.
-        compiled: see `compile_if`; compiling takes minutes once.
+        compiled: mode of `compile_if`; compiling takes minutes once.
     """
 
-    _values: torch.Tensor  # of a row: its parameters, their gradient, and the network over both
+    _values: torch.Tensor  # parameters of a single row, with their gradient and network
     _gradient: torch.Tensor
     _network: Network
 
@@ -70,7 +71,7 @@ class StackedPPO(StackedLearner):
         (observation, action), steps = sizes, hyper.steps_per_update
         self._hyper, self._split = hyper, [observation, action, 1, 1, 1, 1]
         self._layout = PaddedLayout.of(hyper.layout(observation, action), action)
-        self._places = torch.from_numpy(self._layout.places()).to(device)
+        self._columns = torch.from_numpy(self._layout.columns()).to(device)
         like = torch.empty(0, dtype=dtype, device=device)
         count = self._layout.padded.parameters
         self._log_std = slice(count, count + action)
@@ -78,21 +79,21 @@ class StackedPPO(StackedLearner):
         self._parameters = like.new_zeros(width, self._layout.length).requires_grad_()
         self._adam = StackedAdam(self._parameters, hyper.learning_rate, EPSILON)
         self._steps = torch.zeros(width, dtype=torch.int64, device=device)
-        self._kept: torch.Tensor | None = None
+        self._mask: torch.Tensor | None = None
         if hyper.separate_trunks:
-            self._kept = like.new_ones(self._layout.length)
+            self._mask = like.new_ones(self._layout.length)
             plain = self._layout.plain
-            self._kept[self._places[: plain.parameters]] = torch.from_numpy(plain.trunks(action)).to(like)
-        # compiled part by part: autograd runs between them, through what the compiler derived
+            self._mask[self._columns[: plain.parameters]] = torch.from_numpy(plain.trunks(action)).to(like)
+        # compiled separately, since autograd runs between them
         self._parts = [compile_if(compiled, part) for part in (self._outputs, self._losses, self._step)]
         self._train: Callable[[Steps, torch.Tensor], torch.Tensor] = self._learn
         self._memory = torch.zeros(width, steps, sum(self._split), dtype=torch.float32, device=device)
         self._orders = torch.zeros(width, hyper.epochs * steps, dtype=torch.int32, device=device)
         self._positions = torch.zeros(width, dtype=torch.int64, device=device)
-        self._sums = like.new_zeros(width, len(FIGURES))
+        self._sums = like.new_zeros(width, len(METRICS))
 
     def join(self, slot: int, networks: PPONetworks) -> None:
-        """Give the idle `slot` to a run with these `networks`."""
+        """Give a free `slot` to a run with these `networks`."""
         self.leave(slot)
         self._write(slot, networks)
 
@@ -102,12 +103,12 @@ class StackedPPO(StackedLearner):
             memory[slot].zero_()
 
     def store(self, slot: int, columns: Sequence[NDArray[np.float32]], orders: NDArray[np.integer]) -> None:
-        """Give the run in `slot` a rollout to learn from, which makes all its updates due.
+        """Store a rollout of the run in `slot`, which makes its updates due.
 
         Args:
-            slot: slot of the run, which has no updates due from before.
-            columns: values of `steps_per_update` steps n each, for mini-batches, as in `Rollout.columns`.
-            orders: orders of the steps in each epoch, cut into mini-batches (epochs, n).
+            slot: slot of a run without updates due.
+            columns: columns of `Rollout.columns` with n steps.
+            orders: order of the steps in each epoch (epochs, n).
         """
         assert not self.owed[slot]
         rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
@@ -122,24 +123,24 @@ class StackedPPO(StackedLearner):
         return PPONetworks._make(self._read(slot))
 
     def figures(self, slot: int) -> dict[str, float]:
-        """Return means over the updates by the last rollout of the run in `slot`."""
+        """Return mean metrics of the updates on the last rollout of the run in `slot`."""
         means = (self._sums[slot] / self._positions[slot].clamp(min=1)).tolist()
-        return dict(zip(FIGURES, means, strict=True))
+        return dict(zip(METRICS, means, strict=True))
 
     def _stacks(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         memories = self._parameters, self._adam.mean, self._adam.square
-        return [(memory, self._places) for memory in memories]
+        return [(memory, self._columns) for memory in memories]
 
     def _counters(self) -> list[torch.Tensor]:
         return [self._steps]
 
     def _row(self, slot: int) -> "StackedPPO":
-        own = narrowed(self, slot, "_owed", "_memory", "_orders", "_positions", "_sums", "_steps")
+        row = narrowed(self, slot, "_owed", "_memory", "_orders", "_positions", "_sums", "_steps")
         parameters, count = leaf(self._parameters, slot), self._layout.padded.parameters
-        own._values, own._gradient = parameters.detach(), torch.zeros_like(parameters.detach())
-        own._network = Network(own._values[0, :count], self._layout.padded, own._gradient[0, :count])
-        own._adam, own._train = self._adam.row(slot, parameters), own._learn_alone
-        return own
+        row._values, row._gradient = parameters.detach(), torch.zeros_like(parameters.detach())
+        row._network = Network(row._values[0, :count], self._layout.padded, row._gradient[0, :count])
+        row._adam, row._train = self._adam.row(slot, parameters), row._learn_alone
+        return row
 
     def _advance_once(self) -> None:
         (width, count), size = self._orders.shape, self._hyper.batch_size
@@ -155,13 +156,13 @@ class StackedPPO(StackedLearner):
         self._owed.sub_(active.long())
 
     def _learn(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Take one step of the `active` runs (k,) on mini-batches (k, n, ...); return `FIGURES` (k, 4)."""
+        """Update the `active` runs (k,) once on mini-batches (k, n, ...) and return `METRICS` (k, 4)."""
         network, gradient_of, step = self._parts
         outputs = network(batch.observations)
-        parts = gradient_of(outputs.detach(), batch)
-        (gradient,) = torch.autograd.grad(outputs, self._parameters, parts.outputs_gradient)
-        step(gradient, parts.log_std_gradient, active)
-        return torch.stack(parts[:4], dim=1)
+        terms = gradient_of(outputs.detach(), batch)
+        (gradient,) = torch.autograd.grad(outputs, self._parameters, terms.outputs_gradient)
+        step(gradient, terms.log_std_gradient, active)
+        return torch.stack(terms[:4], dim=1)
 
     def _outputs(self, observations: torch.Tensor) -> torch.Tensor:
         return stacked_pass(self._parameters, self._layout, observations, self._hidden)
@@ -174,22 +175,22 @@ class StackedPPO(StackedLearner):
         with torch.no_grad():
             gradient = gradient.clone()
             gradient[:, self._log_std] = log_std_gradient
-            if self._kept is not None:
-                gradient.mul_(self._kept)
+            if self._mask is not None:
+                gradient.mul_(self._mask)
             clip(gradient, self._hyper.max_gradient_norm)
             self._adam.step(gradient, self._steps, active)
             self._steps.add_(active.long())
 
     @torch.no_grad()
     def _learn_alone(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Take one step of the one run of a row, by the passes of a run that learns alone; see `_learn`."""
+        """Update a single run once, with the passes of a student that learns alone."""
         kept = self._network.activations(self._layout.inputs(batch.observations[0]))
-        parts = losses(kept[-1][None], self._values[:, self._log_std], batch, self._hyper)
-        self._network.backpropagate(kept, parts.outputs_gradient[0])
-        self._gradient[:, self._log_std] = parts.log_std_gradient
-        if self._kept is not None:
-            self._gradient.mul_(self._kept)
+        terms = losses(kept[-1][None], self._values[:, self._log_std], batch, self._hyper)
+        self._network.backpropagate(kept, terms.outputs_gradient[0])
+        self._gradient[:, self._log_std] = terms.log_std_gradient
+        if self._mask is not None:
+            self._gradient.mul_(self._mask)
         clip(self._gradient, self._hyper.max_gradient_norm)
         self._adam.step(self._gradient, self._steps, active)
         self._steps.add_(1)
-        return torch.stack(parts[:4], dim=1)
+        return torch.stack(terms[:4], dim=1)

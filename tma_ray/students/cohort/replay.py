@@ -1,4 +1,4 @@
-"""Replay memory of many runs on the learner's device, every observation stored once."""
+"""Replay buffers of many runs on the learner's device, which store observations once."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -13,15 +13,15 @@ from tma_ray.students.sac import Transitions
 
 
 class _Track:
-    """What a run keeps: numbers of transitions, and rows, both counted since it joined."""
+    """Bookkeeping of one run's transitions and rows, both counted since it joined."""
 
     def __init__(self) -> None:
         self.count, self.tail = 0, 0  # transitions and rows so far
         self.pieces: deque[tuple[int, int, int]] = deque()
-        """First transition, first row, and transitions of each stored part, which takes a row more."""
+        """First transition, first row, and number of transitions of each stored piece."""
 
     def head(self, kept: int) -> int:
-        """Return the row of the oldest of the newest `kept` transitions."""
+        """Return the first row of the newest `kept` transitions."""
         oldest = self.count - kept
         for first, row, length in self.pieces:
             if oldest < first + length:
@@ -30,21 +30,21 @@ class _Track:
 
 
 class StackedReplay:
-    """A ring of transitions for each of k runs; the next observation is in the following row.
+    """Ring buffers of transitions for k runs, with the next observation in the following row.
 
-    An episode of n transitions takes n + 1 rows. There is room for some more rows than transitions; where
-    episodes are so short that it does not suffice, all runs' memory grows, for which it moves.
+    An episode of n transitions takes n + 1 rows. If episodes are too short for the spare rows, the memory of
+    all runs is reallocated.
 
     Args:
         width: number of runs k.
         capacity: transitions kept per run.
         sizes: lengths o of an observation and a of an action.
-        device: device of the memory. On a CPU it is touched only as it fills.
+        device: device of the memory, which a CPU touches only as it fills.
 
     Attributes:
-        kept: transitions of each run, at least 1 so that there is always one to draw (k,).
+        kept: transitions kept of each run, at least 1 for idle slots (k,).
         counts: transitions since the run joined (k,).
-        moves: number of times that the memory has moved.
+        moves: number of reallocations.
     """
 
     def __init__(self, width: int, capacity: int, sizes: tuple[int, int], device: torch.device) -> None:
@@ -58,7 +58,7 @@ class StackedReplay:
         self.moves = 0
 
     def clear(self, slot: int) -> None:
-        """Forget all transitions of the run in `slot`."""
+        """Discard all transitions of the run in `slot`."""
         self._tracks[slot] = _Track()
         self._memory[slot, :2].zero_()
         self._table[slot, :1].zero_()
@@ -73,10 +73,14 @@ class StackedReplay:
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Append consecutive transitions of the run in `slot`, and forget its oldest beyond the capacity.
+        """Append consecutive transitions of the run in `slot`, overwriting its oldest beyond the capacity.
 
-        `observations` (n + 1, o) end with the last transition's next one, `actions` (n, a) are in [-1, 1];
-        nothing follows the last transition if it `terminated`.
+        Args:
+            slot: slot of the run.
+            observations: observations of all transitions, and the last next one (n + 1, o).
+            actions: actions in [-1, 1] (n, a).
+            rewards: rewards (n,).
+            terminated: True if the last transition ended in a terminal state.
         """
         length, keep = len(rewards), min(len(rewards), self._capacity)
         if not length:
@@ -104,36 +108,36 @@ class StackedReplay:
     def pieces(
         self, slot: int
     ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], bool]]:
-        """Yield the transitions that the run in `slot` keeps, oldest first, in parts that `store` takes."""
+        """Yield the transitions of the run in `slot`, oldest first, as arguments of `store`."""
         track = self._tracks[slot]
         head = track.head(min(track.count, self._capacity))
-        taken = torch.arange(head, track.tail, device=self._device) % self._rows
-        packed = self._memory[slot].index_select(0, taken).cpu().numpy()
+        rows = torch.arange(head, track.tail, device=self._device) % self._rows
+        packed = self._memory[slot].index_select(0, rows).cpu().numpy()
         for _, row, length in track.pieces:
-            own = packed[max(row, head) - head : row + length + 1 - head]
-            yield own[:, : self._o], own[:-1, self._o : -2], own[:-1, -2], bool(own[-2, -1] > 0)
+            piece = packed[max(row, head) - head : row + length + 1 - head]
+            yield piece[:, : self._o], piece[:-1, self._o : -2], piece[:-1, -2], bool(piece[-2, -1] > 0)
 
     def row(self, slot: int) -> "StackedReplay":
-        """Return the memory of the run in `slot` alone, to draw from, until it moves."""
+        """Return a view of the run in `slot` alone for sampling, valid until the next reallocation."""
         return narrowed(self, slot, "kept", "counts", "_table", "_memory")
 
     def newest(self, ages: torch.Tensor) -> torch.Tensor:
-        """Return the places of the transitions of `ages` (k, n) in the ring; 0 is the newest one's age."""
+        """Return the ring indices (k, n) of transitions by age, 0 for the newest."""
         return (self.counts[:, None] - 1 - ages) % self._capacity
 
     def gather(self, ring: torch.Tensor, dtype: torch.dtype) -> Transitions:
-        """Return the transitions at places `ring` (k, n), which `newest` gives."""
+        """Return the transitions at ring indices (k, n)."""
         (width, count), rows = ring.shape, self._table.gather(1, ring).long()
         following = (rows + 1) % self._rows
         base = torch.arange(width, device=self._device)[:, None] * self._rows
         memory = self._memory.flatten(0, 1)
-        own = memory.index_select(0, (rows + base).flatten()).view(width, count, -1).to(dtype)
+        before = memory.index_select(0, (rows + base).flatten()).view(width, count, -1).to(dtype)
         after = memory.index_select(0, (following + base).flatten()).view(width, count, -1).to(dtype)
-        actions, rewards, terminated = torch.split(own[..., self._o :], [self._a, 1, 1], dim=-1)
-        return Transitions(own[..., : self._o], actions, after[..., : self._o], terminated, rewards)
+        actions, rewards, terminated = torch.split(before[..., self._o :], [self._a, 1, 1], dim=-1)
+        return Transitions(before[..., : self._o], actions, after[..., : self._o], terminated, rewards)
 
     def _write(self, memory: torch.Tensor, start: int, values: torch.Tensor) -> None:
-        """Write `values` to the ring `memory` from place `start`, counted through all rounds."""
+        """Write `values` to the ring `memory` from the unwrapped index `start` on."""
         start %= len(memory)
         fits = min(len(values), len(memory) - start)
         memory[start : start + fits].copy_(values[:fits])

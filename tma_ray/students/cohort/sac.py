@@ -1,4 +1,4 @@
-"""Soft actor-critic of many runs at once: networks, optimisers and replay are rows of the same tensors."""
+"""Stacked SAC, which updates many runs at once."""
 
 from collections.abc import Callable
 from functools import partial
@@ -27,14 +27,14 @@ from tma_ray.students.sac import Pass, Transitions, actor_loss, critic_loss, sof
 
 
 class SACNetworks(NamedTuple):
-    """What a run has learned, on the host: flat parameters without padding, as a run alone has them.
+    """Learned state of a run in host memory, without padding.
 
     Attributes:
-        actor: parameters (p,); `actor_mean` and `actor_square` are Adam's running means of their gradient.
+        actor: parameters of the actor (p,), with Adam's moments `actor_mean` and `actor_square`.
         critics: parameters of both critics (2, q), with `critics_mean` and `critics_square`.
         targets: parameters of both target critics (2, q).
-        step: number of steps of both optimisers since the networks are new.
-        number: updates of the run so far, which random draws are keyed by.
+        step: number of steps of both optimisers.
+        number: updates of the run so far, which key its random draws.
     """
 
     actor: NDArray[np.floating]
@@ -49,7 +49,7 @@ class SACNetworks(NamedTuple):
 
 
 class StackedSAC(StackedLearner):
-    """SAC of many runs; random draws come from Philox, keyed by run and by the number of its update.
+    """SAC of many runs, with random draws from Philox keyed by run and update.
 
     Args:
         sizes: lengths o of an observation and a of an action.
@@ -58,7 +58,7 @@ class StackedSAC(StackedLearner):
         capacity: transitions kept per run.
         device: device of the learner.
         dtype: data type of parameters, losses and optimisers.
-        compiled: see `compile_if`; compiling takes minutes once.
+        compiled: mode of `compile_if`; compiling takes minutes once.
     """
 
     def __init__(
@@ -89,15 +89,15 @@ class StackedSAC(StackedLearner):
         self._numbers = torch.zeros(width, dtype=torch.int64, device=device)
         self._keys = torch.zeros(width, 2, dtype=torch.int64, device=device)
         layouts = self._actor_layout, self._critic_layout
-        self._places = [torch.from_numpy(layout.places()).to(device) for layout in layouts]
-        # compiled part by part: autograd runs between them, through what the compiler derived
+        self._columns = [torch.from_numpy(layout.columns()).to(device) for layout in layouts]
+        # compiled separately, since autograd runs between them
         self._parts = [compile_if(compiled, part) for part in self._eager()]
 
     def _eager(self) -> list[Callable[..., Any]]:
         return [self._draw, self._critic_losses, self._actor_losses, self._step_critics, self._step_actor]
 
     def join(self, slot: int, networks: SACNetworks, key: int) -> None:
-        """Give the idle `slot` to a run without replay, whose random draws have a `key` of 64 bits."""
+        """Give a free `slot` to a run without replay, with the 64-bit `key` of its random draws."""
         self.leave(slot)
         self._write(slot, networks)
         for word, half in enumerate(words_of(key)):
@@ -116,10 +116,10 @@ class StackedSAC(StackedLearner):
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Add an episode's transitions to the replay of `slot`, or a part's; see `StackedReplay.store`."""
+        """Add consecutive transitions to the replay of `slot`, as in `StackedReplay.store`."""
         moves = self._replay.moves
         self._replay.store(slot, observations, actions, rewards, terminated)
-        if self._replay.moves != moves:  # captured graphs read memory that is no longer there
+        if self._replay.moves != moves:  # captured graphs refer to freed memory
             self._repeated.forget()
             self._rows.clear()
 
@@ -130,9 +130,12 @@ class StackedSAC(StackedLearner):
     def values(
         self, slot: int, observations: NDArray[np.float32], noise: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """Return V(s) (n,) for `observations` (n, o) of the run in `slot`, entropy bonus included.
+        """Return V(s) (n,) of the run in `slot`, averaged over m sampled actions, entropy bonus included.
 
-        V averages over actions of standard normal `noise` (m, n, a).
+        Args:
+            slot: slot of the run.
+            observations: observations (n, o).
+            noise: standard normal noise of the actions (m, n, a).
         """
         hyper, one = self._hyper, slice(slot, slot + 1)
         inputs = self._on_device(observations)[None]
@@ -147,26 +150,26 @@ class StackedSAC(StackedLearner):
         return values
 
     def figures(self, slot: int) -> dict[str, float]:
-        """Return the losses of critics and actor at the last update of the run in `slot`."""
+        """Return the losses at the last update of the run in `slot`."""
         critics, actor = self._losses[slot].tolist()
         return {"critic_loss": critics, "actor_loss": actor}
 
     def _stacks(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         actors, critics = (self._actor,), (self._critics, self._targets)
         moments = [(adam.mean, adam.square) for adam in (self._actor_adam, self._critic_adam)]
-        kinds = zip((actors, critics, *moments), (*self._places, *self._places), strict=True)
-        return [(memory, places) for memories, places in kinds for memory in memories]
+        kinds = zip((actors, critics, *moments), (*self._columns, *self._columns), strict=True)
+        return [(memory, columns) for memories, columns in kinds for memory in memories]
 
     def _counters(self) -> list[torch.Tensor]:
         return [self._steps, self._numbers]
 
     def _row(self, slot: int) -> "StackedSAC":
-        own = narrowed(self, slot, "_owed", "_numbers", "_keys", "_targets", "_steps", "_losses")
-        own._actor, own._critics = leaf(self._actor, slot), leaf(self._critics, slot)
-        own._actor_adam = self._actor_adam.row(slot, own._actor)
-        own._critic_adam = self._critic_adam.row(slot, own._critics)
-        own._replay, own._parts = self._replay.row(slot), own._eager()
-        return own
+        row = narrowed(self, slot, "_owed", "_numbers", "_keys", "_targets", "_steps", "_losses")
+        row._actor, row._critics = leaf(self._actor, slot), leaf(self._critics, slot)
+        row._actor_adam = self._actor_adam.row(slot, row._actor)
+        row._critic_adam = self._critic_adam.row(slot, row._critics)
+        row._replay, row._parts = self._replay.row(slot), row._eager()
+        return row
 
     def _advance_once(self) -> None:
         ring, noise, next_noise, active = self._parts[0]()
@@ -175,7 +178,7 @@ class StackedSAC(StackedLearner):
         self._owed.sub_(active.long())
 
     def _draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return places in the replay (k, n), noise and next noise (k, n, a), and who takes part (k,)."""
+        """Return ring indices (k, n), noise and next noise (k, n, a), and the active runs (k,)."""
         batch, action = self._hyper.batch_size, self._action_size
         drawn = words(self._keys, self._numbers, Purpose.BATCH, batch)
         ring = self._replay.newest(integers_below(self._replay.kept, drawn))
@@ -186,9 +189,13 @@ class StackedSAC(StackedLearner):
     def _learn(
         self, batch: Transitions, noise: torch.Tensor, next_noise: torch.Tensor, active: torch.Tensor
     ) -> None:
-        """Take one step of critics, actor and targets of the `active` runs (k,); nothing of others changes.
+        """Update critics, actor and targets of the `active` runs (k,) once, leaving all others unchanged.
 
-        `noise` (k, n, a) is that of the actor's own actions, `next_noise` that of the next observations'.
+        Args:
+            batch: mini-batches of all runs (k, n, ...).
+            noise: noise of actions at the observations (k, n, a).
+            next_noise: noise of actions at the next observations (k, n, a).
+            active: True for each run to update (k,).
         """
         _, critic_losses, actor_losses, step_critics, step_actor = self._parts
         losses = critic_losses(batch, next_noise)
@@ -227,7 +234,7 @@ class StackedSAC(StackedLearner):
             self._steps.add_(active.long())
 
     def _pair(self, parameters: torch.Tensor) -> Pass:
-        """Return the function that gives both critics' values (k, n, 2) by `parameters` (k, 2, q)."""
+        """Return the forward pass of both critics, with outputs (k, n, 2), for `parameters` (k, 2, q)."""
         return partial(twin_pass, parameters, self._critic_layout, hidden=self._hidden)
 
     def _outputs(self, observations: torch.Tensor) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""The learner of a cohort: receives experience from players, makes the updates due, returns weights."""
+"""Learner of a cohort: receives experience, makes the updates due, and returns weights."""
 
 import threading
 import time
@@ -19,19 +19,19 @@ from tma_ray.students.rollout_workers.link import CohortSettings, SharedBuffer
 
 
 def recorded() -> torch.cuda.Event:
-    """Return an event recorded on the GPU's stream; waiting for it leaves the processor idle."""
+    """Return an event recorded on the GPU's stream, which can be awaited without spinning."""
     event = torch.cuda.Event(blocking=True)  # type: ignore[no-untyped-call]
     event.record()
     return event
 
 
 class Delivery(NamedTuple):
-    """A copy to the host that may still be under way.
+    """Asynchronous copy of weights to the host.
 
     Attributes:
-        receivers: receivers of the rows, in order.
-        rows: memory of the host (n, ...).
-        arrival: recorded after the copy on a GPU; None if it has arrived.
+        receivers: connections that get one row each.
+        rows: host memory of the copy (n, ...).
+        arrival: event after the copy from a GPU, None if the copy is done.
     """
 
     receivers: Sequence[Connection]
@@ -40,7 +40,7 @@ class Delivery(NamedTuple):
 
     @classmethod
     def of(cls, receivers: Sequence[Connection], rows: torch.Tensor) -> "Delivery":
-        """Start to copy `rows` (n, ...) from their device."""
+        """Start to copy `rows` (n, ...) to the host."""
         if rows.device.type != "cuda":
             return cls(receivers, rows.to("cpu"), None)
         memory = torch.empty(rows.shape, dtype=rows.dtype, pin_memory=True)
@@ -48,37 +48,36 @@ class Delivery(NamedTuple):
         return cls(receivers, memory, recorded())
 
 
-AT_ONCE = 2  # threads: checkpoints of so many runs are written or read at a time
-UNDER_WAY = 2  # pieces of work that a GPU may have been asked for: more would keep what comes later waiting
-MOST_AT_ONCE = 8  # updates between two looks at what players ask
-DELIVERY_SECONDS = 0.0005  # time between two looks at weights that are under way from a GPU, s
-_LATER = object()  # stands for a reply that follows when the updates are made
+FILE_THREADS = 2  # threads that read and write checkpoints
+MOST_QUEUED = 2  # batches of updates queued on a GPU: more would delay later requests
+MOST_UPDATES = 8  # updates between two polls of requests
+DELIVERY_SECONDS = 0.0005  # time between two polls of pending copies from a GPU, s
+_LATER = object()  # marks a reply that is sent later
 
 
 class LearnerServer:
-    """Server of the players that connect, each over its own connection, one request at a time.
+    """Server of rollout workers, each with one connection and one request at a time.
 
-    A player gets its weights as soon as its updates are made; in between the learner goes on
-    with others. A player that leaves or dies frees its slot.
+    A worker gets its weights as soon as its updates are made, and frees its slot when it disconnects.
 
     Attributes:
-        account: seconds spent at each part of the work, and numbers of updates.
-        turned_at: time of the last look at what players ask, on the monotonic clock, s.
+        account: seconds spent on each part of the work, and numbers of updates.
+        turned_at: time of the last turn of the loop on the monotonic clock, s.
     """
 
     def __init__(self, learner: Learner, settings: CohortSettings) -> None:
         torch.set_num_threads(settings.threads)
-        self._stacks = LearnerPool(settings)
+        self._pool = LearnerPool(settings)
         self._work: deque[torch.cuda.Event] = deque()
-        self._seats: dict[Connection, RunSlot] = {}
-        self._mailboxes: dict[Connection, SharedBuffer] = {}
+        self._slots: dict[Connection, RunSlot] = {}
+        self._buffers: dict[Connection, SharedBuffer] = {}
         self._learning: dict[tuple[int, int], Connection] = {}
         self._deliveries: list[Delivery] = []
         self._listener = Listener(learner.address, family="AF_UNIX", authkey=learner.key, backlog=256)
         self._arrivals, self._inbox = Pipe(duplex=False)
         self._connections: list[Connection] = [self._arrivals]
         self._new: deque[Connection] = deque()
-        self._threads = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="files")
+        self._threads = ThreadPoolExecutor(FILE_THREADS, thread_name_prefix="files")
         self._done: deque[tuple[Connection, Callable[[], Any]]] = deque()
         threading.Thread(target=self._accept, daemon=True).start()
         self.account = dict.fromkeys(("asking for updates", "requests", "deliveries", "waiting"), 0.0)
@@ -87,21 +86,21 @@ class LearnerServer:
 
     @property
     def runs(self) -> int:
-        """Runs that are in the slots."""
-        return len(self._seats)
+        """Number of runs in the cohort."""
+        return len(self._slots)
 
     def serve(self, should_stop: Callable[[], bool], poll_seconds: float = 0.5) -> None:
-        """Serve until `should_stop`, which is asked about every `poll_seconds`, s.
+        """Serve until `should_stop`, which is polled every `poll_seconds`.
 
         Raises:
-            MemoryError: there is too little for so many slots. Players stay connected, without a reply.
-            torch.OutOfMemoryError: the same, on a GPU.
+            MemoryError: if memory does not suffice for the slots. Workers stay connected, without a reply.
+            torch.OutOfMemoryError: if a GPU's memory does not suffice.
         """
         while not should_stop():
             self.turned_at = time.monotonic()
             with self._clock("waiting"):
-                patience = 0.0 if self._learning else DELIVERY_SECONDS if self._deliveries else poll_seconds
-                ready = wait(self._connections, timeout=patience)
+                timeout = 0.0 if self._learning else DELIVERY_SECONDS if self._deliveries else poll_seconds
+                ready = wait(self._connections, timeout=timeout)
             with self._clock("requests"):
                 for connection in ready:
                     self._handle(connection)
@@ -112,7 +111,7 @@ class LearnerServer:
 
     @contextmanager
     def _clock(self, part: str) -> Iterator[None]:
-        """Add the time that the block takes to the `account`."""
+        """Context whose duration is added to the `account`."""
         started = time.perf_counter()
         yield
         self.account[part] += time.perf_counter() - started
@@ -121,7 +120,7 @@ class LearnerServer:
         while True:
             try:
                 self._new.append(self._listener.accept())
-            except Exception:  # a stranger without the key, or one that went away
+            except Exception:  # wrong key or lost connection
                 time.sleep(0.01)
                 continue
             self._inbox.send(None)
@@ -132,27 +131,27 @@ class LearnerServer:
             while self._new:
                 self._connections.append(self._new.popleft())
             while self._done:
-                asked, reply = self._done.popleft()
-                if asked in self._seats:  # else who asked has gone
-                    self._answer(asked, reply)
+                worker, reply = self._done.popleft()
+                if worker in self._slots:  # else it has disconnected
+                    self._answer(worker, reply)
             return
         try:
             request, *arguments = connection.recv()
         except (EOFError, OSError):
             self._dismiss(connection)
             return
-        own = getattr(self, f"_{request}_for", None)
-        if own is None:
-            self._answer(connection, lambda: getattr(self._seats[connection], request)(*arguments))
+        handler = getattr(self, f"_{request}_for", None)
+        if handler is None:
+            self._answer(connection, lambda: getattr(self._slots[connection], request)(*arguments))
         else:
-            self._answer(connection, lambda: own(connection, *arguments))
+            self._answer(connection, lambda: handler(connection, *arguments))
 
     def _answer(self, connection: Connection, make: Callable[[], Any]) -> None:
-        """Send what `make` returns, or the error that it raises."""
+        """Send the result of `make`, or the error that it raises."""
         try:
             reply = make()
         except (MemoryError, torch.OutOfMemoryError):
-            raise  # nothing of it is to be trusted, for none of the players
+            raise  # the whole learner state is suspect
         except CohortFullError as error:
             self._send(connection, (False, error))
         except Exception:
@@ -162,7 +161,7 @@ class LearnerServer:
                 self._send(connection, (True, reply))
 
     def _aside(self, connection: Connection, work: Callable[[], Any], then: Callable[[Any], Any]) -> Any:
-        """Have files written or read in a thread; `then` makes the reply of the result, in this thread."""
+        """Run `work` on files in a thread, then `then` on its result in this thread to make the reply."""
 
         def done(future: Future[Any]) -> None:
             self._done.append((connection, lambda: then(future.result())))
@@ -180,26 +179,26 @@ class LearnerServer:
     def _dismiss(self, connection: Connection) -> None:
         if connection in self._connections:
             self._connections.remove(connection)
-        seat = self._seats.pop(connection, None)
-        if seat is not None:
-            self._learning.pop((id(seat.stack), seat.slot), None)
-            self._stacks.leave(seat)
-        self._drop_mailbox(connection)
+        run = self._slots.pop(connection, None)
+        if run is not None:
+            self._learning.pop((id(run.stack), run.slot), None)
+            self._pool.leave(run)
+        self._drop_buffer(connection)
         connection.close()
 
-    def _drop_mailbox(self, connection: Connection) -> None:
-        mailbox = self._mailboxes.pop(connection, None)
-        if mailbox is not None:
-            mailbox.close()
+    def _drop_buffer(self, connection: Connection) -> None:
+        buffer = self._buffers.pop(connection, None)
+        if buffer is not None:
+            buffer.close()
 
     def _update(self) -> None:
-        """Make some of the updates that are due, and start to copy the weights of runs without any left."""
-        for stack in self._stacks.stacks:
+        """Make some of the updates due, and start to copy the weights of runs without any left."""
+        for stack in self._pool.stacks:
             due = [slot for number, slot in self._learning if number == id(stack)]
             if not due:
                 continue
             slots = due if stack.together else due[:1]  # the longest wait
-            count = min(MOST_AT_ONCE, int(stack.owed[slots].min()))
+            count = min(MOST_UPDATES, int(stack.owed[slots].min()))
             stack.advance(count, slots)
             self.account["stacked updates"] += count
             self.account["updates of runs"] += count * len(slots)
@@ -207,48 +206,48 @@ class LearnerServer:
             if finished:
                 receivers = [self._learning.pop((id(stack), slot)) for slot in finished]
                 self._deliveries.append(Delivery.of(receivers, stack.actors(finished)))
-            if self._stacks.settings.device.startswith("cuda"):
+            if self._pool.settings.device.startswith("cuda"):
                 self._work.append(recorded())
-                if len(self._work) > UNDER_WAY:
+                if len(self._work) > MOST_QUEUED:
                     self._work.popleft().synchronize()
 
     def _deliver(self) -> None:
-        under_way, self._deliveries = self._deliveries, []
-        for delivery in under_way:
+        deliveries, self._deliveries = self._deliveries, []
+        for delivery in deliveries:
             if delivery.arrival is not None and not delivery.arrival.query():  # type: ignore[no-untyped-call]
                 self._deliveries.append(delivery)
                 continue
             for connection, weights in zip(delivery.receivers, delivery.rows.numpy(), strict=True):
-                mailbox = self._mailboxes.get(connection)
-                (message,) = mailbox.post((weights,)) if mailbox else (weights,)
+                buffer = self._buffers.get(connection)
+                (message,) = buffer.post((weights,)) if buffer else (weights,)
                 self._send(connection, (True, message))
 
-    def _join_for(self, connection: Connection, membership: JoinRequest) -> Any:
-        self._seats[connection] = self._stacks.seat(membership)
-        return self._seats[connection].weights()
+    def _join_for(self, connection: Connection, request: JoinRequest) -> Any:
+        self._slots[connection] = self._pool.join(request)
+        return self._slots[connection].weights()
 
     def _share_for(self, connection: Connection, size: int) -> Any:
-        self._drop_mailbox(connection)
-        self._mailboxes[connection] = SharedBuffer.receive(connection, size)
+        self._drop_buffer(connection)
+        self._buffers[connection] = SharedBuffer.receive(connection, size)
 
     def _learn_for(self, connection: Connection, experience: tuple[Any, ...], updates: int) -> Any:
-        seat, mailbox = self._seats[connection], self._mailboxes.get(connection)
-        seat.learn(mailbox.collect(experience) if mailbox else experience, updates)
+        run, buffer = self._slots[connection], self._buffers.get(connection)
+        run.learn(buffer.collect(experience) if buffer else experience, updates)
         if not updates:
             return None
-        self._learning[id(seat.stack), seat.slot] = connection
+        self._learning[id(run.stack), run.slot] = connection
         return _LATER
 
     def _save_for(self, connection: Connection, folder: Path, state: WorkerState, incremental: bool) -> Any:
-        write = self._seats[connection].save(folder, state, incremental)
+        write = self._slots[connection].save(folder, state, incremental)
         return self._aside(connection, write, lambda unchanged: unchanged)
 
     def _load_for(self, connection: Connection, folder: Path) -> Any:
-        seat = self._seats[connection]
-        return self._aside(connection, lambda: seat.student.load(folder), lambda _: seat.load_state())
+        run = self._slots[connection]
+        return self._aside(connection, lambda: run.student.load(folder), lambda _: run.load_state())
 
     def _hardware_for(self, _: Connection) -> Any:
-        settings = self._stacks.settings
+        settings = self._pool.settings
         names = {"cohort": settings.width, "compiled": settings.compiled, "threads": settings.threads}
         capability = torch.backends.cpu.get_cpu_capability()
         entries = {"device": settings.device, "vector_extensions": capability, **names}

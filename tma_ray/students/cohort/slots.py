@@ -1,4 +1,4 @@
-"""The places of runs in a stacked learner: conversion from and to students that learn alone."""
+"""Slots of runs in stacked learners, with conversion from and to students that learn alone."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -20,53 +20,50 @@ from tma_ray.students.sac import SAC
 
 
 class RunSlot(ABC):
-    """A slot of a stack, with the student that owns the run's networks whenever they are not in the stack.
-
-    That student makes the initial weights, writes and reads the files: a run may move out of a cohort and
-    into one.
+    """Slot of a run in a stacked learner, with a student that initialises, saves and loads its networks.
 
     Attributes:
-        stack: learner of the runs like this one.
-        slot: slot of the run in it.
-        student: student that would learn alone.
+        stack: stacked learner of equal students.
+        slot: index of the slot in it.
+        student: equivalent student that learns alone.
     """
 
     student_type: ClassVar[type[SAC | PPO]]
     stack: StackedLearner
     student: SAC | PPO
 
-    def __init__(self, membership: JoinRequest, stack: Any, slot: int) -> None:
+    def __init__(self, request: JoinRequest, stack: Any, slot: int) -> None:
         self.stack, self.slot = stack, slot
-        self._key = update_key(membership.seed)
+        self._key = update_key(request.seed)
         self.student = self.student_type(
-            membership.observation_space, membership.action_space, membership.hyperparameters, membership.seed
+            request.observation_space, request.action_space, request.hyperparameters, request.seed
         )
         self._enter()
 
     @abstractmethod
     def learn(self, experience: tuple[Any, ...], updates: int) -> None:
-        """Store what a player hands over; `updates` are due from now on."""
+        """Store experience and add the `updates` that it makes due."""
 
     @abstractmethod
     def _enter(self) -> None:
-        """Copy the student's networks and experience into the stack."""
+        """Copy networks and experience of the student into the stack."""
 
     @abstractmethod
     def _copy_back(self) -> None:
-        """Copy the networks of the stack into the student."""
+        """Copy networks of the stack into the student."""
 
     def weights(self) -> NDArray[np.float32]:
-        """Return the parameters that the player acts with."""
+        """Return the acting parameters."""
         return _array(self.stack.actors([self.slot])[0])
 
     def reset(self) -> NDArray[np.float32]:
-        """Replace networks, optimisers and stored experience by new ones; return the weights."""
+        """Reset networks, optimisers and experience, and return the new weights."""
         self.student.reset()
         self._enter()
         return self.weights()
 
     def save(self, folder: Path, state: WorkerState, incremental: bool) -> Callable[[], tuple[str, ...]]:
-        """Return a function that writes the student's complete state, in any thread while the run waits."""
+        """Return a function that writes the complete state, for any thread while the run waits."""
         self._copy_back()
         self.student.restore_experience(state.experience)
         for generator, saved in zip(self.student._generators[:2], state.generators[:2], strict=True):
@@ -74,9 +71,9 @@ class RunSlot(ABC):
         return lambda: self.student.save(folder, incremental)
 
     def load_state(self) -> tuple[NDArray[np.float32], WorkerState]:
-        """Load the state that the student has read; return the weights and the player's half."""
+        """Load the state read by the student, and return the weights and the acting half."""
         self._enter()
-        generators = [dict(each.bit_generator.state) for each in self.student._generators]
+        generators = [dict(rng.bit_generator.state) for rng in self.student._generators]
         return self.weights(), WorkerState(generators, self.student.experience())
 
     def save_policy(self, folder: Path, state: WorkerState) -> None:
@@ -86,12 +83,12 @@ class RunSlot(ABC):
         self.student.save_policy(folder)
 
     def scalars(self) -> dict[str, float]:
-        """Return figures about the last update."""
+        """Return metrics of the last update."""
         return self.stack.figures(self.slot)
 
 
 class SACSlot(RunSlot):
-    """A run of SAC in a stack. The student keeps a copy of the replay, for checkpoints."""
+    """Slot of a SAC run, whose student keeps a copy of the replay buffer for checkpoints."""
 
     student_type = SAC
     stack: StackedSAC
@@ -121,16 +118,13 @@ class SACSlot(RunSlot):
             self.stack.store(self.slot, *piece)
 
     def values(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the state values (n,) of `observations` (n, o), on the stack's device.
-
-        Their noise is the student's, so that a run that learns alone has the same, up to rounding.
-        """
+        """Return the state values (n,) of `observations` (n, o), with the noise of the student."""
         return self.stack.values(self.slot, observations, self.student.value_noise(len(observations)))
 
     def _copy_back(self) -> None:
         update, networks = self.student.update, self.stack.networks(self.slot)
-        own = update.actor, update.critics, update.targets
-        for flat, values in zip(own, networks[:3], strict=True):
+        groups = update.actor, update.critics, update.targets
+        for flat, values in zip(groups, networks[:3], strict=True):
             flat.values.copy_(_flat(values))
         update.actor_adam.put(_flat(networks.actor_mean), _flat(networks.actor_square), networks.step)
         update.critic_adam.put(_flat(networks.critics_mean), _flat(networks.critics_square), networks.step)
@@ -138,7 +132,7 @@ class SACSlot(RunSlot):
 
 
 class PPOSlot(RunSlot):
-    """A run of PPO in a stack. Statistics and the rollout are the player's."""
+    """Slot of a PPO run, whose rollout worker keeps statistics and the rollout."""
 
     student_type = PPO
     stack: StackedPPO
@@ -147,7 +141,7 @@ class PPOSlot(RunSlot):
     def learn(self, experience: tuple[Any, ...], updates: int) -> None:  # noqa: D102
         *columns, orders = experience
         self.stack.store(self.slot, columns, orders)
-        assert self.stack.owed[self.slot] == updates, "players and learners count the same updates"
+        assert self.stack.owed[self.slot] == updates, "workers and learners count the same updates"
 
     def _enter(self) -> None:
         update = self.student.update
@@ -168,7 +162,7 @@ def _array(values: torch.Tensor) -> NDArray[np.float32]:
 
 
 def _pair(values: torch.Tensor) -> NDArray[np.float32]:
-    """Return the parameters (2q,) of two networks in a row each (2, q)."""
+    """Return the parameters (2q,) of two networks as rows (2, q)."""
     return _array(values).reshape(2, -1)
 
 
@@ -177,11 +171,11 @@ def _flat(values: NDArray[np.floating]) -> torch.Tensor:
 
 
 class LearnerPool:
-    """The stacks of a learner. Runs share one if student, sizes and hyper-parameters are equal.
+    """Stacked learners of a cohort, one for each combination of student, sizes and hyper-parameters.
 
     Attributes:
         settings: settings of the cohort.
-        stacks: stacks in the order in which they were made.
+        stacks: stacked learners in order of creation.
     """
 
     def __init__(self, settings: CohortSettings) -> None:
@@ -190,42 +184,42 @@ class LearnerPool:
         self._by_kind: dict[Any, StackedLearner] = {}
         self._free: dict[int, list[int]] = {}
 
-    def seat(self, membership: JoinRequest) -> RunSlot:
-        """Return a seat for a new player.
+    def join(self, request: JoinRequest) -> RunSlot:
+        """Return a slot for a new run.
 
         Raises:
-            CohortFullError: all slots of its stack are taken.
+            CohortFullError: if all slots of its stack are taken.
         """
-        settings, hyper = self.settings, membership.hyperparameters
-        sizes = membership.observation_space.shape[0], membership.action_space.shape[0]
-        kind = membership.student, sizes, hyper
+        settings, hyper = self.settings, request.hyperparameters
+        sizes = request.observation_space.shape[0], request.action_space.shape[0]
+        kind = request.student, sizes, hyper
         if kind not in self._by_kind:
-            # free the memory of stacks that nobody is in
-            for empty in [each for each in self.stacks if len(self._free[id(each)]) == settings.width]:
+            # free the memory of empty stacks
+            for empty in [stack for stack in self.stacks if len(self._free[id(stack)]) == settings.width]:
                 self.stacks.remove(empty)
                 del self._free[id(empty)]
-            self._by_kind = {own: each for own, each in self._by_kind.items() if each in self.stacks}
+            self._by_kind = {key: stack for key, stack in self._by_kind.items() if stack in self.stacks}
             options: Any = {"device": torch.device(settings.device), "compiled": settings.compiled}
-            made: StackedLearner
-            if membership.student == "sac":
-                made = StackedSAC(sizes, hyper, settings.width, hyper.buffer_size, **options)
+            new: StackedLearner
+            if request.student == "sac":
+                new = StackedSAC(sizes, hyper, settings.width, hyper.buffer_size, **options)
             else:
-                made = StackedPPO(sizes, hyper, settings.width, **options)
-            self._by_kind[kind] = made
-            self.stacks.append(made)
-            self._free[id(made)] = list(range(settings.width))
+                new = StackedPPO(sizes, hyper, settings.width, **options)
+            self._by_kind[kind] = new
+            self.stacks.append(new)
+            self._free[id(new)] = list(range(settings.width))
         stack = self._by_kind[kind]
         free = self._free[id(stack)]
         if not free:
-            raise CohortFullError(f"all {settings.width} slots for {membership.student} are taken")
+            raise CohortFullError(f"all {settings.width} slots for {request.student} are taken")
         slot = free.pop(0)
         try:
-            return (SACSlot if membership.student == "sac" else PPOSlot)(membership, stack, slot)
+            return (SACSlot if request.student == "sac" else PPOSlot)(request, stack, slot)
         except Exception:
             free.append(slot)
             raise
 
-    def leave(self, seat: RunSlot) -> None:
-        """Free the slot of `seat`."""
-        seat.stack.leave(seat.slot)
-        self._free[id(seat.stack)].append(seat.slot)
+    def leave(self, run: RunSlot) -> None:
+        """Free the slot of a run."""
+        run.stack.leave(run.slot)
+        self._free[id(run.stack)].append(run.slot)

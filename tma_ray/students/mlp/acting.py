@@ -1,4 +1,4 @@
-"""Forward passes of multilayer perceptrons over numpy arrays. Imports no torch."""
+"""Forward passes of multilayer perceptrons over numpy arrays, without torch."""
 
 import math
 from typing import TypeAlias
@@ -13,14 +13,13 @@ FloatArray: TypeAlias = NDArray[np.float32]
 IntArray: TypeAlias = NDArray[np.int64]
 
 RowArrays: TypeAlias = tuple[FloatArray, IntArray, FloatArray, IntArray, bool]
-"""The arguments of `apply_row` before the inputs."""
+"""Arguments of `apply_row` before the inputs."""
 
 
 class RowNetwork:
-    """A copy of a network's parameters, applied to one input at a time.
+    """Network for single inputs, with a copy of the parameters.
 
-    Whoever changes the parameters calls `load` again. Columns of weights behind a ReLU that is zero are
-    skipped, which is about half of them.
+    Weights behind inactive ReLUs, about half of them, are skipped.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -46,7 +45,7 @@ class RowNetwork:
 
     @property
     def arrays(self) -> RowArrays:
-        """The arguments of `apply_row` before the inputs."""
+        """Arguments of `apply_row` before the inputs."""
         is_tanh = self._layout.activation is Activation.TANH
         return self._weights, self._sizes, self._work, self._active, is_tanh
 
@@ -63,12 +62,12 @@ def apply_row(
     """Return the outputs (h,) for `inputs` (i,), in memory that the next call overwrites.
 
     Args:
-        weights: weights of all layers, biases first, each matrix transposed (p,).
+        weights: biases and transposed weight matrix of each layer in order (p,).
         sizes: units of the inputs and of every layer (l,).
-        work: overwritten (2, largest size).
-        active: overwritten (largest size,).
-        is_tanh: True if the activation is the tangent hyperbolic, else it is the ReLU.
-        inputs: values (i,).
+        work: scratch memory (2, largest size).
+        active: scratch memory (largest size,).
+        is_tanh: True for tanh activations, False for ReLUs.
+        inputs: inputs (i,).
     """
     source, target = work[0], work[1]
     source[: sizes[0]] = inputs
@@ -94,9 +93,9 @@ def apply_row(
 
 @kernel
 def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outputs: FloatArray) -> None:
-    """Add `source` (r,) times `matrix` (r, c) to `outputs` (c,), four rows at a time and no zero ones."""
+    """Add `source` (r,) times `matrix` (r, c) to `outputs` (c,), four nonzero rows at a time."""
     count = 0
-    for row in range(len(matrix)):  # without a branch, which could not be predicted
+    for row in range(len(matrix)):  # branch-free: a branch would be mispredicted
         active[count] = row
         count += source[row] != 0
     for k in range(0, count - 3, 4):
@@ -112,14 +111,14 @@ def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outp
 
 
 class ArrayNetwork:
-    """A copy of a network's parameters that acts without torch: on one observation or on several.
+    """Network for single observations and batches without torch, with a copy of the parameters.
 
     Args:
         layout: layout of the network, whose first outputs are the mean actions.
         action_size: number of means a.
 
     Attributes:
-        row: for one observation.
+        row: network for single observations.
     """
 
     def __init__(self, layout: Layout, action_size: int) -> None:
@@ -128,14 +127,14 @@ class ArrayNetwork:
         self.row = RowNetwork(layout)
 
     def load(self, parameters: FloatArray) -> None:
-        """Load `parameters` (p,), which nobody changes afterwards."""
-        parts = np.split(parameters, np.cumsum(self.layout.lengths)[:-1])
-        weights = [part.reshape(shape) for part, shape in zip(parts[::2], self.layout.shapes, strict=True)]
-        self._layers = list(zip(weights, parts[1::2], strict=True))
+        """Load `parameters` (p,), which must not be changed afterwards."""
+        vectors = np.split(parameters, np.cumsum(self.layout.lengths)[:-1])
+        shapes = zip(vectors[::2], self.layout.shapes, strict=True)
+        self._layers = list(zip([flat.reshape(shape) for flat, shape in shapes], vectors[1::2], strict=True))
         self.row.load(parameters)
 
     def __call__(self, observations: FloatArray, squash: bool) -> FloatArray:
-        """Return the mean actions (n, a) of `observations` (n, o), or their tangent hyperbolic."""
+        """Return the mean actions (n, a) for `observations` (n, o), squashed by tanh if `squash`."""
         means = self.outputs(observations)[:, : self._action_size]
         return np.tanh(means) if squash else means
 

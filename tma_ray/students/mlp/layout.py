@@ -1,4 +1,4 @@
-"""Layout of a multilayer perceptron in a flat vector of parameters. Imports neither torch nor numba."""
+"""Layout of a multilayer perceptron in a flat vector of parameters, without torch and numba."""
 
 import itertools
 from enum import StrEnum
@@ -9,26 +9,21 @@ from numpy.typing import NDArray
 
 
 class Activation(StrEnum):
-    """Function that follows each linear layer but the last.
-
-    Attributes:
-        RELU: the larger of 0 and its argument.
-        TANH: the tangent hyperbolic.
-    """
+    """Activation after each linear layer but the last."""
 
     RELU = "relu"
     TANH = "tanh"
 
 
 class Layout(NamedTuple):
-    """Sizes of linear layers with an activation after each but the last; their parameters are a vector (p,).
+    """Layout of a multilayer perceptron whose parameters are a vector (p,).
 
-    Layer by layer: its weight (outputs, inputs), row by row, and its bias (outputs,). Several runs' or
-    several networks' vectors may be stacked to (k, p).
+    The vector holds the weight (outputs, inputs) and the bias (outputs,) of each layer in order. Vectors of
+    several networks may be stacked to (k, p).
 
     Attributes:
         sizes: units of the inputs and of every layer.
-        activation: function after each layer but the last.
+        activation: activation after each layer but the last.
     """
 
     sizes: tuple[int, ...]
@@ -36,12 +31,12 @@ class Layout(NamedTuple):
 
     @property
     def shapes(self) -> list[tuple[int, int]]:
-        """Outputs and inputs of each layer, in order."""
+        """Shape (outputs, inputs) of each weight."""
         return [(outputs, inputs) for inputs, outputs in itertools.pairwise(self.sizes)]
 
     @property
     def lengths(self) -> list[int]:
-        """Number of parameters of each weight and each bias, in order."""
+        """Numbers of parameters of each weight and each bias, in order."""
         return [length for outputs, inputs in self.shapes for length in (outputs * inputs, outputs)]
 
     @property
@@ -50,18 +45,16 @@ class Layout(NamedTuple):
         return sum(self.lengths)
 
     def trunks(self, first: int) -> NDArray[np.bool_]:
-        """Return the parameters (p,) that remain where two networks side by side share nothing but inputs.
-
-        Each has half of every hidden layer.
+        """Return the mask (p,) that splits the network into two with half of each hidden layer.
 
         Args:
-            first: number of outputs of the first network; the others are the second's.
+            first: number of outputs of the first network.
         """
-        parts = []
+        masks = []
         for index, (outputs, inputs) in enumerate(self.shapes):
-            kept = np.ones((outputs, inputs), dtype=np.bool_)
+            mask = np.ones((outputs, inputs), dtype=np.bool_)
             if index:
-                own = first if index == len(self.sizes) - 2 else outputs // 2
-                kept[:own, inputs // 2 :] = kept[own:, : inputs // 2] = False
-            parts += [kept.ravel(), np.ones(outputs, dtype=np.bool_)]
-        return np.concatenate(parts)
+                half = first if index == len(self.sizes) - 2 else outputs // 2
+                mask[:half, inputs // 2 :] = mask[half:, : inputs // 2] = False
+            masks += [mask.ravel(), np.ones(outputs, dtype=np.bool_)]
+        return np.concatenate(masks)

@@ -1,4 +1,4 @@
-"""Forward pass of a multilayer perceptron over flat parameters, of one network or of several stacked."""
+"""Multilayer perceptrons over flat parameters, single or stacked, with lean gradients and Adam."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias, cast
@@ -12,18 +12,18 @@ from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.support.import_hacks import take_step
 
 Layers: TypeAlias = Sequence[tuple[torch.Tensor, torch.Tensor]]
-"""Weight (outputs, inputs) and bias (outputs,) of every layer in order; of k stacked networks (k, ...)."""
+"""Weight (outputs, inputs) and bias (outputs,) of every layer; (k, ...) for k stacked networks."""
 
 Buffers: TypeAlias = Callable[[int, torch.Tensor], torch.Tensor]
-"""Memory (n, h) for the outputs of a layer, by its index, given one of its inputs (n, ...)."""
+"""Function of a layer's index and inputs (n, ...) that returns memory (n, h) for its outputs."""
 
 
 def split(parameters: torch.Tensor, layout: Layout) -> Layers:
     """Return the layers in `parameters` (p,) or (k, p), as views."""
-    parts = torch.split(parameters, layout.lengths, dim=-1)
-    leading = parameters.shape[:-1]
-    weights = [part.view(*leading, *shape) for part, shape in zip(parts[::2], layout.shapes, strict=True)]
-    return list(zip(weights, parts[1::2], strict=True))
+    vectors = torch.split(parameters, layout.lengths, dim=-1)
+    leading, shapes = parameters.shape[:-1], zip(vectors[::2], layout.shapes, strict=True)
+    weights = [vector.view(*leading, *shape) for vector, shape in shapes]
+    return list(zip(weights, vectors[1::2], strict=True))
 
 
 def activations(
@@ -32,9 +32,9 @@ def activations(
     activation: Activation = Activation.RELU,
     buffers: Buffers | None = None,
 ) -> list[torch.Tensor]:
-    """Return the inputs of every layer, and at the end the outputs of the last: (n, ...) or (k, n, ...).
+    """Return the inputs of every layer and the final outputs: (n, ...) or (k, n, ...).
 
-    Differentiable by autograd, if without `buffers`: memory for the outputs of hidden layers.
+    Autograd can differentiate them unless hidden outputs are written to `buffers`.
     """
     values = [inputs]
     for index, (weight, bias) in enumerate(layers):
@@ -49,32 +49,31 @@ def activations(
 
 
 def forward(layers: Layers, inputs: torch.Tensor, activation: Activation = Activation.RELU) -> torch.Tensor:
-    """Return the outputs (n, h) or (k, n, h); arguments as for `activations`."""
+    """Return the outputs (n, h) or (k, n, h) for `inputs` (n, i) or (k, n, i)."""
     return activations(layers, inputs, activation)[-1]
 
 
 def activate(outputs: torch.Tensor, activation: Activation) -> torch.Tensor:
-    """Return the `activation` of a layer's `outputs`, in place."""
+    """Apply the `activation` to a layer's `outputs` in place and return them."""
     return outputs.relu_() if activation is Activation.RELU else outputs.tanh_()
 
 
 class Network:
-    """A network that is trained alone, with a backward pass that is leaner than autograd's.
+    """A single network with a leaner backward pass than autograd's.
 
-    Equal to `forward` over `split` up to rounding. Memory of hidden layers is kept from pass to pass,
-    since new pages cost time; where no parameter needs a gradient, rows without one are left out.
-    Together that is a tenth of SAC's training step. Of several passes only the last can be
-    differentiated: torch refuses the others.
+    It equals `forward` over `split` up to rounding, but reuses the memory of hidden layers and skips rows
+    without a gradient if only inputs need one, which saves a tenth of SAC's training step. Only the last of
+    several passes can be differentiated (torch rejects the others).
 
     Args:
-        parameters: values (p,); a view, so that it is always the present ones that are applied.
+        parameters: shared memory of the parameters (p,).
         layout: layout of the network.
-        gradient: memory for the parameters' gradient (p,), which each backward pass overwrites.
+        gradient: memory of the parameters' gradient (p,), which each backward pass overwrites.
 
     Attributes:
-        parameters: the parameters, as a leaf of autograd.
-        layers: weights and biases, as views of the parameters without a gradient.
-        layer_gradients: gradients of weights and biases, as views of `gradient`.
+        parameters: parameters as a leaf of autograd.
+        layers: weights and biases as views of the parameters, without a gradient.
+        layer_gradients: gradients of weights and biases as views of `gradient`.
     """
 
     def __init__(
@@ -84,7 +83,7 @@ class Network:
         self._frozen = parameters.detach()
         self.layout = layout
         self.gradient = torch.zeros_like(self._frozen) if gradient is None else gradient
-        # views of fixed memory, made once: making them at every pass is a hundredth of a training step
+        # cached: creating the views takes a hundredth of a training step
         self.layers = split(self._frozen, layout)
         self.layer_gradients = split(self.gradient, layout)
         self._memory: dict[tuple[str, int], torch.Tensor] = {}
@@ -92,14 +91,15 @@ class Network:
     def activations(self, inputs: torch.Tensor) -> list[torch.Tensor]:
         """Return the inputs (n, ...) of every layer and the outputs (n, h), for `backpropagate`."""
         return activations(
-            self.layers, inputs, self.layout.activation, lambda *where: self._buffer("outputs", *where)
+            self.layers, inputs, self.layout.activation, lambda *layer: self._buffer("outputs", *layer)
         )
 
     def backpropagate(self, kept: Sequence[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
-        """Write the parameters' gradient, given the outputs' (n, h) and the inputs `kept` of every layer.
+        """Write the parameters' gradient and return the gradient of the first layer's outputs (n, h).
 
-        Returns:
-            The loss's gradient by the first layer's outputs (n, h), which the next pass overwrites.
+        Args:
+            kept: inputs of every layer (n, ...).
+            gradient: gradient of the loss with respect to the outputs (n, h).
         """
         for index in range(len(self.layers) - 1, -1, -1):
             weight_gradient, bias_gradient = self.layer_gradients[index]
@@ -112,17 +112,17 @@ class Network:
         return gradient
 
     def __call__(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return the outputs (n, h) for `inputs` (n, i), to be differentiated by both."""
+        """Return the outputs (n, h) for `inputs` (n, i), differentiable by inputs and parameters."""
         outputs: torch.Tensor = _lean_pass(inputs, self.parameters, self)
         return outputs
 
     def frozen(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return the outputs (n, h) for `inputs` (n, i), to be differentiated by the inputs only."""
+        """Return the outputs (n, h) for `inputs` (n, i), differentiable by inputs only."""
         outputs: torch.Tensor = _lean_pass(inputs, self._frozen, self)
         return outputs
 
     def _buffer(self, use: str, index: int, like: torch.Tensor) -> torch.Tensor:
-        """Return memory (n, h) for hidden layer `index`, kept for each `use`; n as in `like`."""
+        """Return cached memory (n, h) for hidden layer `index` and a `use`, with the rows of `like`."""
         shape = len(like), self.layout.sizes[index + 1]
         memory = self._memory.get((use, index))
         if memory is None or memory.shape != shape:
@@ -131,7 +131,7 @@ class Network:
 
 
 class _LeanPass(torch.autograd.Function):
-    """Forward and backward pass of a `Network`, for autograd."""
+    """Autograd function of a `Network`."""
 
     @staticmethod
     def forward(ctx: Any, inputs: torch.Tensor, parameters: torch.Tensor, network: Network) -> torch.Tensor:
@@ -158,9 +158,13 @@ _lean_pass: Any = _LeanPass.apply
 def input_gradient(
     layers: Layers, kept: Sequence[torch.Tensor], gradient: torch.Tensor, activation: Activation
 ) -> torch.Tensor:
-    """Return the loss's gradient by a network's inputs (n, i), computed for the rows that have one.
+    """Return the gradient with respect to a network's inputs (n, i), skipping rows without a gradient.
 
-    `kept` are the inputs of every layer (n, ...), `gradient` is that by the outputs (n, h).
+    Args:
+        layers: layers of the network.
+        kept: inputs of every layer (n, ...).
+        gradient: gradient of the loss with respect to the outputs (n, h).
+        activation: activation of the hidden layers.
     """
     result = torch.zeros_like(kept[0])
     rows = gradient.any(dim=1).nonzero()[:, 0]
@@ -172,7 +176,7 @@ def input_gradient(
 
 
 def _through(gradient: torch.Tensor, outputs: torch.Tensor, activation: Activation) -> torch.Tensor:
-    """Return `gradient`, in place, times the derivative of the activation, given its `outputs`."""
+    """Multiply `gradient` in place by the derivative of the activation at its `outputs`."""
     if activation is Activation.TANH:
         torch.ops.aten.tanh_backward.grad_input(gradient, outputs, grad_input=gradient)
     else:
@@ -187,36 +191,36 @@ def as_batch(observations: NDArray[np.float32], device: torch.device) -> torch.T
 
 
 Blocks: TypeAlias = Sequence[Sequence[nn.Linear]]
-"""Layers in order. Those of one block share their inputs; their outputs follow one another."""
+"""Blocks of layers in order. Layers of one block share inputs, and their outputs are concatenated."""
 
 
 def blocks_of(module: nn.Module, *heads: nn.Module) -> Blocks:
-    """Return the linear layers of `module` in a row, and `heads` after them, which share their inputs."""
-    rows: list[Sequence[nn.Linear]] = [[part] for part in module.modules() if isinstance(part, nn.Linear)]
+    """Return the linear layers of `module` in order, then `heads` as one block."""
+    blocks: list[Sequence[nn.Linear]] = [[part] for part in module.modules() if isinstance(part, nn.Linear)]
     if heads:
-        rows.append([head for head in heads if isinstance(head, nn.Linear)])
-        assert len(rows[-1]) == len(heads)
-    return rows
+        blocks.append([head for head in heads if isinstance(head, nn.Linear)])
+        assert len(blocks[-1]) == len(heads)
+    return blocks
 
 
 MODULES: Mapping[Activation, type[nn.Module]] = {Activation.RELU: nn.ReLU, Activation.TANH: nn.Tanh}
-"""Activations as modules."""
+"""Module class of each activation."""
 
 
 class FlatParameters:
-    """Parameters of modules moved into one vector, of which they become views: the modules go on as before.
+    """Parameters of modules moved into one vector, with the modules' parameters as views of it.
 
     Args:
-        networks: the layers of each network.
-        others: parameters that belong to no layer; they come last.
-        activation: function after each layer of a network but the last.
+        networks: layers of each network.
+        others: parameters outside of layers, which come last.
+        activation: activation after each layer but the last.
 
     Attributes:
-        parameters: the modules' parameters, in the vector's order.
+        parameters: parameters of the modules in the order of the vector.
         values: the vector (p,).
-        gradient: the values' gradient (p,), which `differentiate` writes.
-        networks: the networks over parts of this vector.
-        others: the values of `others`, as leaves of autograd.
+        gradient: gradient of the vector (p,), which `differentiate` writes.
+        networks: networks over parts of the vector.
+        others: values of `others` as leaves of autograd.
     """
 
     def __init__(
@@ -245,12 +249,12 @@ class FlatParameters:
         self._others_gradient = self.views(self.gradient)[len(self.parameters) - len(others) :]
 
     def views(self, buffer: torch.Tensor) -> list[torch.Tensor]:
-        """Return the parts of `buffer` (p,) that belong to the parameters, in their shapes."""
-        parts = torch.split(buffer, [parameter.numel() for parameter in self.parameters])
-        return [part.view_as(own) for part, own in zip(parts, self.parameters, strict=True)]
+        """Return the views of `buffer` (p,) with the shapes of the parameters."""
+        vectors = torch.split(buffer, [parameter.numel() for parameter in self.parameters])
+        return [vector.view_as(like) for vector, like in zip(vectors, self.parameters, strict=True)]
 
     def differentiate(self, loss: torch.Tensor) -> None:
-        """Write the gradient of `loss`, which was computed with `networks` and `others`."""
+        """Write the gradient of a `loss` of `networks` and `others`."""
         leaves = [network.parameters for network in self.networks]
         others = torch.autograd.grad(loss, [*leaves, *self.others])[len(leaves) :]
         self._keep(others)
@@ -258,56 +262,59 @@ class FlatParameters:
     def backpropagate(
         self, kept: Sequence[torch.Tensor], gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
     ) -> None:
-        """Write the gradient of a loss of one network that was differentiated by hand.
+        """Write the gradient of a loss of the only network that was differentiated by hand.
 
-        That is its gradient by the outputs (n, h) and by each of `others`; `kept` are the activations.
+        Args:
+            kept: activations of the network.
+            gradient: gradient of the loss with respect to the outputs (n, h).
+            others: gradients of `others`.
         """
         (network,) = self.networks
         network.backpropagate(kept, gradient)
         self._keep(others)
 
     def _keep(self, others: Sequence[torch.Tensor]) -> None:
-        for memory, own in zip(self._others_gradient, others, strict=True):
-            memory.copy_(own)
+        for memory, gradient in zip(self._others_gradient, others, strict=True):
+            memory.copy_(gradient)
 
 
 def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
-    """Return linear layers over `parameters` (p,), and the activation after each but the last."""
+    """Return linear layers over `parameters` (p,), with activations between."""
     modules: list[nn.Module] = []
     for weight, bias in split(parameters, layout):
-        layer = nn.Linear(weight.shape[1], weight.shape[0], device="meta")  # neither filled nor initialised
-        layer.weight, layer.bias = (nn.Parameter(part, requires_grad=False) for part in (weight, bias))
+        layer = nn.Linear(weight.shape[1], weight.shape[0], device="meta")  # not initialised
+        layer.weight, layer.bias = (nn.Parameter(x, requires_grad=False) for x in (weight, bias))
         modules += [layer, MODULES[layout.activation]()]
     return modules[:-1]
 
 
 class FlatAdam:
-    """Adam over the vector `flat` that keeps the state of `optimiser`, which is saved and loaded as before.
+    """Adam on one flat vector, sharing its state with `optimiser` so that checkpoints keep their format.
 
     Args:
-        optimiser: Adam over the same parameters, in any order.
-        flat: the parameters.
+        optimiser: Adam over the same parameters in any order.
+        flat: parameters as one vector.
     """
 
     def __init__(self, optimiser: torch.optim.Optimizer, flat: FlatParameters) -> None:
         (group,) = optimiser.param_groups
         assert isinstance(optimiser, torch.optim.Adam)
-        assert {id(own) for own in group["params"]} == {id(own) for own in flat.parameters}
+        assert set(map(id, group["params"])) == set(map(id, flat.parameters))
         self._optimiser, self._flat = optimiser, flat
         flat.values.grad = flat.gradient
         settings = {key: group[key] for key in ("lr", "betas", "eps", "weight_decay")}
         self._adam = torch.optim.Adam([flat.values], fused=True, **settings)
         self._mean, self._square = torch.zeros_like(flat.values), torch.zeros_like(flat.values)
-        # one step count per parameter, as Adam has it, each with its own place in memory
+        # one step count per parameter, as in Adam
         self._steps = torch.zeros(len(flat.parameters), dtype=torch.float32)
         loaded = optimiser.state
         if loaded:
             for name, buffer in (("exp_avg", self._mean), ("exp_avg_sq", self._square)):
-                torch.cat([loaded[own][name].reshape(-1) for own in flat.parameters], out=buffer)
+                torch.cat([loaded[parameter][name].reshape(-1) for parameter in flat.parameters], out=buffer)
             self._share(float(loaded[flat.parameters[0]]["step"]))
 
     def step(self) -> None:
-        """Move the parameters against `flat.gradient`."""
+        """Take one step against `flat.gradient`."""
         if not self._optimiser.state:
             self._share(0.0)
         take_step(self._adam)
@@ -315,7 +322,7 @@ class FlatAdam:
 
     @property
     def moments(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Running means of the gradient and of its square (p,); zeros before the first step."""
+        """Running means of the gradient and of its square (p,), zeros before the first step."""
         return self._mean, self._square
 
     @property
@@ -324,7 +331,7 @@ class FlatAdam:
         return int(self._steps[0])
 
     def put(self, mean: torch.Tensor, square: torch.Tensor, steps: int) -> None:
-        """Load moments (p,) and a number of steps, of an optimiser elsewhere."""
+        """Load moments (p,) and the number of steps of another optimiser."""
         self._mean.copy_(mean)
         self._square.copy_(square)
         if steps:
@@ -333,11 +340,11 @@ class FlatAdam:
             self._optimiser.state.clear()
 
     def _share(self, steps: float) -> None:
-        """Make the optimiser's state views of the buffers that `step` writes."""
+        """Make the state of both optimisers views of the same memory."""
         self._steps.fill_(steps)
         views = self._flat.views(self._mean), self._flat.views(self._square)
-        for own, step, mean, square in zip(self._flat.parameters, self._steps, *views, strict=True):
-            self._optimiser.state[own] = {"step": step, "exp_avg": mean, "exp_avg_sq": square}
+        for parameter, step, mean, square in zip(self._flat.parameters, self._steps, *views, strict=True):
+            self._optimiser.state[parameter] = {"step": step, "exp_avg": mean, "exp_avg_sq": square}
         self._adam.state[self._flat.values] = {
             "step": torch.tensor(steps, dtype=torch.float32, device=self._flat.values.device),
             "exp_avg": self._mean,

@@ -1,4 +1,4 @@
-"""Students whose networks learn in another process: they act and collect. They import no torch."""
+"""Acting halves of students, also for networks that learn in another process, without torch."""
 
 from tma_ray.students.rollout_workers.catalogue import (
     COHORT_STUDENTS,

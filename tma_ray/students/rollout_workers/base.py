@@ -1,4 +1,4 @@
-"""The acting half of students, whether their networks learn here or elsewhere. Imports no torch."""
+"""Base classes of the acting half of students, without torch."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 
 
 class ActingNetwork(Protocol):
-    """The network that a student acts with: an `ArrayNetwork`, or one of torch."""
+    """Network that a student acts with: an `ArrayNetwork` or a `GreedyNetwork`."""
 
     row: RowNetwork
 
     def __call__(self, observations: Observations, squash: bool) -> Actions:
-        """Return the mean actions (n, a) of `observations` (n, o), or their tangent hyperbolic."""
+        """Return the mean actions (n, a) for `observations` (n, o), squashed by tanh if `squash`."""
 
     def outputs(self, observations: Observations) -> FloatArray:
         """Return all outputs (n, h) for `observations` (n, o)."""
 
 
 class ActingStudent(Student):
-    """A student between two boxes, whose randomness comes from the streams of its seed."""
+    """A student with box spaces and one random stream for each purpose."""
 
     _acting: ActingNetwork
 
@@ -41,64 +41,64 @@ class ActingStudent(Student):
         hyperparameters: Any,
         seed: np.random.SeedSequence,
     ) -> StudentStreams:
-        """Set spaces, hyper-parameters and generators; return the streams of the seed."""
+        """Set spaces, hyper-parameters and generators, and return the streams of the seed."""
         self.observation_space, self.action_space = observation_space, action_space
         self._low = np.asarray(action_space.low, dtype=np.float32)
         self._high = np.asarray(action_space.high, dtype=np.float32)
         self.hyperparameters = hyperparameters
         self.gamma = hyperparameters.gamma
         streams = StudentStreams.of(seed)
-        parts = streams.exploration, streams.batches, streams.values
-        self._generators = [np.random.default_rng(part) for part in parts]
+        seeds = streams.exploration, streams.batches, streams.values
+        self._generators = [np.random.default_rng(stream) for stream in seeds]
         self._exploration, self._batches, self._values = self._generators
         return streams
 
     @abstractmethod
     def _start(self) -> None:
-        """Make what lives as long as the student: statistics, counters and empty memory for experience."""
+        """Create the state that a reset keeps (statistics, counters), and memory for experience."""
 
     def _noise(self) -> NDArray[np.float32]:
-        """Draw the standard normal noise (a,) of one exploring action."""
+        """Return standard normal noise (a,) for one exploring action."""
         return self._exploration.standard_normal(self._low.size, dtype=np.float32)
 
 
 class RolloutWorker(ActingStudent):
-    """Acting half of a student: mirrored weights, and experience for a learner that returns new ones.
+    """Acting half of a student, which sends experience to a learner and acts with the weights it returns.
 
-    To its run it is a student like any other: `observe` returns when the updates that are due are made.
-    Its files are those of the student that learns alone, and each loads what the other saved.
+    Runs use it like any student: `observe` returns once the updates due are made. It shares its file format
+    with the student that learns alone.
 
     Args:
-        membership: facts that the learner needs.
-        link: connection to the learner, which nobody else uses.
+        request: description of the student for the learner.
+        link: connection to the learner, for this worker alone.
     """
 
     _acting: ArrayNetwork
 
-    def __init__(self, membership: JoinRequest, link: LearnerLink) -> None:
-        space, action_space = membership.observation_space, membership.action_space
-        self._set_up(space, action_space, membership.hyperparameters, membership.seed)
+    def __init__(self, request: JoinRequest, link: LearnerLink) -> None:
+        space, action_space = request.observation_space, request.action_space
+        self._set_up(space, action_space, request.hyperparameters, request.seed)
         layout = self.hyperparameters.layout(space.shape[0], self._low.size)
         self._acting = ArrayNetwork(layout, self._low.size)
         self._link = link
         self._start()
-        self._load_weights(link.join(membership))
+        self._load_weights(link.join(request))
 
     @abstractmethod
     def _load_weights(self, weights: Weights) -> None:
-        """Act with `weights` from now on."""
+        """Start to act with new `weights`."""
 
     @abstractmethod
     def _forget(self) -> None:
-        """Forget the experience since the last hand-over."""
+        """Discard experience that was not sent yet."""
 
     @abstractmethod
     def experience(self) -> dict[str, Any]:
-        """Return counters, statistics and steps, for `WorkerState`."""
+        """Return counters, statistics and stored steps for `WorkerState`."""
 
     @abstractmethod
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Load what `experience` returned, at the end of an episode."""
+        """Load the result of `experience`, at the end of an episode."""
 
     def reset(self) -> None:  # noqa: D102
         self._forget()
@@ -121,13 +121,13 @@ class RolloutWorker(ActingStudent):
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:
-        """Raise an error, since only the student that learns alone loads policies."""
+        """Raise an error: `tma_ray.students.load_policy` loads policies."""
         raise NotImplementedError("load the policy with tma_ray.students.load_policy")
 
     def scalars(self) -> dict[str, float]:  # noqa: D102
-        figures: dict[str, float] = self._link.ask("scalars")
-        return figures
+        metrics: dict[str, float] = self._link.ask("scalars")
+        return metrics
 
     def _state(self) -> WorkerState:
-        states: list[dict[str, Any]] = [dict(each.bit_generator.state) for each in self._generators]
+        states: list[dict[str, Any]] = [dict(rng.bit_generator.state) for rng in self._generators]
         return WorkerState(states, self.experience())

@@ -1,4 +1,4 @@
-"""Students that can learn in a cohort, by name. Imports no torch."""
+"""Catalogue of the students that can learn in a cohort, without torch."""
 
 from __future__ import annotations
 
@@ -31,30 +31,30 @@ def make_rollout_worker(
     hyperparameters: Mapping[str, Any] | None,
     learner: Learner,
 ) -> RolloutWorker:
-    """Return a new player that has joined the cohort of `learner`.
+    """Return a new rollout worker that has joined the cohort of `learner`.
 
     Args:
         name: a key of `COHORT_STUDENTS`.
         observation_space: a one-dimensional box, of size o.
         action_space: a bounded one-dimensional box, of size a.
-        seed: seed of `make_student`, whose student draws the same initial weights and the same noise.
+        seed: source of all randomness, with the same initial weights and noise as in `make_student`.
         hyperparameters: values that differ from the student's defaults.
         learner: learner of the cohort.
 
     Raises:
-        ValueError: a student without a stacked learner, or what `make_student` refuses.
-        LearnerLostError: nothing listens at the learner's address.
-        LearnerError: the learner has no slot left.
+        ValueError: if the student cannot learn in a cohort, or `make_student` would raise it.
+        LearnerLostError: if no learner listens at the address.
+        LearnerError: if the learner has no free slot.
     """
     if name not in COHORT_STUDENTS:
         raise ValueError(f"student {name!r} cannot learn in a cohort: {', '.join(COHORT_STUDENTS)} can")
     spaces = checked_spaces(observation_space, action_space)
-    membership = JoinRequest(name, *spaces, check_hyperparameters(name, hyperparameters), seed)
-    return worker_class(name)(membership, LearnerLink(learner))
+    request = JoinRequest(name, *spaces, check_hyperparameters(name, hyperparameters), seed)
+    return worker_class(name)(request, LearnerLink(learner))
 
 
 def worker_class(name: str) -> type[RolloutWorker]:
-    """Return the acting half of a student of `COHORT_STUDENTS`; importing it takes a while."""
-    module, kind = COHORT_STUDENTS[name]
-    found: type[RolloutWorker] = getattr(import_module(module), kind)
-    return found
+    """Return the rollout worker class of a student of `COHORT_STUDENTS`, importing it."""
+    module, attribute = COHORT_STUDENTS[name]
+    worker: type[RolloutWorker] = getattr(import_module(module), attribute)
+    return worker

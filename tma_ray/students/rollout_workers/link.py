@@ -1,4 +1,4 @@
-"""The connection of a player to the learner of its cohort. Imports no torch."""
+"""Connection of a rollout worker to the learner of its cohort, without torch."""
 
 import mmap
 import os
@@ -15,17 +15,11 @@ from numpy.typing import NDArray
 
 from tma_ray.support.validation import check_fields, check_whole
 
-ALIGNMENT = 64  # of arrays in the memory, bytes
+ALIGNMENT = 64  # bytes between the starts of arrays in a shared buffer
 
 
 class ArrayRef(NamedTuple):
-    """An array in a mailbox, as a message names it.
-
-    Attributes:
-        offset: offset of its first byte.
-        dtype: its type, as numpy writes it.
-        shape: its shape.
-    """
+    """Reference to an array in a shared buffer: offset in bytes, numpy's name of the type, and shape."""
 
     offset: int
     dtype: str
@@ -33,13 +27,13 @@ class ArrayRef(NamedTuple):
 
 
 class SharedBuffer:
-    """Anonymous memory for the arrays of one message at a time, in either direction.
+    """Anonymous shared memory for the arrays of one message at a time, in either direction.
 
-    It belongs to no folder and ends with the processes that have it.
+    It has no file and is freed with the last process that maps it.
 
     Args:
-        descriptor: descriptor of the memory; closed with the mailbox.
-        size: bytes.
+        descriptor: file descriptor of the memory, closed with the buffer.
+        size: size in bytes.
     """
 
     def __init__(self, descriptor: int, size: int) -> None:
@@ -48,77 +42,77 @@ class SharedBuffer:
 
     @classmethod
     def create(cls, size: int) -> "SharedBuffer":
-        """Return a new mailbox with room for `size` bytes."""
-        descriptor = os.memfd_create("mailbox")
+        """Return a new buffer of `size` bytes."""
+        descriptor = os.memfd_create("tma_ray")
         os.ftruncate(descriptor, size)
         return cls(descriptor, size)
 
     @classmethod
     def receive(cls, connection: Connection, size: int) -> "SharedBuffer":
-        """Return the mailbox that the other side of a connection offers."""
+        """Return the buffer that the other side of a connection offers."""
         return cls(recv_handle(connection), size)
 
     def offer(self, connection: Connection) -> None:
-        """Send this mailbox to the other side of a connection."""
+        """Send this buffer to the other side of a connection."""
         send_handle(connection, self._descriptor, None)
 
-    def post(self, parts: Iterable[Any]) -> tuple[Any, ...]:
-        """Return `parts` for a message, with arrays replaced by their places in the mailbox."""
-        posted, offset = list(parts), 0
-        for index, part in enumerate(posted):
-            if isinstance(part, np.ndarray):
-                posted[index] = place = ArrayRef(offset, part.dtype.str, part.shape)
-                self._view(place)[...] = part
-                offset += room_for([part])
-        return tuple(posted)
+    def post(self, values: Iterable[Any]) -> tuple[Any, ...]:
+        """Return the `values` of a message, with arrays copied to the buffer and replaced by references."""
+        message, offset = list(values), 0
+        for index, value in enumerate(message):
+            if isinstance(value, np.ndarray):
+                message[index] = reference = ArrayRef(offset, value.dtype.str, value.shape)
+                self._view(reference)[...] = value
+                offset += room_for([value])
+        return tuple(message)
 
-    def collect(self, posted: Iterable[Any]) -> tuple[Any, ...]:
-        """Return copies of what the other side has posted."""
-        return tuple(self._view(part).copy() if isinstance(part, ArrayRef) else part for part in posted)
+    def collect(self, message: Iterable[Any]) -> tuple[Any, ...]:
+        """Return the values of a message, with references replaced by copies of their arrays."""
+        return tuple(self._view(value).copy() if isinstance(value, ArrayRef) else value for value in message)
 
     def close(self) -> None:
-        """Close the descriptor; the memory is freed with its last view."""
+        """Close the descriptor. The memory is freed with its last view."""
         os.close(self._descriptor)
 
-    def _view(self, place: ArrayRef) -> NDArray[Any]:
-        dtype = np.dtype(place.dtype)
-        size = dtype.itemsize * int(np.prod(place.shape, dtype=np.int64))
-        return self._memory[place.offset : place.offset + size].view(dtype).reshape(place.shape)
+    def _view(self, reference: ArrayRef) -> NDArray[Any]:
+        dtype, start = np.dtype(reference.dtype), reference.offset
+        size = dtype.itemsize * int(np.prod(reference.shape, dtype=np.int64))
+        return self._memory[start : start + size].view(dtype).reshape(reference.shape)
 
 
-def room_for(parts: Iterable[Any]) -> int:
-    """Return the bytes that a mailbox needs for the arrays of a message."""
-    sizes = (part.nbytes for part in parts if isinstance(part, np.ndarray))
+def room_for(values: Iterable[Any]) -> int:
+    """Return the size of a buffer for the arrays of a message, in bytes."""
+    sizes = (value.nbytes for value in values if isinstance(value, np.ndarray))
     return sum(-(-size // ALIGNMENT) * ALIGNMENT for size in sizes)
 
 
 def can_share() -> bool:
-    """Return True if this system has memory without a name, as Linux does."""
+    """Return True if this system has anonymous shared memory (Linux)."""
     return hasattr(os, "memfd_create")
 
 
-Weights = NDArray[np.float32]  # parameters that a player acts with (p,), in the layout of its network
+Weights = NDArray[np.float32]  # parameters of the acting network (p,)
 
 
 class LearnerError(RuntimeError):
-    """Failed request to the learner; the message has its traceback."""
+    """Error in the learner during a request, with its traceback."""
 
 
 class CohortFullError(LearnerError):
-    """Cohort without a free slot; one may become free soon."""
+    """A cohort without a free slot."""
 
 
 class LearnerLostError(ConnectionError):
-    """Lost learner, whose process or machine has ended; the run can be resumed."""
+    """A learner whose process or machine has ended; the run can be resumed."""
 
 
 @dataclass(frozen=True)
 class Learner:
-    """Address of the learner of a cohort on this machine.
+    """Address of a cohort's learner on this machine.
 
     Attributes:
         address: path of its socket.
-        key: secret that both sides prove to know; never shown.
+        key: shared secret for authentication, never shown.
     """
 
     address: str
@@ -126,7 +120,7 @@ class Learner:
 
 
 class JoinRequest(NamedTuple):
-    """Description of a player that joins, for the learner.
+    """Request of a rollout worker to join a cohort.
 
     Attributes:
         student: name in the student registry.
@@ -144,11 +138,11 @@ class JoinRequest(NamedTuple):
 
 
 class WorkerState(NamedTuple):
-    """The player's half of a student's state, which the learner writes together with its own.
+    """Acting half of a student's state, which the learner saves with its own half.
 
     Attributes:
-        generators: states of exploration, mini-batches and state values, in this order.
-        experience: counters, statistics and steps, by the name that the student's own code gives them.
+        generators: states of the generators of exploration, mini-batches and state values.
+        experience: counters, statistics and stored steps by name.
     """
 
     generators: list[dict[str, Any]]
@@ -156,14 +150,14 @@ class WorkerState(NamedTuple):
 
 
 class LearnerLink:
-    """The learning half of a student, over a socket of this machine.
+    """Blocking connection to the learning half of a student, over a local socket.
 
-    It leaves the cohort when it is closed or its process ends. Experience and weights are in memory that both
-    sides share, where the system has such memory. Every call returns when it is done.
+    Closing it, or ending the process, leaves the cohort. Experience and weights are in shared memory where
+    the system has it.
 
     Raises:
-        LearnerError: the learner refuses any of the calls, or fails.
-        LearnerLostError: nothing listens there, or the learner is gone, at any of the calls.
+        LearnerError: if the learner rejects a request or fails; any method may raise it.
+        LearnerLostError: if the learner does not listen or is gone; any method may raise it.
     """
 
     def __init__(self, learner: Learner) -> None:
@@ -171,55 +165,51 @@ class LearnerLink:
             self._connection = Client(learner.address, family="AF_UNIX", authkey=learner.key)
         except (OSError, EOFError) as error:
             raise LearnerLostError(f"no learner listens at {learner.address}") from error
-        self._mailbox: SharedBuffer | None = None
+        self._buffer: SharedBuffer | None = None
         self._weights_size = 0
 
     def close(self) -> None:
         """Leave the cohort."""
         self._connection.close()
-        self._drop_mailbox()
+        self._drop_buffer()
 
-    def _drop_mailbox(self) -> None:
-        if self._mailbox is not None:
-            self._mailbox.close()
-            self._mailbox = None
+    def _drop_buffer(self) -> None:
+        if self._buffer is not None:
+            self._buffer.close()
+            self._buffer = None
 
-    def join(self, membership: JoinRequest) -> Weights:
-        """Take a slot of the cohort; return the initial weights."""
-        weights: Weights = self.ask("join", membership)
+    def join(self, request: JoinRequest) -> Weights:
+        """Take a slot of the cohort and return the initial weights."""
+        weights: Weights = self.ask("join", request)
         self._weights_size = room_for([weights])
         return weights
 
     def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:
-        """Hand over experience and make the updates that are due.
-
-        Returns:
-            The new weights; None without updates.
-        """
+        """Send experience, wait for the updates due, and return new weights, None without updates."""
         weights: Weights | None
         if not can_share():
             weights = self.ask("learn", experience, updates)
             return weights
         size = max(room_for(experience), self._weights_size)
-        if self._mailbox is None or self._mailbox.size < size:
-            self._drop_mailbox()
-            self._mailbox = SharedBuffer.create(size + size // 2)
-            self.ask("share", self._mailbox.size, follows=self._mailbox.offer)
-        reply = self.ask("learn", self._mailbox.post(experience), updates)
-        (weights,) = self._mailbox.collect((reply,))
+        if self._buffer is None or self._buffer.size < size:
+            self._drop_buffer()
+            self._buffer = SharedBuffer.create(size + size // 2)
+            self.ask("share", self._buffer.size, follows=self._buffer.offer)
+        reply = self.ask("learn", self._buffer.post(experience), updates)
+        (weights,) = self._buffer.collect((reply,))
         return weights
 
     def ask(self, request: str, *arguments: Any, follows: Callable[[Any], None] = lambda _: None) -> Any:
         """Return the reply to a request, after which `follows` may send more over the connection.
 
-        Further requests of a player, with their arguments and replies, are
+        Requests, with their arguments and replies, are
 
         - ``values``, observations (n, o): state values (n,);
-        - ``reset``: the weights of new networks;
-        - ``save``, folder, `WorkerState`, whether it is incremental: names of the files left out;
+        - ``reset``: weights of new networks;
+        - ``save``, folder, `WorkerState`, True if incremental: names of the files left out;
         - ``load``, folder: weights and `WorkerState`;
         - ``save_policy``, folder, `WorkerState`: None;
-        - ``scalars``: figures about the last update.
+        - ``scalars``: metrics of the last update.
         """
         try:
             self._connection.send((request, *arguments))
@@ -235,13 +225,13 @@ class LearnerLink:
 
 
 def ask_learner(learner: Learner, request: str) -> dict[str, Any]:
-    """Return what a learner says of itself without a player.
+    """Return the reply to a request about the learner itself.
 
-    Its "account" is the time of each part of its work, s, and numbers of updates; its "hardware" are device,
-    GPU and width, on which results depend to rounding, for a fingerprint.
+    Its "account" has the seconds spent on each part of the work and numbers of updates, its "hardware" the
+    device, GPU and width that results depend on, for a fingerprint.
 
     Raises:
-        LearnerLostError: it does not answer.
+        LearnerLostError: if the learner does not answer.
     """
     with closing(LearnerLink(learner)) as link:
         entries: dict[str, Any] = link.ask(request)
@@ -253,12 +243,12 @@ class CohortSettings:
     """Settings of the learner of a cohort.
 
     Attributes:
-        device: torch's name of where it learns.
-        width: slots of each stack of equal students, which are updated together; part of what a result
-            depends on, to rounding.
-        compiled: updates are compiled, which takes half a minute and pays on a GPU; a text is the mode of
+        device: torch device of the learner.
+        width: slots of each stack of equal students, which are updated together; results depend on it up to
+            rounding.
+        compiled: True to compile updates, which takes half a minute and pays on a GPU; a text is the mode of
             the compiler.
-        threads: torch's threads on a CPU.
+        threads: torch threads on a CPU.
     """
 
     device: str = "cpu"

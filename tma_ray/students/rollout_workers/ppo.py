@@ -1,4 +1,4 @@
-"""PPO's acting half. Imports no torch."""
+"""Acting half of PPO, without torch."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ Floats = NDArray[np.float64]
 
 
 class Step(NamedTuple):
-    """An exploring action and all that learning from it needs.
+    """An exploring action with the values that learning needs.
 
     Attributes:
-        observation: normalised (o,).
-        sampled: the action as sampled (a,).
-        action: the same, inside the action space (a,).
-        judged: value of the observation in normalised reward, log probability of `sampled`.
+        observation: normalised observation (o,).
+        sampled: sampled action (a,).
+        action: sampled action clipped to the action space (a,).
+        evaluation: value of the observation in normalised reward, and log probability of `sampled`.
     """
 
     observation: Observations
     sampled: Actions
     action: Actions
-    judged: tuple[float, float]
+    evaluation: tuple[float, float]
 
 
 def exploring_step(
@@ -49,9 +49,14 @@ def exploring_step(
     observation: Observations,
     noise: FloatArray,
 ) -> Step:
-    """Return the action for `observation` (o,) with standard normal `noise` (a,), and what learning needs.
+    """Return the exploring step at `observation` (o,) with standard normal `noise` (a,).
 
-    `network` gives means and value; `policy` is the log deviation (a,), and the bounds of actions (2, a).
+    Args:
+        network: network of action means and value.
+        policy: log standard deviation (a,) and bounds of actions (2, a).
+        normaliser: statistics of the observations.
+        observation: raw observation (o,).
+        noise: standard normal noise (a,).
     """
     return Step(*_act(network, policy, normaliser.statistics, observation, noise))
 
@@ -79,17 +84,17 @@ def _act(
 
 
 class Rollout:
-    """A fixed number of consecutive steps, and what the networks say of them when all are there.
+    """Rollout buffer of a fixed number of consecutive steps.
 
-    It stands in for stable-baselines3's rollout buffer, whose update reads `values`, `returns` and the
-    batches of `get`. Returns and advantages equal its own to the last bit; shuffling draws from the
-    generator given here instead of numpy's global one.
+    It replaces stable-baselines3's buffer, of which the update reads `values`, `returns` and the batches of
+    `get`. Returns and advantages are bit for bit equal; shuffling uses `generator` instead of numpy's global
+    one.
 
     Args:
         steps: number of steps n.
         observation_size: length o of an observation.
         action_size: length a of an action.
-        generator: shuffles the mini-batches.
+        generator: source of the order of mini-batches.
         device: device of mini-batches.
     """
 
@@ -115,7 +120,7 @@ class Rollout:
 
     @property
     def is_full(self) -> bool:
-        """True if an update is due."""
+        """True if all steps are stored."""
         return self._size == len(self.rewards)
 
     def clear(self) -> None:
@@ -128,35 +133,39 @@ class Rollout:
         action: Actions,
         reward: float,
         ended: bool,
-        judged: tuple[float, float],
+        evaluation: tuple[float, float],
     ) -> None:
-        """Append a step, which is the last of its episode if that `ended`, by itself or by a time limit.
+        """Append a step.
 
-        Observation (o,) and reward are normalised, the latter with the value of what a time limit cut off;
-        the action (a,) is not clipped. `judged` is the observation's value and the action's log probability.
+        Args:
+            observation: normalised observation (o,).
+            action: action before clipping (a,).
+            reward: normalised reward, with the bootstrapped value of a truncated episode.
+            ended: True for the last step of an episode.
+            evaluation: value of the observation and log probability of the action.
         """
         index = self._size
         self.observations[index] = observation
         self.actions[index] = action
         self.rewards[index] = reward
         self.ended[index] = ended
-        self.values[index], self.log_probabilities[index] = judged
+        self.values[index], self.log_probabilities[index] = evaluation
         self._size = index + 1
 
     def finish(self, last_value: float, gamma: float, gae_lambda: float) -> None:
         """Compute returns and advantages (generalised advantage estimation, arXiv:1506.02438).
 
-        `last_value` is that of the observation after the last step.
+        `last_value` is the value of the observation after the last step.
         """
-        goes_on = 1 - self.ended.astype(np.float32)
+        continues = 1 - self.ended.astype(np.float32)
         next_values = np.append(self.values[1:], np.float32(last_value))
-        errors = self.rewards + gamma * next_values * goes_on - self.values
-        decays = gamma * gae_lambda * goes_on
+        errors = self.rewards + gamma * next_values * continues - self.values
+        decays = gamma * gae_lambda * continues
         _discounted_sums(errors, decays, self.advantages)
         self.returns = self.advantages + self.values
 
     def get(self, batch_size: int | None = None) -> Iterator[RolloutBufferSamples]:
-        """Yield all steps once, shuffled, in mini-batches of tensors; without a size, in a single one."""
+        """Yield shuffled mini-batches of all steps as tensors; a single batch if `batch_size` is None."""
         import torch
         from stable_baselines3.common.type_aliases import RolloutBufferSamples
 
@@ -166,22 +175,22 @@ class Rollout:
             yield RolloutBufferSamples(*(torch.from_numpy(c[rows]).to(self._device) for c in columns))
 
     def shuffled(self) -> NDArray[np.int64]:
-        """Draw the order (n,) in which one epoch passes over the steps."""
+        """Return a random order (n,) of the steps for one epoch."""
         return self._generator.permutation(len(self.rewards))
 
     def columns(self) -> tuple[NDArray[np.float32], ...]:
-        """Return all that a mini-batch holds of the n steps, in the order of `ppo.Steps`."""
+        """Return the columns of all n steps in the order of `ppo.Steps`."""
         return (
             *(self.observations, self.actions, self.values),
             *(self.log_probabilities, self.advantages, self.returns),
         )
 
     def state(self) -> dict[str, Any]:
-        """Return the steps so far, by name of the column."""
+        """Return the columns of the steps so far by name."""
         return {name: getattr(self, name)[: self._size] for name in _STORED}
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Load the steps of another rollout's `state`."""
+        """Load the result of another rollout's `state`."""
         self._size = len(state["rewards"])
         for name in _STORED:
             getattr(self, name)[: self._size] = state[name]
@@ -201,7 +210,7 @@ _STORED = ("observations", "actions", "rewards", "ended", "values", "log_probabi
 
 
 class PPOActing(ActingStudent):
-    """What PPO does besides learning: it normalises, acts, and keeps the steps of a rollout."""
+    """PPO without learning: normalisation, acting and the rollout buffer."""
 
     algorithm_version = PPOHyperparameters.algorithm_version
     hyperparameters_type = PPOHyperparameters
@@ -219,16 +228,16 @@ class PPOActing(ActingStudent):
 
     @abstractmethod
     def _finish_rollout(self, next_observation: Observations) -> None:
-        """Learn from the rollout, which is full, and clear it."""
+        """Learn from the full rollout and clear it."""
 
     @property
     @abstractmethod
     def average(self) -> FloatArray | None:
-        """The average of the network's parameters (p,), None where `averaged_steps` is 0."""
+        """Moving average of the parameters (p,), None if `averaged_steps` is 0."""
 
     @abstractmethod
     def put_average(self, average: FloatArray) -> None:
-        """Evaluate with an `average` (p,)."""
+        """Set the moving `average` of the parameters (p,)."""
 
     def act(self, observation: Observations) -> Actions:  # noqa: D102
         if self._episode_starts:
@@ -241,7 +250,7 @@ class PPOActing(ActingStudent):
         ended = transition.terminated or transition.truncated
         reward = self.normaliser.count_in(transition, self._value)
         step = self._step
-        self.rollout.add(step.observation, step.sampled, reward, ended, step.judged)
+        self.rollout.add(step.observation, step.sampled, reward, ended, step.evaluation)
         self._episode_starts = ended
         if self.rollout.is_full:
             self._finish_rollout(transition.next_observation)
@@ -263,11 +272,11 @@ class PPOActing(ActingStudent):
         return float(self._acting.row(self.normaliser.normalise(observation))[-1])
 
     def experience(self) -> dict[str, Any]:
-        """Return statistics and the steps of the rollout, as a player has them in a saved state."""
+        """Return statistics and the steps of the rollout for a saved state."""
         return {"normaliser": self.normaliser, "rollout": self.rollout.state(), "average": self.average}
 
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Load what `experience` returned, at the end of an episode."""
+        """Load the result of `experience`, at the end of an episode."""
         self.normaliser = experience["normaliser"]
         self.rollout.restore(experience["rollout"])
         if experience["average"] is not None:
@@ -288,13 +297,13 @@ class PPORolloutWorker(PPOActing, RolloutWorker):
             self._greedy = ArrayNetwork(self._acting.layout, self._low.size)
 
     def _load_weights(self, weights: Weights) -> None:
-        """Load the network's parameters and, after them, the log deviation (a,)."""
+        """Load the network's parameters, followed by the log standard deviation (a,)."""
         count = self._low.size
-        own = weights[:-count]
-        self._acting.load(own)
+        parameters = weights[:-count]
+        self._acting.load(parameters)
         if self.hyperparameters.averaged_steps:
-            before = own if self._average is None else self._average
-            self.put_average(before + np.float32(self.hyperparameters.averaging) * (own - before))
+            average = parameters if self._average is None else self._average
+            self.put_average(average + np.float32(self.hyperparameters.averaging) * (parameters - average))
         self._policy = weights[-count:].copy(), np.stack([self._low, self._high])
 
     @property
@@ -321,6 +330,6 @@ class PPORolloutWorker(PPOActing, RolloutWorker):
         orders = np.stack([self.rollout.shuffled() for _ in range(hyper.epochs)])
         updates = hyper.epochs * (hyper.steps_per_update // hyper.batch_size)
         weights = self._link.learn((*self.rollout.columns(), orders), updates)
-        assert weights is not None, "a rollout is followed by updates"
+        assert weights is not None, "a full rollout brings updates"
         self._load_weights(weights)
         self.rollout.clear()

@@ -1,4 +1,4 @@
-"""SAC's acting half. Imports no torch."""
+"""Acting half of SAC, without torch."""
 
 import math
 from typing import Any
@@ -13,11 +13,11 @@ from tma_ray.students.rollout_workers.base import ActingStudent, RolloutWorker
 from tma_ray.students.rollout_workers.link import Weights
 from tma_ray.support.jit import kernel
 
-LOG_STD_RANGE = -20.0, 2.0  # bounds of the log deviation
-SQUASH_EPSILON = 1e-6  # keeps the logarithm of the squashing's derivative finite, as in stable-baselines3
+LOG_STD_RANGE = -20.0, 2.0  # bounds of the log standard deviation
+SQUASH_EPSILON = 1e-6  # avoids log(0) in the density of squashed actions, as in stable-baselines3
 
 NODES, NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
-"""Nodes and weights of Gauss-Hermite quadrature; the weights sum to sqrt(2 pi)."""
+"""Nodes and weights of Gauss-Hermite quadrature, whose weights sum to sqrt(2 pi)."""
 
 
 @kernel
@@ -28,14 +28,14 @@ def squashed_action(
     log_std_range: tuple[float, float],
     clamp: bool,
 ) -> Actions:
-    """Return the tangent hyperbolic (a,) of a normal variable.
+    """Return an action (a,) sampled from the tanh-squashed normal policy.
 
     Args:
-        network: network whose outputs are means and unbounded log deviations.
-        observation: values (o,).
-        noise: standard normal (a,).
-        log_std_range: bounds of the log deviation.
-        clamp: True to clamp the log deviation to its range; else it is a scaled tangent hyperbolic.
+        network: network of means and unbounded log standard deviations.
+        observation: observation (o,).
+        noise: standard normal noise (a,).
+        log_std_range: bounds of the log standard deviation.
+        clamp: True to clamp the log standard deviation to its range, False for a scaled tanh.
     """
     weights, sizes, work, active, is_tanh = network
     low, high = np.float32(log_std_range[0]), np.float32(log_std_range[1])
@@ -55,14 +55,14 @@ def squashed_action(
 def sampled_actions(
     outputs: FloatArray, bounds: tuple[Actions, Actions], rng: np.random.Generator, clamp: bool
 ) -> Actions:
-    """Return actions (n, a) of `outputs` (n, 2a), drawn as by `squashed_action`, between `bounds` (a,)."""
+    """Return actions (n, a) between `bounds` (a,), sampled as in `squashed_action` from `outputs` (n, 2a)."""
     means, log_deviations = normal_of(outputs, clamp)
     noise = rng.standard_normal(means.shape, dtype=np.float32)
     return between(*bounds, np.tanh(means + np.exp(log_deviations) * noise))
 
 
 def normal_of(outputs: FloatArray, clamp: bool) -> tuple[FloatArray, FloatArray]:
-    """Return means and log deviations (n, a) before squashing; arguments as of `sampled_actions`."""
+    """Return means and log standard deviations (n, a) of the actions before squashing."""
     low, high = (np.float32(bound) for bound in LOG_STD_RANGE)
     means, spreads = np.split(outputs, 2, axis=1)
     half = np.float32(0.5) * (high - low)
@@ -70,7 +70,7 @@ def normal_of(outputs: FloatArray, clamp: bool) -> tuple[FloatArray, FloatArray]
 
 
 def entropies(outputs: FloatArray, clamp: bool) -> NDArray[np.float64]:
-    """Return the entropy (n,), in nats, of squashed actions; arguments as of `sampled_actions`."""
+    """Return the entropy (n,) of the squashed actions in nats."""
     means, log_deviations = normal_of(outputs.astype(np.float64), clamp)
     actions = np.tanh(means[..., None] + np.exp(log_deviations)[..., None] * NODES)
     squashing = np.log(1 - actions**2 + SQUASH_EPSILON) @ NODE_WEIGHTS / math.sqrt(2 * math.pi)
@@ -85,7 +85,7 @@ def between(low: Actions, high: Actions, actions: Actions) -> Actions:
 
 
 class SACActing(ActingStudent):
-    """What SAC does besides learning: its first actions are uniform, later ones its policy's."""
+    """SAC without learning: uniform actions first, then those of the policy."""
 
     algorithm_version = SACHyperparameters.algorithm_version
     hyperparameters_type = SACHyperparameters
@@ -116,7 +116,7 @@ class SACActing(ActingStudent):
         return self.hyperparameters.entropy_coefficient * entropies(self._acting.outputs(observations), clamp)
 
     def _count(self, ended: bool) -> int:
-        """Count a step, with which an episode may have ended; return the number of updates due after it."""
+        """Count a step and return the number of updates due after it."""
         hyper = self.hyperparameters
         self._steps += 1
         self._episode_steps += 1
@@ -136,12 +136,12 @@ class SACActing(ActingStudent):
         return {"steps": self._steps}
 
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Load what `experience` returned, at the end of an episode, after its updates."""
+        """Load the result of `experience`, at the end of an episode."""
         self._steps, self._episode_steps = experience["steps"], 0
 
 
 class SACRolloutWorker(SACActing, RolloutWorker):
-    """RolloutWorker of `tma_ray.students.sac.SAC`, which hands over its experience when updates are due."""
+    """Rollout worker of `tma_ray.students.sac.SAC`; sends experience when updates are due."""
 
     def _start(self) -> None:
         super()._start()

@@ -1,1 +1,1 @@
-"""Students of stable-baselines3's and sb3-contrib's algorithms. Importing this package imports no torch."""
+"""Students on top of stable-baselines3 and sb3-contrib, imported without torch."""

@@ -1,7 +1,7 @@
-"""Any stable-baselines3 or sb3-contrib algorithm for continuous actions as a student, by its name.
+"""Students from any stable-baselines3 or sb3-contrib algorithm for continuous actions.
 
-Acting and updating are the library's own; the loop, the buffers, the randomness and the files are ours.
-Nothing is normalised, as in the algorithm's own `learn`.
+Acting and updating are the library's, the loop, buffers, randomness and files ours. Nothing is normalised, as
+in the algorithm's `learn`.
 """
 
 import copy
@@ -37,7 +37,7 @@ from tma_ray.students.replay import ReplayBuffer
 from tma_ray.students.rollout_workers.ppo import Rollout
 from tma_ray.students.sb3.base import StableBaselinesStudent, single_precision
 
-NOT_OURS = frozenset(
+EXCLUDED_ARGUMENTS = frozenset(
     {
         *("self", "policy", "env", "seed", "device", "verbose", "tensorboard_log", "stats_window_size"),
         *("_init_setup_model", "monitor_wrapper", "support_multi_env", "supported_action_spaces"),
@@ -46,34 +46,34 @@ NOT_OURS = frozenset(
         *("use_sde", "sde_sample_freq", "use_sde_at_warmup"),
     }
 )
-"""Arguments that the student gives itself, or that concern the loop and the buffers, which are its own."""
+"""Constructor arguments that the student sets, or that configure its loop and buffers."""
 
 _POSITIVE = ("learning_rate", "buffer_size", "batch_size", "train_freq", "n_steps")
 
 
 def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type:
-    """Return a frozen dataclass with the arguments of `algorithm` at their defaults.
+    """Return a frozen dataclass of the constructor arguments of `algorithm`.
 
     Args:
         algorithm: algorithm of stable-baselines3, or one that follows its conventions.
-        off_policy: it learns from a replay buffer. Then the dataclass also has ``exploration_deviation``,
-            of normal noise on actions scaled to [-1, 1]: 0.1 where the policy is deterministic (TD3's
+        off_policy: True if it learns from a replay buffer. The dataclass then has ``exploration_deviation``,
+            the deviation of normal noise on actions scaled to [-1, 1]: 0.1 for deterministic policies (TD3's
             paper, arXiv:1802.09477), else 0.
     """
-    left_out = NOT_OURS | ({"n_steps"} if off_policy else frozenset())
-    # named arguments of the constructor, and of the next one while that takes any keyword
-    found: dict[str, inspect.Parameter] = {}
-    for constructor in filter(None, (vars(kind).get("__init__") for kind in algorithm.__mro__)):
+    excluded = EXCLUDED_ARGUMENTS | ({"n_steps"} if off_policy else frozenset())
+    # follow base constructors for as long as they take **keywords
+    arguments: dict[str, inspect.Parameter] = {}
+    for constructor in filter(None, (vars(base).get("__init__") for base in algorithm.__mro__)):
         parameters = inspect.signature(constructor).parameters
         kinds = {parameter.kind for parameter in parameters.values()}
-        found = {**parameters, **found}
+        arguments = {**parameters, **arguments}
         if inspect.Parameter.VAR_KEYWORD not in kinds:
             break
     fields: list[tuple[str, Any, Any]] = []
-    for name, parameter in found.items():
+    for name, parameter in arguments.items():
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             continue
-        if name not in left_out:
+        if name not in excluded:
             default = parameter.default
             kind = type(default) if type(default) in (bool, int, float) else Any
             fields.append((name, kind, dataclasses.field(default=default)))
@@ -97,12 +97,11 @@ def _check(hyperparameters: Any) -> None:
         raise ValueError(f"hyper-parameter exploration_deviation = {deviation}: expected 0 or more")
 
 
-MOST_PARAMETERS = 100_000_000
-"""Of all networks of a model together that a saved policy may ask for: 400 MB."""
+MOST_PARAMETERS = 100_000_000  # limit on the parameters of a saved policy's model, 400 MB
 
 
 class SpacesOnly(gymnasium.Env[Any, Any]):
-    """Environment that has only spaces, for a model; the run has the real one."""
+    """Placeholder environment that gives a model its spaces."""
 
     def __init__(self, observation_space: spaces.Box, action_space: spaces.Box) -> None:
         self.observation_space = observation_space
@@ -116,8 +115,8 @@ def make_model(
     hyperparameters: Any,
     device: torch.device,
 ) -> BaseAlgorithm:
-    """Return a model of `algorithm` whose networks are not yet built."""
-    own = {"exploration_deviation", "value_samples", "matmul_precision"}
+    """Return a model of `algorithm` without networks."""
+    added = {"exploration_deviation", "value_samples", "matmul_precision"}
     names = [field.name for field in dataclasses.fields(hyperparameters)]
     constructor: Any = algorithm
     model: BaseAlgorithm = constructor(
@@ -125,27 +124,26 @@ def make_model(
         SpacesOnly(observation_space, action_space),
         device=device,
         _init_setup_model=False,
-        **{name: copy.deepcopy(getattr(hyperparameters, name)) for name in names if name not in own},
+        **{name: copy.deepcopy(getattr(hyperparameters, name)) for name in names if name not in added},
     )
     return model
 
 
 def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
-    """Return the tensors of the greedy policy of `model`, by the names in the policy's state.
+    """Return the tensors of the greedy policy of `model` by their names in the policy's state.
 
-    Off-policy algorithms of the libraries act by their actor alone. What others need cannot be known, so
-    that is everything.
+    For off-policy algorithms of the libraries that is the actor, for any other the whole state.
     """
     state: dict[str, torch.Tensor] = model.policy.state_dict()
-    known = {type(model).__module__.split(".")[0], type(model.policy).__module__.split(".")[0]} <= {*PACKAGES}
-    if known and isinstance(model, OffPolicyAlgorithm):
+    packages = {type(part).__module__.split(".")[0] for part in (model, model.policy)}
+    if packages <= {*PACKAGES} and isinstance(model, OffPolicyAlgorithm):
         return {name: tensor for name, tensor in state.items() if name.startswith("actor.")}
     return state
 
 
 @contextmanager
 def _bounded() -> Iterator[None]:
-    """Refuse to build networks of more than `MOST_PARAMETERS` inside the block."""
+    """Context in which building networks of over `MOST_PARAMETERS` raises a ValueError."""
     count = 0
 
     def weigh(_module: nn.Module, _name: str, parameter: nn.Parameter | None) -> None:
@@ -163,10 +161,10 @@ def _bounded() -> Iterator[None]:
 
 @cache
 def student_of(name: str) -> type[Student]:
-    """Return the student that the algorithm called `name` is.
+    """Return the student class of the algorithm called `name`.
 
     Raises:
-        UnknownNameError: the package that offers it is not installed.
+        UnknownNameError: if its package is not installed.
     """
     module = ALGORITHMS[name]
     try:
@@ -182,13 +180,13 @@ def student_of(name: str) -> type[Student]:
 
 
 def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
-    """Return the student that an algorithm is, one of your own included.
+    """Return the student class of an algorithm, which may be your own.
 
-    Its hyper-parameters are the arguments of its constructor, and of those that this one passes its
-    ``**keywords`` on to.
+    Its hyper-parameters are the constructor's arguments, with those of base constructors that it passes
+    ``**keywords`` to.
 
     Args:
-        algorithm: for continuous actions, without memory; derived from one of stable-baselines3.
+        algorithm: algorithm for continuous actions, without memory, derived from one of stable-baselines3.
     """
     on_policy = issubclass(algorithm, OnPolicyAlgorithm)
     members = {
@@ -201,10 +199,10 @@ def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
 
 
 class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
-    """Base of the students of on-policy and of off-policy algorithms.
+    """Base class of on-policy and off-policy students.
 
     Attributes:
-        algorithm: constructs the model.
+        algorithm: class of the model.
     """
 
     algorithm_version = 1
@@ -215,7 +213,7 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
         return make_model(self.algorithm, *boxes, self.hyperparameters, self.device)
 
     def _refresh(self) -> None:
-        """Do nothing, since the student acts with the model itself."""
+        """Do nothing, since the model itself acts."""
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
         actions: Actions = self.model.predict(observations, deterministic=True)[0]
@@ -228,7 +226,7 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
         return actions
 
     def save_policy(self, folder: Path) -> None:
-        """Write the tensors that acting needs, by stable-baselines3's names, and all hyper-parameters."""
+        """Write the tensors of the greedy policy and all hyper-parameters."""
         tensors = {name: tensor.numpy(force=True) for name, tensor in acting_tensors(self.model).items()}
         values = config_dict(self.hyperparameters)
         spaces = self.observation_space, self.action_space
@@ -245,7 +243,7 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
 
     @classmethod
     def _stored_model(cls, folder: Path, device: str) -> BaseAlgorithm:
-        """Return a model that acts greedily as the one whose policy was saved."""
+        """Return a model with the saved policy."""
         stored = read_policy(folder, cls.algorithm.__name__)
         boxes = stored.observation_space, stored.action_space
         try:
@@ -254,17 +252,15 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
             model: Any = make_model(cls.algorithm, *boxes, hyperparameters, torch.device("cpu"))
             if isinstance(model, OffPolicyAlgorithm):
                 model.replay_buffer = object()  # type: ignore[assignment]  # it only acts
-            with (
-                single_precision(),
-                torch.random.fork_rng(),
-                _bounded(),
-            ):  # networks are initialised before they are filled
+            with single_precision(), torch.random.fork_rng(), _bounded():  # networks draw initial weights
                 model._setup_model()
-        except Exception as error:  # whatever a constructor makes of values that nobody checked
+        except Exception as error:  # the constructor gets unchecked values
             name = cls.algorithm.__name__
             stored.refuse(f"no {name} can be made of its hyper-parameters: {error!r:.200}")
         acting = acting_tensors(model)
-        stored.check({name: (tuple(each.shape), str(each.dtype)[6:]) for name, each in acting.items()})
+        stored.check(
+            {name: (tuple(x.shape), str(x.dtype).removeprefix("torch.")) for name, x in acting.items()}
+        )
         with torch.no_grad():
             for name, tensor in acting.items():
                 tensor.copy_(torch.from_numpy(stored.tensors[name]))
@@ -274,7 +270,7 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
 
 
 class OnPolicyStudent(AlgorithmStudent):
-    """An algorithm that updates from `n_steps` consecutive steps."""
+    """Base class of students that learn from rollouts of `n_steps` steps."""
 
     def _start(self) -> None:
         sizes = self.observation_space.shape[0], self.action_space.shape[0]
@@ -288,7 +284,7 @@ class OnPolicyStudent(AlgorithmStudent):
         with self._torch_stream.active(), torch.no_grad():
             sampled, value, log_probability = self.model.policy(as_batch(observation, self.device))
         self._sampled: Actions = sampled.numpy(force=True)[0]
-        self._judged = value.item(), log_probability.item()
+        self._evaluation = value.item(), log_probability.item()
         clipped: Actions = np.clip(self._sampled, self._low, self._high)
         return clipped
 
@@ -297,7 +293,7 @@ class OnPolicyStudent(AlgorithmStudent):
         reward = transition.reward
         if transition.truncated and not transition.terminated:
             reward += self.gamma * self.state_values(transition.next_observation[None]).item()
-        self._rollout.add(transition.observation, self._sampled, reward, ended, self._judged)
+        self._rollout.add(transition.observation, self._sampled, reward, ended, self._evaluation)
         if self._rollout.is_full:
             last_value = self.state_values(transition.next_observation[None])[0]
             self._rollout.finish(last_value, self.gamma, self.hyperparameters.gae_lambda)
@@ -321,7 +317,7 @@ class OnPolicyStudent(AlgorithmStudent):
 
 
 class OffPolicyStudent(AlgorithmStudent):
-    """An algorithm that updates from a replay buffer, after `learning_starts` steps of uniform actions."""
+    """Base class of students that learn from a replay buffer, after `learning_starts` uniform actions."""
 
     def _start(self) -> None:
         sizes = self.observation_space.shape[0], self.action_space.shape[0]
@@ -354,7 +350,7 @@ class OffPolicyStudent(AlgorithmStudent):
         return self._disturbed(actions, rng.standard_normal(shape, dtype=np.float32))
 
     def _disturbed(self, actions: Actions, noise: NDArray[np.float32]) -> Actions:
-        """Return `actions` (..., a) with standard normal `noise` added, in the algorithm's measure."""
+        """Return `actions` (..., a) with scaled standard normal `noise`."""
         deviation = np.float32(self.hyperparameters.exploration_deviation / 2) * (self._high - self._low)
         disturbed: Actions = np.clip(actions + deviation * noise, self._low, self._high)
         return disturbed
@@ -370,10 +366,7 @@ class OffPolicyStudent(AlgorithmStudent):
                 self.model.train(gradient_steps=count, batch_size=hyper.batch_size)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Return V(s) (n,): the critics' smallest value of the policy's actions, entropy bonus included.
-
-        A stochastic policy's is averaged over actions drawn for it.
-        """
+        """Return V(s) (n,), the critics' minimum averaged over sampled actions, entropy bonus included."""
         model, inputs = self.model, as_batch(observations, self.device)
         model.policy.set_training_mode(False)
         with torch.no_grad(), torch.random.fork_rng():
@@ -395,20 +388,20 @@ class OffPolicyStudent(AlgorithmStudent):
             return super().entropy_bonuses(observations)
         model.policy.set_training_mode(False)
         with torch.no_grad(), torch.random.fork_rng():
-            torch.manual_seed(0)  # the same draws every time, so that no generator of the student advances
+            torch.manual_seed(0)  # fixed noise: no generator of the student advances
             draws = range(self.hyperparameters.value_samples)
-            drawn = torch.stack([model.actor.action_log_prob(inputs)[1].double() for _ in draws])
-            return (-self._temperature() * drawn.mean(dim=0).reshape(-1)).numpy(force=True)
+            densities = torch.stack([model.actor.action_log_prob(inputs)[1].double() for _ in draws])
+            return (-self._temperature() * densities.mean(dim=0).reshape(-1)).numpy(force=True)
 
     def _temperature(self) -> torch.Tensor:
         log_coefficient = getattr(self.model, "log_ent_coef", None)
-        found: torch.Tensor
-        found = self.model.ent_coef_tensor if log_coefficient is None else log_coefficient.exp()
-        return found
+        coefficient: torch.Tensor
+        coefficient = self.model.ent_coef_tensor if log_coefficient is None else log_coefficient.exp()
+        return coefficient
 
     def _smallest(self, inputs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         values = self.model.critic(inputs, actions)
-        if isinstance(values, torch.Tensor):  # quantiles (n, critics, q), whose mean is the value
+        if isinstance(values, torch.Tensor):  # quantiles (n, critics, q)
             return values.mean(dim=(1, 2))
         return torch.cat(values, dim=1).amin(dim=1)
 

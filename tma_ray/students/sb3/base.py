@@ -1,4 +1,4 @@
-"""The base of PPO and SAC: models of stable-baselines3 with our environment loop, randomness and files."""
+"""Base class of students on top of stable-baselines3: environment loop, randomness and files."""
 
 import json
 from abc import abstractmethod
@@ -21,36 +21,35 @@ from tma_ray.support.import_hacks import skip_dynamo
 
 @contextmanager
 def single_precision() -> Iterator[None]:
-    """Make float32 torch's default type inside the block, whatever plug-ins of this process have made it."""
-    outside = torch.get_default_dtype()
+    """Context in which torch's default type is float32, whatever plug-ins have set."""
+    previous = torch.get_default_dtype()
     torch.set_default_dtype(torch.float32)
     try:
         yield
     finally:
-        torch.set_default_dtype(outside)
+        torch.set_default_dtype(previous)
 
 
 class TorchStream:
-    """A state of torch's global generator, swapped in only while stable-baselines3 runs.
+    """State of torch's global generator for one student, active only while stable-baselines3 runs.
 
-    stable-baselines3 initialises weights and samples actions in its updates from the global
-    generator. With this, two students in a process, or a teacher with networks of its own, do not
-    disturb each other.
+    stable-baselines3 draws initial weights and sampled actions from the global generator, shared with other
+    students and teachers of the process.
 
     Args:
-        seed: seeds the stream.
-        device: device, whose generator is swapped, too, if it is a GPU.
+        seed: seed of the stream.
+        device: device of the student, whose generator is included if it is a GPU.
     """
 
     def __init__(self, seed: np.random.SeedSequence, device: torch.device) -> None:
         number = int(seed.generate_state(1)[0])
         self._gpus = [device] if device.type != "cpu" else []
-        generators = [torch.Generator(each) for each in (torch.device("cpu"), *self._gpus)]
+        generators = [torch.Generator(source) for source in (torch.device("cpu"), *self._gpus)]
         self.state = [generator.manual_seed(number).get_state() for generator in generators]
 
     @contextmanager
     def active(self) -> Iterator[None]:
-        """Make torch draw from this stream in the block, in `single_precision`, and as before after it."""
+        """Context in which torch draws from this stream, in `single_precision`."""
         kind = self._gpus[0].type if self._gpus else "cuda"
         with single_precision(), torch.random.fork_rng(self._gpus, device_type=kind):
             torch.set_rng_state(self.state[0])
@@ -59,7 +58,7 @@ class TorchStream:
             try:
                 yield
             finally:
-                states = [torch.get_device_module(each).get_rng_state(each) for each in self._gpus]
+                states = [torch.get_device_module(gpu).get_rng_state(gpu) for gpu in self._gpus]
                 self.state = [torch.get_rng_state(), *states]
 
 
@@ -71,21 +70,18 @@ M = TypeVar("M", bound=BaseAlgorithm)
 
 
 class StableBaselinesStudent(ActingStudent, Generic[H, M]):
-    """A student whose policy and update are stable-baselines3's.
-
-    The seed's children are, in this order: torch's stream (weights, actions sampled in updates),
-    exploration, mini-batches, state values.
+    """Student with the policy and update of a stable-baselines3 model.
 
     Args:
         observation_space: a one-dimensional box, of size o.
         action_space: a bounded one-dimensional box, of size a.
         hyperparameters: hyper-parameters of the algorithm.
         seed: source of all randomness; not changed.
-        device: torch's name of the device of the networks.
-        threads: number of torch's threads, which all students of the process share.
+        device: torch device of the networks.
+        threads: torch threads of the whole process.
 
     Raises:
-        ValueError: a space that is not such a box.
+        ValueError: if a space is not such a box.
     """
 
     def __init__(
@@ -107,30 +103,26 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
 
     @abstractmethod
     def _make_model(self) -> M:
-        """Return a new model whose networks are not yet built."""
+        """Return a new model without networks."""
 
     @abstractmethod
     def _connect(self) -> None:
-        """Empty the buffer and join it, updates and acting to `self.model`, which is new."""
+        """Clear the buffer and connect it and the acting network to a new `self.model`."""
 
     @abstractmethod
     def _refresh(self) -> None:
-        """Copy the parameters of `self.model`, which have changed, to wherever copies are kept."""
+        """Update copies of the parameters of `self.model`."""
 
     def _prepare_update(self) -> None:
-        """Make what updates need of `self.model`, whose parameters and optimisers' states are new."""
+        """Create the update of `self.model` after its parameters and optimisers were replaced."""
 
     @abstractmethod
     def _save_experience(self, folder: Path, incremental: bool, /) -> tuple[dict[str, Any], tuple[str, ...]]:
-        """Write buffers and statistics into `folder`; `incremental` as for `save`.
-
-        Returns:
-            Counters, which are saved as JSON, and the files that were left out.
-        """
+        """Write buffers and statistics, and return counters (JSON values) and the names of files left out."""
 
     @abstractmethod
     def _load_experience(self, folder: Path, counters: dict[str, Any], /) -> None:
-        """Load what `_save_experience` wrote, and the counters that it returned."""
+        """Load the files and counters of `_save_experience`."""
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
         counters, unchanged = self._save_experience(folder, incremental)
@@ -141,7 +133,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
             "counters": counters,
         }
         (folder / "student.json").write_text(json.dumps(state, indent=1))
-        # tensors of the model that belong to no module, such as a learned entropy coefficient
+        # tensors outside of modules, such as a learned entropy coefficient
         variables = self.model._get_torch_save_params()[1]
         networks = {
             "parameters": self.model.get_parameters(),
@@ -153,15 +145,11 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
 
     def load(self, folder: Path) -> None:  # noqa: D102
         state = json.loads((folder / "student.json").read_text())
-        saved, ours = state["hyperparameters"], config_dict(self.hyperparameters)
-        if saved != ours:
-            differing = [key for key in {**saved, **ours} if saved.get(key, "none") != ours.get(key, "none")]
-            raise ValueError(
-                f"{folder}: saved by a student with other hyper-parameters: "
-                + ", ".join(
-                    f"{key} {saved.get(key, 'none')}, here {ours.get(key, 'none')}" for key in differing
-                )
-            )
+        saved, config = state["hyperparameters"], config_dict(self.hyperparameters)
+        if saved != config:
+            pairs = ((key, saved.get(key, "none"), config.get(key, "none")) for key in {**saved, **config})
+            differences = ", ".join(f"{key} {old}, here {new}" for key, old, new in pairs if old != new)
+            raise ValueError(f"{folder}: saved by a student with other hyper-parameters: {differences}")
         networks = torch.load(folder / "networks.pt", map_location="cpu", weights_only=True)
         self.model.set_parameters(networks["parameters"], device=self.device)
         for name, value in networks["variables"].items():
@@ -187,7 +175,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
         self._refresh()
 
     def changed(self, updates: int) -> None:
-        """Load parameters that were changed from outside, by so many `updates` in all."""
+        """Register parameters changed from outside, after a total number of `updates`."""
         self.model._n_updates = updates
         self._refresh()
 
@@ -197,12 +185,12 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
 
     @contextmanager
     def _updating(self) -> Iterator[None]:
-        """Context of the student's torch stream and precision; refreshes copied parameters at its end."""
-        outside = torch.get_float32_matmul_precision()
+        """Context of an update: the student's torch stream and precision, and fresh copies at the end."""
+        previous = torch.get_float32_matmul_precision()
         torch.set_float32_matmul_precision(self.hyperparameters.matmul_precision)
         try:
             with self._torch_stream.active():
                 yield
         finally:
-            torch.set_float32_matmul_precision(outside)
+            torch.set_float32_matmul_precision(previous)
         self._refresh()
