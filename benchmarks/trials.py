@@ -16,12 +16,12 @@ from analysis.baselines import find_baseline
 from analysis.measures.tested import FINAL
 from analysis.trials.boundaries import median_unbiased
 from analysis.trials.design import make_design, released_runs, setting_of
-from analysis.trials.rules import Outcomes, Setting, Verdict, simulate
+from analysis.trials.rules import Setting, SimulatedOutcomes, TrialVerdict, simulate
 
 TRIALS = 4_000
 
 SEED = 2026
-"""Of the trials; another one than that of the calibration of designs."""
+"""Seed of the trials, other than `SIMULATION_SEED`."""
 
 CELLS = ((), ("original", "diverse_students/spider"), ("original",), ("rugged_difficulty",))
 
@@ -37,7 +37,7 @@ def row(setting: Setting, end: Setting, factor: float, trials: int) -> dict[str,
     last = simulate(end, factor * end.rules[0].margin, trials, SEED)
     shares: dict[str, object] = {}
     for name, verdicts in zip(("random", "best"), found.verdicts, strict=True):
-        shares |= {f"{name}_{verdict.value}": (verdicts == verdict).mean() for verdict in Verdict}
+        shares |= {f"{name}_{verdict.value}": (verdicts == verdict).mean() for verdict in TrialVerdict}
     rule = setting.rules[0]
     return {
         "cells": len(setting.runs),
@@ -54,7 +54,7 @@ def row(setting: Setting, end: Setting, factor: float, trials: int) -> dict[str,
     }
 
 
-def unbiased(setting: Setting, found: Outcomes) -> list[float]:
+def unbiased(setting: Setting, found: SimulatedOutcomes) -> list[float]:
     """Return the median-unbiased estimates of the difference to Random, of each trial."""
     rule, estimates = setting.rules[0], []
     planned = [1 / (1 / seeds + 1 / setting.runs[0]) for seeds in rule.looks]
@@ -75,11 +75,11 @@ def main() -> None:
     frames = baseline.frames()
     released = released_runs(frames)
     rows = []
-    for wanted in CELLS:
-        design = make_design("trial", baseline, frames, wanted=wanted)
+    for names in CELLS:
+        design = make_design("trial", baseline, frames, cells=names)
         settings = setting_of(design, released), setting_of(design, released, FINAL)
         rows += [
-            {"names": ", ".join(wanted) or "all"} | row(*settings, factor, given.trials)
+            {"names": ", ".join(names) or "all"} | row(*settings, factor, given.trials)
             for factor in (-1, 0, 1, 2)
         ]
     pd.DataFrame(rows).to_csv(sys.stdout, index=False, float_format="%.4f")

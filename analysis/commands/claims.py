@@ -9,7 +9,7 @@ from rich.text import Text
 
 from analysis.baselines.catalogue import Sources, read
 from analysis.claims.judging import Verdict, decided, root_verdicts
-from analysis.statistics.samples import MARGIN, Standing
+from analysis.statistics.samples import DEFAULT_MARGIN, Standing
 from tma_ray.console.terminal import terminal
 from tma_ray.support.texts import counted
 
@@ -26,8 +26,9 @@ STYLES = {
 
 EXPLAINED = (
     "Claims are about the paper's measure: test tasks mastered at the last evaluation.",
-    f"A statement is supported where a 95 % interval rules out its contrary, against a margin of {MARGIN:g} "
-    f"points of mastered tasks, and refuted where it rules out the statement; else it is undecided.",
+    f"A statement is supported where a 95 % interval rules out its contrary, against a margin of "
+    f"{DEFAULT_MARGIN:g} points of mastered tasks, and refuted where it rules out the statement; "
+    f"else it is undecided.",
     "A claim is about the paper's students and budget. What other ones rule out is not seen here.",
     "A claim holds if as many of its statements do as it needs: all, or those that it counts.",
     "Tests compare teachers within each body and student, which count equally.",

@@ -32,7 +32,7 @@ from tma_ray.console.terminal import terminal
 
 if TYPE_CHECKING:
     from analysis.trials.design import Design
-    from analysis.trials.standing import Look
+    from analysis.trials.standing import InterimLook
 
 EXPLANATION = (
     "Mastered test tasks, %: mean over seeds and the challenges of a table, of equal weight, on two axes: "
@@ -169,12 +169,12 @@ def markdown(name: str, pictures: str = ".") -> str:
     return "\n\n".join(parts) if len(parts) > 1 else "No run has been evaluated here."
 
 
-def _joined(place: str) -> list[tuple[Design, Look]]:
+def _joined(place: str) -> list[tuple[Design, InterimLook]]:
     """Return the trials of the teachers that joined a release by one; none of other results."""
-    from analysis.trials.joined import joined_by_trial  # deferred: scipy.optimize
+    from analysis.trials.standing import joined_trials  # deferred: scipy.optimize
 
     baseline = as_baseline(place)
-    return joined_by_trial(baseline) if baseline else []
+    return joined_trials(baseline) if baseline else []
 
 
 def _trial_lines(place: str) -> Iterator[str]:

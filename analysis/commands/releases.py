@@ -17,7 +17,7 @@ from analysis.claims.agreement import Agreement, agreements
 from analysis.claims.judging import root_verdicts
 from analysis.formatting import amount, number
 from analysis.names import challenge_title, label
-from analysis.statistics.samples import MARGIN, Standing
+from analysis.statistics.samples import DEFAULT_MARGIN, Standing
 from analysis.tables.table import pipe_table
 from tma_ray.console.terminal import terminal
 
@@ -89,8 +89,8 @@ def findings(name: str) -> str:
         f"each, simulated by Box2D.{partial}",
         "## Claims",
         f"Of {len(verdicts)} claims: {summary}. A statement is supported where a 95 % "
-        f"interval rules out its contrary, against a margin of {MARGIN:g} points of mastered tasks, within "
-        f"each body and student; what it rules out is not seen here, and refuted under the paper's "
+        f"interval rules out its contrary, against a margin of {DEFAULT_MARGIN:g} points of mastered tasks, "
+        f"within each body and student; what it rules out is not seen here, and refuted under the paper's "
         f"conditions only; else it is undecided. No data: the release lacks a level, body or teacher of the "
         f"claim. Statements that come to the same runs are one.",
         pipe_table(["claim", "in the paper", "standing", "statements"], rows),

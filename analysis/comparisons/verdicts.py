@@ -8,7 +8,7 @@ import pandas as pd
 
 from analysis.measures.tested import FINAL, HEADLINE, MARGINS
 from analysis.statistics import SIGNIFICANCE
-from analysis.statistics.samples import MARGIN
+from analysis.statistics.samples import DEFAULT_MARGIN
 
 
 class Verdict(StrEnum):
@@ -45,7 +45,7 @@ def verdict(test: pd.Series | Mapping[str, Any]) -> str:
         return str(test["reason"])
     if test["holm"] < SIGNIFICANCE:
         return Verdict.BETTER if test["difference"] > 0 else Verdict.WORSE
-    margin = MARGINS.get(test["measure"], MARGIN)
+    margin = MARGINS.get(test["measure"], DEFAULT_MARGIN)
     within = -margin < test["simultaneous_low"] and test["simultaneous_high"] < margin
     return Verdict.ALIKE if within else Verdict.OPEN
 

@@ -6,6 +6,7 @@ from typing import Final, TypeAlias
 import pandas as pd
 
 from analysis.statistics import Comparison, Description, paired, paired_strata, stratified, welch
+from analysis.statistics.samples import DEFAULT_MARGIN
 from analysis.statistics.tests import seed_means
 from tma_ray.results import SIMULATED
 
@@ -25,9 +26,12 @@ PAPERS: Final = "mastered_percent"
 MEASURES = {HEADLINE: "over training", FINAL: "in the end", PAPERS: "last evaluation"}
 """Measures in the order in which views show them, and their heads in tables; all in per cent."""
 
-MARGINS = {HEADLINE: 2.5, TRAINED: 2.5}
-"""Largest difference that does not matter, in points, of measures that are means over training: mastery grows
-about evenly, so that its mean is half of its end. That of all others is `samples.MARGIN`."""
+AREA_MARGIN = DEFAULT_MARGIN / 2
+"""Equivalence margin of means over training, in points: mastery grows about evenly, so its mean is half of
+its end."""
+
+MARGINS = {HEADLINE: AREA_MARGIN, TRAINED: AREA_MARGIN}
+"""Equivalence margins of measures whose margin is not `DEFAULT_MARGIN`."""
 
 QUANTITIES = {
     HEADLINE: "Mastered test tasks over training (%)",

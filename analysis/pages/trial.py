@@ -24,7 +24,7 @@ def write_trial(
     folder: Path,
     design: Design,
     released: pd.DataFrame,
-    looks: list[standing.Look],
+    looks: list[standing.InterimLook],
     frames: Frames,
     own: Frames,
 ) -> Path:
@@ -60,7 +60,7 @@ def _versions() -> str:
 def _render(
     design: Design,
     released: pd.DataFrame,
-    looks: list[standing.Look],
+    looks: list[standing.InterimLook],
     courses: dict[tuple[str, str], pd.DataFrame],
     lines: pd.DataFrame,
     own: Frames,
@@ -81,7 +81,7 @@ def _render(
         teacher=label(design.teacher),
         release=design.release,
         verdict=standing.sentence(design, looks[-1]) if looks else "No look is complete yet.",
-        ended=standing.ENDINGS.get(looks[-1].ending, "") if looks else "",
+        ended=standing.REASONS.get(looks[-1].ending, "") if looks else "",
         lines=[standing.look_line(look) for look in looks],
         plan=[text.strip() for text in standing.plan_lines(design, released)],
         rows=[

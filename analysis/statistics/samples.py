@@ -196,7 +196,7 @@ def holm(p_values: ArrayLike) -> NDArray[np.float64]:
     return adjusted
 
 
-MARGIN = 5.0
+DEFAULT_MARGIN = 5.0
 """Points of mastered tasks under which a difference does not matter."""
 
 
@@ -224,7 +224,7 @@ def contrary(standing: Standing) -> Standing:
     return swapped.get(standing, standing)
 
 
-def greater(low: float, high: float, margin: float = MARGIN) -> Standing:
+def greater(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing:
     """Return the standing of "the difference is over 0", by its interval.
 
     Supported where the whole interval is over 0; else refuted where it is under `margin`, so that a
@@ -235,7 +235,7 @@ def greater(low: float, high: float, margin: float = MARGIN) -> Standing:
     return Standing.REFUTED if high < margin else Standing.UNDECIDED
 
 
-def equivalent(low: float, high: float, margin: float = MARGIN) -> Standing:
+def equivalent(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing:
     """Return the standing of "the difference does not matter", by the interval of the difference.
 
     Supported where the interval is within plus and minus `margin`; else refuted where it leaves out 0. An

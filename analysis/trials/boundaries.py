@@ -1,10 +1,8 @@
-"""Boundaries of sequential tests: error spent by information, and the probabilities of crossing.
+"""Boundaries of group-sequential tests by error spending, and their crossing probabilities.
 
-All of it is on the scale of standard normal test statistics, and of one side: a boundary is crossed at the
-first look whose statistic is over it. Statistics of looks have the canonical joint distribution (Jennison and
+Boundaries are one-sided, on the scale of standard normal test statistics: a boundary is crossed at the first
+look whose statistic is over it. Statistics of looks have the canonical joint distribution (Jennison and
 Turnbull, 2000, chapter 3): the correlation of two is the root of the ratio of their information.
-
-`information` is that of each look, rising, in any unit, and `bounds` are boundaries of looks.
 """
 
 import math
@@ -17,24 +15,24 @@ from numpy.typing import NDArray
 from scipy import optimize, special
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(96)
-"""Gauss and Legendre's quadrature on [-1, 1]: probabilities of crossing are exact to 1e-9."""
+"""Gauss-Legendre quadrature on [-1, 1], by which crossing probabilities are exact to 1e-9."""
 
 LOWEST = -9.0
 """Standard deviations under the mean at which densities are cut."""
 
 HIGHEST = 40.0
-"""Boundary over which none is looked for: its error is 0 in double precision."""
+"""Upper limit of the search for boundaries; its error is 0 in double precision."""
 
 FURTHEST = 12.0
-"""Standard errors from an estimate within which the median-unbiased one is."""
+"""Largest distance of a median-unbiased estimate from the naive one, standard errors."""
 
 Floats = NDArray[np.float64]
 
 
 def spent(fraction: float, error: float) -> float:
-    """Return the one-sided `error` spent at a `fraction` of the information, as by O'Brien and Fleming.
+    """Return the one-sided error spent at a fraction of the information, of `error` in total.
 
-    Lan and DeMets (1983), their first function, for one side: 2 - 2 Phi(z(1 - error / 2) / sqrt(fraction)).
+    Lan and DeMets' (1983) function like O'Brien and Fleming's: 2 - 2 Phi(z(1 - error / 2) / sqrt(fraction)).
     """
     return 2 * float(special.ndtr(special.ndtri(error / 2) / math.sqrt(fraction)))
 
@@ -43,50 +41,50 @@ def spent(fraction: float, error: float) -> float:
 def boundaries(
     fractions: tuple[float, ...], error: float, information: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Return the boundary of each look, at which the error that `spent` allows is spent.
+    """Return the boundary of each look that spends the error `spent` allows.
 
     Args:
-        fractions: information of each look, rising to 1.
+        fractions: planned information of each look as a share of the last one's, by which error is spent.
         error: one-sided error of all looks together.
-        information: information of each look in any unit, which gives the correlations.
+        information: information of each look in any unit, which determines the correlations.
     """
-    found: list[float] = []
+    bounds: list[float] = []
     path, before = _Path(), 0.0
     for fraction, held in zip(fractions, information, strict=True):
         allowed = spent(fraction, error) - before
-        found.append(
+        bounds.append(
             float(optimize.brentq(lambda c: path.over(c, held) - allowed, LOWEST, HIGHEST, xtol=1e-10))  # noqa: B023
         )
-        path, before = path.under(found[-1], held), before + allowed
-    return tuple(found)
+        path, before = path.under(bounds[-1], held), before + allowed
+    return tuple(bounds)
 
 
 def crossing(bounds: Sequence[float], information: Sequence[float], drift: float = 0.0) -> list[float]:
-    """Return the probability of each look to be the first whose statistic is over its bound.
+    """Return the probability that each look is the first to cross its boundary.
 
-    By numerical integration over the statistics that crossed nowhere (Armitage, McPherson and Rowe, 1969).
+    By recursive numerical integration (Armitage, McPherson and Rowe, 1969).
 
     Args:
         bounds: boundary of each look.
-        information: information of each look, rising.
+        information: information of each look, rising, in any unit.
         drift: true difference, in the unit whose standard error at information i is 1 / sqrt(i).
     """
-    path, found = _Path(), []
-    for bound, held in zip(bounds, information, strict=True):
-        found.append(path.over(bound, held, drift))
-        path = path.under(bound, held, drift)
-    return found
+    path, probabilities = _Path(), []
+    for bound, information_now in zip(bounds, information, strict=True):
+        probabilities.append(path.over(bound, information_now, drift))
+        path = path.under(bound, information_now, drift)
+    return probabilities
 
 
 def median_unbiased(statistic: float, bounds: Sequence[float], information: Sequence[float]) -> float:
-    """Return the estimate of a difference that is too high as often as too low, after a stop.
+    """Return the median-unbiased estimate of a difference after a sequential test has stopped.
 
-    By the stagewise order of results: crossing sooner is more (Jennison and Turnbull, 2000, section 8.4).
+    By the stagewise ordering of results (Jennison and Turnbull, 2000, section 8.4).
 
     Args:
-        statistic: statistic of the look at which the trial stopped, the last of `information`.
-        bounds: boundary of the looks before it.
-        information: information of each look until then, rising.
+        statistic: statistic of the look at which the test stopped.
+        bounds: boundaries of the looks before it.
+        information: information of each look until the stop, rising.
     """
     naive = statistic / math.sqrt(information[-1])
     if not bounds:
@@ -103,12 +101,14 @@ def median_unbiased(statistic: float, bounds: Sequence[float], information: Sequ
 
 @dataclass(frozen=True)
 class _Path:
-    """Scores S = Z sqrt(I) that crossed nowhere, whose increments are independent, N(drift dI, dI).
+    """Distribution of the scores S = Z sqrt(I) that crossed no boundary so far.
+
+    Increments of scores are independent, N(drift dI, dI).
 
     Attributes:
         scores: quadrature nodes (n,).
-        density: probability at each, weights included (n,).
-        information: information of their look.
+        density: probability at each node, weights included (n,).
+        information: information of the look.
     """
 
     scores: Floats = field(default_factory=lambda: np.zeros(1))
@@ -122,7 +122,7 @@ class _Path:
         return float(self.density @ special.ndtr(distance / math.sqrt(step)))
 
     def under(self, bound: float, information: float, drift: float = 0.0) -> "_Path":
-        """Return the scores that do not cross `bound` at the next look."""
+        """Return the distribution of the scores that do not cross `bound` at the next look."""
         step, root = information - self.information, math.sqrt(information)
         low, high = LOWEST + min(drift * root, bound), min(bound, drift * root - LOWEST)
         scores = root * ((high - low) / 2 * NODES + (high + low) / 2)

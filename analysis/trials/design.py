@@ -1,4 +1,4 @@
-"""The design of a trial: what is fixed before its first run, from what was released."""
+"""Designs of trials, fixed before the first run by the results of a release."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ from analysis.data.columns import CELL
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.measures.run_measures import NOT_FINITE, run_measures
-from analysis.measures.tested import FINAL, HEADLINE
+from analysis.measures.tested import AREA_MARGIN, FINAL, HEADLINE
 from analysis.statistics import Scale, describe, least_variance, stratum_weights
 from analysis.statistics.power import POWER
 from analysis.statistics.samples import deviations, negligible
@@ -28,37 +28,33 @@ from tma_ray.support.texts import counted
 from tma_ray.tasks import KnowledgeLevel
 
 SCALES = {HEADLINE: Scale.ARCSINE, FINAL: Scale.PERCENT}
-"""Measures of a trial, in per cent, and the scales on which they are tested: the one that it is designed for,
-whose spread grows with its mean in per cent, and the one that is reported beside."""
+"""Scale on which each measure of a trial is tested: the measure that it is designed for, whose spread grows
+with its mean, and the one that is reported beside it."""
 
 AXES = tuple(SCALES)
-"""Those measures."""
+"""Measures of a trial."""
 
 SCALED = {HEADLINE: "angle", FINAL: "end"}
-"""Columns of `ended_runs` with the measures on the scales on which they are tested."""
-
-MARGIN = 2.5
-"""Difference in points of `HEADLINE` that does not matter. Mastery grows about evenly over a run, so that its
-mean over the budget is half of its end: this is half of the 5 points by which ends are judged."""
+"""Columns of `ended_runs` with the measures on the scales of their tests."""
 
 CHALLENGE = 2
 """Number of the columns of `CELL` that name a challenge; its cells share the weight of one."""
 
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
-"""Errors to spend: a design has the largest whose verdicts are wrong in at most `ERROR` of trials."""
+"""Errors to spend, of which a design has the largest with wrong verdicts in at most `ERROR` of trials."""
 
 TRIALS = 4_000
-"""Simulated trials behind that choice."""
+"""Simulated trials behind the choice of the error."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Spread of a measure between the runs of a release in a cell, on the scale on which it is tested.
+    """Spread of a measure between a release's runs in a cell, on the scale of its test.
 
     Attributes:
-        slope: points of the measure per unit of that scale, at the mean of the release.
+        slope: points of the measure per unit of the scale, at the mean of the release.
         deviation: standard deviation of a run, pooled over the release's teachers.
-        least: least variance of a teacher's runs that counts, of `statistics.least_variance`.
+        least: `statistics.least_variance` of the release's teachers.
     """
 
     slope: float
@@ -71,18 +67,18 @@ class TrialCell:
     """A cell of a trial.
 
     Attributes:
-        name: name of it: the challenge, with the body where the release has it with several.
-        environment: its name.
-        challenge: its name.
-        embodiment: body.
-        student: algorithm.
-        expert_knowledge: level offered.
+        name: name of the challenge, with the embodiment where the release has several.
+        environment: environment.
+        challenge: challenge.
+        embodiment: embodiment.
+        student: student.
+        expert_knowledge: level of expert knowledge.
         slope: points of `HEADLINE` per radian of its arcsine, at the mean of the release.
-        deviation: standard deviation of a run on the arcsine scale, rad, pooled over the release's teachers.
+        deviation: standard deviation of a run, pooled over the release's teachers, rad.
         hours: median hours of a run in the release; 0 if unknown.
-        weight: weight in the mean over cells; None in designs of before, whose cells have equal weights.
-        least: least variance of a teacher's runs that counts, rad².
-        end: spread of `FINAL`; None in designs of before, which report `HEADLINE` alone.
+        weight: weight in the mean over cells; None in older designs, whose cells have equal weights.
+        least: least variance of a teacher's runs, rad².
+        end: spread of `FINAL`; None in older designs, which report `HEADLINE` alone.
     """
 
     name: str
@@ -99,7 +95,7 @@ class TrialCell:
     end: Spread | None = None
 
     def spread(self, measure: str) -> Spread:
-        """Return the spread of one of `AXES` that the design has."""
+        """Return the spread of a measure of the design."""
         if measure == FINAL:
             assert self.end is not None, f"no {FINAL} in the design of {self.name}"
             return self.end
@@ -113,23 +109,23 @@ class TrialCell:
 
 @dataclass(frozen=True)
 class Design:
-    """Design of a trial, fixed beforehand.
+    """Design of a trial, fixed before its first run.
 
     Attributes:
-        teacher: its canonical name.
+        teacher: canonical name of the new teacher.
         release: name of the release it is compared with.
-        release_digest: SHA-256 of the runs of the release that it is compared with.
+        release_digest: SHA-256 of the runs of the references and their results.
         best: teacher of the release with the highest mean of `HEADLINE`, other than Random.
-        candidates: number of teachers that it was chosen among.
+        candidates: number of teachers among which `best` was selected.
         cells: cells, in the order in which they are run.
-        seeds: seeds of the new teacher, none of which those runs have.
-        margin: difference in points of `HEADLINE` that does not matter; see `margin_of`.
-        error: error that is spent, of both comparisons together; at most `ERROR`, and less where simulated
-            trials with the release's residuals need it.
+        seeds: seeds of the new teacher, disjoint from those of the references.
+        margin: equivalence margin of `HEADLINE`, in points; see `margin_of`.
+        error: error to spend, of both comparisons together; below `ERROR` where simulated trials with the
+            release's residuals need it.
         simulated_error: share of those trials with a wrong verdict, the largest over true differences.
         looks: seeds of every cell at each look.
         measure: column of `run_measures`.
-        runs: SHA-256 of the ids of all runs: another source or setting of the teacher is another trial.
+        runs: SHA-256 of the ids of all runs, which depend on the teacher's source and settings.
     """
 
     teacher: str
@@ -139,7 +135,7 @@ class Design:
     candidates: int
     cells: tuple[TrialCell, ...]
     seeds: tuple[int, ...]
-    margin: float = MARGIN
+    margin: float = AREA_MARGIN
     error: float = rules.ERROR
     simulated_error: float = 0.0
     looks: tuple[int, ...] = rules.LOOKS
@@ -148,25 +144,29 @@ class Design:
 
     @classmethod
     def of(cls, content: Mapping[str, Any], where: str) -> "Design":
-        """Return the design of a trial file; `DamagedFileError` where it is not what was written."""
+        """Return the design of a trial file.
+
+        Raises:
+            DamagedFileError: if the content is no design.
+        """
         return decode_json(json.dumps(content), cls, where)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
+        """Return the design as plain data."""
         return asdict(self)
 
     @property
     def references(self) -> tuple[str, str]:
-        """Teachers that the new one is compared with."""
+        """Teachers with which the new one is compared."""
         return BASELINE, self.best
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Those of `AXES` that it has, the one that it is made for first."""
+        """Measures of the design, the one that it is made for first."""
         return AXES if all(cell.end for cell in self.cells) else AXES[:1]
 
     def estimand(self, measure: str = HEADLINE) -> rules.Estimand:
-        """Return the mean over cells of one of `axes`: challenges count equally, and the bodies of each."""
+        """Return the estimand of a measure."""
         spreads = [cell.spread(measure) for cell in self.cells]
         equal = 1 / len(self.cells)
         return rules.Estimand(
@@ -176,55 +176,56 @@ class Design:
         )
 
     def margin_of(self, measure: str) -> float:
-        """Return the difference in points of one of `axes` that does not matter; see `MARGIN`."""
+        """Return the equivalence margin of a measure, in points; at the end it is twice as wide."""
         return 2 * self.margin if measure == FINAL else self.margin
 
     @property
     def places(self) -> list[tuple[str, ...]]:
-        """Place of each cell."""
+        """Values of `CELL` of each cell."""
         return [cell.place for cell in self.cells]
 
-    def rule(self, reference: str, runs: rules.Floats, measure: str = HEADLINE) -> rules.Rule:
-        """Return the rule of the comparison with one of `references`, of `runs` in each cell (cells,)."""
+    def rule(self, reference: str, runs: rules.Floats, measure: str = HEADLINE) -> rules.DecisionRule:
+        """Return the decision rule of the comparison with a reference that has `runs` runs (cells,)."""
         candidates = 1 if is_baseline(reference) else self.candidates
         fractions = rules.planned_fractions(self.looks, self.estimand(measure).factors, runs)
         margin, error = self.margin_of(measure), self.error / rules.COMPARISONS
-        return rules.Rule(self.looks, fractions, margin, candidates, error)
+        return rules.DecisionRule(self.looks, fractions, margin, candidates, error)
 
     def is_asked_for(self, teacher: str, release: str, cells: Collection[str], margin: float) -> bool:
-        """True if it is the design of a trial of `teacher` against `release`, in cells of these names."""
-        own = self.teacher, self.release, {cell.name for cell in self.cells}, self.margin
-        return own == (teacher, release, set(cells), margin)
+        """Return True if teacher, release, cells and margin are those of the design."""
+        settings = self.teacher, self.release, {cell.name for cell in self.cells}, self.margin
+        return settings == (teacher, release, set(cells), margin)
 
     def renewed(self, released: pd.DataFrame) -> "Design":
-        """Return it with the digest of the runs in `released` that it is compared with; see `released_runs`.
+        """Return the design with the digest of the references' runs in `released`.
 
-        A release that has grown by runs of others is the same to a trial.
+        The digest ignores other runs, so a release may grow during a trial.
         """
         return replace(self, release_digest=_digest(released, self.references, self.places))
 
     def differing(self, other: "Design") -> list[str]:
-        """Return the settings in which another design differs, in words."""
-        mine, theirs = self.to_dict(), other.to_dict()
-        words = [
-            f"{name}: {mine[name]!r:.80}, not {theirs[name]!r:.80}"
-            for name in mine
-            if name not in {"error", "simulated_error", "runs"} and mine[name] != theirs[name]
+        """Return a phrase for each setting that differs in another design."""
+        first, second = self.to_dict(), other.to_dict()
+        phrases = [
+            f"{name}: {first[name]!r:.80}, not {second[name]!r:.80}"
+            for name in first
+            if name not in {"error", "simulated_error", "runs"} and first[name] != second[name]
         ]
-        if not words and self.runs != other.runs:
-            words = [f"runs: the source of {self.teacher} or a setting of its runs is another one"]
-        return words
+        if not phrases and self.runs != other.runs:
+            phrases = [f"runs: the source of {self.teacher} or a setting of its runs is another one"]
+        return phrases
 
 
 def released_runs(frames: Frames) -> pd.DataFrame:
-    """Return the runs of a release that a trial is compared with: of `ended_runs`, with finite returns."""
+    """Return the ended runs of a release with finite returns."""
     return ended_runs(frames).dropna(subset=["angle"])
 
 
 def ended_runs(frames: Frames) -> pd.DataFrame:
-    """Return the runs that have ended: `CELL`, teacher, run_id, seed, `AXES` and `SCALED` columns.
+    """Return the ended runs, with NaN in place of the measures of runs with non-finite returns.
 
-    All measures of a run whose returns are not finite are NaN.
+    Returns:
+        `CELL`, teacher, run_id, seed, the measures of `AXES` and the columns of `SCALED`.
     """
     cells = frames.cells[[*CELL, "teacher", "seed", "run_id"]].drop_duplicates()
     measures = run_measures(frames, training=False)
@@ -235,16 +236,16 @@ def ended_runs(frames: Frames) -> pd.DataFrame:
 
 
 def in_cell(runs: pd.DataFrame, place: tuple[str, ...]) -> pd.DataFrame:
-    """Return those of `runs` in the cell at a place, values of `CELL`."""
+    """Return the runs of the cell with these values of `CELL`."""
     return runs[(runs[CELL] == list(place)).all(axis=1)]
 
 
 def moments_of(
     runs: pd.DataFrame, teacher: str, places: Sequence[tuple[str, ...]], measure: str = HEADLINE
 ) -> rules.Moments:
-    """Return the moments of a teacher's `runs` in each cell; NaN of a sample that is too small."""
-    own = runs[runs["teacher"] == teacher]
-    samples = [in_cell(own, place)[SCALED[measure]].to_numpy(float) for place in places]
+    """Return the moments of a teacher's runs in each cell; NaN where a sample is too small."""
+    rows = runs[runs["teacher"] == teacher]
+    samples = [in_cell(rows, place)[SCALED[measure]].to_numpy(float) for place in places]
     with np.errstate(invalid="ignore", divide="ignore"):
         means = [sample.mean() if sample.size else np.nan for sample in samples]
         variances = [sample.var(ddof=1) if sample.size > 1 else np.nan for sample in samples]
@@ -255,39 +256,38 @@ def make_design(
     teacher: str,
     baseline: Baseline,
     frames: Frames,
-    margin: float = MARGIN,
-    wanted: Collection[str] = (),
+    margin: float = AREA_MARGIN,
+    cells: Collection[str] = (),
     looks: tuple[int, ...] = rules.LOOKS,
 ) -> Design:
     """Return the design of a trial against a release.
 
-    Its error is the largest of `ERRORS` by which simulated verdicts are wrong rarely enough: Student's
-    quantiles of few and skewed values spend more than they should, as trials over one cell show.
+    Its error is the largest of `ERRORS` whose simulated verdicts are wrong rarely enough: Student's quantiles
+    of few and skewed values spend more than their nominal error, most with a single cell.
 
     Args:
         teacher: canonical name of the new teacher.
         baseline: the release.
-        frames: its frames.
-        margin: difference in points that does not matter.
-        wanted: names of cells: the challenge, with the body where it has several; all by default.
+        frames: frames of the release.
+        margin: equivalence margin, in points.
+        cells: names of cells, as in `TrialCell`; all by default.
         looks: seeds of every cell at each look.
 
     Raises:
-        ValueError: an unknown cell, too few runs of Random or of others to compare with, no spread between
-            seeds, or verdicts that would be wrong too often.
+        ValueError: if a cell is unknown, the references have too few runs or no spread between seeds, or
+            verdicts would be wrong too often.
     """
     released, core = released_runs(frames), baseline.manifest.core
     released = released[released["teacher"] != teacher]
-    cells = frames.cells[frames.cells["campaign"].isin(core)] if core else frames.cells
-    places = _chosen(cells, wanted)
-    best, candidates = _best(released, list(places.values()), baseline.manifest.name)
+    in_core = frames.cells[frames.cells["campaign"].isin(core)] if core else frames.cells
+    places, name = _places(in_core, cells), baseline.manifest.name
+    best, candidates = _best(released, list(places.values()), name)
     first = int(released.loc[released["teacher"].isin([BASELINE, best]), "seed"].max()) + 1
     seeds = tuple(range(first, first + looks[-1]))
-    chosen = _cells(places, released, frames)
-    name = baseline.manifest.name
-    if not any(cell.deviation for cell in chosen):
+    trial_cells = _cells(places, released, frames)
+    if not any(cell.deviation for cell in trial_cells):
         raise ValueError(f"{name} has no spread between seeds in these cells: choose others or more of them")
-    design = Design(teacher, name, "", best, candidates, chosen, seeds, margin, looks=looks)
+    design = Design(teacher, name, "", best, candidates, trial_cells, seeds, margin, looks=looks)
     design = design.renewed(released)
     for error in ERRORS:
         design = replace(design, error=error)
@@ -302,23 +302,20 @@ def make_design(
     )
 
 
-def _chosen(cells: pd.DataFrame, wanted: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return the places of Random at the highest level of knowledge that each has, by name."""
-    own = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
-    found = {tuple(map(str, row)) for row in own[CELL].itertuples(index=False)}
-    ordered = sorted(found, key=lambda place: (place[:-1], KnowledgeLevel(place[-1]).rank))
-    places = {place[:-1]: place for place in ordered}  # the last of each, which is the highest
-    challenges = [place[:2] for place in places.values()]
-    known = {
-        place[1] if challenges.count(place[:2]) == 1 else f"{place[1]}/{place[2]}": place
-        for place in places.values()
-    }
-    for name in wanted:
-        if name not in known:
+def _places(cells: pd.DataFrame, names: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Return the cells of Random at their highest level of knowledge, as values of `CELL` by name."""
+    rows = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
+    keys = {tuple(map(str, row)) for row in rows[CELL].itertuples(index=False)}
+    rising = sorted(keys, key=lambda key: (key[:-1], KnowledgeLevel(key[-1]).rank))
+    highest = {key[:-1]: key for key in rising}.values()
+    challenges = [key[:2] for key in highest]
+    by_name = {key[1] if challenges.count(key[:2]) == 1 else f"{key[1]}/{key[2]}": key for key in highest}
+    for name in names:
+        if name not in by_name:
             raise ValueError(
-                f"the release has no cell {name!r}: {nearest(name, known)}it has {', '.join(known)}"
+                f"the release has no cell {name!r}: {nearest(name, by_name)}it has {', '.join(by_name)}"
             )
-    return {name: place for name, place in known.items() if not wanted or name in wanted}
+    return {name: key for name, key in by_name.items() if not names or name in names}
 
 
 def _cells(
@@ -326,41 +323,41 @@ def _cells(
 ) -> tuple[TrialCell, ...]:
     """Return the cells in falling order of signal to noise per core-hour.
 
-    That is the variance between the release's teachers, without what their seeds add to it, over the variance
-    of a run, for each hour of a run.
+    The signal is the variance between the release's teachers less the share of seeds, the noise the variance
+    of a run.
     """
-    found, weights = [], _weights(list(places.values()))
+    ranked, weights = [], _weights(list(places.values()))
     for (name, place), weight in zip(places.items(), weights, strict=True):
         rows = in_cell(released, place)
         groups = rows.groupby("teacher")["angle"]
-        own, end = (_spread(rows, measure) for measure in AXES)
+        area, end = (_spread(rows, measure) for measure in AXES)
         hours = frames.run_hours.reindex(rows["run_id"].unique()).median()
         hours = 0.0 if np.isnan(hours) else float(hours)
-        noise = own.deviation**2
+        noise = area.deviation**2
         signal = max(float(groups.mean().var()) - noise * float((1 / groups.size()).mean()), 0.0)
         cell = TrialCell(
             name,
             **dict(zip(CELL, place, strict=True)),
-            slope=own.slope,
-            deviation=own.deviation,
+            slope=area.slope,
+            deviation=area.deviation,
             hours=hours,
             weight=weight,
-            least=own.least,
+            least=area.least,
             end=end,
         )
         ratio = signal / noise if noise else np.inf
-        found.append((ratio / (hours or 1.0), cell))
-    return tuple(cell for _, cell in sorted(found, key=itemgetter(0), reverse=True))
+        ranked.append((ratio / (hours or 1.0), cell))
+    return tuple(cell for _, cell in sorted(ranked, key=itemgetter(0), reverse=True))
 
 
 def _weights(places: Sequence[tuple[str, ...]]) -> list[float]:
-    """Return the weight of each cell: equal for challenges, and for the cells of one."""
+    """Return cells' weights with sum 1, equal for challenges and for the cells of each."""
     weights = stratum_weights([place[:CHALLENGE] for place in places])
     return [weight / sum(weights) for weight in weights]
 
 
 def _spread(rows: pd.DataFrame, measure: str) -> Spread:
-    """Return the spread of a measure between the runs of a cell."""
+    """Return the spread of a measure between the runs of one cell."""
     groups = rows.groupby("teacher")[SCALED[measure]]
     sizes, means = groups.size(), groups.mean()
     variances = groups.var().mask(negligible(groups.std(), means), 0.0)
@@ -371,7 +368,7 @@ def _spread(rows: pd.DataFrame, measure: str) -> Spread:
 
 
 def _candidates(released: pd.DataFrame, places: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return the teachers but Random with as many runs in each cell as that has."""
+    """Return the teachers other than Random with at least as many runs as Random in each cell."""
     needed = moments_of(released, BASELINE, places).runs
     return [
         teacher
@@ -381,7 +378,7 @@ def _candidates(released: pd.DataFrame, places: Sequence[tuple[str, ...]]) -> li
 
 
 def _best(released: pd.DataFrame, places: Sequence[tuple[str, ...]], name: str) -> tuple[str, int]:
-    """Return the best teacher but Random over cells, and how many have as many runs."""
+    """Return the best teacher other than Random over cells, and the number of candidates."""
     needed = moments_of(released, BASELINE, places).runs
     if needed.min() < 3:
         runs = counted(int(needed.min()), "run")
@@ -397,9 +394,9 @@ def _best(released: pd.DataFrame, places: Sequence[tuple[str, ...]], name: str) 
 
 
 def _digest(released: pd.DataFrame, teachers: Sequence[str], places: Sequence[tuple[str, ...]]) -> str:
-    """Return the SHA-256 of the runs of some teachers in the cells at some places, and their results."""
-    own = released[released["teacher"].isin(teachers)]
-    rows = pd.concat([in_cell(own, place) for place in places])
+    """Return the SHA-256 of the ids and results of some teachers' runs in some cells."""
+    runs = released[released["teacher"].isin(teachers)]
+    rows = pd.concat([in_cell(runs, place) for place in places])
     lines = sorted(
         f"{run_id} {area:.6f}" for run_id, area in zip(rows["run_id"], rows[HEADLINE], strict=True)
     )
@@ -407,29 +404,31 @@ def _digest(released: pd.DataFrame, teachers: Sequence[str], places: Sequence[tu
 
 
 def setting_of(design: Design, released: pd.DataFrame, measure: str = HEADLINE) -> rules.Setting:
-    """Return a design for simulated trials, with residuals of the teachers that the best is chosen among."""
+    """Return the parameters that simulate trials of a design."""
     teachers = [BASELINE, *_candidates(released, design.places)]
     residuals = []
     for place in design.places:
         groups = in_cell(released, place).groupby("teacher")[SCALED[measure]]
         samples = [groups.get_group(teacher).to_numpy(float) for teacher in teachers]
-        residuals.append(tuple(deviations(each) * np.sqrt(each.size / (each.size - 1)) for each in samples))
+        residuals.append(
+            tuple(deviations(sample) * np.sqrt(sample.size / (sample.size - 1)) for sample in samples)
+        )
     runs = moments_of(released, BASELINE, design.places).runs
     both = tuple(design.rule(reference, runs, measure) for reference in design.references)
     return rules.Setting(both, design.estimand(measure), tuple(residuals), runs)
 
 
 def detectable(design: Design, reference: str, runs: rules.Floats) -> float:
-    """Return the difference in points that a trial finds with probability `POWER`, at any of its looks.
+    """Return the detectable difference of a trial with power `POWER` over all looks, in points.
 
-    For normal runs with the release's standard deviations.
+    Runs are assumed normal with the release's standard deviations.
     """
     rule, expected = design.rule(reference, runs), planned(design, runs)
-    freedoms = [float(each.freedom) for each in expected]
     bounds = [
-        float(rules.quantile(np.array(f), bound)) for f, bound in zip(freedoms, rule.lower, strict=True)
+        float(rules.quantile(estimate.freedom, bound))
+        for estimate, bound in zip(expected, rule.lower, strict=True)
     ]
-    information = [float(each.error) ** -2 for each in expected]
+    information = [float(estimate.error) ** -2 for estimate in expected]
     scale = float(expected[-1].error)
 
     def excess(shift: float) -> float:
@@ -438,8 +437,8 @@ def detectable(design: Design, reference: str, runs: rules.Floats) -> float:
     return float(optimize.brentq(excess, 0.0, 50.0)) * scale
 
 
-def planned(design: Design, runs: rules.Floats, measure: str = HEADLINE) -> list[rules.Difference]:
-    """Return the information of each look if the new teacher is like the reference."""
+def planned(design: Design, runs: rules.Floats, measure: str = HEADLINE) -> list[rules.DifferenceEstimate]:
+    """Return the expected estimate at each look for a new teacher that is like the reference."""
     variance = np.array([cell.spread(measure).deviation ** 2 for cell in design.cells])
     reference = rules.Moments(np.zeros_like(variance), variance, runs)
     teachers = [replace(reference, runs=np.full_like(variance, seeds)) for seeds in design.looks]

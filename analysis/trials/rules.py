@@ -1,6 +1,6 @@
-"""The rules of a trial: repeated confidence intervals at its looks, verdicts by them, and when it is futile.
+"""Decision rules of trials: repeated confidence intervals, verdicts and futility.
 
-Every function takes arrays: one trial, or thousands of simulated ones, by the same rules.
+All functions are vectorised: they take one trial or thousands of simulated ones.
 """
 
 import math
@@ -17,28 +17,28 @@ from analysis.statistics.samples import negligible
 from analysis.trials.boundaries import boundaries
 
 LOOKS = (3, 5, 10, 20)
-"""Seeds of every cell after which a trial is looked at."""
+"""Seeds of every cell at the interim looks."""
 
 ERROR = 0.05
-"""Probability of a wrong verdict in either comparison, at any look."""
+"""Probability of a wrong verdict, over both comparisons and all looks."""
 
 COMPARISONS = 2
-"""With Random and with the best teacher: each has an equal part of the error (Bonferroni)."""
+"""Number of comparisons, with Random and the best teacher, which share the error equally (Bonferroni)."""
 
 FUTILE = 0.3
-"""Conditional power under which a comparison is given up."""
+"""Conditional power under which a comparison is futile."""
 
 Floats = NDArray[np.float64]
 
 
-class Verdict(StrEnum):
+class TrialVerdict(StrEnum):
     """Verdict of a comparison at a look.
 
     Attributes:
-        BETTER: the interval is over 0.
-        WORSE: it is under 0.
-        ALIKE: it is within the margin.
-        OPEN: none of these; more seeds may tell.
+        BETTER: interval over 0.
+        WORSE: interval under 0.
+        ALIKE: interval within the margin.
+        OPEN: none of these.
     """
 
     BETTER = "better"
@@ -49,12 +49,12 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Moments:
-    """Means of samples of runs in cells, on the arcsine scale.
+    """Moments of a teacher's runs in each cell, on the scale of the test.
 
     Attributes:
-        mean: means (..., cells), rad.
-        variance: variances of one run (..., cells), rad²; 0 in place of rounding errors of the means.
-        runs: number of runs of each (cells,).
+        mean: means (..., cells).
+        variance: sample variances (..., cells); 0 in place of rounding errors of the means.
+        runs: number of runs (cells,).
     """
 
     mean: Floats
@@ -74,13 +74,12 @@ class Moments:
 
 @dataclass(frozen=True, eq=False)
 class Estimand:
-    """Quantity that a trial estimates: the weighted mean of the cells' differences, in points.
+    """Estimand of a trial: the weighted mean of the cells' differences, in points.
 
     Attributes:
-        weights: weight of each cell (cells,), of `statistics.stratum_weights`, adding up to 1.
-        slopes: points per unit of the scale on which moments are (cells,).
-        least: least variance of a run that counts in each cell (cells,), of `statistics.least_variance`, on
-            the same scale.
+        weights: weight of each cell (cells,), with sum 1.
+        slopes: points per unit of the moments' scale (cells,).
+        least: `statistics.least_variance` of each cell (cells,), on the moments' scale.
     """
 
     weights: Floats
@@ -89,22 +88,22 @@ class Estimand:
 
     @property
     def factors(self) -> Floats:
-        """Points of the estimand per unit of the scale in each cell (cells,)."""
+        """Points of the estimand per unit of each cell's moments (cells,)."""
         return self.weights * self.slopes
 
     def variance(self, sample: Moments) -> Floats:
-        """Return the variances of one run that count in standard errors (..., cells)."""
+        """Return the variances that enter standard errors, at least `least` (..., cells)."""
         return np.maximum(sample.variance, self.least)
 
 
 @dataclass(frozen=True)
-class Difference:
-    """Differences of a teacher to a reference over all cells, in points of the measure.
+class DifferenceEstimate:
+    """Estimate of the difference between a teacher and a reference over all cells, in points.
 
     Attributes:
         value: weighted mean over cells (...).
-        error: its standard error (...).
-        freedom: degrees of freedom after Welch and Satterthwaite (...); NaN where no sample has a spread.
+        error: standard error (...).
+        freedom: Welch-Satterthwaite degrees of freedom (...); NaN where no sample has a spread.
     """
 
     value: Floats
@@ -112,33 +111,33 @@ class Difference:
     freedom: Floats
 
 
-def difference(teacher: Moments, reference: Moments, estimand: Estimand) -> Difference:
-    """Return the difference over cells, tested as by `statistics.stratified` with least variances.
+def difference(teacher: Moments, reference: Moments, estimand: Estimand) -> DifferenceEstimate:
+    """Return the difference over cells, as `statistics.stratified` estimates it with least variances.
 
-    These widen the standard error and leave the degrees of freedom as they are.
+    Least variances widen the standard error and leave the degrees of freedom as they are.
     """
     squares = estimand.factors**2
-    sides = [(side, squares / side.runs) for side in (teacher, reference)]
-    own = [(factors * side.variance, side.runs - 1) for side, factors in sides]
-    with np.errstate(invalid="ignore", divide="ignore"):  # no spread in any sample: no interval
-        freedom = sum(part.sum(axis=-1) for part, _ in own) ** 2 / sum(
-            (part**2 / count).sum(axis=-1) for part, count in own
+    groups = [(group, squares / group.runs) for group in (teacher, reference)]
+    terms = [(factors * group.variance, group.runs - 1) for group, factors in groups]
+    with np.errstate(invalid="ignore", divide="ignore"):  # without spread in any sample
+        freedom = sum(term.sum(axis=-1) for term, _ in terms) ** 2 / sum(
+            (term**2 / count).sum(axis=-1) for term, count in terms
         )
-    variance = sum((factors * estimand.variance(side)).sum(axis=-1) for side, factors in sides)
+    variance = sum((factors * estimand.variance(group)).sum(axis=-1) for group, factors in groups)
     value = (estimand.factors * (teacher.mean - reference.mean)).sum(axis=-1)
-    return Difference(value, np.sqrt(variance), freedom)
+    return DifferenceEstimate(value, np.sqrt(variance), freedom)
 
 
 @dataclass(frozen=True)
-class Rule:
-    """The rule of one comparison.
+class DecisionRule:
+    """Group-sequential decision rule of one comparison.
 
     Attributes:
         looks: seeds of every cell at each look.
-        fractions: information of each look over that of the last, as planned.
-        margin: largest difference in points that does not matter.
-        candidates: number of teachers of which the reference was the best; 1 if it was not chosen.
-        error: probability of a wrong verdict at any look.
+        fractions: planned information of each look as a share of the last one's.
+        margin: equivalence margin, points.
+        candidates: number of teachers that the reference is the best of; 1 if it was not selected.
+        error: probability of a wrong verdict over all looks.
     """
 
     looks: tuple[int, ...]
@@ -149,57 +148,59 @@ class Rule:
 
     @cached_property
     def lower(self) -> tuple[float, ...]:
-        """Standard errors under the difference at which the interval of each look begins, if normal."""
+        """Boundaries of the intervals' lower ends, in standard errors of a normal statistic."""
         return self._bounds(self.error / 2)
 
     @cached_property
     def upper(self) -> tuple[float, ...]:
-        """Standard errors over the difference at which it ends: further for one chosen as the best.
+        """Boundaries of the intervals' upper ends, with Šidák's correction for the choice of the best.
 
-        The best of several is overestimated, so that the difference to it is underestimated, never
-        overestimated: only end that needs Šidák's correction.
+        The best of several is overestimated and the difference to it underestimated, so only this end needs
+        the correction.
         """
         return self._bounds(1 - (1 - self.error / 2) ** (1 / self.candidates))
 
     def _bounds(self, error: float) -> tuple[float, ...]:
-        """Return boundaries that hold whatever the ratio of variances of teacher and reference is.
+        """Return boundaries that hold for any ratio of the variances of teacher and reference.
 
-        Error is spent by the planned information. Statistics of looks are least correlated, and cross most
-        often, where all variance is the new teacher's: this correlation is used (Slepian, 1962).
+        Crossing is most likely where statistics of looks correlate least (Slepian, 1962), which is where all
+        variance is the new teacher's and information grows with its seeds.
         """
         return boundaries(self.fractions, error, tuple(map(float, self.looks)))
 
-    def interval(self, found: Difference, look: int) -> tuple[Floats, Floats]:
-        """Return both ends of the repeated confidence interval at look `look`, from 0 on.
+    def interval(self, estimate: DifferenceEstimate, look: int) -> tuple[Floats, Floats]:
+        """Return both ends of the repeated confidence interval at a look.
 
-        Student's t in the place of the normal distribution, at the same probability. All intervals of a
-        trial hold the true difference at once with probability 1 - error.
+        Student's quantiles replace the normal ones. With probability 1 - error all intervals of a trial hold
+        the true difference.
         """
         return (
-            found.value - self.reach(found, look, above=True),
-            found.value + self.reach(found, look, above=False),
+            estimate.value - self.reach(estimate, look, above=True),
+            estimate.value + self.reach(estimate, look, above=False),
         )
 
-    def reach(self, found: Difference, look: int, *, above: bool) -> Floats:
-        """Return the least difference from 0, in points, for better at look `look`, or else for worse."""
+    def reach(self, estimate: DifferenceEstimate, look: int, *, above: bool) -> Floats:
+        """Return the smallest difference, in points, that is better (`above`) or worse at a look."""
         bounds = self.lower if above else self.upper
-        with np.errstate(invalid="ignore"):  # no spread in any sample: nothing is far enough
-            reach = quantile(found.freedom, bounds[look]) * found.error
-            return np.asarray(np.where(found.freedom > 0, reach, math.inf), np.float64)
+        with np.errstate(invalid="ignore"):  # without spread in any sample
+            reach = quantile(estimate.freedom, bounds[look]) * estimate.error
+            return np.asarray(np.where(estimate.freedom > 0, reach, math.inf), np.float64)
 
-    def verdicts(self, found: Difference, look: int) -> NDArray[np.str_]:
-        """Return the `Verdict` of each difference at look `look`."""
-        low, high = self.interval(found, look)
+    def verdicts(self, estimate: DifferenceEstimate, look: int) -> NDArray[np.str_]:
+        """Return the `TrialVerdict` of each difference at a look."""
+        low, high = self.interval(estimate, look)
         decided = (low > 0, high < 0, (low > -self.margin) & (high < self.margin))
-        return np.select(decided, (Verdict.BETTER, Verdict.WORSE, Verdict.ALIKE), Verdict.OPEN)
+        return np.select(
+            decided, (TrialVerdict.BETTER, TrialVerdict.WORSE, TrialVerdict.ALIKE), TrialVerdict.OPEN
+        )
 
     def power(
         self, teacher: Moments, reference: Moments, estimand: Estimand, last: int | None = None
     ) -> Floats:
-        """Return the probability that a later look decides, as the seeds so far let expect.
+        """Return the predictive power at look `last`, by default the last look of all.
 
-        Conditional power at look `last`, by default the last one, averaged over the differences that the
-        seeds so far leave open (predictive power; Spiegelhalter, Freedman and Blackburn, 1986).
+        Conditional power, averaged over the differences that the seeds so far leave open (Spiegelhalter,
+        Freedman and Blackburn, 1986).
         """
         last = len(self.looks) - 1 if last is None else last
         seeds = np.full_like(teacher.runs, self.looks[last])
@@ -208,7 +209,7 @@ class Rule:
         parts = estimand.factors**2 * estimand.variance(teacher) * (1 / teacher.runs - 1 / seeds)
         spread = np.sqrt(np.maximum(parts.sum(axis=-1), np.finfo(float).tiny))
         low, high = (self.reach(then, last, above=above) for above in (True, False))
-        # It decides outside [-high, low], and between low - margin and margin - high.
+        # The verdict is open within [-high, low], except alike between low - margin and margin - high.
         inside = np.minimum(self.margin - high, low), np.maximum(low - self.margin, -high)
 
         def chance(value: Floats) -> Floats:
@@ -220,34 +221,36 @@ class Rule:
 
 
 def planned_fractions(looks: Sequence[int], factors: Floats, reference_runs: Floats) -> tuple[float, ...]:
-    """Return the information of each look over that of the last, for equal variances in all samples.
+    """Return the information of each look as a share of the last one's, for equal variances.
 
-    The reference's runs in each cell (cells,) are fixed: their part of the variance stays. `factors` are
-    those of the `Estimand`.
+    Args:
+        looks: seeds of every cell at each look.
+        factors: factors of the `Estimand` (cells,).
+        reference_runs: number of runs of the reference, fixed for all looks (cells,).
     """
     variances = [float((factors**2 * (1 / seeds + 1 / reference_runs)).sum()) for seeds in looks]
     return tuple(variances[-1] / variance for variance in variances)
 
 
 def quantile(freedom: Floats, bound: float) -> Floats:
-    """Return Student's quantiles at the probability of a normal statistic under `bound`."""
+    """Return Student's quantiles at the same probabilities as the normal quantile `bound`."""
     return np.asarray(-special.stdtrit(freedom, float(special.ndtr(-bound))), np.float64)
 
 
-SEED = 41
-"""Seed of simulated trials: a design is the same whenever it is made."""
+SIMULATION_SEED = 41
+"""Seed of simulated trials, fixed so that designs are reproducible."""
 
 
 @dataclass(frozen=True)
-class Outcomes:
-    """Ends of simulated trials; the first of two comparisons is with Random, the second with the best.
+class SimulatedOutcomes:
+    """Outcomes of simulated trials, whose two comparisons are with Random and with the best teacher.
 
     Attributes:
-        verdicts: `Verdict` of each comparison (2, trials).
+        verdicts: `TrialVerdict` of each comparison (2, trials).
         seeds: seeds of every cell that were run (trials,).
-        estimates: difference at the look that decided, or the last one (2, trials), in points.
-        errors: its standard errors at that look (2, trials).
-        looks: number of that look (2, trials), from 0 on.
+        estimates: difference at the look of the verdict, or at the last one (2, trials), in points.
+        errors: standard error of the estimate (2, trials).
+        looks: index of that look (2, trials).
         wrong: True where either verdict is wrong (trials,).
     """
 
@@ -261,32 +264,31 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class Setting:
-    """A design as simulated trials see it.
+    """Parameters of simulated trials.
 
     Attributes:
-        rules: rules of the comparisons with Random and with the best.
-        estimand: estimand of both.
-        residuals: residuals of the runs of each released teacher in each cell, Random first, the candidates
-            for the best after it (cells, teachers, (n,)), on the scale of the moments.
+        rules: rules of the comparisons with Random and with the best teacher.
+        estimand: estimand of both comparisons.
+        residuals: residuals of released runs by cell and teacher, Random first and then the candidates for
+            the best (cells, teachers, (n,)), on the scale of the moments.
         runs: number of runs of each reference in each cell (cells,).
     """
 
-    rules: tuple[Rule, ...]
+    rules: tuple[DecisionRule, ...]
     estimand: Estimand
     residuals: tuple[tuple[Floats, ...], ...]
     runs: Floats
 
 
-def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Outcomes:
-    """Return the ends of trials where released teachers are alike and the new one differs by `true` points.
+def simulate(setting: Setting, true: float, trials: int, seed: int = SIMULATION_SEED) -> SimulatedOutcomes:
+    """Simulate trials in which released teachers have equal means and the new one differs by `true` points.
 
-    That is the least favourable case of the choice of the best: any candidate may seem so. Runs of a released
-    teacher have residuals of its own runs, so that variances differ between teachers as they do, and runs
-    of the new one those of a teacher that each trial draws.
+    Equal means are the least favourable case for the choice of the best. Runs of each released teacher are
+    bootstrapped from its own residuals, and runs of the new one from those of a random teacher per trial.
 
     Args:
-        setting: simulated setting.
-        true: true difference of the new teacher to any other, in points.
+        setting: parameters of the simulation.
+        true: true difference of the new teacher to all others, in points.
         trials: number of trials.
         seed: seed of the random draws.
     """
@@ -295,50 +297,54 @@ def simulate(setting: Setting, true: float, trials: int, seed: int = SEED) -> Ou
     new = _new_runs(setting, trials, rng) + (true / estimand.slopes)[:, None]
     references = _references(setting, trials, rng)
     shape = (COMPARISONS, trials)
-    verdicts = np.full(shape, Verdict.OPEN, dtype="<U6")
-    estimates, errors, at = np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int64)
+    verdicts = np.full(shape, TrialVerdict.OPEN, dtype="<U6")
+    estimates, errors, decided_at = np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int64)
     seeds, going = np.full(trials, looks[-1]), np.ones(trials, bool)
     for look, count in enumerate(looks):
         teacher = Moments.of(new[:, :, :count])
         hopeless = np.ones(trials, bool)
-        for place, (rule, reference) in enumerate(zip(setting.rules, references, strict=True)):
-            found = difference(teacher, reference, estimand)
-            live = going & (verdicts[place] == Verdict.OPEN)
-            verdicts[place][live] = rule.verdicts(found, look)[live]
-            estimates[place][live], errors[place][live] = found.value[live], found.error[live]
-            at[place][live] = look
+        for index, (rule, reference) in enumerate(zip(setting.rules, references, strict=True)):
+            estimate = difference(teacher, reference, estimand)
+            live = going & (verdicts[index] == TrialVerdict.OPEN)
+            verdicts[index][live] = rule.verdicts(estimate, look)[live]
+            estimates[index][live], errors[index][live] = estimate.value[live], estimate.error[live]
+            decided_at[index][live] = look
             power = rule.power(teacher, reference, estimand)
-            hopeless &= (verdicts[place] != Verdict.OPEN) | (power < FUTILE)
+            hopeless &= (verdicts[index] != TrialVerdict.OPEN) | (power < FUTILE)
         stops = going & hopeless
         seeds[stops] = count
         going &= ~stops
-    false = {Verdict.BETTER: true <= 0, Verdict.WORSE: true >= 0, Verdict.ALIKE: abs(true) >= margin}
+    false = {
+        TrialVerdict.BETTER: true <= 0,
+        TrialVerdict.WORSE: true >= 0,
+        TrialVerdict.ALIKE: abs(true) >= margin,
+    }
     wrong = np.isin(verdicts, [verdict.value for verdict, applies in false.items() if applies])
-    return Outcomes(verdicts, seeds, estimates, errors, at, np.any(wrong, axis=0))
+    return SimulatedOutcomes(verdicts, seeds, estimates, errors, decided_at, np.any(wrong, axis=0))
 
 
 def _new_runs(setting: Setting, trials: int, rng: np.random.Generator) -> Floats:
-    """Return runs of a new teacher in each trial (trials, cells, seeds), around 0."""
+    """Return simulated runs of a new teacher with mean 0 (trials, cells, seeds)."""
     drawn = np.zeros((trials, len(setting.residuals), setting.rules[0].looks[-1]))
     likes = rng.integers(len(setting.residuals[0]), size=trials)
     for cell, teachers in enumerate(setting.residuals):
         for teacher, values in enumerate(teachers):
-            mine = likes == teacher
-            drawn[mine, cell] = rng.choice(values, (int(mine.sum()), drawn.shape[2]))
+            chosen = likes == teacher
+            drawn[chosen, cell] = rng.choice(values, (int(chosen.sum()), drawn.shape[2]))
     return drawn
 
 
 def _references(setting: Setting, trials: int, rng: np.random.Generator) -> tuple[Moments, Moments]:
-    """Return the moments of Random and of the candidate with the highest mean in each trial."""
+    """Return the simulated moments of Random and of each trial's candidate with the highest mean."""
     shape = len(setting.residuals[0]), trials, len(setting.residuals)
     means, variances = np.zeros(shape), np.zeros(shape)
     for cell, (teachers, runs) in enumerate(zip(setting.residuals, setting.runs, strict=True)):
         for teacher, values in enumerate(teachers):
-            own = rng.choice(values, (trials, int(runs)))
-            means[teacher, :, cell], variances[teacher, :, cell] = own.mean(axis=1), own.var(axis=1, ddof=1)
-    best = 1 + (means[1:] * setting.estimand.factors).sum(axis=2).argmax(axis=0)
-    every = np.arange(trials)
+            drawn = rng.choice(values, (trials, int(runs)))
+            means[teacher, :, cell] = drawn.mean(axis=1)
+            variances[teacher, :, cell] = drawn.var(axis=1, ddof=1)
+    best = 1 + (means[1:] * setting.estimand.factors).sum(axis=2).argmax(axis=0), np.arange(trials)
     return (
         Moments(means[0], variances[0], setting.runs),
-        Moments(means[best, every], variances[best, every], setting.runs),
+        Moments(means[best], variances[best], setting.runs),
     )

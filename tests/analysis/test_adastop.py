@@ -4,7 +4,7 @@ import numpy as np
 
 from analysis.baselines import find_baseline
 from analysis.trials.design import in_cell, released_runs
-from analysis.trials.rules import Estimand, Moments, Rule, Verdict, difference, planned_fractions
+from analysis.trials.rules import DecisionRule, Estimand, Moments, TrialVerdict, difference, planned_fractions
 
 PLACE = ("stump_tracks", "original", "simulated", "simulated", "high")
 
@@ -31,7 +31,7 @@ ADASTOP = {
 Random on the original challenge: MultipleAgentsComparator(n=5, K=2, B=10000, alpha=0.025, seed=0),
 runs by seed."""
 
-WORDS = {Verdict.BETTER: "larger", Verdict.WORSE: "smaller", Verdict.OPEN: "equal"}
+WORDS = {TrialVerdict.BETTER: "larger", TrialVerdict.WORSE: "smaller", TrialVerdict.OPEN: "equal"}
 """Verdicts as AdaStop names them; its "equal" is what is not decided by the last look."""
 
 
@@ -39,14 +39,16 @@ def test_both_decide_alike_where_both_decide() -> None:
     runs_there = in_cell(released_runs(find_baseline("simulated-1").frames()), PLACE)
     angles = {name: rows.to_numpy(float)[None] for name, rows in runs_there.groupby("teacher")["angle"]}
     random = angles["random"]
-    rule = Rule((5, 10), planned_fractions((5, 10), np.ones(1), np.full(1, 10.0)), margin=1e-9, error=0.025)
+    rule = DecisionRule(
+        (5, 10), planned_fractions((5, 10), np.ones(1), np.full(1, 10.0)), margin=1e-9, error=0.025
+    )
     estimand = Estimand(np.ones(1), np.ones(1), np.zeros(1))
     found: dict[str, str] = {}
     for teacher in ADASTOP:
         runs = angles[teacher]
         for look, seeds in enumerate(rule.looks):
             test = difference(Moments.of(runs[:, :seeds]), Moments.of(random), estimand)
-            found[teacher] = WORDS[Verdict(str(rule.verdicts(test, look)))]
+            found[teacher] = WORDS[TrialVerdict(str(rule.verdicts(test, look)))]
             if found[teacher] != "equal":
                 break
     apart = {name for name, (decision, _) in ADASTOP.items() if found[name] != decision}

@@ -21,14 +21,14 @@ from analysis.trials.design import (
     moments_of,
     released_runs,
 )
-from analysis.trials.joined import joined_by_trial
-from analysis.trials.rules import LOOKS, Verdict
+from analysis.trials.rules import LOOKS, TrialVerdict
 from analysis.trials.standing import (
-    Ending,
-    Look,
+    InterimLook,
+    TrialEnding,
+    completed_looks,
+    joined_trials,
     latex_row,
     look_line,
-    looks_at,
     methods,
     plan_lines,
     sentence,
@@ -55,12 +55,12 @@ class Trial(NamedTuple):
             found.append(own.assign(**shifted, **changes))
         return pd.concat(found, ignore_index=True)
 
-    def looks(self, runs: pd.DataFrame, affordable: int | None = None) -> list[Look]:
-        return looks_at(self.design, self.released, runs, affordable)
+    def looks(self, runs: pd.DataFrame, affordable: int | None = None) -> list[InterimLook]:
+        return completed_looks(self.design, self.released, runs, affordable)
 
 
 def designed(frames: Frames, *cells: str) -> Design:
-    return make_design("mine:Frontier", find_baseline("lite-1"), frames, wanted=cells)
+    return make_design("mine:Frontier", find_baseline("lite-1"), frames, cells=cells)
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_a_teacher_of_the_release_is_not_compared_with_itself(trial: Trial) -> N
         trial.design.best,
         find_baseline("lite-1"),
         trial.frames,
-        wanted=["original", "diverse_students/spider"],
+        cells=["original", "diverse_students/spider"],
     )
     assert again.best != trial.design.best
     assert again.candidates == trial.design.candidates - 1
@@ -118,8 +118,8 @@ def test_an_unknown_cell_is_refused_with_those_there_are(trial: Trial) -> None:
 
 def test_a_much_better_teacher_wins_at_an_early_look(trial: Trial) -> None:
     looks = trial.looks(trial.runs(trial.design.best, 10, points=12.0))
-    assert looks[-1].ending is Ending.DECIDED
-    assert [each.verdict for each in looks[-1].settled[:2]] == [Verdict.BETTER, Verdict.BETTER]
+    assert looks[-1].ending is TrialEnding.DECIDED
+    assert [each.verdict for each in looks[-1].settled[:2]] == [TrialVerdict.BETTER, TrialVerdict.BETTER]
     assert looks[-1].seeds < LOOKS[-1]
     said = sentence(trial.design, looks[-1])
     assert "beside Random: better (sooner" in said
@@ -128,8 +128,8 @@ def test_a_much_better_teacher_wins_at_an_early_look(trial: Trial) -> None:
 
 def test_random_again_is_never_better_and_worse_than_the_best(trial: Trial) -> None:
     settled = trial.looks(trial.runs("random"))[-1].settled[:2]
-    assert settled[0].verdict is not Verdict.BETTER
-    assert settled[1].verdict is Verdict.WORSE
+    assert settled[0].verdict is not TrialVerdict.BETTER
+    assert settled[1].verdict is TrialVerdict.WORSE
 
 
 def test_a_look_waits_for_all_of_its_runs_and_none_follows_the_end(trial: Trial) -> None:
@@ -146,8 +146,8 @@ def test_an_open_comparison_tells_what_the_budget_could_still_show(trial: Trial)
     runs = trial.runs(trial.design.best, 3, points=2.0)
     chances = []
     for affordable in (0, 1, 3, None):
-        finding = trial.looks(runs, affordable)[0].findings[0]
-        assert finding.verdict is Verdict.OPEN
+        finding = trial.looks(runs, affordable)[0].comparisons[0]
+        assert finding.verdict is TrialVerdict.OPEN
         chances.append(finding.within_budget)
     assert chances[0] == 0
     assert chances[0] < chances[1] < chances[2] == chances[3] == finding.power
@@ -160,9 +160,9 @@ def test_a_verdict_that_is_reached_stays(trial: Trial) -> None:
     later = runs["seed"].isin(trial.design.seeds[5:])
     runs.loc[later, "angle"] += 0.3  # from then on far better
     looks = trial.looks(runs)
-    first = next(look for look in looks if look.findings[1].verdict is Verdict.WORSE)
+    first = next(look for look in looks if look.comparisons[1].verdict is TrialVerdict.WORSE)
     assert first.seeds < looks[-1].seeds
-    assert looks[-1].settled[1] == first.findings[1]
+    assert looks[-1].settled[1] == first.comparisons[1]
 
 
 def test_runs_that_are_not_finite_are_left_out_by_number(trial: Trial) -> None:
@@ -208,7 +208,9 @@ def test_a_look_has_the_difference_and_the_interval_of_the_boards_test(
 ) -> None:
     """Stratified with least variances; slopes are parts of the weights here."""
     design, runs = whole.design, whole.runs("riac", 3)
-    found = next(f for f in whole.looks(runs)[0].findings if (f.measure, f.reference) == (measure, "random"))
+    found = next(
+        f for f in whole.looks(runs)[0].comparisons if (f.measure, f.reference) == (measure, "random")
+    )
     pairs, factors, least = [], [], []
     for cell in design.cells:
         there = in_cell(whole.released, cell.place)
@@ -232,7 +234,7 @@ def test_the_end_is_judged_by_twice_the_margin_and_ends_no_trial(trial: Trial) -
     looks = [trial.looks(runs.assign(end=runs["end"] + shift))[0] for shift in (0.0, 60.0)]
     assert looks[0].ending == looks[1].ending
     assert looks[0].settled[:2] == looks[1].settled[:2]
-    assert [each.verdict for each in looks[1].settled[2:]] == [Verdict.BETTER] * 2
+    assert [each.verdict for each in looks[1].settled[2:]] == [TrialVerdict.BETTER] * 2
 
 
 def test_a_design_of_before_keeps_its_weights_and_its_axis(trial: Trial) -> None:
@@ -244,18 +246,18 @@ def test_a_design_of_before_keeps_its_weights_and_its_axis(trial: Trial) -> None
     assert design.axes == (HEADLINE,)
     assert design.estimand().weights.tolist() == [0.5, 0.5]
     assert not design.estimand().least.any()
-    looks = looks_at(design, trial.released, trial.runs(design.best, 5, points=12.0))
+    looks = completed_looks(design, trial.released, trial.runs(design.best, 5, points=12.0))
     assert len(looks[-1].settled) == 2
     assert "in the end" not in sentence(design, looks[-1])
 
 
 def test_trials_by_which_teachers_joined_are_against_the_core() -> None:
     """Those that joined lite-2 with seeds of their own; ACCEL's trial was decided at its first look."""
-    found = {design.teacher: (design, look) for design, look in joined_by_trial(find_baseline("lite-2"))}
+    found = {design.teacher: (design, look) for design, look in joined_trials(find_baseline("lite-2"))}
     assert {"perm:budget=2000000", "spgl:budget=2000000", "traced:budget=2000000"} < set(found)
     assert not {"random", "sobol", "accel:budget=2000000"} & set(found)
     assert {design.references for design, _ in found.values()} == {("random", "covar_gmm")}
     design, look = found["accel:budget=2000000:score=mna"]
-    assert (look.seeds, look.ending, design.seeds[0]) == (3, Ending.DECIDED, 35)
+    assert (look.seeds, look.ending, design.seeds[0]) == (3, TrialEnding.DECIDED, 35)
     assert "; beside Covar-GMM worse (sooner" in look_line(look)
-    assert joined_by_trial(find_baseline("simulated-1")) == []
+    assert joined_trials(find_baseline("simulated-1")) == []

@@ -11,11 +11,11 @@ from analysis.statistics import stratified, stratum_weights
 from analysis.trials.boundaries import boundaries, crossing, median_unbiased, spent
 from analysis.trials.rules import (
     LOOKS,
+    DecisionRule,
     Estimand,
     Moments,
-    Rule,
     Setting,
-    Verdict,
+    TrialVerdict,
     difference,
     planned_fractions,
     simulate,
@@ -59,7 +59,7 @@ def test_crossing_agrees_with_two_correlated_normals() -> None:
 
 
 def test_boundaries_hold_whatever_the_ratio_of_variances_is() -> None:
-    rule = Rule(LOOKS, planned_fractions(LOOKS, np.ones(1), np.full(1, 5.0)), 2.5)
+    rule = DecisionRule(LOOKS, planned_fractions(LOOKS, np.ones(1), np.full(1, 5.0)), 2.5)
     for new_share in (0.01, 0.5, 1.0):
         information = [1 / (new_share / seeds + (1 - new_share) / 5) for seeds in LOOKS]
         assert sum(crossing(rule.lower, information)) <= rule.error / 2 + 1e-9
@@ -86,11 +86,11 @@ def test_boundaries_that_nothing_reaches_leave_the_estimate_as_it_is() -> None:
 @pytest.mark.parametrize("values", [(0.1, 0.7), (0.1, 0.1), (0.7, 0.1)])
 def test_constant_samples_decide_nothing(values: tuple[float, float]) -> None:
     """The standard deviation of equal values is a rounding error, by which any difference is large."""
-    rule = Rule(LOOKS, planned_fractions(LOOKS, np.ones(2), np.full(2, 3.0)), 2.5)
+    rule = DecisionRule(LOOKS, planned_fractions(LOOKS, np.ones(2), np.full(2, 3.0)), 2.5)
     teacher, reference = (Moments.of(np.full((2, 3), value)) for value in values)
     found = difference(teacher, reference, equal(2, 90.0, least=0.01))
     assert found.error == pytest.approx(90.0 * math.sqrt(0.01 * 2 / 3 / 2))
-    assert rule.verdicts(found, 0) == Verdict.OPEN
+    assert rule.verdicts(found, 0) == TrialVerdict.OPEN
     assert np.isinf(rule.interval(found, 0)).all()
 
 
@@ -109,16 +109,21 @@ def test_one_look_is_the_stratified_test_of_the_project() -> None:
     assert found.value == pytest.approx(test.difference)
     assert found.error == pytest.approx(test.difference / test.t)
     assert found.freedom == pytest.approx(test.degrees_of_freedom)
-    low, high = Rule((6,), (1.0,), 1.0, error=0.05).interval(found, 0)
+    low, high = DecisionRule((6,), (1.0,), 1.0, error=0.05).interval(found, 0)
     assert (low, high) == pytest.approx((test.low, test.high))
 
 
 @pytest.mark.parametrize(
     ("value", "verdict"),
-    [(5.0, Verdict.BETTER), (-5.0, Verdict.WORSE), (0.2, Verdict.ALIKE), (1.9, Verdict.OPEN)],
+    [
+        (5.0, TrialVerdict.BETTER),
+        (-5.0, TrialVerdict.WORSE),
+        (0.2, TrialVerdict.ALIKE),
+        (1.9, TrialVerdict.OPEN),
+    ],
 )
-def test_verdicts_follow_the_interval(value: float, verdict: Verdict) -> None:
-    rule = Rule((20,), (1.0,), margin=2.5, error=0.05)
+def test_verdicts_follow_the_interval(value: float, verdict: TrialVerdict) -> None:
+    rule = DecisionRule((20,), (1.0,), margin=2.5, error=0.05)
     new = Moments(np.array([value]), np.array([20.0]), np.array([20.0]))
     old = Moments(np.zeros(1), np.array([5.0]), np.array([20.0]))
     assert str(rule.verdicts(difference(new, old, equal(1)), 0)) == verdict
@@ -127,17 +132,17 @@ def test_verdicts_follow_the_interval(value: float, verdict: Verdict) -> None:
 def test_no_spread_decides_nothing() -> None:
     still = Moments(np.zeros(1), np.zeros(1), np.array([3.0]))
     found = difference(Moments(np.ones(1), still.variance, still.runs), still, equal(1))
-    assert str(Rule((3,), (1.0,), 5.0).verdicts(found, 0)) == Verdict.OPEN
+    assert str(DecisionRule((3,), (1.0,), 5.0).verdicts(found, 0)) == TrialVerdict.OPEN
 
 
 def test_the_chance_of_a_verdict_is_that_of_the_seeds_to_come() -> None:
     rng = np.random.default_rng(8)
-    rule = Rule((5, 20), planned_fractions((5, 20), np.ones(1), np.full(1, 50.0)), 0.5, candidates=3)
+    rule = DecisionRule((5, 20), planned_fractions((5, 20), np.ones(1), np.full(1, 50.0)), 0.5, candidates=3)
     new, old = Moments.of(rng.normal(0.4, 1.0, (1, 5))), Moments.of(rng.normal(0.0, 1.0, (1, 50)))
     deviation = math.sqrt(new.variance[0] * (1 / 5 - 1 / 20))
     means = rng.normal(new.mean[0], deviation, 20_000)[:, None]
     later = Moments(means, np.broadcast_to(new.variance, means.shape), np.array([20.0]))
-    decided = rule.verdicts(difference(later, old, equal(1)), 1) != Verdict.OPEN
+    decided = rule.verdicts(difference(later, old, equal(1)), 1) != TrialVerdict.OPEN
     assert float(rule.power(new, old, equal(1))) == pytest.approx(decided.mean(), abs=0.01)
 
 
@@ -147,7 +152,7 @@ def setting() -> Setting:
     residuals -= residuals.mean()
     runs = np.full(4, 5.0)
     fractions = planned_fractions(LOOKS, np.ones(4), runs)
-    rules = tuple(Rule(LOOKS, fractions, 3.0, candidates, 0.025) for candidates in (1, 9))
+    rules = tuple(DecisionRule(LOOKS, fractions, 3.0, candidates, 0.025) for candidates in (1, 9))
     return Setting(rules, equal(4, 60.0), ((residuals,) * 10,) * 4, runs)
 
 
@@ -158,7 +163,7 @@ def test_verdicts_are_wrong_in_at_most_one_of_twenty_trials(setting: Setting, tr
 
 def test_a_large_difference_is_found_with_few_seeds_and_no_difference_never_as_one(setting: Setting) -> None:
     found = simulate(setting, 9.0, 1_000)
-    assert (found.verdicts == Verdict.BETTER).mean() > 0.98
+    assert (found.verdicts == TrialVerdict.BETTER).mean() > 0.98
     assert found.seeds.mean() < 7
 
 
@@ -167,7 +172,7 @@ def test_least_variances_keep_the_error_where_few_seeds_decide_what_a_run_is() -
     lucky, steady = np.array([-0.1, -0.1, -0.1, -0.1, 0.4]), np.linspace(-0.02, 0.02, 5)
     runs, least = np.full(2, 5.0), 0.5 * (lucky.var(ddof=1) + steady.var(ddof=1)) / 2
     fractions = planned_fractions(LOOKS, np.ones(2), runs)
-    rules = tuple(Rule(LOOKS, fractions, 3.0, candidates, 0.025) for candidates in (1, 3))
+    rules = tuple(DecisionRule(LOOKS, fractions, 3.0, candidates, 0.025) for candidates in (1, 3))
     shares = []
     for bound in (0.0, least):
         setting = Setting(rules, equal(2, 60.0, bound), ((lucky, steady, lucky, steady),) * 2, runs)
@@ -179,7 +184,7 @@ def test_least_variances_keep_the_error_where_few_seeds_decide_what_a_run_is() -
 def test_released_teachers_are_simulated_by_their_own_residuals() -> None:
     """Random without spread has its mean in every trial: estimates scatter as the new teacher's runs do."""
     still, varied = np.zeros(4), np.array([-0.1, -0.05, 0.05, 0.1])
-    rule = Rule((20,), (1.0,), 1.0)
+    rule = DecisionRule((20,), (1.0,), 1.0)
     setting = Setting((rule, rule), equal(1, 10.0), ((still, varied),), np.full(1, 4.0))
     estimates = simulate(setting, 0.0, 4_000).estimates
     new = 100 * varied.var() / 20 / 2  # half of the trials draw the varied teacher

@@ -100,7 +100,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A root with a trial that has been designed and has no runs."""
     folder = tmp_path_factory.mktemp("trial") / "results"
     baseline = find_baseline("simulated-1")
-    design = make_design("sobol", baseline, baseline.frames(), wanted=["original"])
+    design = make_design("sobol", baseline, baseline.frames(), cells=["original"])
     store = Store.open(folder)
     create_root(store)
     TrialFile(design.to_dict(), (TrialLook(3, "look after 3 seeds: open"),)).save(store)

@@ -114,7 +114,7 @@ def test_the_page_of_a_trial_lies_in_the_bucket(s3_root: str) -> None:
     store, baseline = Store.open(s3_root), find_baseline("simulated-1")
     create_root(store)
     frames = baseline.frames()
-    design = make_design("sobol", baseline, frames, wanted=["original"])
+    design = make_design("sobol", baseline, frames, cells=["original"])
     assert not _Trial(store, design, released_runs(frames), frames).judge()
     assert store.files("trial") == ("trial/index.html",)
     assert b"No look is complete yet" in store.read_bytes("trial/index.html")

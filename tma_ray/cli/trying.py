@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from analysis.data.frames import Frames
     from analysis.trials.design import Design
-    from analysis.trials.standing import Look
+    from analysis.trials.standing import InterimLook
     from tma_ray.campaign.plan import Plan
 
 REHEARSED, REHEARSED_CELLS = "simulated-1", ("original", "mostly_unfeasible")
@@ -47,7 +47,8 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         tma-ray trial riac --budget 8h --dry-run
     """
     from analysis.baselines import find_baseline, newest_release
-    from analysis.trials.design import MARGIN, Design, make_design, released_runs
+    from analysis.measures.tested import AREA_MARGIN
+    from analysis.trials.design import Design, make_design, released_runs
     from analysis.trials.standing import plan_lines
     from tma_ray.campaign.repeating import trial_plan
     from tma_ray.campaign.trials import campaign_of, simulated_cells
@@ -61,7 +62,8 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     against = options.against or (before.release if before else REHEARSED if options.simulated else "")
     baseline = find_baseline(against) if against else newest_release()
     frames = baseline.frames()
-    cells, margin = options.cells or (REHEARSED_CELLS if options.simulated else ()), options.margin or MARGIN
+    cells = options.cells or (REHEARSED_CELLS if options.simulated else ())
+    margin = options.margin or AREA_MARGIN
     if before:
         cells = options.cells or tuple(cell.name for cell in before.cells)
         margin = options.margin or before.margin
@@ -138,7 +140,7 @@ class _Trial:
     design: Design
     released: pd.DataFrame
     frames: Frames
-    looks: list[Look] = field(default_factory=list)
+    looks: list[InterimLook] = field(default_factory=list)
     affordable: int | None = None
 
     def judge(self) -> bool:
@@ -147,11 +149,11 @@ class _Trial:
         from analysis.pages.page import page_folder
         from analysis.pages.trial import write_trial
         from analysis.trials.design import ended_runs
-        from analysis.trials.standing import look_line, looks_at
+        from analysis.trials.standing import completed_looks, look_line
 
         told = len(self.looks)
         own = frames_of(Results(self.store))
-        self.looks = looks_at(self.design, self.released, ended_runs(own), self.affordable)
+        self.looks = completed_looks(self.design, self.released, ended_runs(own), self.affordable)
         said = tuple(TrialLook(look.seeds, look_line(look)) for look in self.looks)
         for look in said[told:]:
             say(look.said)
