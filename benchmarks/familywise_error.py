@@ -24,7 +24,7 @@ from analysis.baselines.catalogue import find_baseline
 from analysis.measures.pooling import runs_after
 from analysis.measures.tested import MEASURES
 from analysis.statistics import SIGNIFICANCE, Scale, holm, simultaneous_intervals
-from analysis.statistics.tests import LEAST
+from analysis.statistics.tests import LEAST_VARIANCE_SHARE
 
 SIZES = (3, 5, 10)
 PERMUTATIONS = 9_999
@@ -139,7 +139,7 @@ def _of_random(release: Release) -> NDArray[np.bool_]:
 
 METHODS: dict[str, Callable[[Floats, Release], Families]] = {
     "Welch": by_holm,
-    "least variance": partial(by_holm, least=LEAST),
+    "least variance": partial(by_holm, least=LEAST_VARIANCE_SHARE),
     "max-t permutation": by_permutation,
 }
 
@@ -172,7 +172,7 @@ def simulated(release: Release, seeds: int, experiments: int, *, half: bool) -> 
         drawn = rng.integers(0, n, (*means.shape[:2], seeds))
         runs = shift + np.take_along_axis(residuals, drawn, -1)
         for name, mine in families.items():
-            tests = Tests(*(each[mine] for each in welch(runs, release.weights, LEAST)))
+            tests = Tests(*(each[mine] for each in welch(runs, release.weights, LEAST_VARIANCE_SHARE)))
             adjusted, margin = holm(tests.p), special.stdtrit(tests.freedom, TAIL) * tests.error
             low, high = simultaneous_intervals(
                 tests.difference,

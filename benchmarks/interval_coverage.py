@@ -13,7 +13,7 @@ from scipy import stats
 
 from analysis.statistics import stratified
 from analysis.statistics.estimates import (
-    interquartile_mean,
+    TRIMMED,
     interquartile_mean_of,
     performance_profile,
     probability_of_improvement,
@@ -51,7 +51,7 @@ def coverage(draw: Draw, strata: int, n: int, experiments: int) -> tuple[float, 
     """
     rng = np.random.default_rng([strata, n])
     population, better = draw(rng, 0.0, (LARGE,)), draw(rng, 1.0, (LARGE,))
-    middle = float(np.mean(interquartile_mean(draw(rng, 0.0, (20_000, n * strata)))))
+    middle = float(np.mean(stats.trim_mean(draw(rng, 0.0, (20_000, n * strata)), TRIMMED, axis=-1)))
     ranks = stats.rankdata(np.concatenate([better, population]))[:LARGE].sum()
     chance = (ranks - LARGE * (LARGE + 1) / 2) / LARGE**2
     threshold = float(np.quantile(population, 0.7))

@@ -1,4 +1,4 @@
-"""Coverage of the task space by a curriculum, and its entropy."""
+"""Coverage and entropy of curricula in the task space."""
 
 from collections.abc import Iterable, Iterator
 from numbers import Integral
@@ -14,30 +14,29 @@ from tma_ray.support.validation import check_sequence, check_type
 from tma_ray.tasks import Dimension, Task, TaskSpace
 
 BINS = 10
-"""Intervals of the grid along each dimension."""
+"""Grid cells along each dimension."""
 
 GRID_DIMENSIONS = 3
-"""Free dimensions up to which the grid is over the whole space; its cells outnumber any probe beyond."""
+"""Largest number of free dimensions of a joint grid; with more, its cells outnumber any probe."""
 
 
 def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tuple[float, float]:
     """Return the share of occupied cells of a grid, and the normalised entropy of the tasks over it.
 
-    Dimensions without width are left out. With more than `GRID_DIMENSIONS` others, both numbers are
-    means over the grids of the single dimensions, which do not see how dimensions depend on each other.
+    Dimensions without width are ignored. With more than `GRID_DIMENSIONS` others, both numbers are means over
+    the grids of single dimensions, which ignore dependence between dimensions.
 
     Args:
-        tasks: values (n, d), in task units; what lies outside the space counts in the nearest cell.
+        tasks: values (n, d), in task units; those outside the space count in the nearest cell.
         space: bounds of the grid.
         bins: cells along each dimension.
 
     Returns:
-        Coverage and Shannon's entropy over its maximum, the logarithm of the number of cells: both in
-        [0, 1], and 1 for tasks spread evenly. n tasks fill n cells at most, so compare equal n only.
-        NaN without tasks or without free dimensions.
+        Coverage, and Shannon's entropy as a share of its maximum: both in [0, 1], and NaN without tasks or
+        free dimensions. n tasks occupy at most n cells, so only equal n are comparable.
 
     Raises:
-        ValueError: `bins` is under 2.
+        ValueError: if `bins` is under 2.
     """
     _check_bins(bins)
     free = space.width > 0
@@ -54,33 +53,30 @@ def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tup
 def curriculum_measures(
     frames: Frames, run_ids: Iterable[str], at: int | None = None, bins: int = BINS
 ) -> pd.DataFrame:
-    """Return coverage and entropy of all probed tasks of a run: run_id, tasks, coverage, entropy.
-
-    Probed tasks are what a teacher would teach, without its exploration. The table of them is long: ask
-    for the runs that are needed.
+    """Return the coverage and entropy of all probed tasks of each run.
 
     Args:
-        frames: results with the probed tasks.
+        frames: results with probed tasks, which the teachers would propose without exploration.
         run_ids: runs to measure, one row each, in this order.
-        at: steps up to which probes count; None for all.
+        at: last step whose probes count; None for all.
         bins: cells of the grid along each dimension.
 
     Returns:
-        tasks is the number of probed tasks; 0, and NaN for the rest, where a run has none.
+        run_id, tasks (number), coverage, entropy; the last two are NaN for runs without probes.
     """
     _check_bins(bins)
     STEP.check("at", 0 if at is None else at)
     rows = []
     for run_id, space, probes in _probes(frames, run_ids):
-        mine = probes if at is None else probes[probes["step"] <= at]
-        rows.append((run_id, len(mine), *_measured(mine, space, bins)))
+        counted = probes if at is None else probes[probes["step"] <= at]
+        rows.append((run_id, len(counted), *_measured(counted, space, bins)))
     return pd.DataFrame(rows, columns=["run_id", "tasks", "coverage", "entropy"])
 
 
 def curriculum_curves(frames: Frames, run_ids: Iterable[str], bins: int = BINS) -> pd.DataFrame:
-    """Return coverage and entropy of each probe: run_id, step, tasks, coverage, entropy.
+    """Return the coverage and entropy of each probe: run_id, step, tasks, coverage, entropy.
 
-    Arguments as of `curriculum_measures`.
+    Arguments are those of `curriculum_measures`.
     """
     _check_bins(bins)
     rows = [
@@ -97,13 +93,13 @@ def _check_bins(bins: int) -> None:
 
 
 def _probes(frames: Frames, run_ids: Iterable[str]) -> Iterator[tuple[str, TaskSpace | None, pd.DataFrame]]:
-    """Yield each run with its task space, None where its spec names none, and its probed tasks."""
+    """Yield each run with its task space, or None if its spec has none, and its probed tasks."""
     check_type("frames", frames, Frames, "what analysis.load returns")
     check_sequence("run_ids", run_ids)
     specs = frames.cells.drop_duplicates("run_id").set_index("run_id")["spec"]
     for run_id in run_ids:
         dimensions = parsed(specs.get(run_id)).get("task_space", [])
-        space = TaskSpace(tuple(Dimension(**each) for each in dimensions)) if dimensions else None
+        space = TaskSpace(tuple(Dimension(**fields) for fields in dimensions)) if dimensions else None
         yield run_id, space, frames.curriculum(run_id)
 
 
@@ -114,7 +110,7 @@ def _measured(probes: pd.DataFrame, space: TaskSpace | None, bins: int) -> tuple
 
 
 def _occupation(cells: NDArray[np.intp], count: int) -> tuple[float, float]:
-    """Return coverage and normalised entropy of tasks in `cells` (n,), of `count` there are."""
+    """Return the coverage and normalised entropy of tasks in `cells` (n,) of a grid of `count` cells."""
     from scipy import stats
 
     _, sizes = np.unique(cells, return_counts=True)

@@ -21,21 +21,21 @@ from analysis.statistics import describe
 from tma_ray.support.component_names import base_name
 
 FEW_WINDOWS = 8
-"""Below this number of training windows, training returns are read from the episodes."""
+"""Number of training windows under which training returns are read from the episodes."""
 
 CURVE_POINTS = 40
-"""Points of a training curve that is read from the episodes."""
+"""Points of a training curve read from the episodes."""
 
 RECENT = 20
-"""Episodes that each of these points is the mean of: the latest ones, fewer at the start."""
+"""Latest episodes whose mean is a point of such a curve."""
 
 
 @computed_once
 def training_curves(frames: Frames) -> pd.DataFrame:
     """Return `GROUP`, run_id, step, training_return and smoothed of every run that did not fail.
 
-    From the training windows where a comparison has enough of them; else from the episodes, as the
-    mean of the latest `RECENT` at `CURVE_POINTS` steps.
+    Returns are those of the training windows or, smoothed, those of the episodes where a comparison has too
+    few windows.
     """
     windows, short, episodes = _windows(frames)
     runs = short.drop_duplicates("run_id")[["run_id", "steps", "status"]]
@@ -48,7 +48,7 @@ def training_curves(frames: Frames) -> pd.DataFrame:
 
 
 def training_quarters(frames: Frames) -> pd.DataFrame:
-    """Return run_id and the mean training return in the first and the last quarter of each run's steps."""
+    """Return the mean training return in the first and the last quarter of each run, with run_id."""
     windows, _, episodes = _windows(frames)
     episodes = episodes.rename(columns={"episodic_return": "training_return"})
     rows = pd.concat([windows.drop_duplicates(["run_id", "step"]), episodes], ignore_index=True)
@@ -59,7 +59,7 @@ def training_quarters(frames: Frames) -> pd.DataFrame:
 
 
 def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    """Return the training windows of comparisons that have enough; cells and episodes of the others."""
+    """Return the training windows of comparisons with enough of them, and the others' cells and episodes."""
     alive = unfailed(frames.cells)
     windows = frames.training_returns[["run_id", "step", "mean_return"]].astype({"run_id": object})
     windows = windows[np.isfinite(windows["mean_return"].astype(float))]
@@ -73,10 +73,10 @@ def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
 
 
 def _recent_returns(episodes: pd.DataFrame) -> pd.DataFrame:
-    """Return run_id, step and training_return of one run, from its first episode on."""
+    """Return the smoothed training returns of one run: run_id, step, training_return."""
     means = episodes["episodic_return"].rolling(RECENT, min_periods=1).mean().to_numpy()
     ends = episodes["step"].to_numpy()
-    # The budget of a finished run ends inside an episode: its latest ones stand until then.
+    # a finished run's budget ends within an episode, so its last value holds until then
     run_id, budget, status = episodes[["run_id", "steps", "status"]].iloc[0]
     until = budget if status == "done" else ends[-1]
     steps = np.linspace(0, budget, CURVE_POINTS + 1).round().astype("int64")
@@ -86,20 +86,19 @@ def _recent_returns(episodes: pd.DataFrame) -> pd.DataFrame:
 
 
 LAST = 3
-"""Evaluations at the end of a run whose mean is steadier than the last alone."""
+"""Number of evaluations behind last_three."""
 
 MEASURED = ["mastered_area", "last_three", "mastered_percent", "evaluation_return"]
-"""Measures of a run until an evaluation, the headline first."""
+"""Measures of a run up to an evaluation, the headline first."""
 
 
 @computed_once
 def measured_so_far(frames: Frames) -> pd.DataFrame:
-    """Return run_id, step and `MEASURED` of each evaluation, as if the run had ended there.
+    """Return run_id, step and `MEASURED` of each evaluation with finite returns.
 
-    Evaluations with returns that are not finite are left out. last_three is the mean of mastered % at the
-    last three evaluations, of all if there are fewer; that of the untrained student, at step 0, counts only
-    if it is the last. mastered_area is the mean of mastered % over the steps: area under the curve, by
-    trapezoids; the first value of the curve holds until then.
+    last_three is the mean of mastered % at the latest three evaluations, without that at step 0 unless it is
+    the only one. mastered_area is the mean of mastered % over the steps: the area under the curve by
+    trapezoids, with the first value extended to step 0.
     """
     curves = frames.measured[frames.measured["not_finite"] == 0].reset_index(drop=True)
     steps, mastered = curves["step"].to_numpy(float), curves["mastered_percent"].to_numpy(float)
@@ -117,9 +116,11 @@ def measured_so_far(frames: Frames) -> pd.DataFrame:
 
 
 def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
-    """Return mastered_area over the `budget`, with the last value of each run continued to its end.
+    """Return mastered_area over the budget, with the last value of each run extended to its end.
 
-    `ends` is the last row of `measured_so_far` of each run, with the same index.
+    Args:
+        budget: steps of each run.
+        ends: last row of `measured_so_far` of each run, with the same index.
     """
     share = ends["step"].astype(float) / budget
     return share * ends["mastered_area"] + (1 - share) * ends["mastered_percent"]
@@ -127,13 +128,14 @@ def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
 
 @computed_once
 def final_evaluations(frames: Frames) -> pd.DataFrame:
-    """Return the evaluation at which each run is read, with its measures.
+    """Return the measures of each run at its final evaluation.
 
-    The columns are `GROUP`, `RUN_CONDITIONS`, seed, run_id, status, step, provisional, `MEASURED` and the
-    training return in the first and the last quarter. A finished run is read at its last evaluation. A group
-    in which no run has finished is read, and marked provisional, at the last step that all its running runs
-    have reached. Failed runs are left out: where they stopped says nothing about the teacher. So are runs
-    whose evaluation there has returns that are not finite.
+    A group without finished runs is read, and marked provisional, at the last step that all its runs have
+    reached. Failed runs are left out, since their last step is arbitrary, and so are non-finite evaluations.
+
+    Returns:
+        `GROUP`, `RUN_CONDITIONS`, seed, run_id, status, step, provisional, `MEASURED`, first_quarter and
+        last_quarter.
     """
     rows = unfailed(frames.cells).merge(frames.measured[["run_id", "step", "not_finite"]], on="run_id")
     groups = [rows[column] for column in GROUP]
@@ -155,42 +157,35 @@ def final_evaluations(frames: Frames) -> pd.DataFrame:
 
 @computed_once
 def evaluation_curves(frames: Frames) -> pd.DataFrame:
-    """Return one row per run and evaluation with `GROUP` and `MEASURED`, of every run that did not fail.
-
-    Evaluations with returns that are not finite are left out.
-    """
+    """Return the finite evaluations of every run that did not fail, with `GROUP` and `MEASURED`."""
     return unfailed(frames.cells).merge(measured_so_far(frames), on="run_id")
 
 
 @computed_once
 def ceilings(frames: Frames) -> pd.DataFrame:
-    """Return the share of each test set that any run ever masters, one row each.
-
-    Tasks that no run ever masters are beyond this student and budget: they bound the results of all teachers.
+    """Return the tasks of each test set that any run masters, which bound the results of all teachers.
 
     Returns:
-        environment, test_set, tasks (number), ever (of them mastered at any evaluation of any run), last (of
-        them mastered at the last evaluation of any run), and best_percent, the largest share of them that one
-        run masters at one evaluation, in %.
+        environment, test_set, tasks (their number), ever (number mastered at any evaluation), last (number
+        mastered at the last evaluation of any run), best_percent (best evaluation of a run, in %).
     """
-    place = ["environment", "test_set"]
-    runs = unfailed(frames.cells)[["run_id", *place]].drop_duplicates("run_id")
+    keys = ["environment", "test_set"]
+    runs = unfailed(frames.cells)[["run_id", *keys]].drop_duplicates("run_id")
     rows = frames.evaluations_of(runs["run_id"].tolist())[["run_id", "step", "task_index", "mastered"]]
     rows = rows.astype({"run_id": object}).merge(runs, on="run_id")
     rows["last"] = rows["mastered"] & rows["step"].eq(rows.groupby("run_id")["step"].transform("max"))
-    tasks = rows.groupby([*place, "task_index"])[["mastered", "last"]].any().groupby(place)
-    found = tasks.sum().rename(columns={"mastered": "ever"}).assign(tasks=tasks.size())
-    best = rows.groupby([*place, "run_id", "step"])["mastered"].mean().groupby(place).max()
-    return found.assign(best_percent=100 * best).reset_index()[
-        [*place, "tasks", "ever", "last", "best_percent"]
-    ]
+    tasks = rows.groupby([*keys, "task_index"])[["mastered", "last"]].any().groupby(keys)
+    best = rows.groupby([*keys, "run_id", "step"])["mastered"].mean().groupby(keys).max()
+    table = tasks.sum().rename(columns={"mastered": "ever"})
+    table = table.assign(tasks=tasks.size(), best_percent=100 * best).reset_index()
+    return table[[*keys, "tasks", "ever", "last", "best_percent"]]
 
 
 def ceiling_percent(frames: Frames, environment: str) -> float | None:
-    """Return the test tasks that any run ever masters in an environment, in %; None of several test sets."""
-    found = ceilings(frames)
-    found = found[found["environment"] == environment]
-    return float(100 * found["ever"].iloc[0] / found["tasks"].iloc[0]) if len(found) == 1 else None
+    """Return the % of test tasks that any run masters in an environment; None with several test sets."""
+    rows = ceilings(frames)
+    rows = rows[rows["environment"] == environment]
+    return float(100 * rows["ever"].iloc[0] / rows["tasks"].iloc[0]) if len(rows) == 1 else None
 
 
 def ceilings_in_words(frames: Frames) -> list[str]:
@@ -204,7 +199,11 @@ def ceilings_in_words(frames: Frames) -> list[str]:
 
 
 def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd.DataFrame:
-    """Return `by`, step, n, mean, std and standard_error of `value` over the runs of a group."""
+    """Return the statistics of `value` over the runs of each group and step.
+
+    Returns:
+        `by`, step, n, mean, std, standard_error.
+    """
     check_measure("curves", curves, value, [*by, "step"])
     grouped = curves.groupby([*by, "step"], sort=True)[value]
     table = grouped.agg(["count", "mean", "std"]).reset_index().rename(columns={"count": "n"})
@@ -212,7 +211,7 @@ def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd
 
 
 def mastered_tasks(frames: Frames, finals: pd.DataFrame, by: Sequence[str] = GROUP) -> pd.DataFrame:
-    """Return `by`, test_set, task_index, n and share: seeds that master each test task."""
+    """Return the share of runs that master each test task: `by`, test_set, task_index, n, share."""
     columns = list(dict.fromkeys([*by, "run_id", "step"]))
     check_columns("finals", finals, columns)
     evaluations = frames.evaluations_of(finals["run_id"].unique())
@@ -224,49 +223,48 @@ def mastered_tasks(frames: Frames, finals: pd.DataFrame, by: Sequence[str] = GRO
 
 
 def summarise(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per group: counts of runs by status, and mean and std of every measure."""
+    """Return the numbers of runs by status, and the mean and std of every measure, of each group."""
     rows, by_group = [], dict(list(finals.groupby(GROUP))) if len(finals) else {}
     for key, seeds in frames.cells.groupby(GROUP, sort=True):
-        mine = by_group.get(key, finals.head(0))
+        runs = by_group.get(key, finals.head(0))
         row: dict[str, Any] = dict(zip(GROUP, key, strict=True))
-        row |= {"seeds": seeds["run_id"].nunique(), "n": len(mine)}
+        row |= {"seeds": seeds["run_id"].nunique(), "n": len(runs)}
         row |= {status: int((seeds["status"] == status).sum()) for status in STATUSES}
-        row |= {"step": mine["step"].max(), "provisional": bool(mine["provisional"].any())}
+        row |= {"step": runs["step"].max(), "provisional": bool(runs["provisional"].any())}
         for measure in (*MEASURED, "first_quarter", "last_quarter"):
-            description = describe(mine[measure])
+            description = describe(runs[measure])
             row |= {f"{measure}_mean": description.mean, f"{measure}_std": description.std}
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-POINTS = ["searched", "experiment", "point", "chosen", "n", "mean", "std"]
+SEARCH_COLUMNS = ["searched", "experiment", "point", "chosen", "n", "mean", "std"]
 
 
 def search_results(frames: Frames) -> pd.DataFrame:
-    """Return one row for each point of a grid that has results.
+    """Return the results of each finished point of a hyper-parameter search, the best first.
 
     Returns:
-        searched (teacher, or student where students are searched), experiment, point (the
-        hyper-parameters of the grid, a dict), chosen (whether it is the paper's), n, mean and std of
-        mastered tasks in per cent, the best first.
+        searched (teacher or student), experiment, point (hyper-parameters, a dict), chosen (True for the
+        paper's), n, mean and std of mastered tasks in per cent.
     """
     rows: list[list[Any]] = []
     if not of_searches(frames.cells["experiment"]).any():
-        return pd.DataFrame(rows, columns=POINTS)
+        return pd.DataFrame(rows, columns=SEARCH_COLUMNS)
     finals = final_evaluations(frames)
     finals = finals[~finals["provisional"]]
     specs = frames.cells.drop_duplicates("run_id").set_index("run_id")["spec"]
     for matrix in searches():
-        side, grid = "teacher", matrix.teacher_grid
+        searched, grid = "teacher", matrix.teacher_grid
         if grid is None:
-            side, grid = "student", matrix.student_grid
+            searched, grid = "student", matrix.student_grid
         assert grid is not None
-        mine = finals[finals["experiment"].str.fullmatch(rf"{matrix.name}(_\d+)?")]
-        for experiment, runs in mine.groupby("experiment"):
-            values = parsed(specs[runs["run_id"].iloc[0]]).get(f"{side}_hyperparameters", {})
+        members = finals[finals["experiment"].str.fullmatch(rf"{matrix.name}(_\d+)?")]
+        for experiment, runs in members.groupby("experiment"):
+            values = parsed(specs[runs["run_id"].iloc[0]]).get(f"{searched}_hyperparameters", {})
             point = {name: values.get(name) for name in grid.values}
-            described = describe(runs["mastered_percent"])
-            name, chosen = base_name(runs[side].iloc[0]), point == dict(grid.chosen)
-            rows.append([name, experiment, point, chosen, described.n, described.mean, described.std])
-    table = pd.DataFrame(rows, columns=POINTS)
+            sample = describe(runs["mastered_percent"])
+            name, chosen = base_name(runs[searched].iloc[0]), point == dict(grid.chosen)
+            rows.append([name, experiment, point, chosen, sample.n, sample.mean, sample.std])
+    table = pd.DataFrame(rows, columns=SEARCH_COLUMNS)
     return table.sort_values(["searched", "mean"], ascending=[True, False], kind="stable", ignore_index=True)

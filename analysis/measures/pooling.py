@@ -1,4 +1,4 @@
-"""Pools of runs that make up one result, and the conditions that keep results apart."""
+"""Pools of runs behind one result, and the conditions that separate results."""
 
 import itertools
 import re
@@ -29,60 +29,63 @@ NOT_BEGUN = "not begun"
 
 
 def varying(table: pd.DataFrame, columns: Sequence[str] = CONDITIONS) -> list[str]:
-    """Return those of `columns` that have several values in `table`."""
+    """Return the columns with several values in `table`."""
     return [column for column in columns if table[column].nunique(dropna=False) > 1]
 
 
 def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list[str]:
-    """Return the conditions `columns` of a result in words; empty for the paper's own variant."""
-    said = []
+    """Return a phrase for each condition of a result, none for the paper's variant."""
+    phrases = []
     for column in columns:
         value = row[column]
         if column in {"variant", "engine"}:
-            said += [str(value)] if value else []
+            phrases += [str(value)] if value else []
         elif pd.isna(value):
-            said.append(NOT_BEGUN)
+            phrases.append(NOT_BEGUN)
         elif column == "steps":
-            said.append(f"{amount(value)} steps")
+            phrases.append(f"{amount(value)} steps")
         elif column == "mastery_threshold":
-            said.append(f"mastered over {value:g}")
+            phrases.append(f"mastered over {value:g}")
         else:
-            said.append(f"{column.replace('_', ' ')} {value:g}")
-    return list(dict.fromkeys(said))
+            phrases.append(f"{column.replace('_', ' ')} {value:g}")
+    return list(dict.fromkeys(phrases))
 
 
 def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the runs under each set of conditions and a tag for file names, the largest set first.
-
-    Runs that have not begun, of no budget yet, belong to none.
-    """
+    """Yield the begun runs under each set of conditions and a tag for file names, the largest set first."""
     begun = runs[runs["steps"].notna()]
-    told = varying(begun)
+    columns = varying(begun)
     groups = [rows for _, rows in begun.groupby(CONDITIONS, dropna=False, sort=True)]
     for rows in sorted(groups, key=lambda rows: -rows["run_id"].nunique()):
         first = rows.iloc[0]
-        words = [str(int(first[c])) if c == "steps" else "".join(condition_words(first, [c])) for c in told]
+        words = [
+            str(int(first[column])) if column == "steps" else "".join(condition_words(first, [column]))
+            for column in columns
+        ]
         yield "-".join(re.sub(r"[^0-9A-Za-z]+", "-", word.lower()).strip("-") for word in words if word), rows
 
 
 PLUS = " + "
 
 BIPEDAL, RELEASED_BIPEDAL = "classic_bipedal", "old_classic_bipedal"
-"""The bipedal of the paper, and the body that the original release ran in its place."""
+"""Embodiment "bipedal" of the paper, and the one of the original release."""
 
 
 def parts_of(pool: str) -> list[tuple[str, str]]:
-    """Return body and student of each part of a pool, as its label names them."""
+    """Return the embodiment and the student of each part of a pool label."""
     return [(body, student) for body, _, student in (part.rpartition("/") for part in pool.split(PLUS))]
 
 
 def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], tuple[str, ...]]:
-    """Return by engine, environment and challenge the test sets that count as one, one per type of body."""
+    """Return the shipped test sets that count as one, by engine, environment and challenge."""
     return {
         (engine, environment, name): tuple(
-            sorted(f"{before}{each}" for each in {challenge.test_set, *challenge.other_test_sets.values()})
+            sorted(
+                f"{prefix}{test_set}"
+                for test_set in {challenge.test_set, *challenge.other_test_sets.values()}
+            )
         )
-        for engine, before in ((CHIPMUNK, ""), (BOX2D, BOX2D_TEST_SET))
+        for engine, prefix in ((CHIPMUNK, ""), (BOX2D, BOX2D_TEST_SET))
         for environment in environments
         for name, challenge in challenges_of(environment).items()
     }
@@ -90,25 +93,25 @@ def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], 
 
 @cache
 def variant(engine: str, environment: str, challenge: str, pool: str, test_sets: object) -> str:
-    """Return the differences of a pool from the paper's, in words; empty where there are none.
+    """Return the differences of a pool from the paper's, as text; empty if there are none.
 
-    Results of one variant have one pool a challenge, so that aggregates over challenges count each once.
+    A variant has one pool per challenge, so aggregates over challenges count each once.
     """
-    place = base_name(environment), base_name(challenge)
+    key = base_name(environment), base_name(challenge)
     settings = split_name(environment)[1] | split_name(challenge)[1]
     parts = parts_of(pool)
     bodies = {BIPEDAL if engine == BOX2D and body == RELEASED_BIPEDAL else body for body, _ in parts}
     students = {student for _, student in parts}
-    alike = [matrix for matrix in MATRICES if (matrix.environment, matrix.challenge) == place]
-    words = [f"{key}={value}" for key, value in settings.items()]
-    if engine == SIMULATED:  # whose body, student and test tasks are all of its own
+    matrices = [matrix for matrix in MATRICES if (matrix.environment, matrix.challenge) == key]
+    words = [f"{name}={value}" for name, value in settings.items()]
+    if engine == SIMULATED:
         return "; ".join([*words, "simulated students"])
-    if bodies != {body for matrix in alike for body in matrix.embodiments} and alike:
+    if bodies != {body for matrix in matrices for body in matrix.embodiments} and matrices:
         words.append(", ".join(sorted(bodies)))
-    if students != ({student for matrix in alike for student in matrix.students} or {"sac"}):
+    if students != ({student for matrix in matrices for student in matrix.students} or {"sac"}):
         words.append(", ".join(sorted(students)))
-    shipped = shipped_together([place[0]]).get((engine, *place), ())
-    if alike and isinstance(test_sets, str) and test_sets != PLUS.join(shipped):
+    shipped = shipped_together([key[0]]).get((engine, *key), ())
+    if matrices and isinstance(test_sets, str) and test_sets != PLUS.join(shipped):
         words.append(f"test set {test_sets}")
     return "; ".join(words)
 
@@ -118,22 +121,20 @@ def pool_runs(
 ) -> pd.DataFrame:
     """Return one row per run of each pool, with its measures.
 
-    What `matrices` list of one challenge is pooled: the three bodies of Parkour, the two bodies by two
-    students of diverse students. A student that takes the place of theirs is pooled over the same bodies,
-    and any other body over the same students, as a pool of its own.
-    The shipped test sets of a challenge, one for each type of body, count as one; a body tested on
-    several of them is not pooled. Runs that have not begun are counted with those that have, if these
-    agree on their settings.
+    Embodiments and students that `matrices` list for a challenge are pooled. Another student is pooled over
+    the same embodiments, and another embodiment over the same students. The shipped test sets of a challenge,
+    one per type of embodiment, count as one, unless an embodiment is tested on several of them. Runs that
+    have not begun are counted with those that have, if the latter agree on their settings.
 
     Args:
         cells: cells of `Frames`.
         values: measures by run_id, as from `run_measures` or `evaluations_at`.
-        matrices: bodies and students that belong together, by challenge.
+        matrices: matrices of the challenges.
 
     Returns:
-        `POOLED`, `PARTS`, seed, run_id, status, settings (digest of the spec without the seed), core (of
-        `Frames`), and the columns of `values`; several rows a run if these have. pool and test_sets name all
-        that belong to them, variant says how these differ from the paper's.
+        `POOLED`, `PARTS`, seed, run_id, status, settings (digest of the spec without the seed), core, and the
+        columns of `values`, with as many rows per run. pool and test_sets list their members, variant the
+        differences from the paper.
     """
     return _with_values(_pool_members(cells, matrices), values)
 
@@ -144,12 +145,12 @@ def _pool_members(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> pd.DataFra
     rows = cells.assign(pool=pools, test_sets=test_sets, settings=cells["settings"].fillna(""))
     rows["core"] = cells.get("core", True)
     for column in SETTINGS:
-        known = rows.groupby(["engine", "environment", "challenge", "pool"])[column]
-        agreed = known.transform("first").where(known.transform("nunique") == 1)
+        values = rows.groupby(["engine", "environment", "challenge", "pool"])[column]
+        agreed = values.transform("first").where(values.transform("nunique") == 1)
         rows[column] = rows[column].fillna(agreed)
     names = rows[["engine", "environment", "challenge", "pool", "test_sets"]]
     rows["variant"] = [variant(*key) for key in names.itertuples(index=False, name=None)]
-    # Experiments may list the same cell: its runs count once.
+    # the same cell may belong to several experiments
     rows = with_plain_texts(rows).drop_duplicates([*POOLED, "run_id"])
     rows = rows[[*POOLED, *PARTS, "seed", "run_id", "status", "settings", "core"]]
     return rows.sort_values([*POOLED, *PARTS, "seed"], ignore_index=True)
@@ -167,15 +168,14 @@ def pooled(
     """Return the result of each teacher: n, mean and standard deviation of measures over its pool.
 
     Args:
-        runs: rows of `pool_runs`, one per run. A run without the first measure is not counted.
+        runs: rows of `pool_runs`, one per run; a run without the first measure is not counted.
         measures: columns of `runs`.
-        by: columns of `PARTS`, to have a row for each body or student instead; or step, with values of
-            `evaluations_at`, for learning curves over the runs that got to each step.
+        by: columns of `PARTS`, for a row per embodiment or student; or step, for learning curves of
+            `evaluations_at`.
 
     Returns:
-        `POOLED` and `by`, runs (how many belong to it), n (how many are counted), missing (why this is
-        not the whole pool, in words; empty if it is), and for each measure its _n, _mean, _std: NaN where
-        there are too few runs.
+        `POOLED` and `by`, runs (their number), n (number counted), missing (reasons why the pool is not
+        complete; empty if it is), and _n, _mean and _std of each measure, NaN where there are too few runs.
     """
     check_sequence("measures", measures)
     if not measures:
@@ -190,13 +190,13 @@ def pooled(
     runs = runs[runs["step"].notna()] if "step" in by else runs
     runs = runs.assign(group=runs.groupby(keys, dropna=False, sort=True).ngroup())
     for group in _split(runs, "group").values():
-        listed = members[group["number"][0]]
-        there = pd.notna(group[measures[0]])
-        counted = {name: values[there] for name, values in group.items()}
-        gaps = "; ".join(_gaps(listed, counted, by))
-        row = [*(group[key][:1].tolist()[0] for key in keys), len(listed["run_id"]), int(there.sum()), gaps]
-        for described in (describe(counted[measure]) for measure in measures):
-            row += [described.n, described.mean, described.std]
+        pool = members[group["number"][0]]
+        measured = pd.notna(group[measures[0]])
+        counted = {name: values[measured] for name, values in group.items()}
+        gaps = "; ".join(_gaps(pool, counted, by))
+        row = [*(group[key][:1].tolist()[0] for key in keys), len(pool["run_id"]), int(measured.sum()), gaps]
+        for sample in (describe(counted[measure]) for measure in measures):
+            row += [sample.n, sample.mean, sample.std]
         rows.append(row)
     summaries = [f"{measure}_{name}" for measure in measures for name in ("n", "mean", "std")]
     return pd.DataFrame(rows, columns=[*keys, "runs", "n", "missing", *summaries])
@@ -207,22 +207,21 @@ Columns: TypeAlias = Mapping[str, NDArray[Any]]
 
 
 def _split(table: pd.DataFrame, number: str) -> dict[int, Columns]:
-    """Return the rows of each `number`, in rising order, as arrays: thousands of frames take seconds."""
+    """Return the rows of each number in rising order, as arrays (faster than thousands of frames)."""
     numbers = table[number].to_numpy()
     order = np.argsort(numbers, kind="stable")
-    found, ends = np.unique(numbers[order], return_index=True)
+    keys, starts = np.unique(numbers[order], return_index=True)
     columns = {str(name): table[name].to_numpy()[order] for name in table}
-    places = np.split(np.arange(len(order)), ends[1:]) if len(order) else []
     return {
-        int(each): {name: values[place] for name, values in columns.items()}
-        for each, place in zip(found, places, strict=True)
+        int(key): {name: values[start:end] for name, values in columns.items()}
+        for key, start, end in zip(keys, starts, [*starts[1:], len(order)], strict=True)
     }
 
 
 def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return `runs` with Random at every level of expert knowledge at which another teacher was run.
+    """Return `runs` with Random at every level of expert knowledge of the other teachers.
 
-    The rule of `reference.baseline_runs` chooses the runs for levels at which it was not run.
+    Missing levels have the runs of `reference.baseline_runs`.
     """
     if runs.empty:
         return runs
@@ -230,20 +229,18 @@ def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
     parts = [runs]
     for _, alike in runs.groupby(others, dropna=False):
         for level, group in alike.groupby("expert_knowledge"):
-            found = baseline_runs(group, alike)
-            if len(found) and (found["expert_knowledge"] != level).all():
-                parts.append(found.assign(expert_knowledge=level))
+            reused = baseline_runs(group, alike)
+            if len(reused) and (reused["expert_knowledge"] != level).all():
+                parts.append(reused.assign(expert_knowledge=level))
     return pd.concat(parts, ignore_index=True) if len(parts) > 1 else runs
 
 
 def levels_together(runs: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
-    """Return `runs` with the levels of expert knowledge at which the same runs count as one: none and low.
-
-    Teachers that do not tell two levels apart have the same runs at both.
+    """Return `runs` with levels of expert knowledge merged where their runs are the same.
 
     Args:
         runs: rows of `pool_runs`.
-        by: columns that runs of a comparison have in common, without the level.
+        by: columns that runs of a comparison have in common, except the level.
     """
     parts = []
     for _, alike in runs.groupby(list(by), dropna=False, sort=False):
@@ -252,8 +249,8 @@ def levels_together(runs: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
             run_ids = frozenset(alike.loc[alike["expert_knowledge"] == level, "run_id"])
             levels.setdefault(run_ids, []).append(level)
         for names in levels.values():
-            one = alike[alike["expert_knowledge"] == names[0]]
-            parts.append(one.assign(expert_knowledge=" and ".join(names)))
+            rows = alike[alike["expert_knowledge"] == names[0]]
+            parts.append(rows.assign(expert_knowledge=" and ".join(names)))
     return pd.concat(parts).sort_index() if parts else runs
 
 
@@ -262,49 +259,45 @@ def _label(embodiment: object, student: object) -> str:
 
 
 def _pools(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> list[str]:
-    """Return for each cell the labels of all parts of its pool."""
+    """Return the pool label of each cell."""
     bodies: dict[tuple[str, str], set[str]] = {}
     students: dict[tuple[str, str], set[str]] = {}
     for matrix in matrices:
-        place = matrix.environment, matrix.challenge
-        bodies.setdefault(place, set()).update(matrix.embodiments)
-        students.setdefault(place, set()).update(matrix.students)
-    found = []
+        key = matrix.environment, matrix.challenge
+        bodies.setdefault(key, set()).update(matrix.embodiments)
+        students.setdefault(key, set()).update(matrix.students)
+    pools = []
     names = ["environment", "challenge", *PARTS]
     for environment, challenge, body, student in cells[names].itertuples(index=False, name=None):
-        place = environment, challenge
-        together = students[place] if student in students.get(place, ()) else {student}
-        own = bodies[place] if body in bodies.get(place, ()) else {body}
-        found.append(PLUS.join(sorted(_label(*part) for part in itertools.product(own, together))))
-    return found
+        key = environment, challenge
+        pooled_students = students[key] if student in students.get(key, ()) else {student}
+        pooled_bodies = bodies[key] if body in bodies.get(key, ()) else {body}
+        parts = itertools.product(pooled_bodies, pooled_students)
+        pools.append(PLUS.join(sorted(_label(*part) for part in parts)))
+    return pools
 
 
 def _test_sets(cells: pd.DataFrame) -> pd.Series:
-    """Return for each cell its test set, or all shipped ones of its challenge if that is one of them.
+    """Return each cell's test set. A shipped one stands for all shipped test sets of its challenge.
 
-    Those of Box2D's worlds have names of their own, and belong together as ours do. Where all are thinned
-    alike, as ``parkour_walking:every=2``, they do so too.
+    This holds for Box2D's and for equally thinned test sets, such as ``parkour_walking:every=2``, too.
     """
-    place = ["engine", "environment", "challenge", "embodiment"]
-    alone = cells.groupby(place)["test_set"].transform("nunique") == 1
+    keys = ["engine", "environment", "challenge", "embodiment"]
+    single = cells.groupby(keys)["test_set"].transform("nunique") == 1
     shipped = shipped_together(cells["environment"].unique())
-    places = cells[place[:-1]].itertuples(index=False, name=None)
-    together = [
-        _with_its_siblings(test_set, shipped.get(where, ()))
-        if single and isinstance(test_set, str)
-        else test_set
-        for where, test_set, single in zip(places, cells["test_set"], alone, strict=True)
-    ]
-    return pd.Series(together, index=cells.index, dtype=object)
-
-
-def _with_its_siblings(test_set: str, shipped: Sequence[str]) -> str:
-    name, settings = split_name(test_set)
-    return PLUS.join(join_name(each, settings) for each in shipped) if name in shipped else test_set
+    labels = []
+    for *key, test_set, alone in zip(*(cells[k] for k in keys[:-1]), cells["test_set"], single, strict=True):
+        if alone and isinstance(test_set, str):
+            name, settings = split_name(test_set)
+            siblings = shipped.get(tuple(key), ())
+            if name in siblings:
+                test_set = PLUS.join(join_name(sibling, settings) for sibling in siblings)
+        labels.append(test_set)
+    return pd.Series(labels, index=cells.index, dtype=object)
 
 
 def _gaps(rows: Columns, counted: Columns, by: Sequence[str]) -> Iterator[str]:
-    """Yield the reasons why the `counted` rows are not a complete pool."""
+    """Yield the reasons why the counted rows are not a complete pool."""
     ids = set(counted["run_id"])
     reasons = rows["reason"] if "reason" in rows else rows["status"]
     uncounted = Counter(
@@ -333,14 +326,14 @@ def _gaps(rows: Columns, counted: Columns, by: Sequence[str]) -> Iterator[str]:
     step = "evaluated_at" if "evaluated_at" in counted else "step"
     steps = sorted(set(counted[step])) if step in counted else []
     if len(steps) > 1:
-        yield f"evaluated at different steps: {', '.join(f'{each:,.0f}' for each in steps)}"
+        yield f"evaluated at different steps: {', '.join(f'{value:,.0f}' for value in steps)}"
 
 
 def _expected(rows: Columns, by: Sequence[str]) -> set[str]:
-    """Return the labels of the parts that the pool of these rows should have."""
-    here = set(map(_label, rows["embodiment"], rows["student"]))
+    """Return the labels of the parts that a complete pool of these rows has."""
+    labels = set(map(_label, rows["embodiment"], rows["student"]))
     pool = str(rows["pool"][0])
-    expected = {pool} if pool in here else set(pool.split(PLUS))
+    expected = {pool} if pool in labels else set(pool.split(PLUS))
     for column, end in (("embodiment", "{}/"), ("student", "/{}")):
         if column in by:
             name = end.format(rows[column][0])
@@ -350,32 +343,31 @@ def _expected(rows: Columns, by: Sequence[str]) -> set[str]:
 
 @computed_once
 def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> pd.DataFrame:
-    """Return `result_runs` after a share of the budget of each run; 1 for the ends of runs.
+    """Return `result_runs` after a share of each run's budget.
 
-    With `training` they have the mean return of training, for which more files are read.
+    Args:
+        frames: results of `load`.
+        share: share of the budget; 1 for the ends of runs.
+        training: True for the mean return of training, which needs more files.
     """
     return result_runs(frames, run_measures(frames, share=share, training=training))
 
 
 def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
-    """Return all runs that count as results, in the pools they belong to, with Random at every level.
+    """Return the rows of `pool_runs` for all results, with Random at every level.
 
-    Where only students run that the paper does not have there, such as PPO everywhere, these are the pool.
-    One rule for all readers.
+    Where only students run that are not the paper's, such as PPO everywhere, they are the pool.
 
     Args:
         frames: results of `load`.
         values: measures by run_id, as from `run_measures` or `evaluations_at`.
-
-    Returns:
-        Of `pooling.pool_runs`.
     """
     return _with_values(_members(frames), values)
 
 
 @computed_once
 def _members(frames: Frames) -> pd.DataFrame:
-    """Return the runs of all pools, independent of measure and step."""
+    """Return the members of all pools, independent of measure and step."""
     groups = by_students(without_searches(frames.cells))
     parts = [_pool_members(chosen, matrices) for _, matrices, chosen in groups]
     members = pd.concat(parts, ignore_index=True).drop_duplicates([*POOLED, "run_id"])
@@ -383,15 +375,14 @@ def _members(frames: Frames) -> pd.DataFrame:
 
 
 def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return `cells` without points of searches for hyper-parameters."""
+    """Return `cells` without hyper-parameter searches."""
     return cells[~of_searches(cells["experiment"])]
 
 
 def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
-    """Yield the paper's students together, then each other one alone, with the matrices to pool by.
+    """Yield a file tag, matrices and cells of the paper's students together and of each other student alone.
 
-    Each with a tag for names of files. Results of the original release, whose bipedal is another one, stand
-    apart from others in the same root.
+    Results of the original release, whose bipedal is another one, are separate.
     """
     imported = (cells["engine"] == BOX2D).to_numpy(bool)
     if not (imported & (cells["embodiment"] == RELEASED_BIPEDAL).to_numpy(bool)).any():
@@ -403,18 +394,20 @@ def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], 
         replace(m, embodiments=tuple(RELEASED_BIPEDAL if body == BIPEDAL else body for body in m.embodiments))
         for m in MATRICES
     )
-    for name, matrices, chosen in _by_students(cells[imported], released):
-        apart = "" if imported.all() else _file_name(BOX2D)
-        yield "-".join(tag for tag in (name, apart) if tag), matrices, chosen
+    for name, matrices, rows in _by_students(cells[imported], released):
+        suffix = "" if imported.all() else _file_name(BOX2D)
+        yield "-".join(tag for tag in (name, suffix) if tag), matrices, rows
 
 
 def _by_students(
     cells: pd.DataFrame, matrices: tuple[Matrix, ...]
 ) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
-    theirs = {(m.environment, m.challenge): m.students for m in MATRICES}
-    places = zip(cells["environment"], cells["challenge"], cells["student"], strict=True)
+    papers = {(m.environment, m.challenge): m.students for m in MATRICES}
+    rows = zip(cells["environment"], cells["challenge"], cells["student"], strict=True)
     other = {
-        student for *place, student in places if student not in theirs.get((place[0], place[1]), (student,))
+        student
+        for environment, challenge, student in rows
+        if student not in papers.get((environment, challenge), (student,))
     }
     if not set(cells["student"]) or set(cells["student"]) - other:
         yield "", matrices, cells

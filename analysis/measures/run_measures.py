@@ -1,4 +1,4 @@
-"""Measures of each run: what its student masters, how soon, what it forgets."""
+"""Measures of single runs: mastered tasks, steps to shares of them, forgetting."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -12,20 +12,20 @@ from tma_ray.support.quantities import SHARE, STEP
 from tma_ray.support.validation import check_sequence
 
 NOT_FINITE = "returns not finite"
-"""Why a run has no measures whose last evaluation has returns that are NaN or infinite."""
+"""Reason of runs without measures since their last evaluation has NaN or infinite returns."""
 
 
 SHARES = (0.5, 0.9)
-"""Shares of what a run masters in the end, of which it is measured when they are reached."""
+"""Shares of the final mastered % whose first steps are measured."""
 
 
 def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
-    """Return the columns of `run_measures` that are measures, in order."""
+    """Return the names of the measures of `run_measures`, in order."""
     return [*MEASURED, *map(steps_to, shares), "forgotten_percent", "training_return"]
 
 
 def steps_to(share: float) -> str:
-    """Return the name of the column that says when `share` of the final mastered % was reached."""
+    """Return the name of the column with the first step at a share of the final mastered %."""
     return f"steps_to_{round(100 * share)}_percent"
 
 
@@ -38,36 +38,35 @@ def run_measures(
     *,
     training: bool = True,
 ) -> pd.DataFrame:
-    """Return one row per run, with its measures at the end of its budget.
+    """Return the measures of each run at the end of its budget, or of a part of it.
 
     Args:
         frames: results with runs, evaluations and training windows.
-        at: steps after which runs are measured, as if that had been their budget; those still under way
-            count once they have been evaluated there. None for each run's own budget.
-        shares: shares of the final mastered %, each of which gets a column `steps_to`.
-        share: share of each run's own budget after which it is measured; 1 for all of it.
-        training: True for a column training_return, for which more files are read.
+        at: number of steps after which runs are measured, as if that were their budget; None for each run's
+            own budget.
+        shares: shares of the final mastered %, each with a column `steps_to`.
+        share: share of each run's own budget after which it is measured.
+        training: True for a column training_return, which needs more files.
 
     Returns:
-        Sorted by run_id, with the columns
+        Rows sorted by run_id, with the columns
 
         - run_id, steps (at which it is measured), step (of the last evaluation until then);
-        - `evaluations.MEASURED`, of that evaluation; mastered_area is over the whole budget, at the end of
-          which its last value holds;
-        - steps_to_50_percent and so on: first evaluation that masters this share of the final mastered %;
-          NaN where that is 0;
-        - forgotten_percent: of the test tasks, those mastered at an earlier evaluation and not at the last;
-        - training_return, the mean over training episodes, from the windows where there are any;
-        - reason, why a run has no measures, all of which are NaN then: "waiting", "failed",
-          "still running", "not evaluated", "ends before", `NOT_FINITE`; else empty.
+        - `evaluations.MEASURED` at that evaluation, with mastered_area over the whole budget;
+        - steps_to_50_percent and so on: step of the first evaluation with this share of the final mastered %;
+          NaN where the latter is 0;
+        - forgotten_percent: % of test tasks mastered at an earlier evaluation and not at the last;
+        - training_return: mean over training episodes;
+        - reason for missing measures, which are NaN: "waiting", "failed", "still running", "not evaluated",
+          "ends before", `NOT_FINITE`; else empty.
     """
     STEP.check("at", 0 if at is None else at)
     check_sequence("shares", shares)
-    for each in (*shares, share):
-        SHARE.check("share", each)
-    everything, evaluations = frames.measured, frames.evaluations
-    rows = _standing(frames, at, _reached(frames, everything), share)
-    within = _until(everything, rows)
+    for value in (*shares, share):
+        SHARE.check("share", value)
+    measured, evaluations = frames.measured, frames.evaluations
+    rows = _limits(frames, at, _reached(frames, measured), share)
+    within = _until(measured, rows)
     curves = within[within["not_finite"] == 0]
     ends = within.drop_duplicates("run_id", keep="last").set_index("run_id")
     rows["step"] = ends["step"]
@@ -78,7 +77,7 @@ def run_measures(
     rows = rows.join(last.set_index("run_id")[MEASURED])
     rows["mastered_area"] = area_over(rows["steps"], rows)
     rows = rows.join(_steps_to(curves, shares))
-    evaluations = _until(evaluations, rows) if len(within) < len(everything) else evaluations
+    evaluations = _until(evaluations, rows) if len(within) < len(measured) else evaluations
     rows["forgotten_percent"] = _forgotten(evaluations, within)
     measures = [name for name in measure_names(shares) if training or name != "training_return"]
     if training:
@@ -89,11 +88,11 @@ def run_measures(
 
 @computed_once
 def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
-    """Return the measures at each of `steps` of every run that reached it and did not fail.
+    """Return the measures at each step of every run that reached it and did not fail.
 
     Returns:
-        step (the one asked for), run_id, evaluated_at (step of the last evaluation at or before it), and
-        `evaluations.MEASURED` until then.
+        step (one of `steps`), run_id, evaluated_at (step of the last evaluation until then), and
+        `evaluations.MEASURED`.
     """
     check_sequence("steps", steps)
     steps = list(steps)
@@ -105,12 +104,10 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
 
 
 def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
-    """Return the mean return of recent training episodes of every run at each of `steps`.
-
-    Of runs that got there and did not fail: the last value of `evaluations.training_curves` at or before it.
+    """Return the training return at each step of every run that reached it and did not fail.
 
     Returns:
-        step (the one asked for), run_id, training_return.
+        step (one of `steps`), run_id, training_return (last value of `evaluations.training_curves`).
     """
     curves = training_curves(frames)[["run_id", "step", "training_return"]].rename(
         columns={"step": "measured_at"}
@@ -120,30 +117,18 @@ def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
 
 
 def _latest(frames: Frames, curves: pd.DataFrame, measured: str, steps: Sequence[int]) -> pd.DataFrame:
-    """Return the last row of `curves` up to each of `steps`, of runs that reached it."""
+    """Return the last row of `curves` up to each step, of runs that reached it."""
     reached = _reached(frames, frames.measured)
-    standing = [_standing(frames, step, reached).assign(step=step) for step in steps]
-    asked = pd.concat([_standing(frames, 0, reached).head(0).assign(step=0), *standing]).reset_index()
-    asked = asked.loc[asked["reason"] == "", ["step", "run_id"]].astype({"step": "int64", "run_id": object})
+    limits = [_limits(frames, step, reached).assign(step=step) for step in steps]
+    rows = pd.concat([_limits(frames, 0, reached).head(0).assign(step=0), *limits]).reset_index()
+    rows = rows.loc[rows["reason"] == "", ["step", "run_id"]].astype({"step": "int64", "run_id": object})
     curves = curves.sort_values(measured, kind="stable")
-    rows = pd.merge_asof(asked, curves, left_on="step", right_on=measured, by="run_id")
+    rows = pd.merge_asof(rows, curves, left_on="step", right_on=measured, by="run_id")
     return rows[rows[measured].notna()].reset_index(drop=True)
 
 
-def every(frames: Frames, interval: int) -> list[int]:
-    """Return the multiples of `interval` up to the last evaluation of any run, 0 left out.
-
-    Raises:
-        ValueError: `interval` is under 1.
-    """
-    if interval < 1:
-        raise ValueError(f"interval of {interval} steps: expected at least 1")
-    last = frames.evaluations["step"].max()
-    return [] if pd.isna(last) else list(range(interval, int(last) + 1, interval))
-
-
 def _until(table: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a table until the step at which their run is measured."""
+    """Return the rows of a table up to the steps at which their runs are measured."""
     return table[table["step"] <= table["run_id"].map(rows["steps"]).astype(float)]
 
 
@@ -153,14 +138,14 @@ def _reached(frames: Frames, curves: pd.DataFrame) -> pd.Series:
     return curves.groupby("run_id")["step"].max().reindex(runs).astype(float)
 
 
-def _standing(frames: Frames, at: int | None, reached: pd.Series, share: float = 1.0) -> pd.DataFrame:
-    """Return the step at which each run is measured, or the reason why none is, by run_id."""
+def _limits(frames: Frames, at: int | None, reached: pd.Series, share: float = 1.0) -> pd.DataFrame:
+    """Return the steps at which each run is measured, and a reason if it is not, by run_id."""
     runs = frames.cells.drop_duplicates("run_id").set_index("run_id").sort_index()
     status, budget = runs["status"], runs["steps"].astype(float)
     steps = np.floor(share * budget) if at is None else pd.Series(float(at), index=runs.index)
     reason = pd.Series("", index=runs.index, dtype=object)
-    there = reached >= steps if at is not None or share < 1 else False
-    reason[status.eq("running") & ~pd.Series(there, index=runs.index)] = "still running"
+    complete = reached >= steps if at is not None or share < 1 else False
+    reason[status.eq("running") & ~pd.Series(complete, index=runs.index)] = "still running"
     reason[budget < steps] = "ends before"
     for word in ("waiting", "failed"):
         reason[status == word] = word
@@ -168,15 +153,16 @@ def _standing(frames: Frames, at: int | None, reached: pd.Series, share: float =
 
 
 def _steps_to(curves: pd.DataFrame, shares: Sequence[float]) -> pd.DataFrame:
-    found: dict[str, list[float]] = {}
+    steps_by_run: dict[str, list[float]] = {}
     run_ids, steps = curves["run_id"].to_numpy(object), curves["step"].to_numpy(float)
     mastered = curves["mastered_percent"].to_numpy(float)
     starts = np.flatnonzero(np.append(True, run_ids[1:] != run_ids[:-1])) if len(curves) else np.zeros(0, int)
-    for first, end in itertools.pairwise([*starts, len(curves)]):  # thousands of runs: slices, not frames
-        mine, final = mastered[first:end], mastered[end - 1]
-        reached = (steps[first + np.argmax(mine >= share * final)] if final else np.nan for share in shares)
-        found[str(run_ids[first])] = list(map(float, reached))
-    return pd.DataFrame.from_dict(found, orient="index", columns=[*map(steps_to, shares)], dtype=float)
+    for first, end in itertools.pairwise([*starts, len(curves)]):  # slices, faster than thousands of frames
+        curve, final = mastered[first:end], mastered[end - 1]
+        reached = (steps[first + np.argmax(curve >= share * final)] if final else np.nan for share in shares)
+        steps_by_run[str(run_ids[first])] = list(map(float, reached))
+    columns = [*map(steps_to, shares)]
+    return pd.DataFrame.from_dict(steps_by_run, orient="index", columns=columns, dtype=float)
 
 
 def _forgotten(evaluations: pd.DataFrame, measured: pd.DataFrame) -> pd.Series:

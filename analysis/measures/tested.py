@@ -1,4 +1,4 @@
-"""Measures that teachers are compared by, and their tests, by pairs where runs share a student."""
+"""Headline measures of teachers, and their tests, paired by seed where runs share simulated students."""
 
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Final, TypeAlias
@@ -11,20 +11,20 @@ from analysis.statistics.tests import seed_means
 from tma_ray.results import SIMULATED
 
 HEADLINE: Final = "mastered_area"
-"""Measure that teachers are ranked by and tested on: mastered test tasks on average over the budget. It uses
-the whole run, is comparable between runs of any budget, and decides most (`docs/statistics.md`)."""
+"""Measure of rankings and tests: mean % of mastered test tasks over the budget. It uses the whole run, is
+comparable across budgets, and has the most power (`docs/statistics.md`)."""
 
 FINAL: Final = "last_three"
-"""Result in the end, shown next to the headline: mastered test tasks, mean of the last three evaluations."""
+"""Measure of final results: mean % of mastered test tasks at the last three evaluations."""
 
 TRAINED: Final = "trained_area"
-"""The headline per trained step: mastered test tasks on average until a number of steps that trained."""
+"""The headline per trained step: mean % of mastered test tasks over a number of trained steps."""
 
 PAPERS: Final = "mastered_percent"
-"""Measure of the paper's tables and claims: test tasks mastered at the last evaluation."""
+"""Measure of the paper: % of test tasks mastered at the last evaluation."""
 
 MEASURES = {HEADLINE: "over training", FINAL: "in the end", PAPERS: "last evaluation"}
-"""Measures in the order in which views show them, and their heads in tables; all in per cent."""
+"""Measures in the order in which they are shown, with their table headings."""
 
 AREA_MARGIN = DEFAULT_MARGIN / 2
 """Equivalence margin of means over training, in points: mastery grows about evenly, so its mean is half of
@@ -42,23 +42,20 @@ QUANTITIES = {
 
 
 def how_tested(family: str) -> str:
-    """Return the correction of tests for a `family`, in a sentence."""
+    """Return a sentence on the scale of tests and their correction for a family."""
     return f"Tests are of what is shown, in per cent; Holm's correction covers {family}."
 
 
 SHARED: Final = frozenset({SIMULATED})
-"""Engines on which all runs of a seed, on every challenge, train a student with the same pace of learning.
-
-There the rule of `statistics.tests.pairing_helps` asks for pairs; on all others it does not
-(`docs/statistics.md`).
-"""
+"""Engines on which all runs of a seed share a student's pace of learning, so that pairing by seed helps
+(`statistics.tests.pairing_helps`, `docs/statistics.md`)."""
 
 Seeds: TypeAlias = Mapping[Hashable, Hashable]
-"""Seeds of runs by id, of those that are paired; runs that it lacks are independent of all others."""
+"""Seeds of paired runs by run id; runs that are not in it are independent."""
 
 
 def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
-    """Return the seeds by which runs are paired; tables have engine, seed and run_id."""
+    """Return the seeds of paired runs in tables with engine, seed and run_id."""
     seeds: dict[Hashable, Hashable] = {}
     for table in tables:
         if SHARED.isdisjoint(table["engine"].unique()):
@@ -72,8 +69,8 @@ def compared(sample: pd.Series, reference: pd.Series, seeds: Seeds) -> Compariso
     """Compare the means of two samples, by pairs if all of their runs are in `seeds`, else by Welch's test.
 
     Args:
-        sample: one value a run, indexed by run id.
-        reference: the same of the other group.
+        sample: one value per run, indexed by run id.
+        reference: values of the other sample.
         seeds: seeds of `seeds_to_pair`.
     """
     if are_paired([sample, reference], seeds):
@@ -88,16 +85,16 @@ def compared_over_strata(
     least: Sequence[float] = (),
     described: Sequence[tuple[Description, Description]] = (),
 ) -> Comparison:
-    """Compare the means of two groups over strata, as `compared` does; arguments as of `stratified`."""
+    """Compare the means of two groups over strata, as `compared` does, with the arguments of `stratified`."""
     if are_paired([sample for pair in pairs for sample in pair], seeds):
         return paired_strata(pairs, weights, seeds)
     return stratified(pairs, weights, least, described)
 
 
 def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], seeds: Seeds) -> Comparison:
-    """Return the weighted mean of the strata's means, and its interval, as the difference from 0.
+    """Return the weighted mean over strata with its interval, as a difference from 0.
 
-    Of paired runs the mean is that of the seeds that all strata have. Arguments as of `seed_means`.
+    For paired runs the mean is over the seeds that all strata have. Arguments are those of `seed_means`.
     """
     if are_paired(samples, seeds):
         means = seed_means(samples, weights, seeds)
@@ -107,14 +104,14 @@ def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], see
 
 
 def in_common(first: pd.Series, second: pd.Series, seeds: Seeds) -> tuple[pd.Series, pd.Series]:
-    """Return the values of both samples, of their common seeds alone if they are paired."""
+    """Return both samples, restricted to their common seeds if they are paired."""
     if not are_paired([first, second], seeds):
         return first, second
-    mine, theirs = (sample.index.map(seeds) for sample in (first, second))
-    return first[mine.isin(theirs)], second[theirs.isin(mine)]
+    first_seeds, second_seeds = (sample.index.map(seeds) for sample in (first, second))
+    return first[first_seeds.isin(second_seeds)], second[second_seeds.isin(first_seeds)]
 
 
 def are_paired(samples: Sequence[pd.Series], seeds: Seeds) -> bool:
-    """True if there are runs in some samples, and all of them are among `seeds`."""
+    """Return True if the samples have runs, all of them in `seeds`."""
     runs = [run for sample in samples for run in sample.index] if seeds else []
     return bool(runs) and all(run in seeds for run in runs)

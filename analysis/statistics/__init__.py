@@ -1,4 +1,4 @@
-"""Tests, intervals, corrections and power: one function for each question, over arrays and series."""
+"""Statistical tests, confidence intervals, corrections for multiple tests, and power."""
 
 from analysis.statistics.samples import (
     CONFIDENCE,

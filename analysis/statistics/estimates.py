@@ -1,11 +1,11 @@
 """Interquartile means, probabilities of improvement and performance profiles (Agarwal et al., 2021).
 
-A sample is made of strata, such as the bodies of a pool or the challenges of an environment: a mapping from
-the name of each to its values (n,), one a run, indexed by run id. Runs of one of the `clusters` depend on
-each other; by default all are independent.
+A sample consists of strata, such as the embodiments of a pool or the challenges of an environment: a mapping
+from their names to values (n,), one per run, indexed by run id. Runs of the same cluster depend on each
+other; by default all are independent.
 
-Their authors' intervals are percentiles of bootstrap samples, which hold in 55 % of all cases with two seeds
-and in 74 % with three. These here hold with few seeds, too; `docs/statistics.md` has their coverage.
+The authors' bootstrap intervals cover in 55 % of all cases with two seeds and in 74 % with three. The
+intervals here hold with few seeds, too; `docs/statistics.md` has their coverage.
 """
 
 import math
@@ -20,30 +20,22 @@ from scipy import special
 from analysis.statistics.samples import TAIL, Estimate, deviations, negligible
 
 TRIMMED = 0.25
-"""Share of the runs that an interquartile mean leaves out at each end, rounded down to whole runs."""
+"""Share of runs trimmed at each end of an interquartile mean, rounded down to whole runs."""
 
 Strata: TypeAlias = Mapping[str, pd.Series]
 
 Clusters: TypeAlias = Mapping[Any, Hashable]
-"""Keys of runs that depend on each other, such as their seeds, by run id."""
+"""Cluster of each run, such as its seed, by run id."""
 
 Floats: TypeAlias = NDArray[np.float64]
 
 
-def interquartile_mean(values: ArrayLike, axis: int = -1) -> Any:
-    """Return the mean of the middle half: a quarter of the values, rounded down, is cut at each end."""
-    from scipy import stats  # it takes a second to import
-
-    return stats.trim_mean(np.asarray(values, dtype=float), TRIMMED, axis=axis)
-
-
 def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> Estimate:
-    """Return the interquartile mean of all runs of all strata together, each run with equal weight.
+    """Return the interquartile mean of all runs, with equal weights across strata.
 
-    The interval is Tukey and McLaughlin's (1963): Student's t with the winsorised variance within each
-    stratum, and Satterthwaite's degrees of freedom over the strata; or that with the variance of the
-    untrimmed mean where this is wider, since a winsorised variance of five runs comes out too small.
-    Where runs depend on each other, the variance is that of the sums of clusters.
+    The interval is the wider one of two: Tukey and McLaughlin's (1963), with the winsorised variance within
+    strata and Satterthwaite's degrees of freedom over them, and that of the untrimmed mean, since winsorised
+    variances of five runs are too small. With clusters, variances are those of the clusters' sums.
     """
     strata = [part for _, part in sorted(_finite(sample).items())]
     parts = [part.to_numpy() for part in strata]
@@ -68,18 +60,18 @@ def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> E
 def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
     """Return the probability that a run of `first` beats one of `second`, ties counting half.
 
-    It is Mann and Whitney's U over the number of pairs, averaged over strata with equal weight. The interval
-    of a stratum is Newcombe's (2006, method 5) with Student's t in place of the normal quantile; those of
-    several strata are joined by Zou and Donner's (2008) method of variance estimates recovery. All stay
-    within 0 and 1. Samples that share a run, or that are not of the same strata, have no estimate.
+    Mann and Whitney's U over the number of pairs is averaged over strata with equal weights. The interval of
+    a stratum is Newcombe's (2006, method 5) with Student's quantile; intervals of several strata are combined
+    by Zou and Donner's (2008) method of variance estimates recovery. Samples with a common run or different
+    strata have no estimate.
     """
-    ours, theirs = _finite(first), _finite(second)
-    n = sum(map(len, (*ours.values(), *theirs.values())))
+    x_strata, y_strata = _finite(first), _finite(second)
+    n = sum(map(len, (*x_strata.values(), *y_strata.values())))
     runs = [{run for part in group.values() for run in part.index} for group in (first, second)]
-    reason = "same runs" if runs[0] & runs[1] else "other strata" if set(ours) != set(theirs) else ""
+    reason = "same runs" if runs[0] & runs[1] else "other strata" if set(x_strata) != set(y_strata) else ""
     if reason or not n:
         return Estimate(math.nan, math.nan, math.nan, n, reason or "no results")
-    pairs = [(ours[name].to_numpy(), theirs[name].to_numpy()) for name in sorted(ours)]
+    pairs = [(x_strata[name].to_numpy(), y_strata[name].to_numpy()) for name in sorted(x_strata)]
     shares = [_share_of_wins(x[:, None], y[None, :]) for x, y in pairs]
     value = float(np.mean(shares))
     if min(len(part) for pair in pairs for part in pair) < 2:
@@ -93,57 +85,54 @@ def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
 
 
 def signal_to_noise(strata: Sequence[Mapping[str, ArrayLike]]) -> Estimate:
-    """Return the ratio of the deviation between teachers to that between seeds, shrunken by chance.
+    """Return the ratio of the standard deviation between teachers to that between seeds.
 
     With F = n v / s², where v is the mean variance of the teachers' means in a stratum and s² the pooled
-    variance of seeds with f degrees of freedom, the square is (F (f - 2) / f - 1) / n, or 0 if that is less:
-    unbiased before it is cut. The interval is exact for normal teachers and seeds, whose F is distributed as
-    1 + n times the square, times Fisher's F. Where seeds differ in number, n is the harmonic mean.
+    variance of seeds with f degrees of freedom, the squared ratio is (F (f - 2) / f - 1) / n, unbiased until
+    it is cut at 0. The interval is exact for normal teachers and seeds, whose F is Fisher's F times 1 + n
+    times the squared ratio. For unequal n their harmonic mean is used.
 
     Args:
-        strata: the values (n,), one a seed, of each of several teachers; one mapping a task space.
+        strata: values (n,), one per seed, by teacher; one mapping per task space.
     """
     samples = [[np.asarray(values, float) for values in stratum.values()] for stratum in strata]
-    each = [values for stratum in samples for values in stratum]
-    between, within = len(each) - len(samples), sum(map(len, each)) - len(each)
-    if min(map(len, samples), default=0) < 2 or min(map(len, each)) < 2 or within < 3:
-        return Estimate(math.nan, math.nan, math.nan, sum(map(len, each)), "needs 2 teachers and 2 seeds")
-    n = len(each) / sum(1 / len(values) for values in each)
-    noise = sum(float((deviations(values) ** 2).sum()) for values in each) / within
+    cells = [values for stratum in samples for values in stratum]
+    runs = sum(map(len, cells))
+    between, within = len(cells) - len(samples), runs - len(cells)
+    if min(map(len, samples), default=0) < 2 or min(map(len, cells)) < 2 or within < 3:
+        return Estimate(math.nan, math.nan, math.nan, runs, "needs 2 teachers and 2 seeds")
+    n = len(cells) / sum(1 / len(values) for values in cells)
+    noise = sum(float((deviations(values) ** 2).sum()) for values in cells) / within
     means = [np.array([values.mean() for values in stratum]) for stratum in samples]
     signal = sum(float((deviations(row) ** 2).sum()) for row in means) / between
     ratio = n * signal / noise if noise else math.inf
     ends = (ratio / special.fdtri(between, within, share) for share in (TAIL, 1 - TAIL))
-    value, low, high = (
-        math.sqrt(max(0.0, (found - 1) / n)) for found in (ratio * (within - 2) / within, *ends)
-    )
-    return Estimate(value, low, high, sum(map(len, each)))
+    value, low, high = (math.sqrt(max(0.0, (f - 1) / n)) for f in (ratio * (within - 2) / within, *ends))
+    return Estimate(value, low, high, runs)
 
 
 def performance_profile(
     sample: Strata, thresholds: Sequence[float], clusters: Clusters | None = None
 ) -> pd.DataFrame:
-    """Return the share of runs over each threshold, with Clopper and Pearson's exact intervals.
+    """Return the share of runs over each threshold, with pointwise Clopper-Pearson intervals.
 
-    An interval holds threshold by threshold, not for the whole profile at once. Runs of several strata count
-    as one sample, for which the intervals are wider than they need to be. Of runs that depend on each other,
-    only as many count as there are clusters.
+    Strata are pooled, for which intervals are conservative. With clusters, n is the number of clusters.
 
     Returns:
         threshold, share, low, high, n, reason.
     """
     parts = _finite(sample)
     values = np.concatenate([part.to_numpy() for _, part in sorted(parts.items())] or [np.zeros(0)])
-    counted = len(values)
+    n = len(values)
     if clusters is not None:
-        counted = len({clusters[run] for part in parts.values() for run in part.index})
+        n = len({clusters[run] for part in parts.values() for run in part.index})
     rows: list[list[Any]] = []
     for threshold in thresholds:
         if not len(values):
             rows.append([threshold, math.nan, math.nan, math.nan, 0, "no results"])
             continue
         share = float((values > threshold).mean())
-        over, under = share * counted, (1 - share) * counted
+        over, under = share * n, (1 - share) * n
         low = float(special.betaincinv(over, under + 1, 1 - TAIL)) if over else 0.0
         high = float(special.betaincinv(over + 1, under, TAIL)) if under else 1.0
         rows.append([threshold, share, low, high, len(values), ""])
@@ -151,7 +140,7 @@ def performance_profile(
 
 
 def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) -> float:
-    """Return half the width of Student's interval of the mean over all values of `parts`."""
+    """Return half the width of Student's interval of the mean of all values."""
     n = sum(map(len, parts))
     freedoms = freedoms or [len(part) - 1.0 for part in parts]
     squares = [float((deviations(part) ** 2).sum()) / (len(part) - 1) for part in parts]
@@ -164,14 +153,13 @@ def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) ->
 
 
 def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept: float = 1.0) -> float:
-    """Return half the width of Student's interval of the mean over all values of `parts`, by clusters.
+    """Return half the width of Student's interval of the mean of all values, clustered by `names` (n,).
 
-    `names` are the clusters of all values, in the same order; `kept` is the share of them that count as
-    degrees of freedom.
+    `kept` is the share of the clusters that count as degrees of freedom.
     """
     residuals = np.concatenate([deviations(part) for part in parts])
-    _, places = np.unique(np.array(list(map(str, names))), return_inverse=True)
-    sums = np.bincount(places, residuals)
+    _, clusters = np.unique(np.array(list(map(str, names))), return_inverse=True)
+    sums = np.bincount(clusters, residuals)
     if len(sums) < 2:
         return math.nan
     error = math.sqrt(len(sums) / (len(sums) - 1) * float(sums @ sums)) / len(residuals)
@@ -179,7 +167,7 @@ def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept
 
 
 def _share_of_wins(first: Floats, second: Floats) -> float:
-    """Return the share of pairs in which `first` is greater, ties up to rounding errors counting half."""
+    """Return the share of pairs in which `first` is greater, ties counting half."""
     ties = negligible(first - second, np.maximum(np.abs(first), np.abs(second)))
     return float(np.where(ties, 0.5, first > second).mean())
 
@@ -187,9 +175,9 @@ def _share_of_wins(first: Floats, second: Floats) -> float:
 def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
     """Return the interval of a probability of improvement that was estimated from n times m pairs.
 
-    Its ends are the chances c whose squared distance to `share` is the squared quantile times their variance
-    c (1 - c) / (n m) (1 + (mean) ((1 - c) / (2 - c) + c / (1 + c))), mean being (n + m) / 2 - 1. Over their
-    denominators that is a polynomial of degree 4, with a root below 0, another above 1 and these two between.
+    Its ends are the probabilities c whose squared distance to `share` is the squared quantile times the
+    variance c (1 - c) / (n m) (1 + k ((1 - c) / (2 - c) + c / (1 + c))), with k = (n + m) / 2 - 1. Cleared of
+    denominators that is a polynomial of degree 4, with one root below 0, one above 1, and both ends between.
     """
     mean, quantile = (n + m) / 2 - 1, float(special.stdtrit(n + m - 2, TAIL))
     denominators = np.array([2.0, 1.0, -1.0])  # (2 - c) (1 + c), the constant first, as below
@@ -204,7 +192,7 @@ def _finite(sample: Strata) -> dict[str, pd.Series]:
     finite = {}
     for name, values in sample.items():
         part = values.astype(float)
-        known = np.isfinite(part.to_numpy())
-        if known.any():
-            finite[name] = part if known.all() else part[known]
+        mask = np.isfinite(part.to_numpy())
+        if mask.any():
+            finite[name] = part if mask.all() else part[mask]
     return finite

@@ -1,9 +1,4 @@
-"""Power of tests: the smallest difference that some seeds can show, and the seeds that one needs.
-
-`first` and `second` have the n and the true standard deviations of two samples, whose means do not matter;
-`significance` is the p under which a test finds a difference, and `wanted` the probability of finding it,
-over `significance` and under 1. Differences are in the unit of the samples.
-"""
+"""Power of t-tests, detectable differences and numbers of seeds."""
 
 import bisect
 import math
@@ -17,34 +12,33 @@ from analysis.statistics.samples import SIGNIFICANCE, TAIL, Description
 from analysis.statistics.tests import Comparison, standard_error_of_difference
 
 POWER = 0.8
-"""Probability of finding a difference that is there, by convention (Cohen, 1988)."""
+"""Conventional power (Cohen, 1988)."""
 
 NODES = 64
-"""Quadrature nodes for each sample variance: the power of two runs against two is exact to 1e-6."""
+"""Quadrature nodes per sample variance, by which the power of two runs against two is exact to 1e-6."""
 
 MOST_SEEDS = 1000
-"""Seeds beyond which no number is looked for."""
+"""Largest number of seeds that `seeds_needed` returns."""
 
 FURTHEST = 1e6
-"""Standard errors beyond which no difference is looked for."""
+"""Largest difference that is searched, standard errors."""
 
 
 def power(
     difference: float, first: Description, second: Description, significance: float = SIGNIFICANCE
 ) -> float:
-    """Return the probability that a two-sided Welch test finds `difference` between two means.
+    """Return the power of a two-sided Welch test of two normal samples.
 
-    Exact for normal samples: the noncentral t distribution holds where the degrees of freedom are known, as
-    in Student's test, but Welch estimates them from the two sample variances, which costs much power
-    with two or three seeds: with 3 seeds and a deviation of 10 it promises 0.8 for 30.7 points, which have
-    0.70, and 35.1 are needed; from 10 seeds on both agree. Given both variances the test statistic is normal,
-    so that the power is its mean over the distributions of both, by Gauss and Legendre's quadrature.
+    The noncentral t distribution is exact for known degrees of freedom only. Welch's test estimates them from
+    the sample variances, which costs much power with two or three seeds: with 3 seeds and a deviation of 10,
+    the noncentral t has a power of 0.8 at 30.7 points, where the true power is 0.70. Given both variances the
+    test statistic is normal, so its power is averaged over their distributions by Gauss-Legendre quadrature.
 
     Args:
         difference: difference of the true means.
-        first: n and true standard deviation of a sample; its mean does not matter.
-        second: the same of the other sample.
-        significance: p under which the test finds a difference.
+        first: n and true standard deviation of a sample; the mean is ignored.
+        second: n and true standard deviation of the other sample.
+        significance: significance level.
 
     Returns:
         NaN where a sample has fewer than two values or no standard deviation, or neither has a spread.
@@ -56,74 +50,69 @@ def power(
 
 
 def detectable_difference(
-    first: Description, second: Description, wanted: float = POWER, significance: float = SIGNIFICANCE
+    first: Description, second: Description, target: float = POWER, significance: float = SIGNIFICANCE
 ) -> float:
-    """Return the smallest difference of means that a two-sided Welch test finds with power `wanted`.
+    """Return the smallest difference of means that a two-sided Welch test finds with a given power.
 
     Args:
-        first: n and true standard deviation of a sample; its mean does not matter.
-        second: the same of the other sample.
-        wanted: probability of finding the difference, over `significance` and under 1.
-        significance: p under which the test finds a difference.
+        first: n and true standard deviation of a sample; the mean is ignored.
+        second: n and true standard deviation of the other sample.
+        target: power, over `significance` and under 1.
+        significance: significance level.
 
     Returns:
-        In the unit of the samples; NaN where `power` is NaN.
+        Difference in the unit of the samples; NaN where `power` is NaN.
 
     Raises:
-        ValueError: `wanted` is not between `significance` and 1.
+        ValueError: if `target` is not between `significance` and 1.
     """
-    if not significance < wanted < 1:
-        raise ValueError(f"power {wanted}: expected over the significance, {significance}, and under 1")
+    if not significance < target < 1:
+        raise ValueError(f"power {target}: expected over the significance, {significance}, and under 1")
     if not _testable(first, second):
         return math.nan
     error, _ = standard_error_of_difference(first, second)
-    return _smallest_shift(lambda shift: _power(shift, first, second, significance), wanted) * error
+    return _smallest_shift(lambda shift: _power(shift, first, second, significance), target) * error
 
 
 def detectable_in_pairs(
-    pairs: int, margin: float, wanted: float = POWER, significance: float = SIGNIFICANCE
+    pairs: int, margin: float, target: float = POWER, significance: float = SIGNIFICANCE
 ) -> float:
-    """Return the smallest mean difference that a two-sided paired t-test finds with power `wanted`.
-
-    Exact for normal differences: the test statistic has the noncentral t distribution.
+    """Return the smallest mean difference that a two-sided paired t-test finds with a given power.
 
     Args:
-        pairs: their number.
+        pairs: number of pairs.
         margin: half the width of the 95 % interval of the mean difference.
-        wanted: probability of finding the difference, over `significance` and under 1.
-        significance: p under which the test finds a difference.
+        target: power, over `significance` and under 1.
+        significance: significance level.
 
     Returns:
-        In the unit of the margin; NaN with fewer than two pairs or without a margin over 0.
+        Difference in the unit of the margin; NaN with fewer than two pairs or without a margin over 0.
     """
     if pairs < 2 or not margin > 0:
         return math.nan
     from scipy import special
 
-    shift = _smallest_shift(lambda shift: _student_power(shift, pairs - 1, significance), wanted)
+    shift = _smallest_shift(lambda shift: _student_power(shift, pairs - 1, significance), target)
     return shift * margin / float(special.stdtrit(pairs - 1, TAIL))
 
 
-def _smallest_shift(power_at: Callable[[float], float], wanted: float) -> float:
-    """Return the smallest difference in true standard errors with the power `wanted`."""
-    from scipy import optimize  # half of the time that `import analysis` takes otherwise
+def _smallest_shift(power_at: Callable[[float], float], target: float) -> float:
+    """Return the smallest difference with the power `target`, in true standard errors."""
+    from scipy import optimize  # deferred: doubles the import time of `analysis`
 
     high = 1.0
-    while power_at(high) < wanted and high < FURTHEST:
+    while power_at(high) < target and high < FURTHEST:
         high *= 2
-    return float(optimize.brentq(lambda shift: power_at(shift) - wanted, 0.0, high))
+    return float(optimize.brentq(lambda shift: power_at(shift) - target, 0.0, high))
 
 
-def seeds_needed(test: Comparison, seeds: float, wanted: float = POWER) -> int | None:
-    """Return the number of seeds that finds a difference as large as a test with fewer seeds saw.
-
-    By the noncentral t distribution: the standard error of the difference falls with the root of the number
-    of seeds, and the degrees of freedom grow with it.
+def seeds_needed(test: Comparison, seeds: float, target: float = POWER) -> int | None:
+    """Return the number of seeds with which a test would find the difference that it observed.
 
     Args:
-        test: a t-test, of pairs or of two samples, in one stratum or over several.
-        seeds: number on each side in it; of two different numbers the harmonic mean.
-        wanted: power of the test with the number that is returned.
+        test: t-test, of pairs or of two samples, in one stratum or over several.
+        seeds: number of seeds on each side of the test, or their harmonic mean.
+        target: power of the test with the returned number of seeds.
 
     Returns:
         The least number, from 2 on; None without a t-test or where `MOST_SEEDS` do not suffice.
@@ -133,15 +122,15 @@ def seeds_needed(test: Comparison, seeds: float, wanted: float = POWER) -> int |
 
     def suffices(number: int) -> bool:
         freedom = test.degrees_of_freedom * (number - 1) / (seeds - 1)
-        return _student_power(abs(test.t) * math.sqrt(number / seeds), freedom, SIGNIFICANCE) >= wanted
+        return _student_power(abs(test.t) * math.sqrt(number / seeds), freedom, SIGNIFICANCE) >= target
 
     high = 2
-    while not suffices(high):  # far beyond the number, the noncentral t distribution is not computed well
+    while not suffices(high):  # bracketed from below: the noncentral t is inaccurate far beyond the solution
         high *= 2
         if high > 2 * MOST_SEEDS:
             return None
-    found = bisect.bisect_left(range(high), True, lo=2, key=suffices)
-    return found if found <= MOST_SEEDS else None
+    least = bisect.bisect_left(range(high), True, lo=2, key=suffices)
+    return least if least <= MOST_SEEDS else None
 
 
 def _student_power(shift: float, freedom: float, significance: float) -> float:
@@ -159,19 +148,20 @@ def _power(shift: float, first: Description, second: Description, significance: 
     error, _ = standard_error_of_difference(first, second)
     spreads = first.std / error, second.std / error
     critical, weights = _critical_values(first.n, spreads[0], second.n, spreads[1], significance)
-    found = special.ndtr(shift - critical) + special.ndtr(-shift - critical)
-    return float((weights * found).sum())
+    powers = special.ndtr(shift - critical) + special.ndtr(-shift - critical)
+    return float((weights * powers).sum())
 
 
 @lru_cache(maxsize=256)
 def _critical_values(
     n: int, std: float, other_n: int, other_std: float, significance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the differences (q, q) over which Welch finds one, by sample variances, and their weights."""
+    """Return Welch's critical differences by sample variances (q, q), and their weights (q, q)."""
     from scipy import special
 
-    (mine, weights), (theirs, other_weights) = _variances(n), _variances(other_n)
-    first, second = (std**2 / n * mine)[:, None], (other_std**2 / other_n * theirs)[None, :]
+    (variances, weights), (other_variances, other_weights) = _variances(n), _variances(other_n)
+    first = (std**2 / n * variances)[:, None]
+    second = (other_std**2 / other_n * other_variances)[None, :]
     freedom = (first + second) ** 2 / (first**2 / (n - 1) + second**2 / (other_n - 1))
     critical = special.stdtrit(freedom, 1 - significance / 2) * np.sqrt(first + second)
     return np.asarray(critical, np.float64), weights[:, None] * other_weights[None, :]
@@ -179,7 +169,7 @@ def _critical_values(
 
 @lru_cache(maxsize=256)
 def _variances(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return values (q,) of the variance of n standard normal values, and their weights (q,)."""
+    """Return quadrature nodes (q,) of the sample variance of n standard normals, and their weights (q,)."""
     from scipy import special
 
     nodes, weights = np.polynomial.legendre.leggauss(NODES)

@@ -1,4 +1,4 @@
-"""Samples of runs and intervals of their means, corrections for many tests, and verdicts by a margin."""
+"""Descriptions of samples, confidence intervals, Holm's correction, and equivalence by a margin."""
 
 import math
 from collections.abc import Sequence
@@ -12,24 +12,23 @@ CONFIDENCE = 0.95
 """Coverage of the confidence intervals."""
 
 TAIL = (1 + CONFIDENCE) / 2
-"""Probability under the upper end of one."""
+"""Quantile of an interval's upper end."""
 
 SIGNIFICANCE = 0.05
-"""Two samples differ significantly when p is strictly under this (paper, appendix on results)."""
-
+"""Significance level; p is significant strictly under it (paper, appendix on results)."""
 
 EQUAL = 1e-9
-"""Share of the values up to which a difference or a deviation is a rounding error."""
+"""Relative tolerance for rounding errors of differences and deviations."""
 
 
 def negligible(deviations: ArrayLike, values: ArrayLike) -> NDArray[np.bool_]:
-    """Return a mask of the deviations that are rounding errors of `values`, such as their mean.
+    """Return a mask of the deviations that are rounding errors relative to `values`.
 
-    This alone decides which samples have no spread between seeds and which means are equal.
+    This is the only criterion for samples without spread and for equal means.
 
     Args:
         deviations: differences or standard deviations of any shape.
-        values: values that they are measured against, of a shape that broadcasts; NaN makes none negligible.
+        values: values such as means, of a shape that broadcasts; nothing is negligible relative to NaN.
     """
     return np.asarray(np.abs(deviations) <= EQUAL * np.abs(values))
 
@@ -43,13 +42,12 @@ def deviations(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Description:
-    """A sample in four numbers; NaN where the sample is too small for one.
+    """Size, mean and standard deviation of a sample; NaN where the sample is too small.
 
     Attributes:
-        n: finite values in the sample.
+        n: number of finite values.
         mean: arithmetic mean.
-        std: standard deviation with n - 1 degrees of freedom; needs two values. 0 in place of a rounding
-            error of the mean.
+        std: standard deviation with n - 1 degrees of freedom; 0 in place of a rounding error of the mean.
     """
 
     n: int
@@ -70,14 +68,14 @@ class Description:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number with its 95 % confidence interval.
+    """Point estimate with its 95 % confidence interval; NaN where one is missing.
 
     Attributes:
-        value: estimate of the sample itself; NaN where it has none.
-        low: lower end of the interval; NaN where there is none.
-        high: upper end of it.
-        n: runs of the sample, of both for a comparison.
-        reason: reason why the interval is missing; empty where it is not.
+        value: point estimate.
+        low: lower end of the interval.
+        high: upper end of the interval.
+        n: number of runs, over both samples in a comparison.
+        reason: reason for a missing interval; empty if there is one.
     """
 
     value: float
@@ -88,40 +86,36 @@ class Estimate:
 
 
 def describe(values: ArrayLike) -> Description:
-    """Return n, mean, standard deviation and standard error of the finite ones among `values`."""
+    """Return the description of the finite values."""
     sample = finite(values)
     n = sample.size
     if not n:
         return Description(0, math.nan, math.nan)
-    mean = float(np.add.reduce(sample)) / n  # as `mean` and `std` do: reports have tens of thousands of these
+    mean = float(np.add.reduce(sample)) / n  # `mean` and `std` without overhead: reports have 10,000s
     differences = sample - mean
     std = math.sqrt(float(np.add.reduce(differences * differences)) / (n - 1)) if n > 1 else math.nan
     return Description(n, mean, std)
 
 
 def mean_interval(sample: Description) -> tuple[float, float]:
-    """Return the 95 % confidence interval of the mean, by Student's t.
-
-    NaN under two values and without any spread, where no method holds: equal values do not show that the mean
-    is known.
-    """
+    """Return Student's 95 % confidence interval of the mean; NaN under two values and without any spread."""
     if sample.n < 2 or sample.std == 0:
         return math.nan, math.nan
-    from scipy import special  # half of the time that `import analysis` takes otherwise
+    from scipy import special  # deferred: doubles the import time of `analysis`
 
     margin = float(special.stdtrit(sample.n - 1, TAIL)) * sample.standard_error
     return sample.mean - margin, sample.mean + margin
 
 
 def percent_interval(mean: float, margin: float) -> tuple[float, float]:
-    """Return the 95 % confidence interval of a mean percentage, which stays within 0 and 100.
+    """Return the 95 % confidence interval of a mean percentage, within 0 and 100.
 
-    It is symmetric in the arcsine of the root of the mean's share, whose standard error follows from that of
-    the mean (delta method). A mean of 0 or 100, where that has none, keeps the symmetric interval, cut there.
+    It is symmetric on the arcsine scale, by the delta method. For a mean of 0 or 100, where that fails, the
+    symmetric interval is clipped.
 
     Args:
         mean: mean of percentages, in [0, 100].
-        margin: half the width of its symmetric interval, in points; NaN where there is none.
+        margin: half the width of the symmetric interval, in points; NaN if there is none.
     """
     if not 0 < mean < 100:
         return max(mean - margin, 0.0), min(mean + margin, 100.0)
@@ -140,15 +134,13 @@ def mean_percent_interval(sample: Description) -> tuple[float, float]:
 def mean_interval_of(
     mean: float, weights: Sequence[float], variances: Sequence[float], sizes: Sequence[int]
 ) -> tuple[float, float]:
-    """Return the 95 % confidence interval of a weighted mean of strata's mean percentages, within 0 and 100.
-
-    Student's, with Welch and Satterthwaite's degrees of freedom.
+    """Return Student's 95 % interval of a weighted mean of percentages over strata, within 0 and 100.
 
     Args:
         mean: weighted mean.
         weights: weight of each stratum.
-        variances: variance of a run in each, of which one is over 0.
-        sizes: runs of each, 2 or more.
+        variances: variance of a run in each stratum, at least one over 0.
+        sizes: number of runs in each stratum, 2 or more.
     """
     from scipy import special
 
@@ -158,20 +150,20 @@ def mean_interval_of(
 
 
 def bounded_interval(value: float, n: int) -> tuple[float, float]:
-    """Return the exact 95 % confidence interval of the mean of percentages where `n` runs all have `value`.
+    """Return the exact 95 % confidence interval of the mean percentage where all `n` runs have `value`.
 
-    If runs have it with a probability under p = 0.05^(1/n), all of n do in less than 5 % of samples. With p,
-    the mean is from p value to p value + 100 (1 - p), whatever the others are.
+    The probability of `value` is at least p = 0.05^(1/n) with 95 % confidence, so the mean is between
+    p value and p value + 100 (1 - p).
     """
     p = (1 - CONFIDENCE) ** (1 / n)
     return p * value, p * value + 100 * (1 - p)
 
 
 def finite(values: ArrayLike) -> NDArray[np.float64]:
-    """Return the finite ones among `values` (n,).
+    """Return the finite values of a sample (n,).
 
     Raises:
-        ValueError: they have another number of dimensions, or are not numbers.
+        ValueError: if the values are not numbers or not one-dimensional.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1:
@@ -180,10 +172,10 @@ def finite(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def holm(p_values: ArrayLike) -> NDArray[np.float64]:
-    """Return Holm's adjustment of `p_values` (n,) for testing n hypotheses at once; NaN stays NaN.
+    """Return p-values (n,) adjusted by Holm's method; NaN stays NaN.
 
     Raises:
-        ValueError: a value is outside [0, 1].
+        ValueError: if a value is outside [0, 1].
     """
     values = np.asarray(p_values, dtype=np.float64)
     wrong = values[(values < 0) | (values > 1)]
@@ -197,18 +189,18 @@ def holm(p_values: ArrayLike) -> NDArray[np.float64]:
 
 
 DEFAULT_MARGIN = 5.0
-"""Points of mastered tasks under which a difference does not matter."""
+"""Equivalence margin of differences in mastered tasks, in points."""
 
 
 class Standing(StrEnum):
-    """Standing of a statement held against results.
+    """Result of testing a statement against data.
 
     Attributes:
-        SUPPORTED: the interval leaves no doubt of it.
-        REFUTED: the interval leaves no doubt of its contrary, under the conditions of the statement.
-        NOT_SEEN: the same under other conditions, which do not refute it.
-        UNDECIDED: the interval allows for both.
-        NO_DATA: complete results to hold it against are missing.
+        SUPPORTED: the interval excludes the contrary.
+        REFUTED: the interval excludes the statement, under the statement's own conditions.
+        NOT_SEEN: the interval excludes the statement, under other conditions.
+        UNDECIDED: the interval excludes neither.
+        NO_DATA: complete results are missing.
     """
 
     SUPPORTED = "supported"
@@ -225,10 +217,9 @@ def contrary(standing: Standing) -> Standing:
 
 
 def greater(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing:
-    """Return the standing of "the difference is over 0", by its interval.
+    """Return the standing of "the difference is over 0" by its interval.
 
-    Supported where the whole interval is over 0; else refuted where it is under `margin`, so that a
-    difference that matters is ruled out. An interval of NaN decides nothing.
+    It is supported if the interval is over 0, else refuted if the interval is under `margin`.
     """
     if low > 0:
         return Standing.SUPPORTED
@@ -236,10 +227,9 @@ def greater(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing
 
 
 def equivalent(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing:
-    """Return the standing of "the difference does not matter", by the interval of the difference.
+    """Return the standing of "the difference does not matter" by its interval.
 
-    Supported where the interval is within plus and minus `margin`; else refuted where it leaves out 0. An
-    interval of NaN decides nothing.
+    It is supported if the interval is within plus and minus `margin`, else refuted if it excludes 0.
     """
     if -margin < low and high < margin:
         return Standing.SUPPORTED

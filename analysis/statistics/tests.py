@@ -1,7 +1,7 @@
 """Tests between samples of runs: Welch's, paired, by permutation, and over strata.
 
-`pairs` are the samples of both groups in each stratum, one value a run, indexed by run id, and `weights`
-those of the strata, which need not add up to 1; `seeds` has the seeds of all runs by id.
+Arguments in common: `pairs` are both groups' samples in each stratum, one value per run, indexed by run id;
+`weights` are the weights of strata, in any unit; `seeds` are the seeds of runs by id.
 """
 
 import itertools
@@ -29,72 +29,71 @@ from analysis.statistics.samples import (
 )
 from tma_ray.support.validation import check_type
 
-MOST = 20_000
-"""Arrangements up to which all are looked at: two samples of 8 runs have 12,870."""
+MOST_ARRANGEMENTS = 20_000
+"""Largest number of arrangements that are enumerated; two samples of 8 runs have 12,870."""
 
-DRAWN = 9_999
-"""Arrangements that are drawn of more, so that the smallest p is 1 in 10,000 (Davison and Hinkley, 1997)."""
+DRAWN_ARRANGEMENTS = 9_999
+"""Random arrangements in place of more, for a smallest p of 1 in 10,000 (Davison and Hinkley, 1997)."""
 
-SEED = 0
-"""Of the draws: the same samples always have the same p."""
+PERMUTATION_SEED = 0
+"""Seed of random arrangements, fixed so that p is a function of the samples."""
 
 Floats = NDArray[np.float64]
 
 
 def permutation_p(pairs: Sequence[tuple[ArrayLike, ArrayLike]], weights: Sequence[float] = (1.0,)) -> float:
-    """Return the two-sided p-value of a weighted mean of differences between two groups over strata.
-
-    Runs change groups within their stratum only.
-    """
+    """Return the two-sided p-value of a weighted mean difference by permutation within strata."""
     strata = [tuple(np.asarray(group, np.float64) for group in pair) for pair in pairs]
-    found = sum(weight * (a.mean() - b.mean()) for weight, (a, b) in zip(weights, strata, strict=True))
+    observed = sum(weight * (a.mean() - b.mean()) for weight, (a, b) in zip(weights, strata, strict=True))
     scale = max(float(np.abs(np.concatenate(stratum)).max()) for stratum in strata) * sum(weights)
-    exact = math.prod(math.comb(len(a) + len(b), len(a)) for a, b in strata) <= MOST
-    rng, differences = np.random.default_rng(SEED), np.zeros(1)
+    exact = math.prod(math.comb(len(a) + len(b), len(a)) for a, b in strata) <= MOST_ARRANGEMENTS
+    rng, differences = np.random.default_rng(PERMUTATION_SEED), np.zeros(1)
     for weight, (a, b) in zip(weights, strata, strict=True):
         values, n = np.concatenate([a, b]), len(a)
         if exact:
             chosen = values[np.array(list(itertools.combinations(range(len(values)), n)))]
         else:
-            chosen = rng.permuted(np.broadcast_to(values, (DRAWN, len(values))), axis=1)[:, :n]
+            permuted = np.broadcast_to(values, (DRAWN_ARRANGEMENTS, len(values)))
+            chosen = rng.permuted(permuted, axis=1)[:, :n]
         sums = chosen.sum(axis=1)
-        own = weight * (sums / n - (values.sum() - sums) / len(b))
-        differences = np.add.outer(differences, own).ravel() if exact else differences + own
-    return _share(differences if exact else np.append(differences, found), found, scale)
+        terms = weight * (sums / n - (values.sum() - sums) / len(b))
+        differences = np.add.outer(differences, terms).ravel() if exact else differences + terms
+    return _extreme_share(differences if exact else np.append(differences, observed), observed, scale)
 
 
 def sign_flip_p(differences: ArrayLike) -> float:
-    """Return the two-sided p-value of the mean of paired differences (n,): each may have either sign."""
+    """Return the two-sided p-value of the mean of paired differences (n,) by flipping their signs."""
     values = np.asarray(differences, np.float64)
-    found, scale = float(values.mean()), float(np.abs(values).max())
-    if 2 ** len(values) <= MOST:
+    observed, scale = float(values.mean()), float(np.abs(values).max())
+    if 2 ** len(values) <= MOST_ARRANGEMENTS:
         signs = np.array(list(itertools.product((1.0, -1.0), repeat=len(values))))
-        return _share(signs @ values / len(values), found, scale)
-    signs = np.random.default_rng(SEED).choice((1.0, -1.0), (DRAWN, len(values)))
-    return _share(np.append(signs @ values / len(values), found), found, scale)
+        return _extreme_share(signs @ values / len(values), observed, scale)
+    rng = np.random.default_rng(PERMUTATION_SEED)
+    signs = rng.choice((1.0, -1.0), (DRAWN_ARRANGEMENTS, len(values)))
+    return _extreme_share(np.append(signs @ values / len(values), observed), observed, scale)
 
 
-def _share(differences: Floats, found: float, scale: float) -> float:
-    """Return the share of `differences` at least as far from 0 as `found`."""
-    return float(np.mean(np.abs(differences) >= abs(found) - EQUAL * scale))
+def _extreme_share(differences: Floats, observed: float, scale: float) -> float:
+    """Return the share of `differences` at least as far from 0 as `observed`."""
+    return float(np.mean(np.abs(differences) >= abs(observed) - EQUAL * scale))
 
 
 ROUNDING = 1e-9
-"""Share by which rounding may take a percentage of 0 or 100 away from there, to either side."""
+"""Rounding error of shares next to 0 and 1."""
 
 ALL_EQUAL = "no spread between seeds"
-"""Why two samples are not tested whose values are all the same."""
+"""Reason for a missing test of equal values."""
 
 
 class Method(StrEnum):
-    """Test that a p-value comes from.
+    """Test behind a p-value.
 
     Attributes:
-        WELCH: Welch's t-test, of one stratum or of several.
+        WELCH: Welch's t-test, over one or several strata.
         PAIRED: Student's t-test of paired differences.
-        PERMUTATION: runs change groups, where a standard deviation is 0.
-        SIGN_FLIP: paired differences change signs, where their standard deviation is 0.
-        NONE: no test was made.
+        PERMUTATION: permutation test, where a standard deviation is 0.
+        SIGN_FLIP: sign-flip test of paired differences, where their standard deviation is 0.
+        NONE: no test.
     """
 
     WELCH = "Welch"
@@ -105,29 +104,28 @@ class Method(StrEnum):
 
 
 class Scale(StrEnum):
-    """Scale on which means of percentages are tested.
+    """Scale on which percentages are tested.
 
     Attributes:
-        PERCENT: percentages as they are.
-        ARCSINE: arcsine of the root of a share, on which seeds of a measure that is a mean of many shares
-            scatter alike, whether they master little or much (Bartlett, 1947).
+        PERCENT: percentages.
+        ARCSINE: arcsine of the square root of shares, which stabilises the variance of means of many shares
+            (Bartlett, 1947).
     """
 
     PERCENT = "percent"
     ARCSINE = "arcsine"
 
     def of(self, percentages: pd.Series) -> pd.Series:
-        """Return `percentages` on this scale; arcsines are in radians, from 0 to half of pi.
+        """Return percentages on the scale; arcsines are radians in [0, pi / 2].
 
-        Shares within `ROUNDING` of 0 or 1 count as these: the arcsine is so steep there that equal values
-        would differ by more than a rounding error.
+        Shares within `ROUNDING` of 0 or 1 are rounded: the arcsine's slope there magnifies rounding errors.
 
         Raises:
-            ValueError: a value is not a percentage.
+            ValueError: if a value is not a percentage.
         """
         if self is Scale.PERCENT:
             return percentages
-        shares = percentages.to_numpy(float) / 100  # arrays: a board has thousands of these samples
+        shares = percentages.to_numpy(float) / 100  # faster than series: a board has thousands of samples
         wrong = shares[(shares < -ROUNDING) | (shares > 1 + ROUNDING)]
         if len(wrong):
             raise ValueError(f"{100 * wrong[0]:g}: expected percentages, in [0, 100], to test arcsines")
@@ -137,20 +135,19 @@ class Scale(StrEnum):
 
 @dataclass(frozen=True)
 class Comparison:
-    """A test of the mean of a sample against a reference's; NaN where there is none.
+    """Comparison of the means of a sample and a reference; NaN where a number is missing.
 
     Attributes:
-        n: values in the sample.
-        reference_n: values in the reference.
-        difference: mean of the sample minus mean of the reference.
-        low: lower end of the 95 % confidence interval of `difference`; NaN where no method holds, as between
-            two samples without any spread.
-        high: upper end of it.
+        n: number of values in the sample.
+        reference_n: number of values in the reference.
+        difference: mean of the sample less that of the reference.
+        low: lower end of the difference's 95 % confidence interval; NaN without any spread.
+        high: upper end of the interval.
         t: test statistic of a t-test.
-        degrees_of_freedom: Welch and Satterthwaite's, seldom whole.
+        degrees_of_freedom: degrees of freedom of a t-test.
         p: two-sided p-value.
-        reason: reason why it was not tested; empty where it was.
-        method: test that p comes from.
+        reason: reason for a missing test; empty if there is one.
+        method: test behind p.
     """
 
     n: int
@@ -166,25 +163,20 @@ class Comparison:
 
     @property
     def significant(self) -> bool:
-        """True if there is a test and its p-value is under 0.05."""
+        """True if p is under `SIGNIFICANCE`."""
         return self.p < SIGNIFICANCE
 
 
 def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
-    """Compare the means of two independent samples without assuming equal variances.
+    """Compare the means of two independent samples by Welch's (1947) test.
 
-    With v = std² / n of each sample, t is the difference of the means by the root of v₁ + v₂, and the degrees
-    of freedom are (v₁ + v₂)² / (v₁² / (n₁ - 1) + v₂² / (n₂ - 1)) (Welch, 1947). Teachers differ in variance,
-    too, since some fail with some seeds; with equal variances the power is nearly Student's.
-
-    Where a standard deviation is 0, as of a teacher that masters nothing with any seed, p is that of the
-    permutation test. With spread in the other sample the interval is Welch's, widened to hold 0 where p is
-    not under 0.05; with none in either the interval is missing.
+    Where a standard deviation is 0, as for a teacher that masters nothing, p is that of the permutation test.
+    The interval is then Welch's, extended to 0 if p is not significant, or missing if neither has any spread.
 
     Args:
         sample: one value per run, indexed by run id.
-        reference: the same of the other; two samples that have a run in common are not independent and get no
-            test, so that cells which share their runs are never compared with themselves.
+        reference: values of the other sample. Samples with a run in common are not independent, and not
+            tested.
     """
     for name, values in {"sample": sample, "reference": reference}.items():
         check_type(name, values, pd.Series, "a series of one value a run, indexed by run id")
@@ -195,7 +187,7 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
 
 
 def welch_of_values(sample: ArrayLike, reference: ArrayLike) -> Comparison:
-    """Compare as `welch` does, values (n,) of two samples without a run in common."""
+    """Compare two samples (n,) without a run in common, as `welch` does."""
     first, second = describe(sample), describe(reference)
     test = welch_from_statistics(first, second)
     if test.reason or first.std == second.std or min(first.std, second.std) > 0:
@@ -207,9 +199,9 @@ def welch_of_values(sample: ArrayLike, reference: ArrayLike) -> Comparison:
 
 
 def welch_from_statistics(first: Description, second: Description) -> Comparison:
-    """Compare the means of two independent samples of which only n, mean and std are known.
+    """Compare two independent samples by their descriptions.
 
-    Without any spread in either all values are known, and p is that of the permutation test.
+    Without any spread, p is that of the permutation test.
     """
     difference, reason = first.mean - second.mean, ""
     if min(first.n, second.n) < 2:
@@ -232,9 +224,9 @@ def _same_mean(first: Description, second: Description) -> bool:
 
 
 def standard_error_of_difference(first: Description, second: Description) -> tuple[float, float]:
-    """Return the standard error of the difference of two means, and Welch and Satterthwaite's freedom.
+    """Return the standard error of a difference of means, and Welch-Satterthwaite degrees of freedom.
 
-    Both samples need two values, and one of them a spread.
+    Both samples need two values, and one of them a standard deviation over 0.
     """
     variances = first.standard_error**2, second.standard_error**2
     parts = (variance**2 / (n - 1) for variance, n in zip(variances, (first.n, second.n), strict=True))
@@ -247,21 +239,18 @@ def stratified(
     least: Sequence[float] = (),
     described: Sequence[tuple[Description, Description]] = (),
 ) -> Comparison:
-    """Compare the means of two groups over strata that both have, such as the challenges of a benchmark.
+    """Compare the means of two groups over common strata, such as the challenges of a benchmark.
 
-    The difference is the weighted mean of the strata's differences. Samples of a stratum need not have equal
-    variances, nor strata each other's: the degrees of freedom are Welch and Satterthwaite's over all of them.
-    Weights are equal for challenges, so that none counts more because its variance is small. Least variances
-    widen the standard error and leave the degrees of freedom as they are, so that p is never smaller.
-
-    Where no sample of any stratum has a spread, p is that of the permutation test within strata, and
-    the interval is missing.
+    The difference is the weighted mean of the strata's differences, with Welch-Satterthwaite degrees of
+    freedom over all samples. Least variances widen the standard error and leave the degrees of freedom as
+    they are, so p never falls. Without any spread, p is that of the permutation test within strata, and the
+    interval is missing.
 
     Args:
         pairs: both samples of each stratum, one value per run, indexed by run id.
         weights: weight of each stratum.
-        least: least variance that counts of a sample in each stratum, of `least_variance`; 0 by default.
-        described: descriptions of both samples of each stratum, if they are known.
+        least: `least_variance` of each stratum; 0 by default.
+        described: descriptions of `pairs`, if they are known.
     """
     samples = described or [(describe(first), describe(second)) for first, second in pairs]
     if not samples:
@@ -288,45 +277,40 @@ def stratified(
         for share, pair, bound in zip(shares, samples, least or [0.0] * len(pairs), strict=True)
         for sample in pair
     ]
-    variance = sum(own for own, _, _ in parts)
-    freedom = variance**2 / sum(own**2 / count for own, _, count in parts)
-    error = math.sqrt(sum(max(own, bound) for own, bound, _ in parts))
+    variance = sum(term for term, _, _ in parts)
+    freedom = variance**2 / sum(term**2 / count for term, _, count in parts)
+    error = math.sqrt(sum(max(term, bound) for term, bound, _ in parts))
     return t_test(n, reference_n, difference, error, freedom)
 
 
-def stratum_weights(places: Sequence[Hashable]) -> list[float]:
-    """Return the weights of strata: those of a challenge add up to 1, each an equal part of it.
+def stratum_weights(challenges: Sequence[Hashable]) -> list[float]:
+    """Return weights of strata by their challenges (n,): equal within a challenge, with sum 1.
 
-    The one weighting of boards, tests, claims and trials: a challenge counts once, however many bodies and
-    students it has.
-
-    Args:
-        places: challenge of each stratum (n,).
+    Boards, tests, claims and trials all weigh so: a challenge counts once, however many strata it has.
     """
-    sizes = Counter(places)
-    return [1 / sizes[place] for place in places]
+    sizes = Counter(challenges)
+    return [1 / sizes[challenge] for challenge in challenges]
 
 
-LEAST = 0.5
-"""Share of the mean variance of all groups in a stratum under which no group's own counts."""
+LEAST_VARIANCE_SHARE = 0.5
+"""Least variance of a group, as a share of the mean variance of all groups in its stratum."""
 
 
 def least_variance(samples: Iterable[Description]) -> float:
-    """Return the least variance that counts of a group in a stratum: `LEAST` of the mean of all groups there.
+    """Return the least variance of a group in a stratum, as `LEAST_VARIANCE_SHARE` of the groups' mean.
 
-    Some runs never learn to walk. A group whose seeds by luck all did, or all did not, has a variance that
-    tells nothing of that luck, and a mean that is too high or too low: by such variances tests of all pairs
-    find too much (`docs/statistics.md`).
+    Some runs never learn to walk. If by chance all seeds of a group do, or none, its variance is too small,
+    and tests of all pairs find too many differences (`docs/statistics.md`).
 
     Args:
-        samples: each group in the stratum; those of fewer than two values do not count.
+        samples: groups in the stratum; those with fewer than two values are ignored.
     """
-    variances = [each.std**2 for each in samples if each.n > 1]
-    return LEAST * sum(variances) / len(variances) if variances else 0.0
+    variances = [sample.std**2 for sample in samples if sample.n > 1]
+    return LEAST_VARIANCE_SHARE * sum(variances) / len(variances) if variances else 0.0
 
 
 def _share_a_run(pairs: Sequence[tuple[pd.Series, pd.Series]]) -> bool:
-    """True if a run is in both groups, in whatever stratum."""
+    """Return True if a run is in both groups, in any stratum."""
     first, second = (set().union(*(sample.index for sample in group)) for group in zip(*pairs, strict=True))
     return bool(first & second)
 
@@ -334,8 +318,8 @@ def _share_a_run(pairs: Sequence[tuple[pd.Series, pd.Series]]) -> bool:
 def t_test(
     n: int, reference_n: int, difference: float, error: float, freedom: float, method: Method = Method.WELCH
 ) -> Comparison:
-    """Return the t-test of a difference with standard error `error` and `freedom` degrees of freedom."""
-    from scipy import special  # `stats` has the same functions, and takes a second to import
+    """Return the t-test of a difference with its standard error and degrees of freedom."""
+    from scipy import special  # not `stats`, whose import takes a second
 
     t = difference / error
     margin = float(special.stdtrit(freedom, TAIL)) * error
@@ -355,17 +339,17 @@ def t_test(
 def simultaneous_intervals(
     difference: Floats, low: Floats, high: Floats, freedom: Floats, holm: Floats
 ) -> tuple[Floats, Floats]:
-    """Return intervals that hold all differences of a family at once with probability 0.95.
+    """Return simultaneous 95 % intervals of a family of differences.
 
-    Student's with Bonferroni's correction for all tests of the family. They agree with Holm's verdicts, which
-    are as certain: where only a later step of Holm's finds a difference, the interval ends at 0. Tests
-    without degrees of freedom, by permutation, keep their own interval, which holds 0 without a finding.
+    Student's intervals with Bonferroni's correction are adjusted to Holm's results: they end at 0 where only
+    a later step of Holm's method finds a difference. Permutation tests keep their own interval, extended to 0
+    unless significant.
 
     Args:
         difference: differences (n,).
         low: lower ends of the single 95 % intervals (n,).
-        high: upper ends (n,).
-        freedom: degrees of freedom of the tests (n,); NaN where the test is another one.
+        high: upper ends of these intervals (n,).
+        freedom: degrees of freedom (n,); NaN for other tests than t-tests.
         holm: p-values after Holm's correction for the family (n,); NaN without a test.
     """
     from scipy import special
@@ -374,52 +358,49 @@ def simultaneous_intervals(
     wider = special.stdtrit(freedom, 1 - SIGNIFICANCE / 2 / tests) / special.stdtrit(freedom, TAIL)
     margin = np.where(np.isfinite(wider), wider, 1.0)
     low, high = difference - margin * (difference - low), difference + margin * (high - difference)
-    found = holm < SIGNIFICANCE
-    low = np.where(found & (difference > 0), np.maximum(low, 0.0), np.where(found, low, np.minimum(low, 0.0)))
-    high = np.where(
-        found & (difference < 0), np.minimum(high, 0.0), np.where(found, high, np.maximum(high, 0.0))
-    )
+    better, worse = (holm < SIGNIFICANCE) & (difference > 0), (holm < SIGNIFICANCE) & (difference < 0)
+    low = np.where(better, np.maximum(low, 0.0), np.where(worse, low, np.minimum(low, 0.0)))
+    high = np.where(worse, np.minimum(high, 0.0), np.where(better, high, np.maximum(high, 0.0)))
     return low, high
 
 
 FEW_PAIRS = "fewer than 2 seeds in common"
-"""Why two samples are not tested that are to be paired."""
+"""Reason for a missing test of pairs."""
 
 
 def paired(sample: pd.Series, reference: pd.Series) -> Comparison:
-    """Compare the means of two samples whose values belong together in pairs, by Student's t-test.
+    """Compare the means of two paired samples by Student's t-test.
 
-    Where all differences are equal up to rounding errors of the values, p is that of the sign-flip test, and
-    the interval is missing; where all are 0, nothing is tested.
+    Where all differences are equal up to rounding errors, p is that of the sign-flip test, and the interval
+    is missing; where all are 0, there is no test.
 
     Args:
-        sample: one value a seed, indexed by seed.
-        reference: the same of the other; seeds that only one of them has do not count.
+        sample: one value per seed, indexed by seed.
+        reference: values of the other sample; seeds that only one sample has are ignored.
 
     Returns:
-        Its n and reference_n are the number of pairs.
+        Comparison whose n and reference_n are the number of pairs.
     """
     differences = (sample - reference).dropna()
-    found = describe(differences)
-    if found.n < 2:
+    pairs = describe(differences)
+    n, mean = pairs.n, pairs.mean
+    if n < 2:
         reason = FEW_PAIRS if min(sample.count(), reference.count()) > 1 else "needs 2 seeds"
-        return Comparison(found.n, found.n, found.mean, reason=reason)
-    largest = max(side.loc[differences.index].abs().max() for side in (sample, reference))
-    if negligible([found.std, found.mean], largest).all():
-        return Comparison(found.n, found.n, found.mean, reason=ALL_EQUAL)
-    if negligible(found.std, largest):
-        p = sign_flip_p(differences)
-        return Comparison(found.n, found.n, found.mean, p=p, method=Method.SIGN_FLIP)
-    return t_test(found.n, found.n, found.mean, found.standard_error, found.n - 1, Method.PAIRED)
+        return Comparison(n, n, mean, reason=reason)
+    largest = max(values.loc[differences.index].abs().max() for values in (sample, reference))
+    if negligible([pairs.std, mean], largest).all():
+        return Comparison(n, n, mean, reason=ALL_EQUAL)
+    if negligible(pairs.std, largest):
+        return Comparison(n, n, mean, p=sign_flip_p(differences), method=Method.SIGN_FLIP)
+    return t_test(n, n, mean, pairs.standard_error, n - 1, Method.PAIRED)
 
 
 def paired_strata(
     pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[float], seeds: Mapping[Any, Hashable]
 ) -> Comparison:
-    """Compare the means of two groups over strata that both have, as pairs of runs with the same seed.
+    """Compare the means of two groups over common strata, paired by seed.
 
-    A pair is a seed that both groups have in every stratum, and its difference the weighted mean over strata:
-    so what its runs of several strata have in common, too, does not count as several results.
+    The difference of a pair is its weighted mean over strata, so runs with the same seed count once.
     """
     if not pairs:
         return Comparison(0, 0, math.nan, reason="nothing in common")
@@ -433,9 +414,9 @@ def paired_strata(
 def seed_means(
     samples: Sequence[pd.Series], weights: Sequence[float], seeds: Mapping[Any, Hashable]
 ) -> pd.Series:
-    """Return the weighted mean over strata of each seed that all of them have, indexed by seed.
+    """Return the weighted mean over strata of each seed that all strata have, indexed by seed.
 
-    Several runs of a seed in a stratum count as their mean. Arguments as of `paired_strata`.
+    Runs with the same seed in a stratum are averaged first.
     """
     parts: list[dict[Hashable, float]] = []
     for sample in samples:
@@ -443,24 +424,23 @@ def seed_means(
         for run, value in zip(sample.index, sample.to_numpy(float), strict=True):
             if math.isfinite(value):
                 values.setdefault(seeds[run], []).append(value)
-        parts.append({seed: sum(mine) / len(mine) for seed, mine in values.items()})
+        parts.append({seed: sum(runs) / len(runs) for seed, runs in values.items()})
     common = [seed for seed in parts[0] if all(seed in part for part in parts)]
     table = np.array([[part[seed] for seed in common] for part in parts])
     return pd.Series(np.asarray(weights, float) @ table / sum(weights), index=common, dtype=float)
 
 
 def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Estimate:
-    """Return the intraclass correlation of runs that have a seed in common, with its F interval.
+    """Return the intraclass correlation of runs with a common seed, with its F interval.
 
-    The share of the variance of runs that is that of their seeds, whatever the teacher, at most 1; 0 where a
-    seed says nothing about a run. Shrout and Fleiss' (1979) ICC(3,1), pooled over tables: sums of squares of
-    seeds and of residuals add up, after each teacher's values are divided by their standard deviation.
+    Shrout and Fleiss' (1979) ICC(3,1), the share of seeds in the variance of runs, pooled over tables after
+    each teacher's values are divided by their standard deviation.
 
     Args:
-        tables: values of runs, seeds by teachers (n, k), at least (2, 2); k is the same in all.
+        tables: values of runs, seeds by teachers (n, k), at least (2, 2), with the same k in all tables.
 
     Raises:
-        ValueError: the tables differ in their number of teachers, or there is none.
+        ValueError: if the tables differ in their number of teachers, or there is none.
     """
     from scipy import special
 
@@ -488,11 +468,11 @@ def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Estimate:
 def least_correlation(n: int) -> float:
     """Return the least correlation at which pairs of `n` runs have a narrower interval than Welch's test.
 
-    0.58 with 3 runs, 0.31 with 5, 0.14 with 10: the variance of a difference falls by the correlation, while
-    Student's quantile grows, since n - 1 degrees of freedom are left of 2 n - 2.
+    0.58 with 3 runs, 0.31 with 5, 0.14 with 10: pairing reduces the variance of a difference, and halves the
+    degrees of freedom.
 
     Raises:
-        ValueError: fewer than 2 runs.
+        ValueError: if there are fewer than 2 runs.
     """
     if n < 2:
         raise ValueError(f"n = {n}: expected at least 2 runs")
@@ -503,9 +483,8 @@ def least_correlation(n: int) -> float:
 
 
 def pairing_helps(correlation: Estimate, n: int) -> bool:
-    """Return True if the interval of the correlation exceeds the least one at which `n` pairs help.
+    """Return True if the interval of the correlation is over `least_correlation`.
 
-    It is held against released results of other campaigns, never against those that are to be tested: to
-    choose the test by its own data finds differences that are not there.
+    The correlation must be estimated from other runs than those to be tested, or the test is biased.
     """
     return correlation.low > least_correlation(n)

@@ -12,7 +12,7 @@ from analysis.data.frames import Frames
 from analysis.data.reference import paper_frame
 from analysis.formatting import amount
 from analysis.measures import pooling
-from analysis.measures.evaluations import POINTS
+from analysis.measures.evaluations import SEARCH_COLUMNS
 from analysis.measures.run_measures import run_measures
 from analysis.names import label, teacher_order
 from analysis.tables.table import Cell, Table, with_best
@@ -176,7 +176,7 @@ def hyperparameters(found: pd.DataFrame | None = None) -> Table:
     Args:
         found: result of `search_results`; None where nothing was searched.
     """
-    found = pd.DataFrame(columns=POINTS) if found is None else found
+    found = pd.DataFrame(columns=SEARCH_COLUMNS) if found is None else found
     columns = {"values": "Values tried", "chosen": "The paper's choice", "found": "Best found"}
     rows: dict[str, str] = {}
     cells: dict[tuple[str, str], Cell] = {}

@@ -75,7 +75,7 @@ def test_draws_have_the_inverse_wishart_distribution() -> None:
 
 @pytest.mark.parametrize("true", [0.0, 0.84])
 def test_intervals_hold_and_estimates_are_unbiased(true: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(agreement, "DRAWS", 1_000)
+    monkeypatch.setattr(agreement, "CORRELATION_DRAWS", 1_000)
     generator = rng(4)
     found = [effect_correlation(spaces_of(generator, true, signal=1.0)) for _ in range(200)]
     assert np.mean([each.low <= true <= each.high for each in found]) > 0.91

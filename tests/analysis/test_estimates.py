@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from analysis.statistics.estimates import (
-    interquartile_mean,
     interquartile_mean_of,
     performance_profile,
     probability_of_improvement,
@@ -53,7 +52,6 @@ def normal(rng: np.random.Generator, prefix: str, mean: float, n: int, strata: i
     ],
 )
 def test_the_interquartile_mean_by_hand(values: list[float], mean: float) -> None:
-    assert interquartile_mean(values) == pytest.approx(mean)
     estimate = interquartile_mean_of(sample("a", one=values))
     assert (estimate.value, estimate.n) == (pytest.approx(mean), len(values))
 

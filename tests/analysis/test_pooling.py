@@ -11,7 +11,7 @@ from synthetic_results import SyntheticCampaign
 from analysis.data.columns import POOLED
 from analysis.data.frames import load
 from analysis.measures.pooling import pool_runs, pooled, reuse_random
-from analysis.measures.run_measures import evaluations_at, every, run_measures
+from analysis.measures.run_measures import evaluations_at, run_measures
 
 THREE_BODIES = {"classic_bipedal": [30, 50], "fish": [0, 60], "climbing_chimpanzee": [0, 1]}
 
@@ -177,7 +177,7 @@ def test_from_a_root_to_results_and_learning_curves(campaign: SyntheticCampaign)
     row = only(pool_runs(frames.cells, run_measures(frames)))
     assert (row["n"], row["mastered_percent_mean"], row["steps"]) == (2, 75, 1000)
     assert row["missing"] == "not counted: 1 running, 1 waiting"
-    curves = pooled(pool_runs(frames.cells, evaluations_at(frames, every(frames, 500))), by=["step"])
+    curves = pooled(pool_runs(frames.cells, evaluations_at(frames, [500, 1000])), by=["step"])
     curves = curves.set_index("step")
     assert curves["n"].to_dict() == {500: 3, 1000: 2}
     assert curves.loc[500, "mastered_percent_mean"] == pytest.approx(100 / 3)

@@ -13,7 +13,7 @@ from synthetic_results import SMALL, SyntheticCampaign, mastering
 
 from analysis.data.frames import load
 from analysis.measures.curriculum_measures import coverage_and_entropy, curriculum_curves, curriculum_measures
-from analysis.measures.run_measures import evaluations_at, every, measure_names, run_measures
+from analysis.measures.run_measures import evaluations_at, measure_names, run_measures
 from tma_ray.results import Table
 from tma_ray.tasks import TaskSpace
 
@@ -102,7 +102,6 @@ def test_a_root_without_runs_has_no_rows(campaign: SyntheticCampaign) -> None:
     assert run_measures(frames).empty
     assert list(run_measures(frames).columns) == ["run_id", "steps", "step", *measure_names(), "reason"]
     assert evaluations_at(frames, [5]).empty
-    assert every(frames, 100) == []
 
 
 def test_runs_that_have_only_begun_are_no_error(campaign: SyntheticCampaign) -> None:
@@ -141,8 +140,7 @@ def test_evaluations_at_any_step_are_the_last_before_it(campaign: SyntheticCampa
     campaign.plain_run("random", 2, {0: mastering(9), 500: mastering(9)}, "failed")
     short = campaign.plain_run("random", 3, {0: mastering(3), 400: mastering(4)}, steps=400)
     frames = load(campaign.root)
-    assert every(frames, 250) == [250, 500, 750, 1000]
-    rows = evaluations_at(frames, every(frames, 250)).set_index(["step", "run_id"])
+    rows = evaluations_at(frames, [250, 500, 750, 1000]).set_index(["step", "run_id"])
     assert rows["mastered_percent"].to_dict() == {
         (250, done): 0,
         (250, running): 10,
@@ -153,12 +151,6 @@ def test_evaluations_at_any_step_are_the_last_before_it(campaign: SyntheticCampa
         (1000, done): 70,
     }
     assert rows.loc[(750, done), "evaluated_at"] == 500
-
-
-@pytest.mark.parametrize("interval", [0, -5])
-def test_an_interval_is_at_least_one_step(campaign: SyntheticCampaign, interval: int) -> None:
-    with pytest.raises(ValueError, match="expected at least 1"):
-        every(load(campaign.root), interval)
 
 
 SQUARE = TaskSpace.from_bounds({"height": (0, 3), "spacing": (0, 6)})
