@@ -1,4 +1,4 @@
-"""Agreement of the order of teachers in results with that in the paper's tables: Kendall's tau."""
+"""Rank agreement of results with the paper's tables by Kendall's tau."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -19,13 +19,9 @@ from tma_ray.benchmark.claims import Reading
 from tma_ray.tasks import KnowledgeLevel
 
 FEWEST = 3
-"""Teachers that a ranking needs."""
+"""Least number of teachers of a ranking."""
 
-DRAWS = 4_000
-"""Draws of the bootstrap."""
-
-SEED = 0
-"""Of the draws: the same results always have the same interval."""
+BOOTSTRAP_DRAWS = 4_000
 
 Floats = NDArray[np.float64]
 
@@ -35,13 +31,13 @@ class Agreement:
     """Kendall's tau-b between two rankings of teachers by mean.
 
     Attributes:
-        environment: name of the environment; empty for the mean over all challenges.
-        challenge: name of the challenge; empty for the same.
-        levels: expert knowledge, several where their runs are the same; none for the mean.
-        teachers: names in both rankings; empty for the mean over all challenges.
-        tau: 1 for the same order, -1 for the reverse; NaN if all means of a side are equal.
-        low: lower end of its 95 % interval, of `tau_interval`; NaN if a teacher has a single run.
-        high: upper end of it.
+        environment: environment; empty for the mean over all challenges.
+        challenge: challenge; empty for the mean.
+        levels: expert knowledge, several levels if their runs are the same; none for the mean.
+        teachers: teachers in both rankings; none for the mean.
+        tau: 1 for the same order, -1 for the reverse; NaN if all means in a ranking are equal.
+        low: lower end of the 95 % interval of `tau_interval`; NaN if a teacher has a single run.
+        high: upper end of the interval.
     """
 
     environment: str
@@ -54,33 +50,33 @@ class Agreement:
 
 
 def agreements(frames: Frames) -> list[Agreement]:
-    """Return tau for each challenge and level in both, followed by its mean.
+    """Return the agreement with the paper on each challenge and level, followed by their mean.
 
-    Levels at which all teachers have the same runs are one row, held against the means of the paper's entries
-    there.
+    Levels at which all teachers have the same runs are one row, compared with the means of the paper's
+    entries.
     """
-    rng = np.random.default_rng(SEED)
-    found, draws, known = [], [], dict[frozenset[object], Floats]()
+    rng = np.random.default_rng(0)
+    rows, draws, draws_by_runs = [], [], dict[frozenset[object], Floats]()
     for reading, levels, ranked in _rankings(RootSource(frames)):
         means = np.array(
             [
-                (sample.description.mean, np.mean([each.mean for each in entries]))
+                (sample.description.mean, np.mean([entry.mean for entry in entries]))
                 for sample, entries in ranked.values()
             ]
         ).T
         for sample, _ in ranked.values():
-            if sample.runs not in known:
-                known[sample.runs] = draws_of_runs(list(sample.strata.values()), rng)
-        ours = np.stack([known[sample.runs] for sample, _ in ranked.values()], axis=-1)
+            if sample.runs not in draws_by_runs:
+                draws_by_runs[sample.runs] = draws_of_runs(list(sample.strata.values()), rng)
+        ours = np.stack([draws_by_runs[sample.runs] for sample, _ in ranked.values()], axis=-1)
         papers = np.stack([draws_of_entries(entries, rng) for _, entries in ranked.values()], axis=-1)
         tau, drawn = float(kendall(*means)), kendall(ours, papers)
-        place = reading.environment, reading.challenge, levels, tuple(ranked)
-        found.append(Agreement(*place, tau, *tau_interval(tau, drawn)))
+        ranking = reading.environment, reading.challenge, levels, tuple(ranked)
+        rows.append(Agreement(*ranking, tau, *tau_interval(tau, drawn)))
         draws.append(drawn)
-    if len(found) > 1:
-        mean = float(np.mean([each.tau for each in found]))
-        found.append(Agreement("", "", (), (), mean, *tau_interval(mean, np.mean(draws, axis=0))))
-    return found
+    if len(rows) > 1:
+        mean = float(np.mean([row.tau for row in rows]))
+        rows.append(Agreement("", "", (), (), mean, *tau_interval(mean, np.mean(draws, axis=0))))
+    return rows
 
 
 Ranked: TypeAlias = dict[str, tuple[Sample, list[Description]]]
@@ -88,76 +84,73 @@ Ranked: TypeAlias = dict[str, tuple[Sample, list[Description]]]
 
 
 def _rankings(root: RootSource) -> Iterator[tuple[Reading, tuple[KnowledgeLevel, ...], Ranked]]:
-    """Yield a reading of each ranking, its levels, and the results of each teacher on both sides."""
+    """Yield a reading of each ranking, its levels, and the results of each teacher."""
     paper = PaperSource()
     for environment, challenge in dict.fromkeys((m.environment, m.challenge) for m in MATRICES):
-        alike: dict[object, tuple[list[KnowledgeLevel], Ranked]] = {}
+        by_runs: dict[object, tuple[list[KnowledgeLevel], Ranked]] = {}
         for level in KnowledgeLevel:
             reading = Reading(BASELINE, challenge, level, environment)
             ranked: Ranked = {}
             for teacher in sorted(set(root.teachers(reading)) & set(paper.teachers(reading))):
-                sides = (source.sample(replace(reading, teacher=teacher)) for source in (root, paper))
-                mine, theirs = sides
-                if mine is not None and theirs is not None:
-                    ranked[teacher] = mine, [theirs.description]
+                runs, entry = (source.sample(replace(reading, teacher=teacher)) for source in (root, paper))
+                if runs is not None and entry is not None:
+                    ranked[teacher] = runs, [entry.description]
             if len(ranked) < FEWEST:
                 continue
-            same = tuple((teacher, mine.runs) for teacher, (mine, _) in ranked.items())
-            levels, before = alike.setdefault(same, ([], ranked))
+            key = tuple((teacher, runs.runs) for teacher, (runs, _) in ranked.items())
+            levels, first = by_runs.setdefault(key, ([], ranked))
             levels.append(level)
-            if before is not ranked:
+            if first is not ranked:
                 for teacher, (_, entries) in ranked.items():
-                    before[teacher][1].extend(entries)
-        for levels, ranked in alike.values():
+                    first[teacher][1].extend(entries)
+        for levels, ranked in by_runs.values():
             yield Reading(BASELINE, challenge, levels[0], environment), tuple(levels), ranked
 
 
 def draws_of_runs(strata: Sequence[pd.Series], rng: np.random.Generator) -> Floats:
-    """Return the means of bootstrap samples of runs (draws,), strata of equal weight; NaN of a single run.
+    """Return bootstrap draws of a mean over strata with equal weights (n,); NaN with a single run.
 
-    Runs are drawn within their stratum; deviations from its mean are widened by the root of n / (n - 1), so
-    that means of few runs scatter as much as they should.
+    Runs are drawn within strata, and deviations scaled by the root of n / (n - 1), which corrects the
+    bootstrap's variance for few runs.
     """
-    found = np.zeros(DRAWS)
+    draws = np.zeros(BOOTSTRAP_DRAWS)
     for weight, stratum in zip(stratum_weights([0] * len(strata)), strata, strict=True):
         values, n = stratum.to_numpy(float), len(stratum)
         if n < 2:
-            return np.full(DRAWS, np.nan)
-        means = values[rng.integers(n, size=(DRAWS, n))].mean(axis=1)
-        found += weight * (values.mean() + math.sqrt(n / (n - 1)) * (means - values.mean()))
-    return found
+            return np.full(BOOTSTRAP_DRAWS, np.nan)
+        means = values[rng.integers(n, size=(BOOTSTRAP_DRAWS, n))].mean(axis=1)
+        draws += weight * (values.mean() + math.sqrt(n / (n - 1)) * (means - values.mean()))
+    return draws
 
 
 def draws_of_entries(entries: Sequence[Description], rng: np.random.Generator) -> Floats:
-    """Return draws of the mean of the paper's `entries` (draws,), whose runs are not known: normal ones."""
-    mean = float(np.mean([each.mean for each in entries]))
-    error = math.sqrt(sum(each.standard_error**2 for each in entries)) / len(entries)
-    return mean + error * rng.standard_normal(DRAWS)
+    """Return normal draws of the mean of the paper's entries (n,)."""
+    mean = float(np.mean([entry.mean for entry in entries]))
+    error = math.sqrt(sum(entry.standard_error**2 for entry in entries)) / len(entries)
+    return mean + error * rng.standard_normal(BOOTSTRAP_DRAWS)
 
 
 def kendall(first: Floats, second: Floats) -> Floats:
-    """Return Kendall's tau-b of values (..., n) in two orders; NaN where all of one are equal."""
-    one, other = np.triu_indices(first.shape[-1], 1)
-    signs = [np.sign(each[..., one] - each[..., other]) for each in (first, second)]
-    ordered = [np.abs(each).sum(axis=-1) for each in signs]
+    """Return Kendall's tau-b of two rankings of values (..., n); NaN where all values of one are equal."""
+    rows, columns = np.triu_indices(first.shape[-1], 1)
+    signs = [np.sign(values[..., rows] - values[..., columns]) for values in (first, second)]
+    ordered = [np.abs(sign).sum(axis=-1) for sign in signs]
     with np.errstate(invalid="ignore"):
         return np.asarray((signs[0] * signs[1]).sum(axis=-1) / np.sqrt(ordered[0] * ordered[1]))
 
 
 def tau_interval(tau: float, draws: Floats) -> tuple[float, float]:
-    """Return the 95 % interval of the tau that as many other runs of the same teachers would have.
+    """Return the 95 % prediction interval of tau for as many other runs of the same teachers.
 
-    Percentiles of a bootstrap over runs, moved to `tau`: draws around means that are noisy already move tau
-    towards 0 once more than the runs themselves did. That first move remains: the order of the true means may
-    agree better than runs show.
+    Bootstrap percentiles are shifted to `tau`, since noise of the draws biases tau towards 0 once more. The
+    bias by noise of the runs remains: the order of the true means may agree better.
 
     Args:
         tau: tau of the results.
         draws: tau of each bootstrap draw (n,).
     """
-    known = draws[np.isfinite(draws)]  # all means of a side may be equal in a draw
-    if not known.size:
+    finite = draws[np.isfinite(draws)]  # all means of a ranking may be equal in a draw
+    if not finite.size:
         return math.nan, math.nan
-    moved = tau + known - known.mean()
-    low, high = np.quantile(moved, [1 - TAIL, TAIL])
+    low, high = np.quantile(tau + finite - finite.mean(), [1 - TAIL, TAIL])
     return max(float(low), -1.0), min(float(high), 1.0)

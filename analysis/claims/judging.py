@@ -1,4 +1,4 @@
-"""Claims of the paper, held against results."""
+"""Standings of the paper's claims by results."""
 
 import math
 from collections import Counter
@@ -31,11 +31,11 @@ from tma_ray.tasks import KnowledgeLevel
 
 @dataclass(frozen=True)
 class Finding:
-    """A statement judged by results.
+    """Standing of a statement.
 
     Attributes:
         standing: standing by an interval against a margin.
-        evidence: the numbers behind that, or what is missing.
+        evidence: numbers behind the standing, or a reason for missing ones.
     """
 
     standing: Standing
@@ -43,30 +43,30 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """A claim judged by results.
+class ClaimVerdict:
+    """Standing of a claim.
 
     Attributes:
         claim: claim of the paper.
-        standing: standing by an interval against a margin.
-        findings: one for each of its statements, those of the same runs once.
-        needed: number of the findings that must hold.
-        elsewhere: conditions of the results if they are not the paper's, in words; else empty.
+        standing: standing of the claim.
+        findings: standing of each of its statements, one for statements on the same runs.
+        needed: number of findings that must be supported.
+        conditions: conditions of the results that are not the paper's; empty if there are none.
     """
 
     claim: Claim
     standing: Standing
     findings: tuple[Finding, ...]
     needed: int
-    elsewhere: str = ""
+    conditions: str = ""
 
     @property
-    def said(self) -> str:
-        """The standing in words, with the conditions under which a claim was not seen."""
-        return f"{self.standing} ({self.elsewhere})" if self.standing is Standing.NOT_SEEN else self.standing
+    def standing_text(self) -> str:
+        """The standing, with the conditions under which a claim was not seen."""
+        return f"{self.standing} ({self.conditions})" if self.standing is Standing.NOT_SEEN else self.standing
 
     def describe(self) -> str:
-        """Return the number of statements of each standing, in words."""
+        """Return a phrase on the number of statements of each standing."""
         counts = Counter(finding.standing for finding in self.findings)
         parts = [f"{counts[Standing.SUPPORTED]} of {len(self.findings)} statements supported"]
         parts += [f"{counts[s]} {s}" for s in Standing if s is not Standing.SUPPORTED and counts[s]]
@@ -79,21 +79,23 @@ class Verdict:
         return ", ".join(parts + ([self.claim.caveat] if self.claim.caveat else []))
 
 
-def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[Verdict]:
-    """Return the standing of each of `claims` by the results of `source`.
+def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[ClaimVerdict]:
+    """Return the standing of each claim by the results of `source`.
 
-    Statements that come to the same runs, as at levels that a teacher does not use, are one, and as many as
-    their share of the paper's must hold. What the paper's conditions would refute is not seen under others.
+    Statements on the same runs, as at levels that a teacher does not use, count as one, and `needed` is scaled
+    down accordingly. Under other conditions than the paper's, refuted statements are not seen instead.
     """
-    found = []
+    verdicts = []
     for claim in claims:
         distinct = _distinct(claim, source)
-        elsewhere = source.elsewhere(_readings(claim.statements[0])[0])
+        conditions = source.other_conditions(_readings(claim.statements[0])[0])
         findings = tuple(_finding(statement, source, levels) for statement, levels in distinct)
-        if elsewhere:
+        if conditions:
             findings = tuple(
-                replace(each, standing=Standing.NOT_SEEN) if each.standing is Standing.REFUTED else each
-                for each in findings
+                replace(finding, standing=Standing.NOT_SEEN)
+                if finding.standing is Standing.REFUTED
+                else finding
+                for finding in findings
             )
         needed = math.ceil(claim.needed * len(findings) / len(claim.statements))
         counts = Counter(finding.standing for finding in findings)
@@ -102,45 +104,44 @@ def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[Verdict]:
         if counts[Standing.SUPPORTED] >= needed:
             standing = Standing.SUPPORTED
         elif counts[Standing.SUPPORTED] + unknown < needed:
-            standing = Standing.NOT_SEEN if elsewhere else Standing.REFUTED
-        found.append(Verdict(claim, standing, findings, needed, elsewhere))
-    return found
+            standing = Standing.NOT_SEEN if conditions else Standing.REFUTED
+        verdicts.append(ClaimVerdict(claim, standing, findings, needed, conditions))
+    return verdicts
 
 
 Levels: TypeAlias = Mapping[Reading, tuple[KnowledgeLevel, ...]]
-"""Levels at which a reading is of the same runs, of readings with several."""
+"""Levels of expert knowledge at which a reading has the same runs."""
 
 
 def _distinct(claim: Claim, source: Source) -> list[tuple[Statement, Levels]]:
-    """Return the statements of a claim, those of the same runs once, and the levels of their readings."""
-    alike: dict[object, list[Statement]] = {}
-    for place, statement in enumerate(claim.statements):
+    """Return one statement of a claim for each set of runs, with the levels of its readings."""
+    groups: dict[object, list[Statement]] = {}
+    for index, statement in enumerate(claim.statements):
         samples = [source.sample(reading) for reading in _readings(statement)]
         runs = tuple(sample.runs if sample else frozenset() for sample in samples)
-        same: object = place
-        if all(runs) and not isinstance(statement, Ranked):  # a rank is among others, too
-            same = runs, _at_no_level(statement)
-        alike.setdefault(same, []).append(statement)
-    found: list[tuple[Statement, Levels]] = []
-    for statements in alike.values():
-        readings = zip(*map(_readings, statements), strict=True)
-        levels = {each[0]: tuple(dict.fromkeys(reading.level for reading in each)) for each in readings}
-        found.append((statements[0], levels))
-    return found
+        key: object = index
+        if all(runs) and not isinstance(statement, Ranked):  # a rank depends on other teachers' runs, too
+            content = (
+                replace(value, level=KnowledgeLevel.NONE) if isinstance(value, Reading) else value
+                for value in vars(statement).values()
+            )
+            key = runs, type(statement), *content
+        groups.setdefault(key, []).append(statement)
+    return [
+        (
+            statements[0],
+            {
+                readings[0]: tuple(dict.fromkeys(reading.level for reading in readings))
+                for readings in zip(*map(_readings, statements), strict=True)
+            },
+        )
+        for statements in groups.values()
+    ]
 
 
 def _readings(statement: Statement) -> tuple[Reading, ...]:
     """Return the readings of a statement."""
     return tuple(value for value in vars(statement).values() if isinstance(value, Reading))
-
-
-def _at_no_level(statement: Statement) -> tuple[object, ...]:
-    """Return the content of a statement without the level of its readings."""
-    said = (
-        replace(value, level=KnowledgeLevel.NONE) if isinstance(value, Reading) else value
-        for value in vars(statement).values()
-    )
-    return (type(statement), *said)
 
 
 @singledispatch
@@ -154,15 +155,11 @@ def _(statement: Compared, source: Source, levels: Levels) -> Finding:
     if first is None or second is None:
         return _missing(statement.first if first is None else statement.second)
     test = first.test(second)
-    names = " ".join(
-        [
-            _name(statement.first, levels),
-            f"{number(test.difference)} points from",
-            _name(statement.second, levels),
-        ]
-    )
     interval = test.reason or f"95 % interval {ends(test.low, test.high)}, {p_value(test.p)}"
-    evidence = f"{names} ({interval}, n = {test.n} and {test.reference_n})"
+    evidence = (
+        f"{_name(statement.first, levels)} {number(test.difference)} points from "
+        f"{_name(statement.second, levels)} ({interval}, n = {test.n} and {test.reference_n})"
+    )
     return Finding(_relation(statement.relation, test), evidence)
 
 
@@ -192,26 +189,25 @@ def _(statement: Ranked, source: Source, levels: Levels) -> Finding:
         for teacher in source.teachers(statement.reading)
         if teacher in TEACHERS
     }
-    known = {teacher: sample for teacher, sample in samples.items() if sample is not None}
-    mine = known.pop(statement.reading.teacher, None)
-    if mine is None:
+    others = {teacher: sample for teacher, sample in samples.items() if sample is not None}
+    sample = others.pop(statement.reading.teacher, None)
+    if sample is None:
         return _missing(statement.reading)
-    if len(known) < statement.top:
-        others = counted(len(known), "other teacher")
+    if len(others) < statement.top:
         evidence = (
-            f"{_name(statement.reading, levels)}: complete results of {others} of the paper, too few for a "
-            f"place among the best {statement.top}"
+            f"{_name(statement.reading, levels)}: complete results of {counted(len(others), 'other teacher')} "
+            f"of the paper, too few for a place among the best {statement.top}"
         )
         return Finding(Standing.NO_DATA, evidence)
-    ahead = Counter(_relation(Relation.BETTER, other.test(mine)) for other in known.values())
+    ahead = Counter(_relation(Relation.BETTER, other.test(sample)) for other in others.values())
     standing = Standing.UNDECIDED
     if ahead[Standing.SUPPORTED] >= statement.top:
         standing = Standing.REFUTED
     elif ahead[Standing.SUPPORTED] + ahead[Standing.UNDECIDED] < statement.top:
         standing = Standing.SUPPORTED
-    place = 1 + sum(other.description.mean > mine.description.mean for other in known.values())
+    rank = 1 + sum(other.description.mean > sample.description.mean for other in others.values())
     evidence = (
-        f"{_name(statement.reading, levels)}: place {place} of {len(known) + 1} by mean; better are "
+        f"{_name(statement.reading, levels)}: place {rank} of {len(others) + 1} by mean; better are "
         f"{ahead[Standing.SUPPORTED]} for certain, {ahead[Standing.UNDECIDED]} perhaps"
     )
     return Finding(standing, evidence)
@@ -222,11 +218,11 @@ def _(statement: Scaled, source: Source, levels: Levels) -> Finding:
     first, second = source.sample(statement.first), source.sample(statement.second)
     if first is None or second is None:
         return _missing(statement.first if first is None else statement.second)
-    mine, theirs, factor = first.description, second.description, statement.factor
-    test = first.test(second.times(factor))
+    factor, test = statement.factor, first.test(second.times(statement.factor))
     evidence = (
-        f"{_name(statement.first, levels)}: {number(mine.mean)} % and {number(theirs.mean)} %; above "
-        f"{factor:g} times that by {number(test.difference)} {ends(test.low, test.high)}"
+        f"{_name(statement.first, levels)}: {number(first.description.mean)} % and "
+        f"{number(second.description.mean)} %; above {factor:g} times that by {number(test.difference)} "
+        f"{ends(test.low, test.high)}"
     )
     return Finding(greater(test.low, test.high, 0.0), evidence)
 
@@ -251,23 +247,20 @@ def _missing(reading: Reading) -> Finding:
 
 
 def _name(reading: Reading, levels: Levels) -> str:
-    place = [reading.environment] * (reading.environment != "stump_tracks")
-    place += [reading.challenge] * (reading.challenge != "original" or not place)
+    names = [reading.environment] * (reading.environment != "stump_tracks")
+    names += [reading.challenge] * (reading.challenge != "original" or not names)
     body = f", {reading.embodiment}" if reading.embodiment else ""
     share = f", after {reading.share:.0%}" if reading.share < 1 else ""
     level = " and ".join(levels.get(reading, (reading.level,)))
-    return f"{label(reading.teacher)} ({' '.join(place).replace('_', ' ')}, {level}{body}{share})"
+    return f"{label(reading.teacher)} ({' '.join(names).replace('_', ' ')}, {level}{body}{share})"
 
 
-def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
-    """Return the `verdicts` on which the results decide at least one statement."""
+def decided(verdicts: Sequence[ClaimVerdict]) -> list[ClaimVerdict]:
+    """Return the verdicts of claims with data."""
     return [verdict for verdict in verdicts if verdict.standing is not Standing.NO_DATA]
 
 
-def root_verdicts(frames: Frames) -> tuple[list[Verdict], list[str]]:
-    """Return the standing of each of the paper's claims by the results of a root, and notes.
-
-    These say which of the results claims are judged by, where there are several kinds.
-    """
+def root_verdicts(frames: Frames) -> tuple[list[ClaimVerdict], list[str]]:
+    """Return the standings of the paper's claims in a root, and notes on the results that are used."""
     source = RootSource(frames)
     return judge(source), [source.note] if source.note else []

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.baselines.catalogue import Sources, read
-from analysis.claims.judging import Verdict, decided, root_verdicts
+from analysis.claims.judging import ClaimVerdict, decided, root_verdicts
 from analysis.statistics.samples import DEFAULT_MARGIN, Standing
 from tma_ray.console.terminal import terminal
 from tma_ray.support.texts import counted
@@ -68,7 +68,9 @@ def show_claims(
     if not explain:
         tell("--explain prints what the words mean.", "dim")
     for verdict in verdicts if details else ():
-        tell(Text.assemble("\n", (verdict.said, STYLES[verdict.standing]), f": {verdict.claim.text}"))
+        tell(
+            Text.assemble("\n", (verdict.standing_text, STYLES[verdict.standing]), f": {verdict.claim.text}")
+        )
         tell(f"  {verdict.claim.source}; {verdict.describe()}")
         for finding in verdict.findings:
             tell(f"    {finding.standing}: {finding.evidence}")
@@ -76,17 +78,17 @@ def show_claims(
         tell(text)
 
 
-def _notes(verdicts: list[Verdict]) -> Iterator[str]:
+def _notes(verdicts: list[ClaimVerdict]) -> Iterator[str]:
     """Yield how many claims lack data, and the conditions under which others were not seen."""
     missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
     if missing:
         papers = ", ".join(dict.fromkeys(verdict.claim.source for verdict in missing))
         yield f"{Standing.NO_DATA}: {len(missing)} of {counted(len(verdicts), 'claim')} ({papers})"
-    for each in dict.fromkeys(v.elsewhere for v in verdicts if v.standing is Standing.NOT_SEEN):
+    for each in dict.fromkeys(v.conditions for v in verdicts if v.standing is Standing.NOT_SEEN):
         yield f"{Standing.NOT_SEEN}: under {each}, not the paper's conditions"
 
 
-def _table(verdicts: list[Verdict]) -> Table:
+def _table(verdicts: list[ClaimVerdict]) -> Table:
     """Return a row for each claim: standing, text, statements that hold and that are needed."""
     table = Table("standing", "claim of the paper", box=None, pad_edge=False, header_style="bold")
     for heading in ("holds", "needs", "of"):

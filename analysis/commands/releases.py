@@ -81,7 +81,8 @@ def findings(name: str) -> str:
     counts = Counter(verdict.standing for verdict in verdicts)
     summary = ", ".join(f"{counts[standing]} {standing}" for standing in Standing if counts[standing])
     rows = [
-        [verdict.claim.text, verdict.claim.source, verdict.said, verdict.describe()] for verdict in verdicts
+        [verdict.claim.text, verdict.claim.source, verdict.standing_text, verdict.describe()]
+        for verdict in verdicts
     ]
     parts = [
         f"From `{manifest.name}`: {holds['runs']:,} runs of {students}, {steps} steps each, simulated by "
@@ -101,9 +102,8 @@ def findings(name: str) -> str:
     ]
     for verdict in verdicts:
         lines = [f"- {finding.standing}: {finding.evidence}" for finding in verdict.findings]
-        parts.append(
-            "\n".join([f"**{verdict.said[0].upper()}{verdict.said[1:]}:** {verdict.claim.text}\n", *lines])
-        )
+        text = verdict.standing_text
+        parts.append("\n".join([f"**{text[0].upper()}{text[1:]}:** {verdict.claim.text}\n", *lines]))
     return "\n\n".join(parts)
 
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysis.claims.agreement import DRAWS, draws_of_entries, draws_of_runs, kendall, tau_interval
+from analysis.claims.agreement import BOOTSTRAP_DRAWS, draws_of_entries, draws_of_runs, kendall, tau_interval
 from analysis.statistics import Description, describe
 
 
@@ -22,7 +22,7 @@ def test_draws_scatter_as_means_of_runs_do() -> None:
     rng = np.random.default_rng(2)
     strata = [pd.Series([1.0, 4.0, 10.0]), pd.Series([0.0, 20.0])]
     drawn = draws_of_runs(strata, rng)
-    assert drawn.shape == (DRAWS,)
+    assert drawn.shape == (BOOTSTRAP_DRAWS,)
     assert drawn.mean() == pytest.approx(7.5, abs=0.4)
     assert drawn.var() == pytest.approx((21.0 / 3 + 200.0 / 2) / 4, rel=0.1)
     assert np.isnan(draws_of_runs([pd.Series([1.0])], rng)).all()

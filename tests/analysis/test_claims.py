@@ -13,7 +13,7 @@ from scipy import stats
 from synthetic_results import SyntheticCampaign, mastering
 from views import printed
 
-from analysis.claims.judging import Verdict, judge
+from analysis.claims.judging import ClaimVerdict, judge
 from analysis.claims.sources import PaperSource, RootSource, Sample
 from analysis.commands.claims import show_claims
 from analysis.commands.rankings import show_search
@@ -77,7 +77,7 @@ def readings(claim: Claim) -> list[Reading]:
 
 
 @pytest.mark.parametrize("verdict", judge(PaperSource()), ids=lambda verdict: verdict.claim.name)
-def test_the_papers_claims_beside_the_papers_own_tables(verdict: Verdict) -> None:
+def test_the_papers_claims_beside_the_papers_own_tables(verdict: ClaimVerdict) -> None:
     standing, supported = IN_THE_PAPER[verdict.claim.name]
     assert verdict.standing is standing
     assert verdict.describe().startswith(f"{supported} statements supported")
@@ -221,7 +221,7 @@ def test_what_other_conditions_rule_out_is_not_seen_and_not_refuted(tmp_path: Pa
         write(tmp_path / name, "adr", [1, 2, 1, 2], **changes)
         (verdict,) = judge(RootSource(load(tmp_path / name)), [claim])
         assert verdict.findings[0].standing is verdict.standing
-        found[name] = verdict.said
+        found[name] = verdict.standing_text
     assert found == {
         "paper": "refuted",
         "short": "not seen here (10 million steps of SAC)",

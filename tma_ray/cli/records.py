@@ -178,7 +178,7 @@ def claims_record(sources: Sequence[str | Path]) -> dict[str, Any]:
                 "text": verdict.claim.text,
                 "source": verdict.claim.source,
                 "standing": verdict.standing,
-                "elsewhere": verdict.elsewhere,
+                "elsewhere": verdict.conditions,
                 "needed": verdict.needed,
                 "findings": [
                     {"standing": finding.standing, "evidence": finding.evidence}
