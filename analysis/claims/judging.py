@@ -82,8 +82,8 @@ class ClaimVerdict:
 def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[ClaimVerdict]:
     """Return the standing of each claim by the results of `source`.
 
-    Statements on the same runs, as at levels that a teacher does not use, count as one, and `needed` is scaled
-    down accordingly. Under other conditions than the paper's, refuted statements are not seen instead.
+    Statements on the same runs, as at levels that a teacher does not use, count as one, with `needed` scaled
+    down. Under other conditions than the paper's, refuted statements are not seen instead.
     """
     verdicts = []
     for claim in claims:
@@ -195,8 +195,9 @@ def _(statement: Ranked, source: Source, levels: Levels) -> Finding:
         return _missing(statement.reading)
     if len(others) < statement.top:
         evidence = (
-            f"{_name(statement.reading, levels)}: complete results of {counted(len(others), 'other teacher')} "
-            f"of the paper, too few for a place among the best {statement.top}"
+            f"{_name(statement.reading, levels)}: complete results of "
+            f"{counted(len(others), 'other teacher')} of the paper, too few for a place among the "
+            f"best {statement.top}"
         )
         return Finding(Standing.NO_DATA, evidence)
     ahead = Counter(_relation(Relation.BETTER, other.test(sample)) for other in others.values())

@@ -90,7 +90,7 @@ class Sample:
         return mean_interval_of(self.description.mean, weights, variances, sizes)
 
     def test(self, other: "Sample") -> Comparison:
-        """Return the comparison with another sample over common strata, or by descriptions if one has none."""
+        """Return the comparison with another sample over common strata, if both have strata."""
         if not (self.strata and other.strata):
             return welch_from_statistics(self.description, other.description)
         seeds = {**self.seeds, **other.seeds}

@@ -214,7 +214,7 @@ def _split(table: pd.DataFrame, number: str) -> dict[int, Columns]:
     columns = {str(name): table[name].to_numpy()[order] for name in table}
     return {
         int(key): {name: values[start:end] for name, values in columns.items()}
-        for key, start, end in zip(keys, starts, [*starts[1:], len(order)], strict=True)
+        for key, (start, end) in zip(keys, itertools.pairwise([*starts, len(order)]), strict=True)
     }
 
 
