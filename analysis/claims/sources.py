@@ -261,9 +261,9 @@ def _chosen_conditions(tables: Mapping[str, pd.DataFrame]) -> tuple[dict[str, pd
         chosen[environment] = ordered.iloc[0][columns.CONDITIONS]
         if len(ordered) == 1:
             continue
-        columns = pooling.varying(ordered)
+        varied = pooling.varying(ordered)
         used, *others = (
-            ", ".join(pooling.condition_words(row, columns)) or USUAL for _, row in ordered.iterrows()
+            ", ".join(pooling.condition_words(row, varied)) or USUAL for _, row in ordered.iterrows()
         )
         about = f" about {title('environment', environment)}" if len(tables) > 1 else ""
         apart = " and of ".join(others)
