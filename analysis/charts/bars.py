@@ -1,4 +1,4 @@
-"""Bars of results, with the pairs of teachers that differ significantly."""
+"""Bar charts of results, with brackets or letters for significant differences."""
 
 import functools
 import itertools
@@ -17,33 +17,33 @@ from analysis.looks import INK, MUTED, Look, look
 from analysis.names import label, order, short_labels, title
 
 COLUMNS = 3
-"""Panels side by side where there is a single column of them."""
+"""Panels side by side if `by` gives a single column."""
 
 MOST_BRACKETS = 12
-"""With more significant pairs in a panel than this, letters are shown instead of brackets."""
+"""Largest number of brackets in a panel; with more pairs all panels have letters."""
 
 LANE = 0.055
-"""Width of a lane of brackets or letters, over the length of the axis."""
+"""Width of a lane of brackets or letters, as a share of the axis."""
 
 DOUBT = "\N{DAGGER}"
-"""Mark of a result that may be a slip of who published it."""
+"""Mark of a doubtful published result."""
 
 Pair = tuple[str, str]
 
 
 class Whisker(StrEnum):
-    """Spreads that whiskers can show."""
+    """Spread shown by whiskers."""
 
     DEVIATION = "standard deviation"
     ERROR = "standard error"
 
 
 @dataclass(frozen=True, eq=False)
-class Results:
+class PanelResults:
     """Results of one panel.
 
     Attributes:
-        titles: titles of its row and its column of panels.
+        titles: titles of the row and the column of panels.
         rows: mean, whisker and doubt by teacher.
         different: pairs that differ significantly.
         untested: pairs without a test.
@@ -65,29 +65,27 @@ def bars_with_pairs(
 ) -> base.Chart:
     """Return mean results as bars, a row of panels per challenge and a column per level of expert knowledge.
 
-    Pairs of teachers that differ significantly are joined by brackets. Eight teachers make 28 pairs, most of
-    them significant in the paper: so many brackets cannot be told apart at the width of a page. If any panel
-    has over `MOST_BRACKETS`, letters say the same in all panels, in a few columns and without loss: two
-    teachers share a letter exactly if they do not differ significantly. A dashed line is Random's mean; a
-    dash stands where a teacher has no result.
+    Brackets join teachers that differ significantly. If a panel has over `MOST_BRACKETS` of them, all panels
+    have letters instead: two teachers share a letter exactly if they do not differ significantly. A dashed
+    line is Random's mean, a dash a missing result.
 
     Args:
         table: results of `pooling.pooled` or `reference.paper_frame`, with n.
         tests: all pairs, of `frame.pairwise` or `frame.pairwise_from_statistics`.
-        measure: measure that is drawn.
-        name: its name, with its unit.
+        measure: measure to draw.
+        name: name of the measure with its unit.
         whisker: standard deviation, or standard error of the mean.
-        by: columns of both tables that make rows and columns of panels.
+        by: columns of both tables for the rows and the columns of panels.
 
     Raises:
-        ValueError: nothing to draw, or several results of a teacher in one panel.
+        ValueError: if there is nothing to draw, or a teacher has several results in one panel.
     """
     whisker = Whisker(whisker)
     mean, std = f"{measure}_mean", f"{measure}_std"
-    base.require(table, [*by, "teacher", "n", mean, std], "results")
+    base.check_table(table, [*by, "teacher", "n", mean, std], "results")
     table = table[table[mean].notna()]
-    base.require(table, [], f"results with {mean}")
-    base.require_unique(table, [*by, "teacher"], "results")
+    base.check_table(table, [], f"results with {mean}")
+    base.check_unique(table, [*by, "teacher"], "results")
     error = table[std] / (np.sqrt(table["n"]) if whisker is Whisker.ERROR else 1.0)
     doubt = table["doubt"].fillna("") if "doubt" in table else ""
     values = {"mean": table[mean].astype(float), "whisker": error.fillna(0.0), "doubt": doubt}
@@ -95,39 +93,39 @@ def bars_with_pairs(
     names = short_labels(table["teacher"].unique())
     teachers = list(names)
     rows, columns = (sorted(table[column].unique(), key=functools.partial(order, column)) for column in by)
-    results = [[_results(table, tests, by, (row, column)) for column in columns] for row in rows]
-    found = list(itertools.chain(*results))
-    percent = measure.endswith("percent")  # no whisker of a percentage goes below 0
+    results = [_results(table, tests, by, (row, column)) for row in rows for column in columns]
+    percent = measure.endswith("percent")  # whiskers of percentages end at 0
     low = 0.0 if percent else min(0.0, (table["mean"] - table["whisker"]).min())
     high = max((table["mean"] + table["whisker"]).max(), base.LEAST_PERCENT if percent else 0.0)
     start, end = 1.02 * low, 1.02 * high if high > low else low + 1.0
     lane = LANE * (end - start)
-    brackets = max(len(each.different) for each in found) <= MOST_BRACKETS
-    beside = [list((_brackets if brackets else _letters)(each, teachers, end, lane)) for each in found]
-    used = max((number + 1 for marks in beside for number, _ in marks), default=0)
+    brackets = max(len(result.different) for result in results) <= MOST_BRACKETS
+    lane_marks = [
+        list((_brackets if brackets else _letters)(result, teachers, end, lane)) for result in results
+    ]
+    used = max((number + 1 for marks in lane_marks for number, _ in marks), default=0)
+    high = end + lane * (used + 0.5 if used else 0)
     axes = (
-        base.Scale(
-            "", base.Kind.NUMBER, start, end + lane * (used + 0.5 if used else 0), last_tick=end, grid=True
-        ),
-        base.Scale(kind=base.Kind.TEACHERS, rows=names),
+        base.PanelAxis("", base.AxisKind.NUMBER, start, high, last_tick=end, grid=True),
+        base.PanelAxis(kind=base.AxisKind.TEACHERS, rows=names),
     )
     single = len(columns) == 1
     panels = [
         base.Panel(
             *axes,
-            [*_bars(each, teachers, start), *(mark for _, mark in marks)],
-            each.titles[0] if single else each.titles[1] if place < len(columns) else "",
-            side="" if single else each.titles[0],
-            remark="no results" if each.rows.empty else "",
+            [*_bars(result, teachers, start), *(mark for _, mark in marks)],
+            result.titles[0] if single else result.titles[1] if index < len(columns) else "",
+            side="" if single else result.titles[0],
+            remark="no results" if result.rows.empty else "",
         )
-        for place, (each, marks) in enumerate(zip(found, beside, strict=True))
+        for index, (result, marks) in enumerate(zip(results, lane_marks, strict=True))
     ]
     lines = base.grid(panels, COLUMNS if single else len(columns))
     return base.Chart(
         "bars",
         lines,
-        heading=found[0].titles[1] if single else "",
-        note="\n".join([f"{name}; whiskers: one {whisker.value}", *_notes(found, brackets)]),
+        heading=results[0].titles[1] if single else "",
+        note="\n".join([f"{name}; whiskers: one {whisker.value}", *_notes(results, brackets)]),
         legend=base.Legend.NONE,
         size=(
             base.TWO_COLUMNS if len(lines[0]) > 1 else base.ONE_COLUMN,
@@ -138,72 +136,71 @@ def bars_with_pairs(
 
 
 def _results(
-    table: pd.DataFrame, tests: pd.DataFrame, by: tuple[str, str], place: tuple[object, object]
-) -> Results:
+    table: pd.DataFrame, tests: pd.DataFrame, by: tuple[str, str], key: tuple[object, object]
+) -> PanelResults:
     def pairs(tests: pd.DataFrame) -> list[Pair]:
         return list(tests[["first", "second"]].itertuples(index=False, name=None))
 
-    rows, here = (  # element by element, since pools are tuples in some tables
-        frame[np.array([values == place for values in zip(*(frame[each] for each in by), strict=True)], bool)]
+    rows, tests = (  # element by element, since pools are tuples in some tables
+        frame[
+            np.array([values == key for values in zip(*(frame[column] for column in by), strict=True)], bool)
+        ]
         for frame in (table, tests)
     )
     rows = rows.set_index("teacher")[["mean", "whisker", "doubt"]]
-    here = here[here["first"].isin(rows.index) & here["second"].isin(rows.index)]
-    tested = set(map(frozenset, pairs(here[here["p"].notna()])))
-    every = itertools.combinations(sorted(rows.index), 2)
-    untested = [pair for pair in every if frozenset(pair) not in tested]
-    return Results(
-        (title(by[0], place[0]), title(by[1], place[1])), rows, pairs(base.significant(here)), untested
-    )
+    tests = tests[tests["first"].isin(rows.index) & tests["second"].isin(rows.index)]
+    tested = set(map(frozenset, pairs(tests[tests["p"].notna()])))
+    possible = itertools.combinations(sorted(rows.index), 2)
+    untested = [pair for pair in possible if frozenset(pair) not in tested]
+    titles = title(by[0], key[0]), title(by[1], key[1])
+    return PanelResults(titles, rows, pairs(base.significant(tests)), untested)
 
 
-def _bars(each: Results, teachers: Sequence[str], start: float) -> Iterator[base.Mark]:
-    line = Look(INK, "", "-")
-    for place, teacher in enumerate(() if each.rows.empty else teachers):
-        if teacher not in each.rows.index:
-            yield base.Label(
-                x=start, y=place, text="\N{EN DASH}", look=line._replace(colour=MUTED), beside=True
-            )
+def _bars(results: PanelResults, teachers: Sequence[str], start: float) -> Iterator[base.Mark]:
+    line, rows = Look(INK, "", "-"), results.rows
+    for y, teacher in enumerate(() if rows.empty else teachers):
+        if teacher not in rows.index:
+            yield base.Label(x=start, y=y, text="\N{EN DASH}", look=line._replace(colour=MUTED), beside=True)
             continue
-        mean, whisker = (float(each.rows[name][teacher]) for name in ("mean", "whisker"))
+        mean, whisker = (float(rows[name][teacher]) for name in ("mean", "whisker"))
         if is_baseline(teacher):
-            yield base.Rule(x=mean, look=look(teacher)._replace(dashes=(0, (3, 2))))
-        yield base.Bar(x=mean, y=place, look=look(teacher), teacher=teacher)
+            yield base.ReferenceLine(x=mean, look=look(teacher)._replace(dashes=(0, (3, 2))))
+        yield base.Bar(x=mean, y=y, look=look(teacher), teacher=teacher)
         if whisker > 0:
             ends: dict[str, Any] = {"low": mean - whisker, "high": mean + whisker}
             style: dict[str, Any] = {"size": 0.0, "width": 0.95, "cap": 2.0}
-            yield base.Interval(x=mean, y=place, look=line, teacher=teacher, **ends, **style)
-        if each.rows["doubt"][teacher]:
-            yield base.Label(x=mean + whisker, y=place, text=DOUBT, beside=True, about=f"doubt-{teacher}")
+            yield base.Interval(x=mean, y=y, look=line, teacher=teacher, **ends, **style)
+        if rows["doubt"][teacher]:
+            yield base.Label(x=mean + whisker, y=y, text=DOUBT, beside=True, about=f"doubt-{teacher}")
 
 
 def _brackets(
-    each: Results, teachers: Sequence[str], start: float, lane: float
+    results: PanelResults, teachers: Sequence[str], start: float, lane: float
 ) -> Iterator[tuple[int, base.Mark]]:
-    """Yield a bracket for each pair of teachers that differ, and its lane; the first is at `start`."""
-    places = {teacher: place for place, teacher in enumerate(teachers)}
-    spans = lanes({(min(s), max(s)) for s in ((places[a], places[b]) for a, b in each.different)})
+    """Yield the lane and the bracket of each pair of teachers that differ."""
+    ys = {teacher: y for y, teacher in enumerate(teachers)}
+    spans = lanes({(min(s), max(s)) for s in ((ys[a], ys[b]) for a, b in results.different)})
     for (low, high), number in spans.items():
         about = f"{teachers[low]} differs from {teachers[high]}"
         xs = start + lane * number + lane * np.array([0.3, 0.75, 0.75, 0.3])
-        ys = np.array([low + 0.16, low + 0.16, high - 0.16, high - 0.16])
-        yield number, base.Curve(x=xs, y=ys, look=Look(INK, "", "-"), width=0.95, about=about)
+        heights = np.array([low + 0.16, low + 0.16, high - 0.16, high - 0.16])
+        yield number, base.Curve(x=xs, y=heights, look=Look(INK, "", "-"), width=0.95, about=about)
 
 
 def _letters(
-    each: Results, teachers: Sequence[str], start: float, lane: float
+    results: PanelResults, teachers: Sequence[str], start: float, lane: float
 ) -> Iterator[tuple[int, base.Mark]]:
-    """Yield the letters of each teacher and their columns; "?" of one that was never tested."""
-    names = list(each.rows.index)
-    never = [name for name in names if sum(name in pair for pair in each.untested) >= len(names) - 1]
-    letters = compact_letter_display([name for name in names if name not in never], each.different)
-    for place, teacher in enumerate(teachers):
+    """Yield the lane and the mark of each teacher's letters; "?" without any test."""
+    names = list(results.rows.index)
+    never = [name for name in names if sum(name in pair for pair in results.untested) >= len(names) - 1]
+    letters = compact_letter_display([name for name in names if name not in never], results.different)
+    for y, teacher in enumerate(teachers):
         for column in [0] if teacher in never else letters.get(teacher, ()):
             text = "?" if teacher in never else string.ascii_letters[column]
-            yield column, base.Label(x=start + lane * column + 0.6 * lane, y=place, text=text)
+            yield column, base.Label(x=start + lane * column + 0.6 * lane, y=y, text=text)
 
 
-def _notes(panels: Sequence[Results], brackets: bool) -> Iterator[str]:
+def _notes(panels: Sequence[PanelResults], brackets: bool) -> Iterator[str]:
     sign = "<" if brackets else "\N{GREATER-THAN OR EQUAL TO}"
     test = f"(after Holm, p\N{NO-BREAK SPACE}{sign}\N{NO-BREAK SPACE}0.05)."
     text = "Brackets join teachers that" if brackets else "Teachers that share a letter do not"
@@ -214,20 +211,22 @@ def _notes(panels: Sequence[Results], brackets: bool) -> Iterator[str]:
     if untested:
         panel, (first, second) = untested[0]
         more = f" and {len(untested) - 1} more" if len(untested) > 1 else ""
-        where = ", ".join(panel.titles).lower()
-        yield f"Pairs without a test: {label(first)} and {label(second)} ({where}){more}."
+        titles = ", ".join(panel.titles).lower()
+        yield f"Pairs without a test: {label(first)} and {label(second)} ({titles}){more}."
 
 
 def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> dict[str, list[int]]:
-    """Return the compact letter display: letters of each name, from 0; two share one exactly if alike.
+    """Return the compact letter display of names: two share a letter exactly if they do not differ.
 
-    Alike are those that do not differ. Piepho's insert-and-absorb algorithm (Journal of Computational and
-    Graphical Statistics 13, 2004) asks for no order among names, and so is exact for tests with unequal
-    variances, which are not transitive. Letters are numbered by the first of `names` that has them.
+    Piepho's insert-and-absorb algorithm (Journal of Computational and Graphical Statistics 13, 2004) needs no
+    order among names, so it is exact for tests with unequal variances, which are not transitive.
 
     Args:
         names: names that were compared.
         different: pairs that differ significantly.
+
+    Returns:
+        Indices of each name's letters, which are numbered by their first name.
     """
     groups = [frozenset(names)] if names else []
     for first, second in different:
@@ -242,12 +241,9 @@ def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> d
 
 
 def lanes(spans: Collection[tuple[int, int]]) -> dict[tuple[int, int], int]:
-    """Return the lane of each span of whole numbers, from 0, such that spans in a lane do not overlap.
-
-    Short spans come first, so that long brackets lie outside.
-    """
-    found: dict[tuple[int, int], int] = {}
+    """Return lanes of spans without overlap, the longest spans outermost."""
+    lane_of: dict[tuple[int, int], int] = {}
     for low, high in sorted(spans, key=lambda span: (span[1] - span[0], span)):
-        taken = {lane for (start, end), lane in found.items() if start < high and low < end}
-        found[low, high] = min(set(range(len(spans))) - taken)
-    return found
+        taken = {lane for (start, end), lane in lane_of.items() if start < high and low < end}
+        lane_of[low, high] = min(set(range(len(spans))) - taken)
+    return lane_of

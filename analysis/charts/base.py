@@ -1,10 +1,10 @@
-"""The vocabulary of charts: marks in panels, computed once, which `charts.paper` and `charts.page` draw.
+"""Charts as marks in panels, which `charts.paper` and `charts.page` render.
 
-A module of this room computes the `Chart` of one kind of figure from tables. A renderer knows marks and
-panels, and no kind of figure: a new figure of these marks is one file, on paper and on pages.
+Each module of the package computes the `Chart` of one kind of figure. Renderers depend on marks and panels
+alone, so a new figure is a single module.
 
-Functions that return charts have arguments in common: `name` is the identifier on a page, `heading` the
-title, `caption` the content and number of runs, and `quantity` the title of the axis of values.
+Arguments in common: `name` is a chart's identifier on a page, `heading` its title, `caption` its content and
+number of runs, and `quantity` the title of the axis of values.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,31 +20,31 @@ from analysis.looks import INK, Look
 from analysis.statistics import SIGNIFICANCE
 
 END = "end"
-"""Moment of a panel that shows the ends of runs; other moments are steps."""
+"""Moment of the ends of runs; other moments are steps."""
 
 ONE_COLUMN, TWO_COLUMNS, PAGE_WIDTH = 3.3, 6.9, 10.2
-"""Widths of a figure: a column and both columns of a paper, and a page on the screen, in inches."""
+"""Widths of a paper's column, of both columns, and of a page on the screen, inches."""
 
 LEAST_PERCENT = 5.0
-"""Axes of mastered % reach at least this far, so that one task of a hundred never looks like a triumph."""
+"""Least upper bound of axes of mastered %, so that one task of a hundred never looks like a triumph."""
 
-TOGETHER = 8
-"""Number of teachers beside Random in one panel; more of them are drawn in several panels."""
+TEACHERS_PER_PANEL = 8
+"""Largest number of teachers in one panel, besides Random."""
 
 LONGEST_NAME = 38
 """Characters of a teacher's name in a chart."""
 
 STEPS, MASTERED = "Environment steps", "Mastered test tasks (%)"
-"""Titles of the axes that most charts have."""
+"""Titles of axes."""
 
 PLAIN = Look(INK, "o", "-")
-"""Look of marks that belong to no teacher."""
+"""Style of marks without a teacher."""
 
 Array = NDArray[np.float64]
 
 
-class Kind(StrEnum):
-    """Quantities that an axis can have."""
+class AxisKind(StrEnum):
+    """Quantity of an axis."""
 
     NUMBER = "number"
     STEPS = "steps"
@@ -57,27 +57,27 @@ class Kind(StrEnum):
 
 
 MOST_TICKS = 12
-"""Largest number of whole numbers with a tick for each."""
+"""Largest range of whole numbers with a tick for each."""
 
 
 @dataclass(frozen=True)
-class Scale:
-    """An axis of a panel.
+class PanelAxis:
+    """Axis of a panel.
 
     Attributes:
         title: name of the quantity with its unit; empty for none.
-        kind: the quantity; rows are named by `rows`, a dimension of the task space has bounds.
-        low: lower bound; None where the marks decide.
-        high: upper bound; None where the marks decide.
-        rows: titles of rows by key, at the places 0, 1, … ; their order is downwards on a vertical axis.
-        last_tick: largest value with a tick, where marks lie beyond the values; None for all.
+        kind: quantity of the axis.
+        low: lower bound; None to fit the marks.
+        high: upper bound; None to fit the marks.
+        rows: titles of rows by key, at 0, 1, …, and downwards on a vertical axis.
+        last_tick: largest value with a tick; None for all.
         whole: True if only whole numbers have ticks.
-        grid: True for lines across the panel at the ticks.
+        grid: True for grid lines at the ticks.
         shown: False for an axis without line and ticks.
     """
 
     title: str = ""
-    kind: Kind = Kind.NUMBER
+    kind: AxisKind = AxisKind.NUMBER
     low: float | None = None
     high: float | None = None
     rows: Mapping[str, str] = field(default_factory=dict)
@@ -93,21 +93,21 @@ class Scale:
 
     @property
     def each_whole(self) -> bool:
-        """True if the range is short enough for a tick at each whole number."""
+        """True if each whole number has a tick."""
         return self.whole and (self.high or 0) - (self.low or 0) <= MOST_TICKS
 
 
 @dataclass(frozen=True)
-class Colours:
-    """A colour scale of values.
+class ColourScale:
+    """Colour scale of values.
 
     Attributes:
-        name: name of a scale in matplotlib and in plotly.
-        low: value of its first colour.
-        high: value of its last colour.
+        name: name of the scale in matplotlib and plotly.
+        low: value of the first colour.
+        high: value of the last colour.
         title: name of the quantity.
         open: True if values lie beyond the ends.
-        mark: value that is marked; None for none.
+        mark: value with a mark; None for none.
     """
 
     name: str
@@ -120,16 +120,16 @@ class Colours:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mark:
-    """An element drawn in a panel.
+    """Element of a panel.
 
     Attributes:
         look: colour, marker and dashes.
         name: entry of the legend; empty for none.
-        teacher: teacher that it belongs to, which a reader of a page can leave out; empty for none.
-        comparison: anchor of the comparison that it belongs to; empty for none.
-        words: text of each point, or one for all.
-        hover: text under the pointer, where ``{x}``, ``{y}``, ``{value}`` and ``{text}`` are the point's own,
-            formatted as in ``{y:.1f}``; empty for none.
+        teacher: teacher of the mark, by which pages hide it; empty for none.
+        comparison: anchor of the comparison of the mark, by which pages hide it; empty for none.
+        words: text of each point, or of all.
+        hover: template of the text under the pointer, with the fields ``{x}``, ``{y}``, ``{value}`` and
+            ``{text}`` of a point and formats as in ``{y:.1f}``; empty for none.
         about: identifier in vector files.
     """
 
@@ -144,15 +144,15 @@ class Mark:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Curve(Mark):
-    """A line with its band.
+    """Line with its band.
 
     Attributes:
         x: positions (n,).
         y: heights (n,); None for a band alone.
         low: lower ends of the band (n,); None for none.
         high: upper ends of the band (n,); None for none.
-        n: number of runs behind each point (n,): the line is drawn fully where all of them are.
-        fill: colour inside markers; that of the line if empty.
+        n: number of runs behind each point (n,); the line is faint where some are missing.
+        fill: colour inside markers; empty for that of the line.
         width: width of the line, CSS pixels; lines under 1.5 have no markers.
         opacity: opacity of the band, in [0, 1].
     """
@@ -168,15 +168,15 @@ class Curve(Mark):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Dots(Mark):
+class Scatter(Mark):
     """Points.
 
     Attributes:
         x: positions (n,).
         y: heights (n,).
-        values: quantity that colours them (n,); None where the look does.
-        colours: scale of `values`.
-        size: diameter of each or of all, CSS pixels.
+        values: values on the colour scale (n,); None for the colour of `look`.
+        colours: colour scale of `values`.
+        size: diameters, of each point or of all, CSS pixels.
         hollow: True for rings.
         opacity: opacity in [0, 1].
         edge: colour of a fine outline; empty for none.
@@ -185,7 +185,7 @@ class Dots(Mark):
     x: Sequence[float] | Array
     y: Sequence[float] | Array
     values: Sequence[float] | Array | None = None
-    colours: Colours | None = None
+    colours: ColourScale | None = None
     size: float | Array = 5.0
     hollow: bool = False
     opacity: float = 1.0
@@ -194,16 +194,16 @@ class Dots(Mark):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Interval(Mark):
-    """A mean with its interval along the horizontal axis.
+    """Mean with its interval along the horizontal axis.
 
     Attributes:
-        x: mean; NaN for none at this moment.
+        x: mean; NaN for none.
         y: height.
         low: lower end; NaN for none.
         high: upper end; NaN for none.
-        size: diameter of the mean's mark, CSS pixels; 0 for none.
+        size: diameter of the mean's marker, CSS pixels; 0 for none.
         width: width of the line, CSS pixels.
-        cap: length of the ends, CSS pixels.
+        cap: length of the caps, CSS pixels.
     """
 
     x: float
@@ -217,7 +217,7 @@ class Interval(Mark):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bar(Mark):
-    """A horizontal bar from 0 to `x` at the height `y`."""
+    """Horizontal bar from 0 to `x` at the height `y`."""
 
     x: float
     y: float
@@ -226,31 +226,31 @@ class Bar(Mark):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Cells(Mark):
-    """A grid whose cells are coloured.
+class Heatmap(Mark):
+    """Grid of coloured cells.
 
     Attributes:
         xs: centres of the columns (c,).
         ys: centres of the rows (r,).
         values: values by row and column (r, c); NaN for none.
-        colours: scale of `values`.
+        colours: colour scale of `values`.
     """
 
     xs: Array
     ys: Array
     values: Array
-    colours: Colours
+    colours: ColourScale
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """A closed line.
+    """Outline of a polygon.
 
     Attributes:
         xs: corners (n,), the first repeated at the end.
         ys: corners (n,).
-        weight: fullness, in [0, 1].
-        score: value that colours it; None where the look does.
+        weight: opacity of its filling, in [0, 1].
+        score: value on the colour scale; None for the colour of the mark.
     """
 
     xs: Array
@@ -260,18 +260,18 @@ class Outline:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Shapes(Mark):
-    """Closed lines, the lowest first; `colours` is the scale of their scores."""
+class Polygons(Mark):
+    """Polygons, the lowest first, with the colour scale of their scores."""
 
     outlines: Sequence[Outline]
-    colours: Colours | None = None
+    colours: ColourScale | None = None
     width: float = 1.6
     opacity: float = 0.13
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Rule(Mark):
-    """A line across the whole panel at `x` or at `y`, with its name at the end of a horizontal one."""
+class ReferenceLine(Mark):
+    """Line across the whole panel at `x` or at `y`."""
 
     x: float | None = None
     y: float | None = None
@@ -280,7 +280,7 @@ class Rule(Mark):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Label(Mark):
-    """A short text centred at a point, or on its right if `beside`."""
+    """Short text centred at a point, or to its right if `beside`."""
 
     x: float
     y: float
@@ -290,14 +290,14 @@ class Label(Mark):
 
 @dataclass(frozen=True, eq=False)
 class StarRow:
-    """Stars above a panel, at the steps where a line differs from its reference.
+    """Row of stars above a panel, at the steps where a line differs from its reference.
 
     Attributes:
-        look: look of the line.
-        fill: colour inside its markers.
-        above: steps at which it is above the reference.
-        below: steps at which it is below.
-        about: identifier of the line in vector files.
+        look: style of the line.
+        fill: colour inside the line's markers.
+        above: steps at which the line is above the reference.
+        below: steps at which the line is below the reference.
+        about: identifier in vector files.
     """
 
     look: Look
@@ -308,8 +308,8 @@ class StarRow:
 
 
 @dataclass(frozen=True)
-class Key:
-    """An entry of the legend that explains a marker: full, or hollow."""
+class LegendEntry:
+    """Entry of the legend for a marker, full or hollow."""
 
     marker: str
     name: str
@@ -320,25 +320,25 @@ class Key:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A pair of axes with marks.
+    """Axes with marks.
 
     Attributes:
         x: horizontal axis.
         y: vertical axis.
-        marks: the lowest first; of a panel with moments those at the end of runs.
+        marks: marks, the lowest first.
         title: heading.
         subtitle: second line of the heading, smaller.
-        side: name of its row of panels; only the first of a row shows it.
-        teacher: teacher whose panel it is; empty for several.
-        stars: rows of stars above it, the uppermost first.
-        remark: reason why it is empty.
-        frame: colour of a frame around it; empty for none.
-        moments: steps, and `END`, at which it can be shown, in order; empty for one that stays.
-        moment: the panel at one of `moments`; its marks are as many, and of the same kinds, at all of them.
+        side: title of the row of panels, shown by the first panel of a row.
+        teacher: teacher of the panel; empty for several.
+        stars: rows of stars above the panel, the uppermost first.
+        remark: text of an empty panel.
+        frame: colour of a frame; empty for none.
+        moments: steps and `END` of an animated panel, in order; empty for a still one.
+        moment: function that returns the panel at a moment, with the same number and types of marks.
     """
 
-    x: Scale
-    y: Scale
+    x: PanelAxis
+    y: PanelAxis
     marks: Sequence[Mark] = ()
     title: str = ""
     subtitle: str = ""
@@ -351,12 +351,12 @@ class Panel:
     moment: Callable[[Any], "Panel"] | None = None
 
     def at(self, moment: object) -> "Panel":
-        """Return the panel as it is at a moment."""
+        """Return the panel at a moment."""
         return self if self.moment is None else self.moment(moment)
 
 
 class Legend(StrEnum):
-    """Places of a legend."""
+    """Positions of a legend."""
 
     TOP = "top"
     CORNER = "corner"
@@ -366,20 +366,20 @@ class Legend(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """A figure for paper, and one or several charts of a page.
+    """Figure of a paper, or one or several plots of a page.
 
     Attributes:
-        name: name of its files, and identifier on a page.
-        panels: row by row; None where there is none.
-        title: content in a few words.
+        name: name of the files, and identifier on a page.
+        panels: panels by row; None for a gap.
+        title: title on a page.
         caption: content and number of runs, for a page.
         heading: text above all panels on paper.
         note: text below all panels on paper.
-        keys: entries of the legend that explain markers.
-        legend: place of the legend.
-        size: width and height on paper without the legend, in inches.
-        letters: size of the letters on paper, in points.
-        pixels: height of a panel on a page, CSS pixels; rows have a height of their own.
+        keys: entries of the legend for markers.
+        legend: position of the legend.
+        size: width and height on paper without the legend, inches.
+        letters: font size on paper, points.
+        pixels: height of a panel without rows on a page, CSS pixels.
     """
 
     name: str
@@ -388,7 +388,7 @@ class Chart:
     caption: str = ""
     heading: str = ""
     note: str = ""
-    keys: Sequence[Key] = ()
+    keys: Sequence[LegendEntry] = ()
     legend: Legend = Legend.TOP
     size: tuple[float, float] = (5.2, 3.5)
     letters: float = 8.5
@@ -396,33 +396,33 @@ class Chart:
 
     @property
     def all_panels(self) -> list[Any]:
-        """Panels, row by row, without empty places."""
+        """Panels by row, without gaps."""
         return [panel for row in self.panels for panel in row if panel is not None]
 
 
-def moving(at: Callable[[Any], Panel], moments: Sequence[Any], shown: Any) -> Panel:
-    """Return the panel that `at` returns of the moment `shown`, to be shown at all `moments`."""
+def animated(at: Callable[[Any], Panel], moments: Sequence[Any], shown: Any) -> Panel:
+    """Return the panel of the moment `shown`, animated over all `moments`."""
     return replace(at(shown), moments=moments, moment=at)
 
 
-def spread(count: int, most: int) -> list[int]:
-    """Return at most `most` of the places 0 to `count` - 1, evenly spaced, both ends included."""
-    places = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
-    return [int(place) for place in places] if count else []
+def spaced_indices(count: int, most: int) -> list[int]:
+    """Return at most `most` evenly spaced indices of `count` items, including both ends."""
+    indices = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
+    return indices.tolist() if count else []
 
 
 def grid(panels: Sequence[Panel], columns: int) -> list[list[Panel | None]]:
-    """Return panels in rows of one length, the last one filled up with None."""
+    """Return panels in rows of equal length, the last one filled up with None."""
     columns = max(1, min(columns, len(panels)))
     filled: list[Panel | None] = [*panels, *[None] * (-len(panels) % columns)]
     return [filled[start : start + columns] for start in range(0, len(filled), columns)]
 
 
-def require(table: pd.DataFrame, columns: Sequence[str], what: str) -> None:
+def check_table(table: pd.DataFrame, columns: Sequence[str], what: str) -> None:
     """Check that a table has rows and columns.
 
     Raises:
-        ValueError: it has no rows, or lacks one of `columns`.
+        ValueError: if it has no rows, or lacks one of `columns`.
     """
     absent = [column for column in columns if column not in table]
     if absent:
@@ -431,21 +431,21 @@ def require(table: pd.DataFrame, columns: Sequence[str], what: str) -> None:
         raise ValueError(f"expected {what} with at least one row: there is nothing to draw")
 
 
-def require_unique(table: pd.DataFrame, keys: Sequence[str], what: str) -> None:
-    """Check that no two rows share a place in a figure.
+def check_unique(table: pd.DataFrame, keys: Sequence[str], what: str) -> None:
+    """Check that no two rows of a table have the same keys.
 
     Raises:
-        ValueError: two rows have the same `keys`.
+        ValueError: if two rows have the same `keys`.
     """
     twice = table[table.duplicated(list(keys))]
     if len(twice):
-        place = ", ".join(str(value) for value in twice.iloc[0][list(keys)])
+        values = ", ".join(str(value) for value in twice.iloc[0][list(keys)])
         raise ValueError(
-            f"{what}: expected one row for each {', '.join(keys)}, found several of {place}; select one "
+            f"{what}: expected one row for each {', '.join(keys)}, found several of {values}; select one "
             f"of the experiments, steps, bodies or students that are mixed there"
         )
 
 
 def significant(tests: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of `tests` with a p-value under 0.05 after Holm's correction, NaN excluded."""
+    """Return the rows of `tests` that are significant after Holm's correction."""
     return tests[tests["holm"] < SIGNIFICANCE]

@@ -1,6 +1,6 @@
-"""Curricula over a run: film strips and films of the task distribution, training tasks, dimensions.
+"""Charts of curricula: film strips and animations of task distributions, training tasks, dimensions.
 
-`curricula` has one run for each teacher, and `plane` the two task dimensions.
+Arguments in common: `curricula` has one run per teacher, and `plane` the two task dimensions.
 """
 
 import itertools
@@ -12,30 +12,29 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from analysis.charts import base
-from analysis.charts.tasks import POINTS, TaskView, episodes, return_colours, state, task_scale
+from analysis.charts.tasks import PAPER_EPISODES, TaskView, episodes, return_colours, state, task_axis
 from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, moments
 from analysis.formatting import amount
 from analysis.looks import Look, look
 from analysis.names import short_labels
 
 SMALL = 1 / 3
-"""Share of both dimensions under which tasks of a run are drawn at their own scale."""
+"""Share of both dimensions under which the tasks of a run are drawn at their own scale."""
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-"""Levels of the probed tasks: outer band, inner band, median."""
+"""Quantiles of probed tasks in bands: outer band, inner band, median."""
 
 UPDATES = 24
-"""Largest number of updates that are drawn, evenly spaced over those of a run."""
+"""Largest number of updates that are drawn, evenly spaced over a run."""
 
 MOST_FRAMES, MOST_SHOTS = 60, 12
-"""An animation has at most so many frames and panels, and so stays under a few megabytes."""
+"""Largest numbers of frames and panels of an animation, which keep it under a few megabytes."""
 
 Run = TypeVar("Run")
-"""A run in any form: a shot, or the cell of a teacher."""
 
 
 class Shot(NamedTuple):
-    """One row of a film strip: a run, under the name of its teacher or of its seed."""
+    """Run in one row of a film strip, named by its teacher or its seed."""
 
     name: str
     teacher: str
@@ -48,26 +47,26 @@ def film_strip(
     steps: Sequence[int] | None = None,
     width: float = base.TWO_COLUMNS,
 ) -> base.Chart:
-    """Return probed tasks, Gaussians and boxes: a row per run, a column per moment.
+    """Return probed tasks, Gaussians and boxes: a row per run, a column per step.
 
-    Gaussians are drawn at two standard deviations, fuller for more weight; a single box as an outline;
-    several boxes as regions coloured by score, with a scale for each row. A row whose tasks lie in a small
-    part of the plane shows that part, in a frame of the teacher's colour.
+    Gaussians are drawn at two standard deviations, more opaque for more weight; a single box as an outline;
+    several boxes coloured by score, with a scale per row. A row whose tasks lie in a small part of the plane
+    shows that part, in a frame of the teacher's colour.
 
     Args:
-        shots: runs of several teachers, or of several seeds of one; of two task dimensions, else first
-            `analysis.charts.tasks.projected`.
+        shots: runs of several teachers, or of several seeds of one, with two task dimensions (see
+            `analysis.charts.tasks.projected`).
         plane: the two task dimensions.
-        steps: the moments; `MOMENTS` of them over the run if None.
+        steps: steps to draw; by default `data.curricula.moments` of the runs.
         width: width of the figure, inches.
 
     Raises:
-        ValueError: no runs, no probes, or tasks that are not two-dimensional.
+        ValueError: if there are no runs or no probes, or tasks are not two-dimensional.
     """
     steps = _checked(shots, steps)
     rows: list[list[base.Panel]] = []
     for shot in shots:
-        panel, row = _moving(shot, plane, steps), []
+        panel, row = _animated(shot, plane, steps), []
         for step in steps:
             name = f"{amount(step)} steps" if step else "start"
             row.append(replace(panel.at(step), title="" if rows else name, side=shot.name))
@@ -78,67 +77,65 @@ def film_strip(
 
 
 def sheets(runs: Sequence[Run]) -> list[Sequence[Run]]:
-    """Return runs in the fewest parts of similar size, none with more than `MOST_SHOTS`.
-
-    Forty rows fit on no page, and laying out their panels together takes minutes.
-    """
+    """Return runs in the fewest parts of similar size with at most `MOST_SHOTS` each."""
     count = math.ceil(len(runs) / MOST_SHOTS)
     ends = [round(len(runs) * number / count) for number in range(1, count + 1)]
     return [runs[first:last] for first, last in itertools.pairwise([0, *ends])]
 
 
 def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> base.Chart:
-    """Return a film strip in motion: a panel per run, a frame per moment.
+    """Return an animated film strip: a panel per run, a frame per step.
 
     Args:
-        shots: runs as in `film_strip`; at most `MOST_SHOTS`.
+        shots: runs as in `film_strip`, at most `MOST_SHOTS`.
         plane: the two task dimensions.
-        frames: at most so many, and at most one for each step at which a teacher was probed.
+        frames: largest number of frames, of which each shows a step with probes.
 
     Raises:
-        ValueError: too many frames or runs, or what `film_strip` raises.
+        ValueError: if there are too many frames or runs, or `film_strip` raises it.
     """
     if not 1 <= frames <= MOST_FRAMES:
         raise ValueError(f"{frames} frames: expected 1 to {MOST_FRAMES}, to bound the size of the file")
     if len(shots) > MOST_SHOTS:
         raise ValueError(f"{len(shots)} runs: expected at most {MOST_SHOTS} in one animation")
     _checked(shots, None)
-    steps = moments({str(place): shot.curriculum for place, shot in enumerate(shots)}, frames)
-    rows = base.grid([_moving(shot, plane, steps) for shot in shots], 4)
+    steps = moments({str(index): shot.curriculum for index, shot in enumerate(shots)}, frames)
+    rows = base.grid([_animated(shot, plane, steps) for shot in shots], 4)
     size = 0.5 + 1.9 * max(len(rows[0]), 1.2), 0.75 + 2.0 * len(rows)
     return base.Chart("motion", rows, legend=base.Legend.NONE, size=size)
 
 
-def _moving(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> base.Panel:
-    """Return the panel of a run at any of some moments, in the bounds of the plane or of its tasks."""
+def _animated(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> base.Panel:
+    """Return the animated panel of a run, in the bounds of the plane or of its tasks."""
     view, updates = TaskView(plane), [shot.curriculum.update_at(step) for step in steps]
     boxes = [boxes_of(update) for update in updates if update is not None]
-    scores = [float(box["score"]) for each in boxes if len(each) > 1 for box in each]
-    # From pale for no score to dark for the highest; readable with any colour vision.
-    regions = base.Colours("YlGnBu", min(0.0, *scores), max(scores), "Score of a region") if scores else None
+    scores = [float(box["score"]) for regions in boxes if len(regions) > 1 for box in regions]
+    colours = (
+        base.ColourScale("YlGnBu", min(0.0, *scores), max(scores), "Score of a region") if scores else None
+    )
     tasks = np.concatenate([shot.curriculum.probed_at(step).reshape(-1, 2) for step in steps])
     low, high = np.array([[axis.low, axis.high] for axis in plane]).T
     least, most = (tasks.min(axis=0), tasks.max(axis=0)) if len(tasks) else (low, high)
-    own = bool((most - least < SMALL * (high - low)).all())
-    if own:
+    zoomed = bool((most - least < SMALL * (high - low)).all())
+    if zoomed:
         margin = np.maximum(0.1 * (most - least), 0.01 * (high - low))
         low, high = np.maximum(least - margin, low), np.minimum(most + margin, high)
     x, y = (
-        replace(task_scale(axis), low=float(bounds[0]), high=float(bounds[1]))
+        replace(task_axis(axis), low=float(bounds[0]), high=float(bounds[1]))
         for axis, bounds in zip(plane, np.transpose([low, high]), strict=True)
     )
-    frame = look(shot.teacher).colour if own else ""
+    frame = look(shot.teacher).colour if zoomed else ""
 
     def at(step: Any) -> base.Panel:
-        marks = state(shot.curriculum, shot.teacher, step, view, regions, None)
+        marks = state(shot.curriculum, shot.teacher, step, view, colours, None)
         reached = len(shot.curriculum.probed_at(step))
         return base.Panel(x, y, marks, shot.name, frame=frame, remark="" if reached else "not reached")
 
-    return base.moving(at, steps, steps[-1])
+    return base.animated(at, steps, steps[-1])
 
 
 def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
-    """Return the moments to draw, `MOMENTS` over the runs if none are given."""
+    """Return the steps to draw, by default `moments` of the runs."""
     if not shots:
         raise ValueError("no runs: expected at least one, to draw its curriculum")
     for shot in shots:
@@ -148,19 +145,15 @@ def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
                 f"tasks of {shot.name} have {len(tasks.iloc[0])} dimensions: expected 2; choose two with "
                 f"analysis.figures.projected"
             )
-    found = moments({str(i): shot.curriculum for i, shot in enumerate(shots)}) if steps is None else steps
-    if not len(found):
+    if steps is None:
+        steps = moments({str(index): shot.curriculum for index, shot in enumerate(shots)})
+    if not len(steps):
         raise ValueError("no moments: expected runs whose teachers were probed, or steps")
-    return list(found)
+    return list(steps)
 
 
 def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> base.Chart:
-    """Return training episodes, coloured by return: a row per teacher, a column per part of the run.
-
-    Args:
-        curricula: one run for each teacher.
-        plane: the two task dimensions.
-    """
+    """Return training tasks, coloured by return: a row per teacher, a column per part of the run."""
     view, colours = TaskView(plane), return_colours(curricula)
     rows: list[list[base.Panel]] = []
     for teacher, side in short_labels(curricula, 16).items():
@@ -168,7 +161,7 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
         for number in range(PANELS):
             part = curricula[teacher].during(number)
             name = f"{100 * number // PANELS}\N{EN DASH}{100 * (number + 1) // PANELS} %"
-            dots = [episodes(part, teacher, view, colours, POINTS)]
+            dots = [episodes(part, teacher, view, colours, PAPER_EPISODES)]
             remark = "no episodes" if part.episodes.empty else ""
             row.append(base.Panel(*view.scales(), dots, "" if rows else name, side=side, remark=remark))
         rows.append(row)
@@ -179,32 +172,29 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
 def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -> base.Chart:
     """Return quantiles of probed tasks against steps: a row per dimension, a column per teacher.
 
-    Dark lines are the bounds of a teacher's box if it has a single one, or two standard deviations
-    around its Gaussian; dots the means of several Gaussians, larger for more weight.
+    Dark lines are the bounds of a single box, or two standard deviations of a single Gaussian; dots are the
+    means of several Gaussians, larger for more weight.
 
     Args:
-        curricula: one run for each teacher.
-        axes: the task dimensions; constant ones are left out.
+        curricula: one run per teacher.
+        axes: task dimensions, of which constant ones are left out.
     """
     varied = [index for index, axis in enumerate(axes) if axis.high > axis.low]
     names = short_labels(curricula, 14)
-    steps = base.Scale(
-        base.STEPS, base.Kind.STEPS, 0.0, float(max(each.steps for each in curricula.values()))
-    )
-    rows = []
-    for index in varied:
-        y = task_scale(axes[index])
-        rows.append(
-            [
-                base.Panel(
-                    steps,
-                    y,
-                    [*_bands(curricula[teacher], index, teacher), *_shapes(curricula[teacher], index)],
-                    name if index == varied[0] else "",
-                )
-                for teacher, name in names.items()
-            ]
-        )
+    budget = float(max(curriculum.steps for curriculum in curricula.values()))
+    x = base.PanelAxis(base.STEPS, base.AxisKind.STEPS, 0.0, budget)
+    rows = [
+        [
+            base.Panel(
+                x,
+                task_axis(axes[index]),
+                [*_bands(curricula[teacher], index, teacher), *_regions(curricula[teacher], index)],
+                name if index == varied[0] else "",
+            )
+            for teacher, name in names.items()
+        ]
+        for index in varied
+    ]
     height = float(np.clip(7.2 / max(len(varied), 1), 0.5, 2.2))
     width = float(np.clip(8.4 / len(names), 1.05, 4.0))
     size = 1.8 + width * len(names), 0.8 + height * len(varied)
@@ -219,10 +209,10 @@ def _bands(curriculum: Curriculum, dimension: int, teacher: str) -> Iterator[bas
     yield base.Curve(x=x, y=levels[2], low=levels[1], high=levels[3], look=style, opacity=0.38, width=1.6)
 
 
-def _shapes(curriculum: Curriculum, dimension: int) -> Iterator[base.Mark]:
+def _regions(curriculum: Curriculum, dimension: int) -> Iterator[base.Mark]:
     updates = curriculum.updates.sort_values("step", kind="stable")
     bounds, means = [], []
-    for _, update in updates.iloc[base.spread(len(updates), UPDATES)].iterrows():
+    for _, update in updates.iloc[base.spaced_indices(len(updates), UPDATES)].iterrows():
         boxes, gaussians = boxes_of(update), gaussians_of(update)
         if len(boxes) == 1:
             bounds.append((update["step"], boxes[0]["low"][dimension], boxes[0]["high"][dimension]))
@@ -239,4 +229,4 @@ def _shapes(curriculum: Curriculum, dimension: int) -> Iterator[base.Mark]:
             yield base.Curve(x=steps, y=end, look=Look(base.PLAIN.colour, "", "-"), width=1.2)
     if means:
         steps, values, shares = np.array(means, dtype=np.float64).T
-        yield base.Dots(x=steps, y=values, size=1.8 * np.sqrt(1 + 8 * shares), opacity=0.55)
+        yield base.Scatter(x=steps, y=values, size=1.8 * np.sqrt(1 + 8 * shares), opacity=0.55)

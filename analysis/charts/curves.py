@@ -1,4 +1,4 @@
-"""Learning curves: of one comparison, panels with stars, every pair of teachers, the matrix of many."""
+"""Learning curves: of one comparison, panels with stars, pairs of teachers, and their difference matrix."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,25 +18,25 @@ from analysis.measures.pooling import PLUS, pooled
 from analysis.names import label, order, short_labels, teacher_order, title
 from tma_ray.tasks import KnowledgeLevel
 
-MEASURES = {"mastered_percent": base.MASTERED, "training_return": "Mean training return"}
-"""Measures that case studies show side by side, with the titles of their axes."""
+AXIS_TITLES = {"mastered_percent": base.MASTERED, "training_return": "Mean training return"}
+"""Measures of `knowledge_panels`, with the titles of their axes."""
 
-EVERY = 5_000_000
+STAR_STEPS = 5_000_000
 """Steps between two stars (paper, figures of Parkour)."""
 
-LARGEST = 9
-"""Largest number of rows of `pairwise_curves`; of more a matrix shows the last differences."""
+MOST_PAIR_ROWS = 9
+"""Largest number of rows of `pairwise_curves`, above which a matrix takes their place."""
 
 FLATTENED = 0.5
-"""Share of the ceiling that curves must reach for it to be drawn with them."""
+"""Share of the ceiling that curves must reach for it to be drawn."""
 
 MOST_MARKED = 45
-"""Largest number of points of a line with a marker for each."""
+"""Largest number of points of a line with markers."""
 
 LEVEL = "expert_knowledge"
 
 Line = tuple[str, str]
-"""A teacher and a level of expert knowledge."""
+"""Teacher and level of expert knowledge."""
 
 _DASHES: dict[str, str | tuple[int, tuple[int, ...]]] = {
     KnowledgeLevel.NONE.value: (0, (1, 1)),
@@ -59,11 +59,11 @@ def learning_curves(
 
     Args:
         table: teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`.
-        quantity: title of the vertical axis, in % where it is a percentage.
+        quantity: title of the vertical axis, with "%" for percentages.
         name: identifier of the chart.
         heading: title of the chart.
         caption: content and number of runs.
-        ceiling: value that no run exceeds; None if unknown.
+        ceiling: upper bound of all runs; None if unknown.
         against: title of the horizontal axis.
     """
     width = 1.4 if len(table) and table.groupby("teacher")["step"].size().max() > MOST_MARKED else 2.0
@@ -72,17 +72,19 @@ def learning_curves(
         for teacher, text in short_labels(table["teacher"].astype(str), base.LONGEST_NAME).items()
         for curve in _curves(table, teacher, look(teacher), text, width)
     ]
-    y = base.Scale(quantity, base.Kind.PERCENT if "%" in quantity else base.Kind.NUMBER, grid=True)
-    panel = base.Panel(base.Scale(against, base.Kind.STEPS), y, [*marks, *_ceiling(ceiling, marks)])
+    y = base.PanelAxis(
+        quantity, base.AxisKind.PERCENT if "%" in quantity else base.AxisKind.NUMBER, grid=True
+    )
+    panel = base.Panel(base.PanelAxis(against, base.AxisKind.STEPS), y, [*marks, *_ceiling(ceiling, marks)])
     return base.Chart(name, [[panel]], heading, caption)
 
 
 def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
-    """Return `learning_curves` of runs: a line starts where all its runs have values.
+    """Return `learning_curves` of the runs of one comparison.
 
     Args:
-        curves: teacher, run_id, step and `value`, of one comparison.
-        value: column that is shown.
+        curves: teacher, run_id, step and `value`.
+        value: column to draw.
         ylabel: title of the vertical axis.
     """
     return learning_curves(aggregate(curves, value), ylabel)
@@ -91,7 +93,7 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
 def _curves(
     table: pd.DataFrame, teacher: str, style: Look, name: str, width: float, fill: str = ""
 ) -> Iterator[base.Curve]:
-    """Yield the line of a teacher's rows of mean and standard_error, by step; nothing without values."""
+    """Yield the curve of a teacher's mean and standard_error, if there are any."""
     columns = ("step", "mean", "standard_error", "n")
     chosen = ((table["teacher"] == teacher) & table["mean"].notna()).to_numpy()
     rows = np.column_stack([table[column].to_numpy(np.float64)[chosen] for column in columns])
@@ -116,26 +118,28 @@ def _curves(
     )
 
 
-def _ceiling(value: float | None, curves: Sequence[base.Curve]) -> Iterator[base.Rule]:
-    """Yield the line that no run exceeds, unless it would flatten the curves far below it."""
+def _ceiling(value: float | None, curves: Sequence[base.Curve]) -> Iterator[base.ReferenceLine]:
+    """Yield the line of the ceiling, unless it would flatten the curves."""
     highest = max((float(curve.high.max()) for curve in curves if curve.high is not None), default=0.0)
     if value is not None and highest >= FLATTENED * value:
-        yield base.Rule(y=value, look=Look(MUTED, "", (0, (1, 2))), name="mastered by any run", width=1.0)
+        yield base.ReferenceLine(
+            y=value, look=Look(MUTED, "", (0, (1, 2))), name="mastered by any run", width=1.0
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class CurvePanel:
-    """One panel of `curves_with_stars`.
+    """Panel of `curves_with_stars`.
 
     Attributes:
-        title: body or challenge that it shows.
+        title: embodiment or challenge of the panel.
         curves: results of ``pooled(runs, [measure], by=["step"])``: teacher, expert_knowledge, step, n, and
-            `measure` with the endings _mean and _std.
-        tests: tests of `frame.pairwise` with step among `within`, against one reference: of teachers, or
-            between levels with teacher among `within`; None for no stars.
-        measure: measure that is drawn.
-        name: its name, with its unit.
-        ceiling: value that no run exceeds; None if unknown.
+            `measure` with the suffixes _mean and _std.
+        tests: tests of `frame.pairwise` at each step against a reference teacher, or a reference level for
+            each teacher; None for no stars.
+        measure: measure to draw.
+        name: name of the measure with its unit.
+        ceiling: upper bound of all runs; None if unknown.
     """
 
     title: str
@@ -146,13 +150,16 @@ class CurvePanel:
     ceiling: float | None = None
 
     def parts(self) -> list["CurvePanel"]:
-        """Return the panel of many teachers as several, each with the baseline and `TOGETHER` others."""
+        """Return the panel split into several with Random and at most `TEACHERS_PER_PANEL` others."""
         teachers = sorted(self.curves["teacher"].unique(), key=teacher_order) if len(self.curves) else []
         others = [teacher for teacher in teachers if not is_baseline(teacher)]
-        if len(others) <= base.TOGETHER:
+        if len(others) <= base.TEACHERS_PER_PANEL:
             return [self]
         random = [teacher for teacher in teachers if is_baseline(teacher)]
-        groups = [others[start : start + base.TOGETHER] for start in range(0, len(others), base.TOGETHER)]
+        groups = [
+            others[start : start + base.TEACHERS_PER_PANEL]
+            for start in range(0, len(others), base.TEACHERS_PER_PANEL)
+        ]
         column = "first" if self.tests is not None and "teacher" not in self.tests else "teacher"
         return [
             replace(
@@ -170,11 +177,11 @@ class CurvePanel:
         return _table(self.curves, self.measure, keys, f"curves of panel {self.title!r}", empty=True)
 
     def stars(self, every: int) -> pd.DataFrame:
-        """Return line, step and difference of the significant tests at multiples of `every`."""
+        """Return the line, step and difference of significant tests at multiples of `every`."""
         if self.tests is None or self.tests.empty:
             return pd.DataFrame(columns=["line", "step", "difference"])
         what = f"tests of panel {self.title!r}"
-        base.require(self.tests, ["step", "first", "second", "holm", "difference"], what)
+        base.check_table(self.tests, ["step", "first", "second", "holm", "difference"], what)
         due = self.tests[(self.tests["step"] > 0) & (self.tests["step"] % every == 0)]
         if due.empty:
             raise ValueError(
@@ -187,21 +194,20 @@ class CurvePanel:
         return rows[["step", "difference"]].assign(line=pd.Series(lines, index=rows.index, dtype=object))
 
 
-def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns: int = 2) -> base.Chart:
-    """Return mean ± standard error against steps, and above each panel stars where lines differ.
+def curves_with_stars(panels: Sequence[CurvePanel], every: int = STAR_STEPS, columns: int = 2) -> base.Chart:
+    """Return mean ± standard error against steps, with stars where lines differ from the reference.
 
-    Colour and marker say the teacher, dashes and the filling of markers the level of expert knowledge where
-    a figure has several. Stars have a row for each line, with its marker at the end of the row: full where
-    the line is significantly above the reference, hollow where it is below.
+    Colours and markers denote teachers, dashes and fillings of markers levels of expert knowledge. Each line
+    has a row of stars, full where it is significantly above the reference, hollow where it is below.
 
     Args:
-        panels: row by row.
+        panels: panels row by row.
         every: steps between two stars.
-        columns: panels side by side, if there are as many.
+        columns: panels side by side.
 
     Raises:
-        ValueError: no panels, none with results, two values of a line at a step, or tests none of which is
-            at a multiple of `every`.
+        ValueError: if there are no panels or none with results, a line has two values at a step, or no test
+            is at a multiple of `every`.
     """
     if not panels:
         raise ValueError("no panels: expected at least one")
@@ -212,12 +218,12 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns:
     stars = [part.stars(every) for part in parts]
     looks = _line_looks(tables)
     split = len(parts) > len(panels)
-    starred = [line for line in looks if any(line in set(found["line"]) for found in stars)]
-    steps = base.Scale(
-        base.STEPS, base.Kind.STEPS, 0.0, max(table["step"].max() for table in tables if len(table))
+    starred = [line for line in looks if any(line in set(tests["line"]) for tests in stars)]
+    steps = base.PanelAxis(
+        base.STEPS, base.AxisKind.STEPS, 0.0, max(table["step"].max() for table in tables if len(table))
     )
     drawn = []
-    for part, table, found in zip(parts, tables, stars, strict=True):
+    for part, table, tests in zip(parts, tables, stars, strict=True):
         marks = [
             curve
             for (teacher, level), (style, name, fill) in looks.items()
@@ -225,16 +231,16 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns:
         ]
         rows = []
         for line in starred:
-            mine = found[found["line"] == line]
-            if len(mine) or not split:
-                ways = mine["difference"] > 0, mine["difference"] < 0
-                above, below = (list(mine.loc[way, "step"]) for way in ways)
+            own = tests[tests["line"] == line]
+            if len(own) or not split:
+                above = list(own.loc[own["difference"] > 0, "step"])
+                below = list(own.loc[own["difference"] < 0, "step"])
                 style, _, fill = looks[line]
                 rows.append(base.StarRow(style, fill, above, below, "-".join(line)))
         drawn.append(
             base.Panel(
                 steps,
-                base.Scale(part.name, _kind(part.measure), grid=True),
+                base.PanelAxis(part.name, _kind(part.measure), grid=True),
                 [*marks, *_ceiling(part.ceiling, marks)],
                 part.title,
                 stars=rows,
@@ -255,54 +261,53 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns:
     )
 
 
-def _kind(measure: str) -> base.Kind:
-    return base.Kind.PERCENT if measure.endswith("percent") else base.Kind.NUMBER
+def _kind(measure: str) -> base.AxisKind:
+    return base.AxisKind.PERCENT if measure.endswith("percent") else base.AxisKind.NUMBER
 
 
-def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> Iterator[base.Key]:
-    """Yield legend entries for full and hollow stars, where they occur."""
+def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> Iterator[base.LegendEntry]:
+    """Yield the legend entries of full and hollow stars, if there are any."""
     tests = [panel.tests for panel in panels if panel.tests is not None and len(panel.tests)]
     references = sorted({str(name) for table in tests for name in table["second"]})
     levels = any("teacher" in table for table in tests)
     names = " or ".join(title(LEVEL, name).lower() if levels else label(name) for name in references)
-    differences = np.concatenate([found["difference"].to_numpy(float) for found in stars])
-    for word, full, there in (("above", True, differences > 0), ("below", False, differences < 0)):
-        if there.any():
-            yield base.Key("*", f"{word} {names} (p < 0.05 after Holm)", full, 6)
+    differences = np.concatenate([rows["difference"].to_numpy(float) for rows in stars])
+    for word, full, occurs in (("above", True, differences > 0), ("below", False, differences < 0)):
+        if occurs.any():
+            yield base.LegendEntry("*", f"{word} {names} (p < 0.05 after Holm)", full, 6)
 
 
 def _line_looks(tables: Sequence[pd.DataFrame]) -> dict[Line, tuple[Look, str, str]]:
-    """Return look, name and colour inside markers of each line, in order.
+    """Return the style, name and colour inside markers of each line, in order.
 
-    Lines are told apart by teacher, and by level where there are several: by dashes, and by markers that are
-    paler for less knowledge.
+    Several levels are distinguished by dashes, and by paler markers for less knowledge.
     """
     lines = {line for table in tables for line in zip(table["teacher"], table[LEVEL], strict=True)}
     names = short_labels(teacher for teacher, _ in lines)
     several = len({level for _, level in lines}) > 1
-    found = {}
+    looks = {}
     for teacher, level in sorted(lines, key=lambda line: (teacher_order(line[0]), order(LEVEL, line[1]))):
         style, name, pale = look(teacher), names[teacher], 0.0
         if several:
-            told, pale = title(LEVEL, level), _PALE.get(level, 0.0)
+            level_title, pale = title(LEVEL, level), _PALE.get(level, 0.0)
             style = style._replace(dashes=_DASHES.get(level, "-"))
-            name = f"{name}, {told.lower()}" if len(names) > 1 else told
-        parts = [int(style.colour[place : place + 2], 16) for place in (1, 3, 5)]
-        fill = "#" + "".join(f"{round(part + (255 - part) * pale):02x}" for part in parts)
-        found[teacher, level] = style, name, fill
-    return found
+            name = f"{name}, {level_title.lower()}" if len(names) > 1 else level_title
+        channels = [int(style.colour[start : start + 2], 16) for start in (1, 3, 5)]
+        fill = "#" + "".join(f"{round(channel + (255 - channel) * pale):02x}" for channel in channels)
+        looks[teacher, level] = style, name, fill
+    return looks
 
 
 def _table(
     curves: pd.DataFrame, measure: str, keys: Sequence[str], what: str, empty: bool = False
 ) -> pd.DataFrame:
-    """Return `keys`, n, mean and standard_error of a measure, sorted by step, where there is a mean."""
+    """Return `keys`, n, mean and standard_error of a measure, sorted by step, without missing means."""
     mean, std = f"{measure}_mean", f"{measure}_std"
     columns = [*keys, "n", mean, std]
     if len(curves) or not empty:
-        base.require(curves, columns, what)
+        base.check_table(curves, columns, what)
     table = curves.reindex(columns=columns).rename(columns={mean: "mean", std: "std"})
-    base.require_unique(table, keys, what)
+    base.check_unique(table, keys, what)
     table = table[table["mean"].notna()].sort_values("step")
     return table.assign(standard_error=table["std"] / np.sqrt(table["n"].astype(float)))
 
@@ -316,20 +321,19 @@ def body_panels(
     """Return a panel over all bodies of a pool, if it has several, and one for each, tested against Random.
 
     Args:
-        runs: rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison,
-            such as Parkour.
-        measure: measure that is drawn.
-        name: its name, with its unit.
-        ceiling: value that no run exceeds; None if unknown.
+        runs: rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison.
+        measure: measure to draw.
+        name: name of the measure with its unit.
+        ceiling: upper bound of all runs; None if unknown.
 
     Raises:
-        ValueError: the runs are not of one comparison.
+        ValueError: if the runs are not of one comparison.
     """
-    _one(runs, COMPARED)
+    _check_single(runs, COMPARED)
 
-    def panel(heading: str, mine: pd.DataFrame, by: list[str]) -> CurvePanel:
-        tests = pairwise(mine, measure, BASELINE, [*COMPARED, *by], detectable=False)
-        return CurvePanel(heading, pooled(mine, [measure], by), tests, measure, name, ceiling)
+    def panel(heading: str, rows: pd.DataFrame, by: list[str]) -> CurvePanel:
+        tests = pairwise(rows, measure, BASELINE, [*COMPARED, *by], detectable=False)
+        return CurvePanel(heading, pooled(rows, [measure], by), tests, measure, name, ceiling)
 
     several = runs["embodiment"].nunique() > 1 or any(PLUS in pool for pool in runs["pool"])
     bodies = [
@@ -341,34 +345,34 @@ def body_panels(
 
 def knowledge_panels(
     runs: pd.DataFrame,
-    measures: Mapping[str, str] = MEASURES,
+    measures: Mapping[str, str] = AXIS_TITLES,
     reference: KnowledgeLevel | None = KnowledgeLevel.HIGH,
 ) -> list[CurvePanel]:
-    """Return a row of panels for each challenge, one for each measure, at all levels of expert knowledge.
+    """Return a row of panels per challenge and a panel per measure, with all levels of expert knowledge.
 
     Args:
-        runs: rows of `pooling.pool_runs` with the `measures` at each step, of the teachers to be shown.
+        runs: rows of `pooling.pool_runs` with the `measures` at each step.
         measures: columns of `runs`, with the titles of their axes.
-        reference: the level that the others are tested against; None for no tests.
+        reference: level that the others are tested against; None for no tests.
 
     Raises:
-        ValueError: the runs of a challenge differ in more than level and teacher.
+        ValueError: if the runs of a challenge differ in more than level and teacher.
     """
     within = [column for column in COMPARED if column != LEVEL]
     panels = []
     for challenge in sorted(runs["challenge"].unique(), key=lambda value: order("challenge", value)):
-        mine = runs[runs["challenge"] == challenge]
-        _one(mine, within)
+        rows = runs[runs["challenge"] == challenge]
+        _check_single(rows, within)
         for measure, name in measures.items():
-            tests, same = None, [*within, "teacher", "step"]
+            tests, keys = None, [*within, "teacher", "step"]
             if reference is not None:
-                tests = pairwise(mine, measure, reference.value, same, LEVEL, detectable=False)
-            curves = pooled(mine, [measure], ["step"])
+                tests = pairwise(rows, measure, reference.value, keys, LEVEL, detectable=False)
+            curves = pooled(rows, [measure], ["step"])
             panels.append(CurvePanel(title("challenge", challenge), curves, tests, measure, name))
     return panels
 
 
-def _one(runs: pd.DataFrame, columns: Sequence[str]) -> None:
+def _check_single(runs: pd.DataFrame, columns: Sequence[str]) -> None:
     mixed = [column for column in columns if runs[column].nunique(dropna=False) > 1]
     if mixed:
         raise ValueError(
@@ -379,21 +383,20 @@ def _one(runs: pd.DataFrame, columns: Sequence[str]) -> None:
 def pairwise_curves(
     curves: pd.DataFrame, tests: pd.DataFrame, measure: str = "mastered_percent", name: str = base.MASTERED
 ) -> base.Chart:
-    """Return a panel for every pair of teachers, with mean ± standard error of both against steps.
+    """Return a panel per pair of teachers, with mean ± standard error of both against steps.
 
-    Stars along the top of a panel mark the steps at which the two differ significantly, in the colour of
-    the one that is above. All panels have the same axes. Of more than `LARGEST` + 1 teachers
-    a matrix shows the differences at the last step.
+    Stars mark the steps of significant differences, in the colour of the better teacher. More than
+    `MOST_PAIR_ROWS` + 1 teachers have a matrix of the differences at the last step instead.
 
     Args:
         curves: results of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n, and
-            `measure` with the endings _mean and _std.
+            `measure` with the suffixes _mean and _std.
         tests: all pairs at every step, of `frame.pairwise` with step among `within`.
-        measure: measure that is drawn.
-        name: its name, with its unit.
+        measure: measure to draw.
+        name: name of the measure with its unit.
 
     Raises:
-        ValueError: under two teachers, or several values of a teacher at a step.
+        ValueError: if there are under two teachers, or several values of a teacher at a step.
     """
     table = _table(curves, measure, ["teacher", "step"], "curves")
     legend = short_labels(table["teacher"].unique())
@@ -401,14 +404,14 @@ def pairwise_curves(
     if len(teachers) < 2:
         raise ValueError(f"curves of {len(teachers)} teachers: expected at least two, to compare them")
     size, tests = len(teachers) - 1, base.significant(tests)
-    if size > LARGEST:
+    if size > MOST_PAIR_ROWS:
         return _difference_matrix(table, tests, teachers, name)
     error = table["standard_error"].fillna(0.0)
     low = 0.0 if measure.endswith("percent") else min(0.0, (table["mean"] - error).min())
     top = max((table["mean"] + error).max(), low + base.LEAST_PERCENT)
     axes = (
-        base.Scale(base.STEPS, base.Kind.STEPS, 0.0, table["step"].max()),
-        base.Scale(name, _kind(measure), low, top + 0.16 * (top - low)),
+        base.PanelAxis(base.STEPS, base.AxisKind.STEPS, 0.0, table["step"].max()),
+        base.PanelAxis(name, _kind(measure), low, top + 0.16 * (top - low)),
     )
     rows: list[list[base.Panel | None]] = [[None] * size for _ in range(size)]
     for column, row in itertools.combinations_with_replacement(range(size), 2):
@@ -420,7 +423,7 @@ def pairwise_curves(
     return base.Chart(
         "pairs",
         rows,
-        keys=[base.Key("*", "differ at this step (p < 0.05)", colour=MUTED)],
+        keys=[base.LegendEntry("*", "differ at this step (p < 0.05)", colour=MUTED)],
         legend=base.Legend.TOP if size < 3 else base.Legend.CORNER,
         size=(
             base.ONE_COLUMN if size == 1 else base.TWO_COLUMNS,
@@ -430,36 +433,35 @@ def pairwise_curves(
     )
 
 
-def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> Iterator[base.Dots]:
-    """Yield a star at each step at which two teachers differ, in the colour of the one above."""
+def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> Iterator[base.Scatter]:
+    """Yield the stars of each of two teachers at the steps where it is above the other."""
     for above, below in (pair, pair[::-1]):
-        there = (tests["first"] == above) & (tests["second"] == below) & (tests["difference"] > 0)
-        here = (tests["first"] == below) & (tests["second"] == above) & (tests["difference"] < 0)
-        steps = tests.loc[there | here, "step"].to_numpy(float)
+        greater = (tests["first"] == above) & (tests["second"] == below) & (tests["difference"] > 0)
+        less = (tests["first"] == below) & (tests["second"] == above) & (tests["difference"] < 0)
+        steps = tests.loc[greater | less, "step"].to_numpy(float)
         if len(steps):
             style = look(above)._replace(marker="*")
             heights = np.full(len(steps), height)
-            yield base.Dots(x=steps, y=heights, look=style, size=7.0, about=f"{above}-above-{below}")
+            yield base.Scatter(x=steps, y=heights, look=style, size=7.0, about=f"{above}-above-{below}")
 
 
 def _difference_matrix(
     table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequence[str], name: str
 ) -> base.Chart:
-    """Return the difference of each row's teacher to each column's, with a dot where it is significant."""
+    """Return the differences of the rows' teachers to the columns', with dots where they are significant."""
     last = table["step"].max()
     means = table[table["step"] == last].set_index("teacher")["mean"].reindex(teachers).to_numpy(float)
     differences = means[:, None] - means[None, :]
     reach = max(float(np.nanmax(np.abs(differences))), 1.0)
-    # From red for below to blue for above; readable with any colour vision.
-    colours = base.Colours("RdBu", -reach, reach, f"Difference: {name[:1].lower()}{name[1:]}")
-    found = tests[tests["step"] == last]
-    ends = [np.array([teachers.index(each) for each in found[side]], float) for side in ("first", "second")]
-    places = np.arange(len(teachers), dtype=np.float64)
+    colours = base.ColourScale("RdBu", -reach, reach, f"Difference: {name[:1].lower()}{name[1:]}")
+    at_end = tests[tests["step"] == last]
+    ends = [np.array(list(map(teachers.index, at_end[side])), float) for side in ("first", "second")]
+    centres = np.arange(len(teachers), dtype=np.float64)
     marks = [
-        base.Cells(xs=places, ys=places, values=differences, colours=colours),
-        base.Dots(x=np.concatenate(ends), y=np.concatenate(ends[::-1]), size=3.5, about="significant"),
+        base.Heatmap(xs=centres, ys=centres, values=differences, colours=colours),
+        base.Scatter(x=np.concatenate(ends), y=np.concatenate(ends[::-1]), size=3.5, about="significant"),
     ]
-    rows = base.Scale(kind=base.Kind.TEACHERS, rows=short_labels(teachers, 18))
+    rows = base.PanelAxis(kind=base.AxisKind.TEACHERS, rows=short_labels(teachers, 18))
     heading = f"Row minus column after {amount(last)} steps; dots: p < 0.05 after Holm"
     side = min(base.TWO_COLUMNS + 0.6, 1.9 + 0.17 * len(teachers))
     return base.Chart(

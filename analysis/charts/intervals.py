@@ -1,4 +1,4 @@
-"""Means with intervals: run by run, all comparisons at once, ranks."""
+"""Charts of means, ranks and differences with their intervals."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from analysis.statistics import describe, mean_percent_interval
 
 
 def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
-    """Return a row for each teacher: its runs as rings, their mean with its 95 % interval.
+    """Return a row per teacher with its runs as rings and their mean with its 95 % interval.
 
     Args:
         points: teacher, seed, step (of an evaluation, or `END`) and value, in per cent.
@@ -29,20 +29,23 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
         caption: content and number of runs.
     """
     rows = short_labels(map(str, points["teacher"].unique()), base.LONGEST_NAME)
-    axes = base.Scale(quantity, base.Kind.PERCENT, grid=True), base.Scale(kind=base.Kind.TEACHERS, rows=rows)
-    known = points[points["value"].notna()]
-    places = known.groupby(["step", "teacher"], sort=False).indices
-    values, seeds = known["value"].to_numpy(float), known["seed"].to_numpy(object)
+    axes = (
+        base.PanelAxis(quantity, base.AxisKind.PERCENT, grid=True),
+        base.PanelAxis(kind=base.AxisKind.TEACHERS, rows=rows),
+    )
+    finite = points[points["value"].notna()]
+    groups = finite.groupby(["step", "teacher"], sort=False).indices
+    values, seeds = finite["value"].to_numpy(float), finite["seed"].to_numpy(object)
 
     def at(step: Any) -> base.Panel:
         marks = list[base.Mark]()
-        for place, (teacher, label) in enumerate(rows.items()):
-            mine = places.get((step, teacher), [])
+        for y, (teacher, label) in enumerate(rows.items()):
+            indices = groups.get((step, teacher), [])
             marks.append(
-                base.Dots(
-                    x=[round(value, 2) for value in values[mine].tolist()],
-                    y=[place] * len(mine),
-                    words=[f"{label}, seed {seed}" for seed in seeds[mine]],
+                base.Scatter(
+                    x=[round(value, 2) for value in values[indices].tolist()],
+                    y=[y] * len(indices),
+                    words=[f"{label}, seed {seed}" for seed in seeds[indices]],
                     hover="{text}: {x:.1f}",
                     look=look(teacher)._replace(marker="o"),
                     teacher=teacher,
@@ -52,14 +55,14 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
                 )
             )
             words, style = f"{label}: mean {{}} of {{}}", {"size": 11.0, "width": 2.0, "cap": 5.0}
-            marks.append(_mean(values[mine], teacher, place, words, **style))
+            marks.append(_mean(values[indices], teacher, y, words, **style))
         return base.Panel(*axes, marks)
 
-    return _moving(name, at, list(dict.fromkeys(points["step"])), heading, caption, len(rows))
+    return _chart(name, at, list(dict.fromkeys(points["step"])), heading, caption, len(rows))
 
 
-def _mean(values: base.Array, teacher: str, place: float, words: str, **own: Any) -> base.Interval:
-    """Return the mean of values with its 95 % interval, and both in words with the number of runs."""
+def _mean(values: base.Array, teacher: str, y: float, words: str, **style: Any) -> base.Interval:
+    """Return the mean of values with its 95 % interval, described by the template `words`."""
     sample = describe(values)
     low, high = mean_percent_interval(sample) if sample.n else (math.nan, math.nan)
     text = words.format(number(sample.mean), sample.n) if sample.n else ""
@@ -67,36 +70,33 @@ def _mean(values: base.Array, teacher: str, place: float, words: str, **own: Any
         text += f", 95 % interval {number(low)} to {number(high)}"
     return base.Interval(
         x=round(sample.mean, 2) if sample.n else math.nan,
-        y=round(place, 3),
+        y=round(y, 3),
         low=low,
         high=high,
         words=[text],
         hover="{text}",
         look=look(teacher),
         teacher=teacher,
-        **own,
+        **style,
     )
 
 
-def _moving(
+def _chart(
     name: str, at: Any, moments: Sequence[object], heading: str, caption: str, rows: int
 ) -> base.Chart:
-    """Return a chart of one panel that shows the ends of runs, or any of its moments."""
+    """Return a chart of one animated panel."""
     return base.Chart(
-        name, [[base.moving(at, moments, base.END)]], heading, caption, size=(5.2, 0.9 + 0.42 * rows)
+        name, [[base.animated(at, moments, base.END)]], heading, caption, size=(5.2, 0.9 + 0.42 * rows)
     )
 
 
 def overview_chart(
     points: pd.DataFrame, rows: Mapping[str, str], quantity: str, heading: str, caption: str
 ) -> base.Chart:
-    """Return a row for each comparison, and in it the mean of each teacher with its 95 % interval.
-
-    Every pair of comparison and teacher is a mark, so that a page can leave out either.
+    """Return a row per comparison with the mean of each teacher and its 95 % interval.
 
     Args:
-        points: comparison (its anchor), teacher, step (of an evaluation, or `END`) and value of a run, in per
-            cent.
+        points: comparison (anchor), teacher, step (of an evaluation, or `END`) and value (%) of a run.
         rows: title of each comparison by its anchor, in order.
         quantity: title of the horizontal axis.
         heading: title of the chart.
@@ -104,26 +104,26 @@ def overview_chart(
     """
     names = short_labels(map(str, points["teacher"].unique()), base.LONGEST_NAME)
     offsets = dict(zip(names, np.linspace(-0.33, 0.33, len(names) + 2)[1:-1], strict=True))
-    order = {anchor: place for place, anchor in enumerate(rows)}
+    order = {anchor: index for index, anchor in enumerate(rows)}
     pairs = list(points[["comparison", "teacher"]].drop_duplicates().itertuples(index=False, name=None))
     pairs.sort(key=lambda pair: (order[pair[0]], offsets[pair[1]]))
     axes = (
-        base.Scale(quantity, base.Kind.PERCENT, grid=True),
-        base.Scale(kind=base.Kind.COMPARISONS, rows=rows),
+        base.PanelAxis(quantity, base.AxisKind.PERCENT, grid=True),
+        base.PanelAxis(kind=base.AxisKind.COMPARISONS, rows=rows),
     )
     samples: dict[Any, dict[tuple[str, str], base.Array]] = {step: {} for step in points["step"].unique()}
     values = points["value"].to_numpy(float)
     groups: dict[Any, Any] = points.groupby(["step", "comparison", "teacher"], sort=False).indices
-    for (step, anchor, teacher), places in groups.items():
-        samples[step][anchor, teacher] = values[places]
+    for (step, anchor, teacher), indices in groups.items():
+        samples[step][anchor, teacher] = values[indices]
     none = values[:0]
 
     def at(step: Any) -> base.Panel:
-        here = samples.get(step, {})
+        by_pair = samples.get(step, {})
+        evaluated = {anchor for anchor, _ in by_pair}
+        # comparisons without this step show their ends
         latest = samples.get(base.END, {}) if step != base.END else {}
-        there = {anchor for anchor, _ in here}
-        # A comparison that was not evaluated at this step stays as it is at its end.
-        shown = [here.get(pair, none) if pair[0] in there else latest.get(pair, none) for pair in pairs]
+        shown = [(by_pair if pair[0] in evaluated else latest).get(pair, none) for pair in pairs]
         marks = [
             _mean(
                 sample,
@@ -137,15 +137,14 @@ def overview_chart(
         ]
         return base.Panel(*axes, marks)
 
-    return _moving("overview", at, list(samples), heading, caption, len(rows))
+    return _chart("overview", at, list(samples), heading, caption, len(rows))
 
 
 def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> base.Chart:
-    """Return a row for each teacher: its rank by the mean, and the ranks that tests leave open.
+    """Return a row per teacher with its rank by the mean and the range of ranks that tests allow.
 
     Args:
-        boards: ranks on the same challenges, the best first, by conditions and challenges, separated by a
-            colon; each is a panel.
+        boards: ranks, the best first, by heading and subtitle, separated by a colon; each is a panel.
         name: identifier of the chart.
     """
     panels = []
@@ -154,7 +153,7 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> bas
         marks = [
             base.Interval(
                 x=float(rank.rank),
-                y=float(place),
+                y=float(y),
                 low=float(rank.best),
                 high=float(rank.worst),
                 look=look(rank.teacher),
@@ -164,10 +163,12 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> bas
                 size=9.0,
                 width=3.0,
             )
-            for place, rank in enumerate(ranks)
+            for y, rank in enumerate(ranks)
         ]
-        x = base.Scale("Rank", low=0.5, high=max(rank.of for rank in ranks) + 0.5, whole=True, grid=True)
-        y = base.Scale(kind=base.Kind.TEACHERS, rows={rank.teacher: labels[rank.teacher] for rank in ranks})
+        x = base.PanelAxis("Rank", low=0.5, high=max(rank.of for rank in ranks) + 0.5, whole=True, grid=True)
+        y = base.PanelAxis(
+            kind=base.AxisKind.TEACHERS, rows={rank.teacher: labels[rank.teacher] for rank in ranks}
+        )
         title, _, subtitle = heading.partition(": ")
         panels.append(base.Panel(x, y, marks, f"{title[:1].upper()}{title[1:]}", subtitle))
     caption = (
@@ -189,38 +190,38 @@ DIFFERENCES = (
 def difference_chart(
     beside: Sequence[AgainstRandom], names: Mapping[str, str], heading: str, name: str = "differences"
 ) -> base.Chart:
-    """Return a row for each teacher: its differences to Random with their intervals, axis by axis.
+    """Return a row per teacher and a panel per axis, with differences to Random and their intervals.
 
-    Small marks are those per trained step.
+    Small marks are differences per trained step.
 
     Args:
-        beside: comparisons with Random on the same challenges, in the order of the rows.
+        beside: comparisons with Random, in the order of the rows.
         names: label of each teacher.
         heading: title of the chart.
         name: identifier of the chart.
     """
-    rows = {each.teacher: names[each.teacher] for each in beside}
-    y, panels = base.Scale(kind=base.Kind.TEACHERS, rows=rows), []
+    rows = {comparison.teacher: names[comparison.teacher] for comparison in beside}
+    teachers, panels = base.PanelAxis(kind=base.AxisKind.TEACHERS, rows=rows), []
     for axis in (FINAL, HEADLINE):
         shown = (axis, TRAINED) if axis == HEADLINE else (axis,)
         marks = [
             base.Interval(
                 x=round(gap.value, 2),
-                y=place + 0.25 * (measure == TRAINED),
+                y=y + 0.25 * (measure == TRAINED),
                 low=gap.low,
                 high=gap.high,
-                look=look(each.teacher),
-                teacher=each.teacher,
-                words=[f"{rows[each.teacher]}: {gap}, {gap.verdict}"],
+                look=look(comparison.teacher),
+                teacher=comparison.teacher,
+                words=[f"{rows[comparison.teacher]}: {gap}, {gap.verdict}"],
                 hover="{text}",
                 size=4.0 if measure == TRAINED else 7.0,
                 width=1.0 if measure == TRAINED else 2.0,
             )
-            for place, each in enumerate(beside)
+            for y, comparison in enumerate(beside)
             for measure in shown
-            if (gap := each.gaps.get(measure))
+            if (gap := comparison.gaps.get(measure))
         ]
-        x = base.Scale("Points beside Random", grid=True)
-        panels.append(base.Panel(x, y, [base.Rule(x=0.0), *marks], AXES[axis].capitalize()))
+        x = base.PanelAxis("Points beside Random", grid=True)
+        panels.append(base.Panel(x, teachers, [base.ReferenceLine(x=0.0), *marks], AXES[axis].capitalize()))
     size = 7.4, 1.0 + 0.21 * len(rows)
     return base.Chart(name, [panels], heading, DIFFERENCES, size=size, letters=7.5)

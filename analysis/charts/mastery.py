@@ -10,7 +10,7 @@ from analysis.charts import base
 from analysis.data.curricula import Axis, stack
 from analysis.names import short_labels
 
-SHARES = base.Colours("Blues", 0.0, 100.0, "Seeds that master the task (%)")
+SHARES = base.ColourScale("Blues", 0.0, 100.0, "Seeds that master the task (%)")
 """From nearly white for no run to dark for every run; readable with any colour vision."""
 
 ACROSS = 180
@@ -37,12 +37,14 @@ def mastery_chart(
     words = [", ".join(f"{value:.4g}" for value in task) for task in values]
     if len(axes) == 2 == values.shape[1]:
         points = values.astype(np.float64)
-        draw, scales = _cells(points, words) or _dots(points, words), list[base.Scale]()
+        draw, scales = _cells(points, words) or _dots(points, words), list[base.PanelAxis]()
         for axis, places in zip(axes, points.T, strict=True):  # with half a cell around the tasks
             centres = np.unique(places)
             half = float(np.diff(centres).min()) / 2 if len(centres) > 1 else 0.5
             scales.append(
-                base.Scale(axis.name, base.Kind.TASK, float(centres[0]) - half, float(centres[-1]) + half)
+                base.PanelAxis(
+                    axis.name, base.AxisKind.TASK, float(centres[0]) - half, float(centres[-1]) + half
+                )
             )
     else:  # in a square
         mean = shares[shares["step"] == base.END].groupby("task_index")["share"].mean()
@@ -50,7 +52,7 @@ def mastery_chart(
         rank = np.argsort(np.argsort(-mean.to_numpy(), kind="stable"), kind="stable")
         side = int(np.ceil(np.sqrt(2 * len(tasks))))  # charts are wider than high
         points = np.column_stack([rank % side, -(rank // side)]).astype(np.float64)
-        draw, scales = _dots(points, words), [base.Scale(shown=False), base.Scale(shown=False)]
+        draw, scales = _dots(points, words), [base.PanelAxis(shown=False), base.PanelAxis(shown=False)]
     panels = [
         _panel(shares[shares["teacher"] == teacher], tasks["task_index"], label, scales, draw)
         for teacher, label in short_labels(shares["teacher"].astype(str), base.LONGEST_NAME).items()
@@ -65,7 +67,7 @@ def _panel(
     shares: pd.DataFrame,
     tasks: pd.Series,
     name: str,
-    axes: Sequence[base.Scale],
+    axes: Sequence[base.PanelAxis],
     draw: Callable[[base.Array], base.Mark],
 ) -> base.Panel:
     """Return the panel of a teacher, with the share of runs in per cent beside its name."""
@@ -82,7 +84,7 @@ def _panel(
         title = f"{name}   {known.mean():.1f}\N{NO-BREAK SPACE}%" if len(known) else name
         return base.Panel(axes[0], axes[1], [draw(percent)], title, teacher=teacher)
 
-    return base.moving(at, list(percents), base.END)
+    return base.animated(at, list(percents), base.END)
 
 
 def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> base.Chart:
@@ -102,14 +104,14 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
     names = short_labels(shares["teacher"].unique())
     table = shares.pivot_table(index="teacher", columns="task_index", values="share").loc[list(names)]
     order = table.mean().sort_values(ascending=False, kind="stable").index
-    marks = base.Cells(
+    marks = base.Heatmap(
         xs=np.arange(table.shape[1], dtype=np.float64),
         ys=np.arange(len(names), dtype=np.float64),
         values=100 * table[order].to_numpy(np.float64),
         colours=SHARES,
     )
-    rows = base.Scale(kind=base.Kind.TEACHERS, rows=names)
-    panel = base.Panel(base.Scale("Test tasks, from the most to the least often mastered"), rows, [marks])
+    rows = base.PanelAxis(kind=base.AxisKind.TEACHERS, rows=names)
+    panel = base.Panel(base.PanelAxis("Test tasks, from the most to the least often mastered"), rows, [marks])
     size = base.PAGE_WIDTH, 1.0 + 0.3 * len(names)
     return base.Chart("mastery", [[panel]], legend=base.Legend.NONE, size=size)
 
@@ -127,7 +129,7 @@ def _cells(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], b
         table[rows, columns], order[rows, columns] = values, np.arange(len(points))
         texts = [words[place] for place in order.ravel()] if words else []
         hover = "task {text}<br>{value} % of seeds"
-        return base.Cells(
+        return base.Heatmap(
             xs=xs.round(4), ys=ys.round(4), values=table, colours=SHARES, words=texts, hover=hover
         )
 
@@ -139,7 +141,7 @@ def _dots(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], ba
     size = float(np.clip(ACROSS / np.sqrt(max(len(points), 1)), 4, 24))
 
     def draw(values: base.Array) -> base.Mark:
-        return base.Dots(
+        return base.Scatter(
             x=points[:, 0].round(4),
             y=points[:, 1].round(4),
             values=values,

@@ -191,7 +191,7 @@ def _(mark: base.Curve, _: base.Panel) -> Iterator[Trace]:
 
 
 @_traces_of.register
-def _(mark: base.Dots, panel: base.Panel) -> Iterator[Trace]:
+def _(mark: base.Scatter, panel: base.Panel) -> Iterator[Trace]:
     symbol = _SYMBOLS[mark.look.marker] + ("-open" if mark.hollow else "")
     marker: dict[str, Any] = {"symbol": symbol, "size": mark.size, "opacity": mark.opacity}
     if mark.edge:
@@ -229,7 +229,7 @@ def _(mark: base.Bar, _: base.Panel) -> Iterator[Trace]:
 
 
 @_traces_of.register
-def _(mark: base.Cells, _: base.Panel) -> Iterator[Trace]:
+def _(mark: base.Heatmap, _: base.Panel) -> Iterator[Trace]:
     texts = [_shown(text) for text in mark.words]
     columns, colours = len(mark.xs), mark.colours
     yield {
@@ -249,7 +249,7 @@ def _(mark: base.Cells, _: base.Panel) -> Iterator[Trace]:
 
 
 @_traces_of.register
-def _(mark: base.Shapes, _: base.Panel) -> Iterator[Trace]:
+def _(mark: base.Polygons, _: base.Panel) -> Iterator[Trace]:
     xs = [each for outline in mark.outlines for each in (*_short(outline.xs), None)]  # with a gap after each
     ys = [each for outline in mark.outlines for each in (*_short(outline.ys), None)]
     line = {"color": mark.look.colour, "width": mark.width}
@@ -258,8 +258,8 @@ def _(mark: base.Shapes, _: base.Panel) -> Iterator[Trace]:
 
 
 @_traces_of.register
-def _(mark: base.Rule, panel: base.Panel) -> Iterator[Trace]:
-    if panel.y.kind is base.Kind.TEACHERS:  # a shape of the layout: numbers would replace the rows' names
+def _(mark: base.ReferenceLine, panel: base.Panel) -> Iterator[Trace]:
+    if panel.y.kind is base.AxisKind.TEACHERS:  # a shape of the layout: numbers would replace the rows' names
         return
     curves = [mark.x for mark in panel.marks if isinstance(mark, base.Curve) and len(mark.x)]
     ends = [min(x.min() for x in curves), max(x.max() for x in curves)] if curves else [0.0, 1.0]
@@ -303,20 +303,20 @@ def _layout(chart: base.Chart, panel: base.Panel) -> dict[str, Any]:
         layout["margin"] = {"l": 40, "r": 12, "t": 52, "b": 42}
     if legend:
         layout["legend"] = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"}
-        curves = all(isinstance(mark, base.Curve | base.Rule) for mark in panel.marks)
+        curves = all(isinstance(mark, base.Curve | base.ReferenceLine) for mark in panel.marks)
         layout |= {"hovermode": "x unified"} if curves else {}
-    if panel.x.kind is base.Kind.STEPS:
+    if panel.x.kind is base.AxisKind.STEPS:
         layout["meta"] = {"marks_step": True}
     rows = list(panel.y.rows)  # which close up where some are left out
-    if panel.y.kind is base.Kind.TEACHERS:
+    if panel.y.kind is base.AxisKind.TEACHERS:
         above = 14 + 20 * (bool(panel.title) + bool(panel.subtitle))
         frame = ROWS_FRAME + above
         layout["height"] = frame + ROW * len(rows)
         layout["margin"] = {"l": 20, "r": 14, "t": above, "b": 46}
         layout["meta"] = {"teachers": rows, "line_height": ROW, "frame_height": frame}
-        rules = [mark for mark in panel.marks if isinstance(mark, base.Rule)]
+        rules = [mark for mark in panel.marks if isinstance(mark, base.ReferenceLine)]
         layout |= {"shapes": [_upright(rule) for rule in rules]} if rules else {}
-    if panel.y.kind is base.Kind.COMPARISONS:
+    if panel.y.kind is base.AxisKind.COMPARISONS:
         teachers = sorted({mark.teacher for mark in panel.marks if mark.teacher}, key=teacher_order)
         layout["height"] = COMPARISONS_FRAME + max(LEAST, SPACING * (len(teachers) + 1)) * len(rows)
         layout["margin"] = {"l": 20, "r": 16, "t": 56, "b": 60}
@@ -328,13 +328,13 @@ def _layout(chart: base.Chart, panel: base.Panel) -> dict[str, Any]:
     return layout
 
 
-def _upright(rule: base.Rule) -> dict[str, Any]:
+def _upright(rule: base.ReferenceLine) -> dict[str, Any]:
     """Return a vertical line over all rows of teachers."""
     line = {"color": rule.look.colour, "dash": _dash(rule.look), "width": rule.width}
     return {"type": "line", "x0": rule.x, "x1": rule.x, "yref": "paper", "y0": 0, "y1": 1, "line": line}
 
 
-def _axis(scale: base.Scale, panel: base.Panel) -> dict[str, Any]:
+def _axis(scale: base.PanelAxis, panel: base.Panel) -> dict[str, Any]:
     if not scale.shown:
         return {"visible": False}
     quiet = {"gridcolor": RULE, "linecolor": MUTED, "zeroline": False, "automargin": True}
@@ -346,35 +346,35 @@ def _axis(scale: base.Scale, panel: base.Panel) -> dict[str, Any]:
     return axis | _axis_of_kind(scale, panel)
 
 
-def _axis_of_kind(scale: base.Scale, panel: base.Panel) -> dict[str, Any]:
+def _axis_of_kind(scale: base.PanelAxis, panel: base.Panel) -> dict[str, Any]:
     names = [_shown(name) for name in scale.rows.values()]
     own: dict[str, Any] = {}
     match scale.kind:
-        case base.Kind.STEPS:
+        case base.AxisKind.STEPS:
             own = {"rangemode": "tozero", "hoverformat": ",d"} | ({"nticks": 4} if panel.subtitle else {})
-        case base.Kind.PERCENT if scale is panel.y:
+        case base.AxisKind.PERCENT if scale is panel.y:
             own = {"rangemode": "nonnegative"}
-        case base.Kind.PERCENT:
+        case base.AxisKind.PERCENT:
             own = {"autorangeoptions": {"clipmin": -1, "clipmax": 101}}
-            own |= {"side": "top"} if panel.y.kind is base.Kind.COMPARISONS else {}
-        case base.Kind.SHARE:
+            own |= {"side": "top"} if panel.y.kind is base.AxisKind.COMPARISONS else {}
+        case base.AxisKind.SHARE:
             own = {"tickformat": ".0%"}
-        case base.Kind.TASK:
+        case base.AxisKind.TASK:
             name, bracket, unit = _shown(scale.title).partition(" (")
             title = f"{name}<br><span style='font-size:10px'>({unit}</span>" if bracket else name
             own = {"linecolor": RULE, "mirror": True, "title": {"text": title, "standoff": 6}}
-        case base.Kind.TEACHERS:
+        case base.AxisKind.TEACHERS:
             own = {"tickvals": names, "ticktext": names, "autorange": "reversed"}
-        case base.Kind.NAMES | base.Kind.COMPARISONS:
+        case base.AxisKind.NAMES | base.AxisKind.COMPARISONS:
             ends = [-0.5, len(names) - 0.5]
             own = {"tickvals": list(range(len(names))), "ticktext": names}
             own |= {"range": ends[::-1], "ticklabelstandoff": 6} if scale is panel.y else {"range": ends}
     return own
 
 
-def _rows(scale: base.Scale, places: Any) -> Any:
+def _rows(scale: base.PanelAxis, places: Any) -> Any:
     """Return positions along an axis: names for rows of teachers, else numbers rounded to visible digits."""
-    if scale.kind is base.Kind.TEACHERS:
+    if scale.kind is base.AxisKind.TEACHERS:
         names = [_shown(name) for name in scale.rows.values()]
         return [names[int(place)] for place in places]
     return _short(places)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.charts.base import LONGEST_NAME, STEPS, Chart, Curve, Kind, Mark, Panel, Scale, grid
+from analysis.charts.base import LONGEST_NAME, STEPS, AxisKind, Chart, Curve, Mark, Panel, PanelAxis, grid
 from analysis.data.curricula import Curriculum
 from analysis.looks import look
 from analysis.names import short_labels
@@ -53,7 +53,10 @@ def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, c
                 opacity=0.1,
             )
         )
-    axes = Scale(quantity, low=0.0, high=100.0), Scale("Runs over it (%)", low=-2.0, high=102.0, grid=True)
+    axes = (
+        PanelAxis(quantity, low=0.0, high=100.0),
+        PanelAxis("Runs over it (%)", low=-2.0, high=102.0, grid=True),
+    )
     return Chart(name, [[Panel(*axes, marks)]], heading, caption)
 
 
@@ -76,7 +79,7 @@ def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -
         for scalar, values in list(scalars_of(curricula[teacher]).items())[:MOST_PER_TEACHER]:
             # Few whole numbers would get ticks between them.
             whole = bool(values.max() - values.min() < 5 and (values % 1 == 0).all())
-            axes = Scale(STEPS, Kind.STEPS), Scale(whole=whole, grid=True)
+            axes = PanelAxis(STEPS, AxisKind.STEPS), PanelAxis(whole=whole, grid=True)
             heading = label, scalar.replace("_", " ")
             panels.append(Panel(*axes, [_series(teacher, values)], *heading, teacher=teacher))
     rows = grid(panels, 4)

@@ -1,4 +1,4 @@
-"""Radar charts: each teacher's results on all challenges as ratios of Random's."""
+"""Radar charts of teachers' results on all challenges as ratios of Random's."""
 
 import math
 import textwrap
@@ -17,22 +17,21 @@ from tma_ray.benchmark import ORIGINAL_SPACE, STUMP_TRACKS_CHALLENGES, Matrix, f
 from tma_ray.tasks import KnowledgeLevel
 
 BEYOND = 0.16
-"""Width of the band outside of the rings, over the radius of the outermost ring."""
+"""Width of the band outside the rings, as a share of the outermost ring's radius."""
 
 HEIGHT = 3.08
-"""Height of a radar with its titles on paper, without notes, inches."""
+"""Height of a radar on paper without notes, inches."""
 
 
 class Ratios(NamedTuple):
     """Results at one level of expert knowledge as ratios of Random's.
 
     Attributes:
-        ratios: ratios by teacher, one for each axis; NaN where there is none; infinite where the teacher is
-            over 0 and Random is not, 1 where both are at 0.
-        shares: results over the best one of their axis where ratios are infinite, by teacher and axis.
-        upper: best result on the original space, for each axis; NaN where it says nothing.
-        differ: differences from Random that are significant, by teacher and axis.
-        doubts: teachers and axes of results that may be slips of who published them.
+        ratios: ratios on all axes by teacher; NaN if missing, infinite if Random alone is at 0, 1 if both are.
+        shares: share of the axis's best result where ratios are infinite, by teacher and axis.
+        upper: best result on the original space as a ratio on each axis; NaN if not comparable.
+        differ: significant differences from Random, by teacher and axis.
+        doubts: teachers and axes of doubtful published results.
         missing: sentences on results that are not drawn.
     """
 
@@ -46,16 +45,16 @@ class Ratios(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Radar:
-    """One radar of a chart.
+    """Radar in a chart.
 
     Attributes:
         title: heading.
         axes: titles of the axes, clockwise from the top.
-        rim: radius of the outermost ring; rings are ratios of Random.
-        beyond: True for a band outside of the rim, for results over 0 where Random is at 0.
-        teachers: teachers that are drawn, and their entries of the legend.
-        results: results of these and of other teachers.
-        note: lines of text below it.
+        rim: ratio of Random at the outermost ring.
+        beyond: True for a band outside the rim, for infinite ratios.
+        teachers: entries of the legend by teacher, for those that are drawn.
+        results: results of these and other teachers.
+        note: lines of text below the radar.
     """
 
     title: str
@@ -67,7 +66,7 @@ class Radar:
     note: Sequence[str]
 
     def radius(self, teacher: str, axis: int) -> float:
-        """Return the radius of a result: an infinite ratio lies in the band beyond the rim."""
+        """Return the radius of a result, beyond the rim for an infinite ratio."""
         ratio = self.results.ratios[teacher][axis]
         share = self.results.shares.get((teacher, axis), 1.0)
         return self.rim * (1 + BEYOND * share) if math.isinf(ratio) else ratio
@@ -82,33 +81,31 @@ def radar(
 ) -> base.Chart:
     """Return results on challenges as ratios of Random's mean, one panel per level of expert knowledge.
 
-    Stars at the end of an axis, in the teachers' colours and order, say who is significantly better than
-    Random there; marks on lines are filled where a teacher differs from Random, either way. A plus is the
-    best result on the original space at that level, as a ratio of Random on that challenge, where bodies
-    and students are those of the original space. A line has a gap where the result or Random is missing.
-    Where Random is at 0, results over 0 lie in a band outside of the rings, the best at its outer edge.
+    Stars at the end of an axis mark teachers that are significantly better than Random; markers are filled
+    where teachers differ from Random. A plus is the best result on the original space as a ratio of Random on
+    the challenge, if embodiments and students are the same. Missing ratios are gaps. Where Random is at 0,
+    results over 0 lie in a band outside the rings, the best at its outer edge.
 
     Args:
-        table: results of `pooling.pooled` (after `pooling.reuse_random`, since Random needs no knowledge) or
-            `reference.paper_frame`; other environments and challenges are left out.
+        table: results of `pooling.pooled` after `pooling.reuse_random`, or `reference.paper_frame`.
         tests: tests of `frame.pairwise` or `frame.pairwise_from_statistics` against "random".
-        measure: measure that is drawn.
+        measure: measure to draw.
         challenges: axes, clockwise from the top; at least three.
-        original: matrix that the upper baseline comes from.
+        original: matrix of the upper baseline.
 
     Raises:
-        ValueError: under three challenges, no results of any, or several of a teacher on one of them.
+        ValueError: if there are under three challenges, no results, or several of a teacher on one.
     """
     mean = f"{measure}_mean"
     if len(challenges) < 3:
         raise ValueError(f"radar of {len(challenges)} challenges: expected at least 3")
-    base.require(table, ["environment", "challenge", "expert_knowledge", "teacher", mean], "results")
+    base.check_table(table, ["environment", "challenge", "expert_knowledge", "teacher", mean], "results")
     environment, names = challenges[0].environment, [matrix.challenge for matrix in challenges]
     table = table[(table["environment"] == environment) & table[mean].notna()]
     results = table[table["challenge"].isin(names)]
-    base.require(results, [], f"results on {', '.join(names)} of {environment}")
+    base.check_table(results, [], f"results on {', '.join(names)} of {environment}")
     table = table[table["challenge"].isin([*names, original.challenge])]
-    base.require_unique(table, ["challenge", "expert_knowledge", "teacher"], "results")
+    base.check_unique(table, ["challenge", "expert_knowledge", "teacher"], "results")
     tests = base.significant(
         tests[(tests["environment"] == environment) & (tests["second"].map(is_baseline))]
     )
@@ -126,30 +123,31 @@ def radar(
         if level.value in set(results["expert_knowledge"])
     }
     values = np.concatenate(
-        [line for each in levels.values() for line in (*each.ratios.values(), each.upper)]
+        [line for result in levels.values() for line in (*result.ratios.values(), result.upper)]
     )
     rim = max(1.5, math.ceil(max(values[np.isfinite(values)], default=1.0) / 0.5 + 0.02) * 0.5)
     titles = [find_challenge(environment, name).title for name in names]
     others = [teacher for teacher in teachers if not is_baseline(teacher)]
     rows: list[list[Radar]] = []
-    for start in range(0, max(len(others), 1), base.TOGETHER):
-        labels = short_labels([BASELINE, *others[start : start + base.TOGETHER]])
+    for start in range(0, max(len(others), 1), base.TEACHERS_PER_PANEL):
+        labels = short_labels([BASELINE, *others[start : start + base.TEACHERS_PER_PANEL]])
         rows.append([])
-        for level, each in levels.items():
-            shown = {who: labels[who] for who in each.ratios if who in labels}
-            notes = [*each.missing, *(["\N{DAGGER} doubtful result"] if each.doubts else [])]
-            note = textwrap.wrap("; ".join(notes), 42) if start + base.TOGETHER >= len(others) else []
+        for level, result in levels.items():
+            shown = {teacher: labels[teacher] for teacher in result.ratios if teacher in labels}
+            notes = [*result.missing, *(["\N{DAGGER} doubtful result"] if result.doubts else [])]
+            last = start + base.TEACHERS_PER_PANEL >= len(others)
+            note = textwrap.wrap("; ".join(notes), 42) if last else []
             heading, beyond = title("expert_knowledge", level), bool(np.isinf(values).any())
-            rows[-1].append(Radar(heading, titles, rim, beyond, shown, each, note))
+            rows[-1].append(Radar(heading, titles, rim, beyond, shown, result, note))
     keys = [
-        base.Key("*", "better than Random (p < 0.05)", size=6),
-        base.Key("o", "differs from Random (= 1)", size=4),
-        base.Key("o", "does not", full=False, size=4),
+        base.LegendEntry("*", "better than Random (p < 0.05)", size=6),
+        base.LegendEntry("o", "differs from Random (= 1)", size=4),
+        base.LegendEntry("o", "does not", full=False, size=4),
     ]
-    if not all(np.isnan(each.upper).all() for each in levels.values()):
-        keys.append(base.Key("+", "best on the original space", size=6))
+    if not all(np.isnan(result.upper).all() for result in levels.values()):
+        keys.append(base.LegendEntry("+", "best on the original space", size=6))
     width = base.TWO_COLUMNS if len(levels) > 1 else base.ONE_COLUMN
-    height = HEIGHT * len(rows) + 0.11 * max(len(each.note) for each in rows[-1])
+    height = HEIGHT * len(rows) + 0.11 * max(len(panel.note) for panel in rows[-1])
     return base.Chart("radar", rows, keys=keys, size=(width, height), letters=6.8)
 
 
@@ -161,10 +159,10 @@ def _ratios(
     challenges: Sequence[Matrix],
     original: Matrix,
 ) -> Ratios:
-    """Return the ratios at one level, of all results and of the tests against Random that are significant."""
+    """Return the ratios of results and significant tests at one level."""
     names = [matrix.challenge for matrix in challenges]
-    places = zip(table["teacher"].astype(str), table["challenge"].astype(str), strict=True)
-    means = dict(zip(places, table[mean].astype(float), strict=True))
+    keys = zip(table["teacher"].astype(str), table["challenge"].astype(str), strict=True)
+    means = dict(zip(keys, table[mean].astype(float), strict=True))
     random = {name: value for (teacher, name), value in means.items() if is_baseline(teacher)}
     lower = [random.get(name, math.nan) for name in names]
     best = max((value for (_, name), value in means.items() if name == original.challenge), default=math.nan)
@@ -181,7 +179,7 @@ def _ratios(
         if name in names
     }
     gaps = {k: gap for k, gap in gaps.items() if k[0] in ratios and not math.isnan(ratios[k[0]][k[1]])}
-    best_of = {name: max(value for (_, place), value in means.items() if place == name) for _, name in means}
+    best_of = {name: max(value for (_, other), value in means.items() if other == name) for _, name in means}
     doubtful = table[table["doubt"].fillna("").ne("")] if "doubt" in table else table[:0]
     same = (original.embodiments, original.students)
     shares = {
@@ -214,24 +212,24 @@ def _missing(
     names: Sequence[str],
     lower: Sequence[float],
 ) -> Iterator[str]:
-    """Yield sentences on results that are missing: of Random, over a Random of 0, of other teachers."""
+    """Yield sentences on results without a finite ratio, and on teachers without results."""
     baseline = label(BASELINE)
     gaps: dict[str, list[str]] = {}
     for name, random in zip(names, lower, strict=True):
         words = name.replace("_", " ")
-        found = {teacher: mean for (teacher, place), mean in means.items() if place == name and mean > 0}
+        positive = {teacher: mean for (teacher, other), mean in means.items() if other == name and mean > 0}
         if math.isnan(random):
             yield f"no ratio on {words}: {baseline} has no result"
-        if random == 0 and found:
-            best = max(found, key=lambda teacher: found[teacher])
+        if random == 0 and positive:
+            best = max(positive, key=positive.__getitem__)
             yield (
                 f"{words}: {baseline} is at 0, and who is over 0 beyond the rings, best "
-                f"{label(best)} with {number(found[best])}"
+                f"{label(best)} with {number(positive[best])}"
             )
     for teacher in teachers:
         absent = [name.replace("_", " ") for name in names if (teacher, name) not in means]
         if absent and not is_baseline(teacher):
-            where = "" if len(absent) == len(names) else f" on {', '.join(absent)}"
-            gaps.setdefault(where, []).append(label(teacher))
-    for where, who in sorted(gaps.items()):
-        yield f"no results of {', '.join(who)}{where}"
+            suffix = "" if len(absent) == len(names) else f" on {', '.join(absent)}"
+            gaps.setdefault(suffix, []).append(label(teacher))
+    for suffix, labels in sorted(gaps.items()):
+        yield f"no results of {', '.join(labels)}{suffix}"

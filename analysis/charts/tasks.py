@@ -15,7 +15,7 @@ from analysis.names import short_labels
 MOMENTS, DOTS = 24, 60
 """Largest number of steps of a run, and of probed tasks of a step, on a page."""
 
-EPISODES, POINTS = 150, 300
+PAGE_EPISODES, PAPER_EPISODES = 150, 300
 """Largest number of training episodes of a part of a run on a page and on paper, evenly spaced in time."""
 
 CORNERS = 33
@@ -28,9 +28,9 @@ GOLDEN = 0.618034
 """Multiples of it, less their whole part, spread evenly however many there are."""
 
 
-def task_scale(axis: Axis) -> base.Scale:
+def task_axis(axis: Axis) -> base.PanelAxis:
     """Return the axis of a dimension of the task space."""
-    return base.Scale(axis.name, base.Kind.TASK, axis.low, axis.high)
+    return base.PanelAxis(axis.name, base.AxisKind.TASK, axis.low, axis.high)
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,13 @@ class TaskView:
         """Text under the pointer at a task."""
         return "task {x}, {y}" if self.plane else "{y} of the range"
 
-    def scales(self) -> tuple[base.Scale, base.Scale]:
+    def scales(self) -> tuple[base.PanelAxis, base.PanelAxis]:
         """Return the axes of a panel."""
         if self.plane:
-            return task_scale(self.axes[0]), task_scale(self.axes[1])
+            return task_axis(self.axes[0]), task_axis(self.axes[1])
         names = {str(place): self.axes[place].name.partition(" (")[0] for place in self.varied}
-        share = base.Scale("Share of the range", base.Kind.SHARE, -0.02, 1.02, grid=True)
-        return base.Scale(kind=base.Kind.NAMES, rows=names), share
+        share = base.PanelAxis("Share of the range", base.AxisKind.SHARE, -0.02, 1.02, grid=True)
+        return base.PanelAxis(kind=base.AxisKind.NAMES, rows=names), share
 
     def dots(self, tasks: base.Array) -> tuple[base.Array, base.Array]:
         """Return xs and ys of `tasks` (n, d): one dot each on a plane, else one in every column."""
@@ -133,7 +133,7 @@ def state(
     teacher: str,
     step: int,
     view: TaskView,
-    scores: base.Colours | None,
+    scores: base.ColourScale | None,
     most: int | None,
 ) -> list[base.Mark]:
     """Return boxes, Gaussians and at most `most` probed tasks of a teacher; empty marks without probes.
@@ -146,9 +146,11 @@ def state(
     own: dict[str, Any] = {"look": look(teacher), "teacher": teacher}
     xs, ys = view.dots(np.asarray(tasks, np.float64))
     return [
-        base.Shapes(outlines=view.boxes(boxes), colours=scores, width=1.2, opacity=0.08, **own),
-        base.Shapes(outlines=view.gaussians(gaussians), **own),
-        base.Dots(x=xs, y=ys, look=base.PLAIN, teacher=teacher, opacity=0.75, edge="white", hover=view.hover),
+        base.Polygons(outlines=view.boxes(boxes), colours=scores, width=1.2, opacity=0.08, **own),
+        base.Polygons(outlines=view.gaussians(gaussians), **own),
+        base.Scatter(
+            x=xs, y=ys, look=base.PLAIN, teacher=teacher, opacity=0.75, edge="white", hover=view.hover
+        ),
     ]
 
 
@@ -159,7 +161,7 @@ def probed_tasks(
     view, panels = TaskView(axes), []
     for teacher, label in short_labels(curricula, base.LONGEST_NAME).items():
         steps = sorted({int(step) for step in curricula[teacher].probes["step"]})
-        chosen = [steps[place] for place in base.spread(len(steps), MOMENTS)]
+        chosen = [steps[place] for place in base.spaced_indices(len(steps), MOMENTS)]
         if chosen and view.varied:
             marks = {step: state(curricula[teacher], teacher, step, view, None, DOTS) for step in chosen}
             panels.append(_moving(marks, view, label, teacher))
@@ -172,7 +174,7 @@ def _moving(marks: Mapping[int, list[base.Mark]], view: TaskView, name: str, tea
     def at(step: int) -> base.Panel:
         return base.Panel(*view.scales(), marks[step], name, teacher=teacher)
 
-    return base.moving(at, list(marks), list(marks)[-1])
+    return base.animated(at, list(marks), list(marks)[-1])
 
 
 def _grid(panels: Sequence[base.Panel], name: str, heading: str, caption: str) -> base.Chart | None:
@@ -195,25 +197,27 @@ def training_tasks(
         for number in range(PANELS):
             part, end = shown[teacher].during(number), round(shown[teacher].steps * (number + 1) / PANELS)
             if len(part.episodes):
-                marks[end] = [episodes(part, teacher, view, colours, EPISODES)]
+                marks[end] = [episodes(part, teacher, view, colours, PAGE_EPISODES)]
         if marks:
             panels.append(_moving(marks, view, label, teacher))
     return _grid(panels, name, "Training tasks", caption)
 
 
-def return_colours(curricula: Mapping[str, Curriculum]) -> base.Colours:
+def return_colours(curricula: Mapping[str, Curriculum]) -> base.ColourScale:
     """Return the colours of returns, the same for all runs, with the mastery threshold marked."""
     mastery = next(iter(curricula.values())).mastery
     low, high = return_range(curricula, mastery)
-    return base.Colours(RETURN_COLOURS, low, high, "Return of the episode", open=True, mark=mastery)
+    return base.ColourScale(RETURN_COLOURS, low, high, "Return of the episode", open=True, mark=mastery)
 
 
-def episodes(part: Curriculum, teacher: str, view: TaskView, colours: base.Colours, most: int) -> base.Dots:
+def episodes(
+    part: Curriculum, teacher: str, view: TaskView, colours: base.ColourScale, most: int
+) -> base.Scatter:
     """Return at most `most` training tasks of a part of a run, coloured by return."""
-    chosen = base.spread(len(part.episodes), most)
+    chosen = base.spaced_indices(len(part.episodes), most)
     xs, ys = view.dots(part.tasks[chosen].astype(np.float64) if chosen else np.empty((0, 0)))
     returns = part.episodes["episodic_return"].to_numpy(np.float64)[chosen].round(1)
-    return base.Dots(
+    return base.Scatter(
         x=xs,
         y=ys,
         values=np.repeat(returns, 1 if view.plane else len(view.varied)),

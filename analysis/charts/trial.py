@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 import pandas as pd
 
-from analysis.charts.base import TWO_COLUMNS, Chart, Curve, Panel, Rule, Scale
+from analysis.charts.base import TWO_COLUMNS, Chart, Curve, Panel, PanelAxis, ReferenceLine
 from analysis.comparisons.verdicts import AXES
 from analysis.looks import INK, MUTED, Look, look
 from analysis.names import label, marked_label
@@ -37,12 +37,14 @@ def course_chart(
         seeds, seen = table["seeds"].astype(float), table[table["value"].notna()]
         later = table.loc[seeds > seeds.min(), ["better", "worse"]].abs().to_numpy().max()
         reach = ROOM * float(max(later, margin, seen["value"].abs().max() if len(seen) else 0.0))
-        x = Scale("Seeds of every cell", low=float(seeds.min()) - 1, high=float(seeds.max()) + 1, whole=True)
-        y = Scale("Difference (points)", low=-reach, high=reach, grid=True)
+        x = PanelAxis(
+            "Seeds of every cell", low=float(seeds.min()) - 1, high=float(seeds.max()) + 1, whole=True
+        )
+        y = PanelAxis("Difference (points)", low=-reach, high=reach, grid=True)
         title = _heading(measure, [reference]) if len(courses) > 1 else ""
         width = np.array([seeds.iloc[0] - 1, seeds.iloc[-1] + 1])
         band = Curve(x=width, low=np.full(2, -margin), high=np.full(2, margin), look=BAND)
-        marks = [band, Rule(y=0.0, look=BAND, width=0.8), *_course(table, seen, teacher, 2 * reach)]
+        marks = [band, ReferenceLine(y=0.0, look=BAND, width=0.8), *_course(table, seen, teacher, 2 * reach)]
         panels.setdefault(measure, []).append(Panel(x, y, marks, title))
     caption = (
         "Difference with its repeated confidence interval at each look. Over the upper boundary the teacher "

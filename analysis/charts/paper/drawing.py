@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
 from PIL import Image
 
-from analysis.charts.base import Cells, Chart, Curve, Kind, Legend, Panel, Scale, spread
+from analysis.charts.base import AxisKind, Chart, Curve, Heatmap, Legend, Panel, PanelAxis, spaced_indices
 from analysis.charts.paper.marks import (
     STAR_ROW,
     draw_marks,
@@ -85,7 +85,7 @@ def animate(chart: Chart, seconds: float = 6.0) -> bytes:
     """
     images = list(_images(chart))
     # All frames share their colours, so that still parts do not flicker.
-    few = [images[index] for index in spread(len(images), 5)]
+    few = [images[index] for index in spaced_indices(len(images), 5)]
     width, height = few[0].size
     sheet = Image.new("RGB", (width, height * len(few)))
     for place, image in enumerate(few):
@@ -164,7 +164,7 @@ def lay_out(chart: Chart) -> tuple[Figure, Drawn]:
     return figure, drawn
 
 
-def _shared(scales: Sequence[Sequence[Scale | None]]) -> str:
+def _shared(scales: Sequence[Sequence[PanelAxis | None]]) -> str:
     """Return the panels that share an axis: all, those of a row, or none."""
     found = [[each for each in row if each is not None] for row in scales]
     if not all(each.bounded or each.rows for row in found for each in row):
@@ -176,22 +176,22 @@ def _shared(scales: Sequence[Sequence[Scale | None]]) -> str:
 
 def _prepare(axes: Axes, panel: Panel, ticks: int, letters: int) -> None:
     """Give empty axes their bounds, ticks, frame and heading."""
-    flat = panel.x.kind is Kind.STEPS and panel.y.kind is Kind.TASK
+    flat = panel.x.kind is AxisKind.STEPS and panel.y.kind is AxisKind.TASK
     _prepare_axis(axes.xaxis, panel.x, ticks)
     _prepare_axis(axes.yaxis, panel.y, ticks, flat)
-    if Kind.TASK in (panel.x.kind, panel.y.kind):
+    if AxisKind.TASK in (panel.x.kind, panel.y.kind):
         axes.spines[:].set(visible=True, color=panel.frame or FRAME)
         axes.tick_params(length=2)
-    if any(isinstance(mark, Cells) for mark in panel.marks) or not panel.x.shown:
+    if any(isinstance(mark, Heatmap) for mark in panel.marks) or not panel.x.shown:
         axes.spines[:].set_visible(False)
     if panel.title:
         texts = [line for text in (panel.title, panel.subtitle) for line in textwrap.wrap(text, letters)]
         pad = 4 + STAR_ROW * len(panel.stars)
-        weight = "normal" if panel.side and panel.x.kind is Kind.TASK else "bold"
+        weight = "normal" if panel.side and panel.x.kind is AxisKind.TASK else "bold"
         axes.set_title("\n".join(texts), pad=pad, fontweight=weight)
 
 
-def _prepare_axis(axis: XAxis | YAxis, scale: Scale, ticks: int, flat: bool = False) -> None:
+def _prepare_axis(axis: XAxis | YAxis, scale: PanelAxis, ticks: int, flat: bool = False) -> None:
     """Give an axis its bounds and ticks; that of a flat panel has ticks at its bounds only."""
     upright = isinstance(axis, YAxis)
     bounds = axis.axes.set_ylim if upright else axis.axes.set_xlim
@@ -207,14 +207,14 @@ def _prepare_axis(axis: XAxis | YAxis, scale: Scale, ticks: int, flat: bool = Fa
             axis.set_ticks([tick for tick in found if scale.low <= tick <= scale.last_tick])
     if scale.rows:
         names = list(scale.rows.values())
-        turned: dict[str, Any] = {"rotation": 90} if scale.kind is Kind.TEACHERS and not upright else {}
+        turned: dict[str, Any] = {"rotation": 90} if scale.kind is AxisKind.TEACHERS and not upright else {}
         axis.set_ticks(range(len(names)), names, **turned)
         axis.set_tick_params(length=0)
         bounds(*((len(names) - 0.4, -0.6) if upright else (-0.6, len(names) - 0.4)))
-    if scale.kind is Kind.STEPS or scale.whole:
+    if scale.kind is AxisKind.STEPS or scale.whole:
         count = round((scale.high or 0) - (scale.low or 0)) if scale.each_whole else ticks
         axis.set_major_locator(MaxNLocator(count, integer=scale.whole))
-    if scale.kind is Kind.SHARE:
+    if scale.kind is AxisKind.SHARE:
         axis.set_major_formatter(PercentFormatter(1.0))
 
 
@@ -223,7 +223,7 @@ def _name_axes(figure: Figure, drawn: Drawn, chart: Chart) -> None:
     for side, share, name in (("x", figure.supxlabel, "set_xlabel"), ("y", figure.supylabel, "set_ylabel")):
         titles = {getattr(panel, side).title for panel in chart.all_panels} - {""}
         kinds = {(panel.x.kind, getattr(panel, side).kind) for panel in chart.all_panels}
-        flat = side == "y" and kinds == {(Kind.STEPS, Kind.TASK)}
+        flat = side == "y" and kinds == {(AxisKind.STEPS, AxisKind.TASK)}
         once = len(titles) == 1 and len(chart.all_panels) > 1 and not flat
         noted = side == "x" and bool(chart.note)  # which is where a common title would be
         if once and not noted:
@@ -246,8 +246,8 @@ FLAT: dict[str, Any] = {"rotation": 0, "ha": "right", "va": "center", "labelpad"
 
 
 def _axis_title(panel: Panel, side: str) -> str:
-    scale: Scale = getattr(panel, side)
-    unit = _step_unit(panel)[1] if scale.kind is Kind.STEPS and scale.title else ""
+    scale: PanelAxis = getattr(panel, side)
+    unit = _step_unit(panel)[1] if scale.kind is AxisKind.STEPS and scale.title else ""
     return f"{scale.title} ({unit})" if unit else scale.title
 
 
@@ -262,7 +262,7 @@ def _step_unit(panel: Panel) -> tuple[float, str]:
 def finish(figure: Figure, drawn: Drawn, chart: Chart) -> None:
     """Add colour bars, legends, heading and note around the panels."""
     for panel, axes in drawn.items():
-        if panel.x.kind is Kind.STEPS:
+        if panel.x.kind is AxisKind.STEPS:
             unit, _ = _step_unit(panel)
             axes.xaxis.set_major_formatter(FuncFormatter(lambda step, _, unit=unit: f"{step / unit:g}"))
     _colour_bars(figure, drawn, chart)

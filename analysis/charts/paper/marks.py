@@ -34,11 +34,11 @@ def draw_marks(axes: Axes, panel: base.Panel) -> None:
         _draw(mark, axes, panel)
     for place, row in enumerate(reversed(panel.stars)):
         _draw_stars(row, axes, place)
-    if not panel.x.bounded and panel.x.kind is base.Kind.STEPS:
+    if not panel.x.bounded and panel.x.kind is base.AxisKind.STEPS:
         axes.set_xlim(0, max(axes.dataLim.x1, 1.0))
-    if panel.x.kind is base.Kind.PERCENT and not panel.x.bounded:
+    if panel.x.kind is base.AxisKind.PERCENT and not panel.x.bounded:
         axes.set_xlim(0, max(axes.get_xlim()[1], base.LEAST_PERCENT))
-    if panel.y.kind is base.Kind.PERCENT and not panel.y.bounded:
+    if panel.y.kind is base.AxisKind.PERCENT and not panel.y.bounded:
         axes.set_ylim(0, max(axes.get_ylim()[1], base.LEAST_PERCENT))
 
 
@@ -81,7 +81,7 @@ def _(mark: base.Curve, axes: Axes, panel: base.Panel) -> None:
 
 
 @_draw.register
-def _(mark: base.Dots, axes: Axes, panel: base.Panel) -> None:
+def _(mark: base.Scatter, axes: Axes, panel: base.Panel) -> None:
     x, y = (np.asarray(values, np.float64) for values in (mark.x, mark.y))
     if mark.values is not None and mark.colours is not None:
         colour: Any = mappable(mark.colours).to_rgba(np.asarray(mark.values, np.float64))
@@ -131,7 +131,7 @@ def _(mark: base.Bar, axes: Axes, _: base.Panel) -> None:
 
 
 @_draw.register
-def _(mark: base.Cells, axes: Axes, _: base.Panel) -> None:
+def _(mark: base.Heatmap, axes: Axes, _: base.Panel) -> None:
     colours = mark.colours
     few: dict[str, Any] = {"edgecolor": RULE, "linewidth": 0.4} if mark.values.size <= 400 else {}
     edges = _edges(mark.xs), _edges(mark.ys)
@@ -139,7 +139,7 @@ def _(mark: base.Cells, axes: Axes, _: base.Panel) -> None:
 
 
 @_draw.register
-def _(mark: base.Shapes, axes: Axes, _: base.Panel) -> None:
+def _(mark: base.Polygons, axes: Axes, _: base.Panel) -> None:
     for outline in mark.outlines:
         colour, share = mark.look.colour, outline.weight
         fill: Any = (colour, 0.04 + 0.18 * share)
@@ -152,7 +152,7 @@ def _(mark: base.Shapes, axes: Axes, _: base.Panel) -> None:
 
 
 @_draw.register
-def _(mark: base.Rule, axes: Axes, _: base.Panel) -> None:
+def _(mark: base.ReferenceLine, axes: Axes, _: base.Panel) -> None:
     for line, place in ((axes.axvline, mark.x), (axes.axhline, mark.y)):
         if place is not None:
             line(
@@ -202,7 +202,7 @@ def _draw_stars(row: base.StarRow, axes: Axes, place: int) -> None:
             )
 
 
-def _within(scale: base.Scale, values: base.Array) -> bool:
+def _within(scale: base.PanelAxis, values: base.Array) -> bool:
     if scale.low is None or scale.high is None:
         return bool(scale.rows)
     return bool(((values >= scale.low) & (values <= scale.high)).all())
@@ -216,7 +216,7 @@ def _edges(centres: base.Array) -> base.Array:
     return np.array([2 * centres[0] - middle[0], *middle, 2 * centres[-1] - middle[-1]])
 
 
-def mappable(colours: base.Colours) -> ScalarMappable:
+def mappable(colours: base.ColourScale) -> ScalarMappable:
     """Return the colours of values."""
     return ScalarMappable(Normalize(colours.low, colours.high), colours.name)
 
@@ -252,7 +252,7 @@ def look_handle(look: Look, name: str, fill: str = "", line: bool = True) -> Lin
     return Line2D([], [], label=name, **style)
 
 
-def mark_handle(key: base.Key) -> Line2D:
+def mark_handle(key: base.LegendEntry) -> Line2D:
     """Return a mark that means the same for all teachers, named."""
     inside = key.colour if key.full else "white"
     style: dict[str, Any] = {"color": key.colour, "markerfacecolor": inside, "markeredgewidth": 0.7}
