@@ -1,4 +1,4 @@
-"""Test tasks that are mastered, by share of runs."""
+"""Maps of test tasks by the share of runs that master them."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -11,24 +11,23 @@ from analysis.data.curricula import Axis, stack
 from analysis.names import short_labels
 
 SHARES = base.ColourScale("Blues", 0.0, 100.0, "Seeds that master the task (%)")
-"""From nearly white for no run to dark for every run; readable with any colour vision."""
+"""Colours of shares of runs."""
 
 ACROSS = 180
-"""Room for the marks of tasks, CSS pixels."""
+"""Width of all marks side by side, CSS pixels."""
 
 
 def mastery_chart(
     shares: pd.DataFrame, tasks: pd.DataFrame, axes: Sequence[Axis], name: str = "mastery", caption: str = ""
 ) -> base.Chart:
-    """Return a panel of the test tasks for each teacher: a mark for each task, darker for more runs.
+    """Return a panel per teacher with a mark per test task, darker for more runs that master it.
 
-    On the task plane where tasks have two dimensions, else in a square, the tasks that most runs master
-    first. Tasks on a full grid fill the panel.
+    Tasks with two dimensions lie on the task plane, others in a square, the most mastered ones first.
 
     Args:
         shares: teacher, step (of an evaluation, or `END`), task_index and share (in [0, 1]).
         tasks: task_index and task (float32 (d,)) of the test set.
-        axes: the dimensions of the task space.
+        axes: dimensions of the task space.
         name: identifier of the chart.
         caption: content and number of runs.
     """
@@ -37,22 +36,22 @@ def mastery_chart(
     words = [", ".join(f"{value:.4g}" for value in task) for task in values]
     if len(axes) == 2 == values.shape[1]:
         points = values.astype(np.float64)
-        draw, scales = _cells(points, words) or _dots(points, words), list[base.PanelAxis]()
-        for axis, places in zip(axes, points.T, strict=True):  # with half a cell around the tasks
-            centres = np.unique(places)
+        draw, scales = _heatmap(points, words) or _squares(points, words), list[base.PanelAxis]()
+        for axis, positions in zip(axes, points.T, strict=True):  # with half a cell around the tasks
+            centres = np.unique(positions)
             half = float(np.diff(centres).min()) / 2 if len(centres) > 1 else 0.5
             scales.append(
                 base.PanelAxis(
                     axis.name, base.AxisKind.TASK, float(centres[0]) - half, float(centres[-1]) + half
                 )
             )
-    else:  # in a square
+    else:
         mean = shares[shares["step"] == base.END].groupby("task_index")["share"].mean()
         mean = mean.reindex(tasks["task_index"]).fillna(-1)
         rank = np.argsort(np.argsort(-mean.to_numpy(), kind="stable"), kind="stable")
         side = int(np.ceil(np.sqrt(2 * len(tasks))))  # charts are wider than high
         points = np.column_stack([rank % side, -(rank // side)]).astype(np.float64)
-        draw, scales = _dots(points, words), [base.PanelAxis(shown=False), base.PanelAxis(shown=False)]
+        draw, scales = _squares(points, words), [base.PanelAxis(shown=False), base.PanelAxis(shown=False)]
     panels = [
         _panel(shares[shares["teacher"] == teacher], tasks["task_index"], label, scales, draw)
         for teacher, label in short_labels(shares["teacher"].astype(str), base.LONGEST_NAME).items()
@@ -70,18 +69,18 @@ def _panel(
     axes: Sequence[base.PanelAxis],
     draw: Callable[[base.Array], base.Mark],
 ) -> base.Panel:
-    """Return the panel of a teacher, with the share of runs in per cent beside its name."""
+    """Return the animated panel of a teacher, with the mean share in its title."""
     teacher = str(shares["teacher"].iloc[0])
     rows, steps = pd.factorize(shares["step"])
-    places = pd.Index(tasks).get_indexer(shares["task_index"])
-    table = np.full((len(steps), len(tasks) + 1), np.nan)  # the last column has what is no task of the set
-    table[rows, places] = 100 * shares["share"].to_numpy(np.float64)
+    columns = pd.Index(tasks).get_indexer(shares["task_index"])
+    table = np.full((len(steps), len(tasks) + 1), np.nan)  # the last column is for tasks of other sets
+    table[rows, columns] = 100 * shares["share"].to_numpy(np.float64)
     percents = dict(zip(steps, table[:, :-1].round(1), strict=True))
 
     def at(step: Any) -> base.Panel:
         percent = percents[step]
-        known = percent[np.isfinite(percent)]
-        title = f"{name}   {known.mean():.1f}\N{NO-BREAK SPACE}%" if len(known) else name
+        finite = percent[np.isfinite(percent)]
+        title = f"{name}   {finite.mean():.1f}\N{NO-BREAK SPACE}%" if len(finite) else name
         return base.Panel(axes[0], axes[1], [draw(percent)], title, teacher=teacher)
 
     return base.animated(at, list(percents), base.END)
@@ -90,16 +89,16 @@ def _panel(
 def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> base.Chart:
     """Return the share of runs that master each test task at their ends.
 
-    A panel per teacher on the task plane if the tasks form a grid on it, else one row per teacher and one
-    column per task, from the most to the least mastered over all teachers.
+    A panel per teacher if the tasks form a grid on the plane, else a row per teacher and a column per task,
+    from the most to the least mastered.
 
     Args:
         shares: teacher, task_index and share, of one comparison and one test set.
         tasks: task_index and task (float32 (d,)) of the test set.
-        plane: the two dimensions of the tasks; None when they have more, or nobody knows.
+        plane: the two dimensions of the tasks; None for others.
     """
     points = stack(tasks["task"]).astype(np.float64)
-    if plane is not None and points.shape[1:] == (2,) and _cells(points, ()) is not None:
+    if plane is not None and points.shape[1:] == (2,) and _heatmap(points, ()) is not None:
         return mastery_chart(shares.assign(step=base.END), tasks, plane)
     names = short_labels(shares["teacher"].unique())
     table = shares.pivot_table(index="teacher", columns="task_index", values="share").loc[list(names)]
@@ -116,8 +115,8 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
     return base.Chart("mastery", [[panel]], legend=base.Legend.NONE, size=size)
 
 
-def _cells(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], base.Mark] | None:
-    """Return a function that fills the cells of a full grid of tasks (n, 2); None if it is not one."""
+def _heatmap(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], base.Mark] | None:
+    """Return a function that draws values (n,) of a full grid of tasks (n, 2); None for other tasks."""
     xs, columns = np.unique(points[:, 0], return_inverse=True)
     ys, rows = np.unique(points[:, 1], return_inverse=True)
     full = len(xs) * len(ys) == len(np.unique(points, axis=0)) == len(points)
@@ -127,7 +126,7 @@ def _cells(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], b
     def draw(values: base.Array) -> base.Mark:
         table, order = np.full((len(ys), len(xs)), np.nan), np.empty((len(ys), len(xs)), dtype=int)
         table[rows, columns], order[rows, columns] = values, np.arange(len(points))
-        texts = [words[place] for place in order.ravel()] if words else []
+        texts = [words[index] for index in order.ravel()] if words else []
         hover = "task {text}<br>{value} % of seeds"
         return base.Heatmap(
             xs=xs.round(4), ys=ys.round(4), values=table, colours=SHARES, words=texts, hover=hover
@@ -136,8 +135,8 @@ def _cells(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], b
     return draw
 
 
-def _dots(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], base.Mark]:
-    """Return a function that marks each task at its place (n, 2), coloured by values (n,)."""
+def _squares(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], base.Mark]:
+    """Return a function that draws values (n,) of tasks (n, 2) as squares."""
     size = float(np.clip(ACROSS / np.sqrt(max(len(points), 1)), 4, 24))
 
     def draw(values: base.Array) -> base.Mark:

@@ -1,4 +1,4 @@
-"""Charts on pages: marks as plotly.js draws them in the reader's browser, with what changes by step."""
+"""Charts on pages as data of plotly.js, with frames of what changes by step."""
 
 import base64
 import gzip
@@ -23,42 +23,39 @@ from analysis.names import mark_of, teacher_order
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
 ROW, ROWS_FRAME = 34, 76
-"""Height of a teacher's row, and of axis and margin below rows, CSS pixels."""
+"""Heights of a teacher's row, and of axis and margin below the rows, CSS pixels."""
 
-SPACING, LEAST, COMPARISONS_FRAME = 11, 30, 130
-"""Height of a mean, least height of a comparison's row, and height of axis and legend, CSS pixels."""
+SPACING, LEAST_HEIGHT, COMPARISONS_FRAME = 11, 30, 130
+"""Heights of a mean, of the lowest row of a comparison, and of axis and legend, CSS pixels."""
 
 MOST_ACROSS = 4
-"""Largest number of plots of a chart side by side."""
+"""Largest number of plots side by side."""
 
 BINARY = {"float32": "f4", "float64": "f8", "int32": "i4"}
-"""Types of arrays that are embedded as bytes, and their names in plotly.js."""
+"""Types of arrays that are embedded as bytes, by their names in plotly.js."""
 
 _SYMBOLS = {
     "": "circle", "o": "circle", "s": "square", "D": "diamond", "^": "triangle-up", "v": "triangle-down",
     "P": "cross", "X": "x", "p": "pentagon", "h": "hexagon", "<": "triangle-left", ">": "triangle-right",
     "*": "star", "d": "diamond-tall",
 }  # fmt: skip
-"""Markers of `looks.look` in plotly.js."""
+"""Symbols of plotly.js by marker."""
 
 Trace: TypeAlias = dict[str, Any]
-"""A series of marks, a line or a map in plotly.js."""
+"""Trace of plotly.js."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """One panel of a chart as plotly.js draws it.
-
-    Traces say in ``meta`` whose they are (teacher, comparison), so that the page can hide them. It is plain
-    data: plotly's own classes would take half of a page's time to check it.
+    """Panel of a chart as plain data of plotly.js, whose own classes spend half of a page's time on checks.
 
     Attributes:
-        name: identifier on the page, and name of the picture a reader saves.
-        title: content in a few words.
-        teacher: teacher whose panel it is; empty for several.
-        traces: series of marks, lines and maps.
+        name: identifier on the page, and name of saved pictures.
+        title: title of the chart.
+        teacher: teacher of the panel; empty for several.
+        traces: traces, whose ``meta`` has the teacher and the comparison by which the page hides them.
         layout: axes, margins, legend.
-        frames: changes at each moment, with its name.
+        frames: name of each moment and changes to the traces.
     """
 
     name: str
@@ -70,14 +67,14 @@ class Plot:
 
     @property
     def json(self) -> str:
-        """The chart as JSON."""
-        whole = {"data": list(self.traces), "layout": self.layout, "frames": list(self.frames)}
-        return str(to_json_plotly(_compact(whole)))
+        """The plot as JSON."""
+        data = {"data": list(self.traces), "layout": self.layout, "frames": list(self.frames)}
+        return str(to_json_plotly(_compact(data)))
 
 
 @dataclass(frozen=True, eq=False)
 class PageChart:
-    """A chart as a page shows it: plots under one caption, `across` of them side by side."""
+    """Plots of a chart under one caption, `across` of them side by side."""
 
     title: str
     caption: str
@@ -86,7 +83,7 @@ class PageChart:
 
 
 def on_page(chart: base.Chart) -> PageChart:
-    """Return a chart as a page shows it, a plot for each of its panels."""
+    """Return a chart with a plot for each of its panels."""
     counts, seen, plots = Counter(panel.teacher for panel in chart.all_panels), Counter[str](), []
     for panel in chart.all_panels:
         seen[panel.teacher] += 1
@@ -96,9 +93,9 @@ def on_page(chart: base.Chart) -> PageChart:
         for moment in panel.moments:
             shown = panel.at(moment)
             changes = [_change(old, new) for old, new in zip(traces, _traces(shown), strict=True)]
-            places = [place for place, change in enumerate(changes) if change]
+            indices = [index for index, change in enumerate(changes) if change]
             frames.append(
-                {"name": str(moment), "traces": places, "data": [changes[place] for place in places]}
+                {"name": str(moment), "traces": indices, "data": [changes[index] for index in indices]}
                 | ({"layout": {"title": {"text": _heading(shown)}}} if shown.title != panel.title else {})
             )
         layout = _layout(chart, panel)
@@ -109,22 +106,22 @@ def on_page(chart: base.Chart) -> PageChart:
 @cache
 def plotly_library() -> str:
     """Return plotly.js without remote addresses, `packed` for a script element."""
-    # Strings that are nothing but an address, other than that of a namespace of XML.
+    # string literals with an address that is no XML namespace
     address = r"""(["'`])https?://(?!www\.w3\.org/)[^"'`]*\1"""
     return packed(re.sub(address, r"\1\1", str(get_plotlyjs())))
 
 
 def packed(text: str) -> str:
-    """Return a text compressed by gzip, in base64: safe within a script element, which page.js unpacks."""
+    """Return a text as base64 of gzip, which is safe within a script element and unpacked by page.js."""
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
 def _change(old: Trace, new: Trace) -> Trace:
-    """Return the entries of a trace that are new, of markers and error bars part by part."""
+    """Return the changed entries of a trace, with markers and error bars entry by entry."""
     change = {}
     for key, value in new.items():
         if key in ("marker", "error_x"):
-            value = {name: each for name, each in value.items() if not _same(each, old[key].get(name))}
+            value = {name: part for name, part in value.items() if not _same(part, old[key].get(name))}
             if value:
                 change[key] = value
         elif not _same(value, old.get(key)):
@@ -139,12 +136,12 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _traces(panel: base.Panel) -> list[Trace]:
-    """Return the traces of a panel; each name is in the legend once."""
+    """Return the traces of a panel, each name once in the legend."""
     traces, named = [], set[str]()
     for mark in panel.marks:
         for trace in _traces_of(mark, panel):
-            whose = {"teacher": mark.teacher, "comparison": mark.comparison}
-            meta = {name: value for name, value in whose.items() if value}
+            owners = {"teacher": mark.teacher, "comparison": mark.comparison}
+            meta = {name: value for name, value in owners.items() if value}
             shown = bool(mark.name) and trace.get("showlegend", True) and mark.name not in named
             trace |= {"name": _shown(mark.name), "meta": meta, "showlegend": shown}
             if mark.name:
@@ -157,10 +154,10 @@ def _traces(panel: base.Panel) -> list[Trace]:
 
 @singledispatch
 def _traces_of(mark: base.Mark, _: base.Panel) -> Iterator[Trace]:
-    """Yield the traces of a mark of a panel.
+    """Yield the traces of a mark.
 
     Raises:
-        TypeError: a kind of mark that pages do not draw.
+        TypeError: if pages do not draw this type of mark.
     """
     raise TypeError(f"{type(mark).__name__} is not drawn on pages: expected a mark of analysis.charts.base")
 
@@ -208,13 +205,13 @@ def _(mark: base.Scatter, panel: base.Panel) -> Iterator[Trace]:
 
 @_traces_of.register
 def _(mark: base.Interval, panel: base.Panel) -> Iterator[Trace]:
-    there = bool(np.isfinite(mark.x))
+    finite = bool(np.isfinite(mark.x))
     sides = {"array": mark.high - mark.x, "arrayminus": mark.x - mark.low}
-    error = {side: [round(length, 2) if length > 0 else 0.0] * there for side, length in sides.items()}
+    error = {side: [round(length, 2) if length > 0 else 0.0] * finite for side, length in sides.items()}
     look = {"color": mark.look.colour, "thickness": mark.width, "width": mark.cap}
     yield _scatter(
-        x=[mark.x] * there,
-        y=_rows(panel.y, [mark.y] * there),
+        x=[mark.x] * finite,
+        y=_rows(panel.y, [mark.y] * finite),
         mode="markers",
         marker={"color": mark.look.colour, "symbol": _SYMBOLS[mark.look.marker], "size": mark.size},
         error_x={**error, **look},
@@ -250,8 +247,8 @@ def _(mark: base.Heatmap, _: base.Panel) -> Iterator[Trace]:
 
 @_traces_of.register
 def _(mark: base.Polygons, _: base.Panel) -> Iterator[Trace]:
-    xs = [each for outline in mark.outlines for each in (*_short(outline.xs), None)]  # with a gap after each
-    ys = [each for outline in mark.outlines for each in (*_short(outline.ys), None)]
+    xs = [x for outline in mark.outlines for x in (*_short(outline.xs), None)]  # None ends a polygon
+    ys = [y for outline in mark.outlines for y in (*_short(outline.ys), None)]
     line = {"color": mark.look.colour, "width": mark.width}
     fill = _transparent(mark.look.colour, mark.opacity)
     yield _scatter(x=xs, y=ys, mode="lines", line=line, fill="toself", fillcolor=fill, hoverinfo="skip")
@@ -259,7 +256,7 @@ def _(mark: base.Polygons, _: base.Panel) -> Iterator[Trace]:
 
 @_traces_of.register
 def _(mark: base.ReferenceLine, panel: base.Panel) -> Iterator[Trace]:
-    if panel.y.kind is base.AxisKind.TEACHERS:  # a shape of the layout: numbers would replace the rows' names
+    if panel.y.kind is base.AxisKind.TEACHERS:  # drawn by the layout, since numbers would replace row names
         return
     curves = [mark.x for mark in panel.marks if isinstance(mark, base.Curve) and len(mark.x)]
     ends = [min(x.min() for x in curves), max(x.max() for x in curves)] if curves else [0.0, 1.0]
@@ -271,14 +268,14 @@ def _(mark: base.ReferenceLine, panel: base.Panel) -> Iterator[Trace]:
 
 @_traces_of.register
 def _(mark: base.Label, _: base.Panel) -> Iterator[Trace]:
-    place = "middle right" if mark.beside else "middle center"
+    position = "middle right" if mark.beside else "middle center"
     font = {"color": mark.look.colour, "size": 12}
     text = [_shown(mark.text)]
-    yield _scatter(x=[mark.x], y=[mark.y], mode="text", text=text, textposition=place, textfont=font)
+    yield _scatter(x=[mark.x], y=[mark.y], mode="text", text=text, textposition=position, textfont=font)
 
 
-def _scatter(**own: Any) -> Trace:
-    return {"type": "scatter", **own}
+def _scatter(**entries: Any) -> Trace:
+    return {"type": "scatter", **entries}
 
 
 def _layout(chart: base.Chart, panel: base.Panel) -> dict[str, Any]:
@@ -291,14 +288,14 @@ def _layout(chart: base.Chart, panel: base.Panel) -> dict[str, Any]:
         "margin": {"l": 54, "r": 14, "t": 34, "b": 46},
         "hoverlabel": {"font": {"family": FONT, "size": 12}},
         "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": MUTED, "activecolor": INK},
-        "uirevision": "kept",  # a reader's zoom outlives a change of step
+        "uirevision": "kept",  # keeps a reader's zoom when the step changes
         "showlegend": legend,
         "xaxis": _axis(panel.x, panel),
         "yaxis": _axis(panel.y, panel) | ({"nticks": 4} if panel.subtitle else {}),
     }
     if panel.title:
-        place = {"font": {"size": 13}, "x": 0.02, "xanchor": "left", "y": 0.95 if panel.subtitle else 0.97}
-        layout["title"] = {"text": _heading(panel), **place}
+        style = {"font": {"size": 13}, "x": 0.02, "xanchor": "left", "y": 0.95 if panel.subtitle else 0.97}
+        layout["title"] = {"text": _heading(panel), **style}
     if panel.subtitle:
         layout["margin"] = {"l": 40, "r": 12, "t": 52, "b": 42}
     if legend:
@@ -307,87 +304,86 @@ def _layout(chart: base.Chart, panel: base.Panel) -> dict[str, Any]:
         layout |= {"hovermode": "x unified"} if curves else {}
     if panel.x.kind is base.AxisKind.STEPS:
         layout["meta"] = {"marks_step": True}
-    rows = list(panel.y.rows)  # which close up where some are left out
+    rows = list(panel.y.rows)
     if panel.y.kind is base.AxisKind.TEACHERS:
         above = 14 + 20 * (bool(panel.title) + bool(panel.subtitle))
         frame = ROWS_FRAME + above
         layout["height"] = frame + ROW * len(rows)
         layout["margin"] = {"l": 20, "r": 14, "t": above, "b": 46}
         layout["meta"] = {"teachers": rows, "line_height": ROW, "frame_height": frame}
-        rules = [mark for mark in panel.marks if isinstance(mark, base.ReferenceLine)]
-        layout |= {"shapes": [_upright(rule) for rule in rules]} if rules else {}
+        shapes = [
+            {"type": "line", "x0": mark.x, "x1": mark.x, "yref": "paper", "y0": 0, "y1": 1}
+            | {"line": {"color": mark.look.colour, "dash": _dash(mark.look), "width": mark.width}}
+            for mark in panel.marks
+            if isinstance(mark, base.ReferenceLine)
+        ]
+        layout |= {"shapes": shapes} if shapes else {}
     if panel.y.kind is base.AxisKind.COMPARISONS:
         teachers = sorted({mark.teacher for mark in panel.marks if mark.teacher}, key=teacher_order)
-        layout["height"] = COMPARISONS_FRAME + max(LEAST, SPACING * (len(teachers) + 1)) * len(rows)
+        layout["height"] = COMPARISONS_FRAME + max(LEAST_HEIGHT, SPACING * (len(teachers) + 1)) * len(rows)
         layout["margin"] = {"l": 20, "r": 16, "t": 56, "b": 60}
         layout["legend"] = {"orientation": "h", "x": 0, "xanchor": "left", "y": -0.01, "yanchor": "top"}
         rule = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "line": {"color": "#e6e8eb", "width": 1}}
         layout["shapes"] = [{**rule, "y0": y + 0.5, "y1": y + 0.5} for y in range(len(rows) - 1)]
-        sizes = {"spacing": SPACING, "least_height": LEAST, "frame_height": COMPARISONS_FRAME}
+        sizes = {"spacing": SPACING, "least_height": LEAST_HEIGHT, "frame_height": COMPARISONS_FRAME}
         layout["meta"] = {"rows": rows, "teachers": teachers, **sizes}
     return layout
 
 
-def _upright(rule: base.ReferenceLine) -> dict[str, Any]:
-    """Return a vertical line over all rows of teachers."""
-    line = {"color": rule.look.colour, "dash": _dash(rule.look), "width": rule.width}
-    return {"type": "line", "x0": rule.x, "x1": rule.x, "yref": "paper", "y0": 0, "y1": 1, "line": line}
-
-
-def _axis(scale: base.PanelAxis, panel: base.Panel) -> dict[str, Any]:
-    if not scale.shown:
+def _axis(axis: base.PanelAxis, panel: base.Panel) -> dict[str, Any]:
+    if not axis.shown:
         return {"visible": False}
-    quiet = {"gridcolor": RULE, "linecolor": MUTED, "zeroline": False, "automargin": True}
-    axis = {"title": {"text": _shown(scale.title), "standoff": 8}, "showgrid": scale.grid, **quiet}
-    if scale.bounded:
-        axis["range"] = [scale.low, scale.high]
-    if scale.each_whole:
-        axis["dtick"] = 1
-    return axis | _axis_of_kind(scale, panel)
-
-
-def _axis_of_kind(scale: base.PanelAxis, panel: base.Panel) -> dict[str, Any]:
-    names = [_shown(name) for name in scale.rows.values()]
-    own: dict[str, Any] = {}
-    match scale.kind:
+    entries: dict[str, Any] = {
+        "title": {"text": _shown(axis.title), "standoff": 8},
+        "showgrid": axis.grid,
+        "gridcolor": RULE,
+        "linecolor": MUTED,
+        "zeroline": False,
+        "automargin": True,
+    }
+    entries |= {"range": [axis.low, axis.high]} if axis.bounded else {}
+    entries |= {"dtick": 1} if axis.each_whole else {}
+    names = [_shown(name) for name in axis.rows.values()]
+    match axis.kind:
         case base.AxisKind.STEPS:
-            own = {"rangemode": "tozero", "hoverformat": ",d"} | ({"nticks": 4} if panel.subtitle else {})
-        case base.AxisKind.PERCENT if scale is panel.y:
-            own = {"rangemode": "nonnegative"}
+            entries |= {"rangemode": "tozero", "hoverformat": ",d"}
+            entries |= {"nticks": 4} if panel.subtitle else {}
+        case base.AxisKind.PERCENT if axis is panel.y:
+            entries |= {"rangemode": "nonnegative"}
         case base.AxisKind.PERCENT:
-            own = {"autorangeoptions": {"clipmin": -1, "clipmax": 101}}
-            own |= {"side": "top"} if panel.y.kind is base.AxisKind.COMPARISONS else {}
+            entries |= {"autorangeoptions": {"clipmin": -1, "clipmax": 101}}
+            entries |= {"side": "top"} if panel.y.kind is base.AxisKind.COMPARISONS else {}
         case base.AxisKind.SHARE:
-            own = {"tickformat": ".0%"}
+            entries |= {"tickformat": ".0%"}
         case base.AxisKind.TASK:
-            name, bracket, unit = _shown(scale.title).partition(" (")
+            name, bracket, unit = _shown(axis.title).partition(" (")
             title = f"{name}<br><span style='font-size:10px'>({unit}</span>" if bracket else name
-            own = {"linecolor": RULE, "mirror": True, "title": {"text": title, "standoff": 6}}
+            entries |= {"linecolor": RULE, "mirror": True, "title": {"text": title, "standoff": 6}}
         case base.AxisKind.TEACHERS:
-            own = {"tickvals": names, "ticktext": names, "autorange": "reversed"}
+            entries |= {"tickvals": names, "ticktext": names, "autorange": "reversed"}
         case base.AxisKind.NAMES | base.AxisKind.COMPARISONS:
             ends = [-0.5, len(names) - 0.5]
-            own = {"tickvals": list(range(len(names))), "ticktext": names}
-            own |= {"range": ends[::-1], "ticklabelstandoff": 6} if scale is panel.y else {"range": ends}
-    return own
+            entries |= {"tickvals": list(range(len(names))), "ticktext": names}
+            entries |= {"range": ends[::-1], "ticklabelstandoff": 6} if axis is panel.y else {"range": ends}
+    return entries
 
 
-def _rows(scale: base.PanelAxis, places: Any) -> Any:
+def _rows(axis: base.PanelAxis, positions: Any) -> Any:
     """Return positions along an axis: names for rows of teachers, else numbers rounded to visible digits."""
-    if scale.kind is base.AxisKind.TEACHERS:
-        names = [_shown(name) for name in scale.rows.values()]
-        return [names[int(place)] for place in places]
-    return _short(places)
+    if axis.kind is base.AxisKind.TEACHERS:
+        names = [_shown(name) for name in axis.rows.values()]
+        return [names[int(position)] for position in positions]
+    return _short(positions)
 
 
 def _positions(steps: NDArray[Any]) -> NDArray[Any]:
-    """Return whole numbers as integers, which take half the space."""
+    """Return whole numbers as integers, others as float32."""
     whole = np.equal(steps, np.round(steps)).all()
     return steps.astype(np.int64) if whole and len(steps) else steps.astype(np.float32)
 
 
 def _short(values: Any) -> list[float]:
-    """Return values rounded to the digits that are visible in a chart."""
+    """Return values rounded to visible digits."""
     return [float(f"{value:.4g}") for value in values]
 
 
@@ -413,24 +409,24 @@ def _dash(look: Look) -> str:
 
 
 def _transparent(colour: str, opacity: float) -> str:
-    red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
+    red, green, blue = (int(colour[start : start + 2], 16) for start in (1, 3, 5))
     return f"rgba({red},{green},{blue},{opacity:g})"
 
 
 @cache
 def colour_scale(name: str) -> list[list[Any]]:
-    """Return a colour scale by its name in Python: of the same names plotly.js has other scales."""
-    return [[place, colour] for place, colour in get_colorscale(name)]
+    """Return plotly.py's colour scale. plotly.js uses the same names for different scales."""
+    return [[position, colour] for position, colour in get_colorscale(name)]
 
 
-@lru_cache(100_000)
-def _shown(text: str) -> str:  # the same texts at every step
-    """Return `text` with the HTML escaped that plotly.js would interpret."""
+@lru_cache(100_000)  # texts repeat at every step
+def _shown(text: str) -> str:
+    """Return `text` with HTML escaped, which plotly.js would interpret."""
     return html.escape(text, quote=False)
 
 
 def _compact(value: Any) -> Any:
-    """Return plain data in compact form: whole numbers as integers, arrays of numbers as bytes."""
+    """Return plain data with whole numbers as integers and arrays as bytes."""
     if isinstance(value, np.ndarray):
         if value.dtype == np.int64 and value.size and np.abs(value).max() <= np.iinfo(np.int32).max:
             value = value.astype(np.int32)
@@ -441,7 +437,7 @@ def _compact(value: Any) -> Any:
     if isinstance(value, float):
         return int(value) if value.is_integer() else value
     if isinstance(value, Mapping):
-        return {name: _compact(each) for name, each in value.items()}
+        return {name: _compact(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):
-        return value if value and isinstance(value[0], str) else [_compact(each) for each in value]
+        return value if value and isinstance(value[0], str) else [_compact(entry) for entry in value]
     return value

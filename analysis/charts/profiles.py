@@ -1,4 +1,4 @@
-"""Series against a number: performance profiles, and the scalars that teachers log of themselves."""
+"""Charts of performance profiles and of the scalars in teachers' logs."""
 
 import math
 from collections.abc import Mapping
@@ -13,23 +13,21 @@ from analysis.looks import look
 from analysis.names import short_labels
 
 FEWEST = 5
-"""Runs under which the band of a line fills the panel, and is left out."""
+"""Least number of runs of a line with a band, which would else fill the panel."""
 
 MOST_PER_TEACHER = 8
-"""Scalars of one teacher that are drawn, in the order of their names."""
+"""Largest number of scalars per teacher."""
 
 BINS = 150
-"""A longer series is drawn as the median of so many equal parts, within its range in each."""
+"""Number of equal parts of a longer series, drawn as their medians and ranges."""
 
 
 def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> Chart:
-    """Return the share of runs over each threshold: a line for each teacher.
-
-    A teacher of at least `FEWEST` runs has a band.
+    """Return the share of runs over each threshold, as a line per teacher.
 
     Args:
         table: teacher, threshold, share, low, high and n, of `aggregates.profiles`.
-        quantity: title of the horizontal axis, on which thresholds are.
+        quantity: title of the axis of thresholds.
         name: identifier of the chart.
         heading: title of the chart.
         caption: content and number of runs.
@@ -61,7 +59,7 @@ def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, c
 
 
 def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
-    """Return the finite values of every scalar by its name, indexed by step."""
+    """Return the finite values of each scalar by name, indexed by step."""
     rows = [
         (int(step), str(name), float(value))
         for step, scalars in zip(curriculum.updates["step"], curriculum.updates["scalars"], strict=True)
@@ -73,11 +71,10 @@ def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
 
 
 def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -> Chart | None:
-    """Return a panel for each scalar that teachers log, at most `MOST_PER_TEACHER` per teacher."""
+    """Return a panel per scalar, at most `MOST_PER_TEACHER` per teacher."""
     panels = []
     for teacher, label in short_labels(curricula, LONGEST_NAME).items():
         for scalar, values in list(scalars_of(curricula[teacher]).items())[:MOST_PER_TEACHER]:
-            # Few whole numbers would get ticks between them.
             whole = bool(values.max() - values.min() < 5 and (values % 1 == 0).all())
             axes = PanelAxis(STEPS, AxisKind.STEPS), PanelAxis(whole=whole, grid=True)
             heading = label, scalar.replace("_", " ")
@@ -89,16 +86,17 @@ def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -
 
 def hidden_scalars(curricula: Mapping[str, Curriculum]) -> int:
     """Return the number of scalars that are not drawn."""
-    return sum(max(0, len(scalars_of(each)) - MOST_PER_TEACHER) for each in curricula.values())
+    counts = (len(scalars_of(curriculum)) for curriculum in curricula.values())
+    return sum(max(0, count - MOST_PER_TEACHER) for count in counts)
 
 
 def _series(teacher: str, values: pd.Series) -> Curve:
-    style, hover = look(teacher)._replace(marker="", dashes="-"), "{y:.4g} at step {x:,d}"
-    own: dict[str, Any] = {"look": style, "teacher": teacher, "width": 1.5, "hover": hover}
+    look_of_line, hover = look(teacher)._replace(marker="", dashes="-"), "{y:.4g} at step {x:,d}"
+    style: dict[str, Any] = {"look": look_of_line, "teacher": teacher, "width": 1.5, "hover": hover}
     if len(values) <= BINS:
-        return Curve(x=values.index.to_numpy(np.float64), y=values.to_numpy(np.float64), **own)
+        return Curve(x=values.index.to_numpy(np.float64), y=values.to_numpy(np.float64), **style)
     part = np.arange(len(values)) * BINS // len(values)
     binned = pd.DataFrame({"step": values.index, "value": values.to_numpy()}).groupby(part)
     low, median, high = (binned["value"].agg(name).to_numpy(np.float64) for name in ("min", "median", "max"))
     steps = binned["step"].median().to_numpy(np.float64)
-    return Curve(x=steps, y=median, low=low, high=high, opacity=0.2, **own)
+    return Curve(x=steps, y=median, low=low, high=high, opacity=0.2, **style)

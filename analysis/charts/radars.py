@@ -27,7 +27,7 @@ class Ratios(NamedTuple):
     """Results at one level of expert knowledge as ratios of Random's.
 
     Attributes:
-        ratios: ratios on all axes by teacher; NaN if missing, infinite if Random alone is at 0, 1 if both are.
+        ratios: ratios on all axes by teacher; NaN if missing, infinite if Random alone is at 0.
         shares: share of the axis's best result where ratios are infinite, by teacher and axis.
         upper: best result on the original space as a ratio on each axis; NaN if not comparable.
         differ: significant differences from Random, by teacher and axis.

@@ -1,4 +1,4 @@
-"""Tasks of a task space as marks: training tasks, probed tasks, and the boxes and Gaussians behind them."""
+"""Marks of training tasks, probed tasks, and teachers' boxes and Gaussians in the task space."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,19 +13,19 @@ from analysis.looks import INK, RETURN_COLOURS, look
 from analysis.names import short_labels
 
 MOMENTS, DOTS = 24, 60
-"""Largest number of steps of a run, and of probed tasks of a step, on a page."""
+"""Largest numbers of steps of a run, and of probed tasks per step, on a page."""
 
 PAGE_EPISODES, PAPER_EPISODES = 150, 300
-"""Largest number of training episodes of a part of a run on a page and on paper, evenly spaced in time."""
+"""Largest number of training episodes in a part of a run, on a page and on paper."""
 
 CORNERS = 33
-"""Points of an ellipse."""
+"""Corners of an ellipse."""
 
 BOX, GAUSSIAN = 0.3, 0.2
-"""Half the width of either in a dimension's column."""
+"""Half the widths of boxes and Gaussians in a dimension's column."""
 
 GOLDEN = 0.618034
-"""Multiples of it, less their whole part, spread evenly however many there are."""
+"""Golden ratio, whose multiples modulo 1 are spread evenly."""
 
 
 def task_axis(axis: Axis) -> base.PanelAxis:
@@ -35,21 +35,18 @@ def task_axis(axis: Axis) -> base.PanelAxis:
 
 @dataclass(frozen=True)
 class TaskView:
-    """Projection of tasks: onto the task plane if two dimensions vary.
-
-    Else in a column for each dimension that varies, at their share of its range.
-    """
+    """Positions of tasks: on the task plane, or as shares of ranges in a column per varied dimension."""
 
     axes: Sequence[Axis]
 
     @property
     def varied(self) -> list[int]:
         """Indices of the dimensions that vary."""
-        return [place for place, axis in enumerate(self.axes) if axis.low < axis.high]
+        return [index for index, axis in enumerate(self.axes) if axis.low < axis.high]
 
     @property
     def plane(self) -> bool:
-        """True if tasks are points of a plane."""
+        """True if the task space is a plane."""
         return len(self.axes) == len(self.varied) == 2
 
     @property
@@ -61,12 +58,12 @@ class TaskView:
         """Return the axes of a panel."""
         if self.plane:
             return task_axis(self.axes[0]), task_axis(self.axes[1])
-        names = {str(place): self.axes[place].name.partition(" (")[0] for place in self.varied}
+        names = {str(index): self.axes[index].name.partition(" (")[0] for index in self.varied}
         share = base.PanelAxis("Share of the range", base.AxisKind.SHARE, -0.02, 1.02, grid=True)
         return base.PanelAxis(kind=base.AxisKind.NAMES, rows=names), share
 
     def dots(self, tasks: base.Array) -> tuple[base.Array, base.Array]:
-        """Return xs and ys of `tasks` (n, d): one dot each on a plane, else one in every column."""
+        """Return xs and ys of tasks (n, d): one dot each on a plane, else one in every column."""
         tasks = np.asarray(tasks, np.float64)
         if not len(tasks):
             return np.empty(0), np.empty(0)
@@ -76,34 +73,34 @@ class TaskView:
         return (np.arange(len(self.varied)) + jitter[:, None]).ravel(), self._shares(tasks).ravel()
 
     def boxes(self, boxes: Sequence[Mapping[str, Any]]) -> list[base.Outline]:
-        """Return the outlines of boxes (low, high, score), in their order."""
-        found = []
+        """Return the outlines of boxes (low, high, score) in order."""
+        outlines = []
         for box in boxes:
             low, high = (np.asarray(box[end], np.float64) for end in ("low", "high"))
             score = float(box["score"]) if len(boxes) > 1 else None
             shapes = [_rectangle(low, high)] if self.plane else self._spans(low, high, BOX)
-            found += [base.Outline(*shape, weight=0.6, score=score) for shape in shapes]
-        return found
+            outlines += [base.Outline(*shape, weight=0.6, score=score) for shape in shapes]
+        return outlines
 
     def gaussians(self, gaussians: Sequence[Mapping[str, Any]]) -> list[base.Outline]:
         """Return the outlines of Gaussians (weight, mean, covariance) at two standard deviations."""
-        found: list[base.Outline] = []
-        heaviest = max((float(each["weight"]) for each in gaussians), default=1.0)
-        for each in gaussians:
-            mean = np.asarray(each["mean"], dtype=np.float64)
-            covariance = np.array([list(row) for row in each["covariance"]], dtype=np.float64)
-            weight = float(each["weight"]) / heaviest if heaviest > 0 else 1.0
+        outlines: list[base.Outline] = []
+        heaviest = max((float(gaussian["weight"]) for gaussian in gaussians), default=1.0)
+        for gaussian in gaussians:
+            mean = np.asarray(gaussian["mean"], dtype=np.float64)
+            covariance = np.array([list(row) for row in gaussian["covariance"]], dtype=np.float64)
+            weight = float(gaussian["weight"]) / heaviest if heaviest > 0 else 1.0
             if self.plane:
-                found.append(base.Outline(*ellipse(mean, covariance), weight=weight))
+                outlines.append(base.Outline(*ellipse(mean, covariance), weight=weight))
             else:
                 reach = 2 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
                 spans = self._spans(mean - reach, mean + reach, GAUSSIAN)
-                found += [base.Outline(*span, weight=weight) for span in spans]
-        return found
+                outlines += [base.Outline(*span, weight=weight) for span in spans]
+        return outlines
 
     def _shares(self, tasks: base.Array) -> base.Array:
-        """Return varied dimensions of tasks (…, d) as shares of their ranges (…, v)."""
-        low, high = np.array([[self.axes[place].low, self.axes[place].high] for place in self.varied]).T
+        """Return the varied dimensions of tasks (…, d) as shares of their ranges (…, v)."""
+        low, high = np.array([[self.axes[index].low, self.axes[index].high] for index in self.varied]).T
         return np.asarray((tasks[..., self.varied] - low) / (high - low), dtype=np.float64)
 
     def _spans(self, low: base.Array, high: base.Array, half: float) -> list[tuple[base.Array, base.Array]]:
@@ -136,18 +133,18 @@ def state(
     scores: base.ColourScale | None,
     most: int | None,
 ) -> list[base.Mark]:
-    """Return boxes, Gaussians and at most `most` probed tasks of a teacher; empty marks without probes.
+    """Return the boxes, Gaussians and at most `most` probed tasks of a teacher at a step.
 
-    `scores` are the colours of regions; None where there is one.
+    `scores` are the colours of boxes. Marks are empty without probes.
     """
     tasks, update = curriculum.probed_at(step)[:most], curriculum.update_at(step)
     update = update if len(tasks) else None
     boxes, gaussians = ([], []) if update is None else (boxes_of(update), gaussians_of(update))
-    own: dict[str, Any] = {"look": look(teacher), "teacher": teacher}
+    style: dict[str, Any] = {"look": look(teacher), "teacher": teacher}
     xs, ys = view.dots(np.asarray(tasks, np.float64))
     return [
-        base.Polygons(outlines=view.boxes(boxes), colours=scores, width=1.2, opacity=0.08, **own),
-        base.Polygons(outlines=view.gaussians(gaussians), **own),
+        base.Polygons(outlines=view.boxes(boxes), colours=scores, width=1.2, opacity=0.08, **style),
+        base.Polygons(outlines=view.gaussians(gaussians), **style),
         base.Scatter(
             x=xs, y=ys, look=base.PLAIN, teacher=teacher, opacity=0.75, edge="white", hover=view.hover
         ),
@@ -157,19 +154,19 @@ def state(
 def probed_tasks(
     curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> base.Chart | None:
-    """Return tasks that each teacher would propose at any moment; teachers without probes have no panel."""
+    """Return the probed tasks of each teacher over the steps; None without probes."""
     view, panels = TaskView(axes), []
     for teacher, label in short_labels(curricula, base.LONGEST_NAME).items():
         steps = sorted({int(step) for step in curricula[teacher].probes["step"]})
-        chosen = [steps[place] for place in base.spaced_indices(len(steps), MOMENTS)]
+        chosen = [steps[index] for index in base.spaced_indices(len(steps), MOMENTS)]
         if chosen and view.varied:
             marks = {step: state(curricula[teacher], teacher, step, view, None, DOTS) for step in chosen}
-            panels.append(_moving(marks, view, label, teacher))
+            panels.append(_animated(marks, view, label, teacher))
     return _grid(panels, name, "Probed tasks", caption)
 
 
-def _moving(marks: Mapping[int, list[base.Mark]], view: TaskView, name: str, teacher: str) -> base.Panel:
-    """Return the panel of a teacher at the last of the steps of its marks, with the others."""
+def _animated(marks: Mapping[int, list[base.Mark]], view: TaskView, name: str, teacher: str) -> base.Panel:
+    """Return the panel of a teacher's marks by step, which shows the last step first."""
 
     def at(step: int) -> base.Panel:
         return base.Panel(*view.scales(), marks[step], name, teacher=teacher)
@@ -186,9 +183,9 @@ def _grid(panels: Sequence[base.Panel], name: str, heading: str, caption: str) -
 def training_tasks(
     curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> base.Chart | None:
-    """Return training tasks in each part of a run, coloured by return; None without episodes."""
+    """Return the training tasks in each part of a run, coloured by return; None without episodes."""
     view, panels = TaskView(axes), []
-    shown = {teacher: each for teacher, each in curricula.items() if len(each.episodes)}
+    shown = {teacher: curriculum for teacher, curriculum in curricula.items() if len(curriculum.episodes)}
     if not shown or not view.varied:
         return None
     colours = return_colours(shown)
@@ -199,12 +196,12 @@ def training_tasks(
             if len(part.episodes):
                 marks[end] = [episodes(part, teacher, view, colours, PAGE_EPISODES)]
         if marks:
-            panels.append(_moving(marks, view, label, teacher))
+            panels.append(_animated(marks, view, label, teacher))
     return _grid(panels, name, "Training tasks", caption)
 
 
 def return_colours(curricula: Mapping[str, Curriculum]) -> base.ColourScale:
-    """Return the colours of returns, the same for all runs, with the mastery threshold marked."""
+    """Return the colours of returns for all runs, with the mastery threshold marked."""
     mastery = next(iter(curricula.values())).mastery
     low, high = return_range(curricula, mastery)
     return base.ColourScale(RETURN_COLOURS, low, high, "Return of the episode", open=True, mark=mastery)
@@ -213,7 +210,7 @@ def return_colours(curricula: Mapping[str, Curriculum]) -> base.ColourScale:
 def episodes(
     part: Curriculum, teacher: str, view: TaskView, colours: base.ColourScale, most: int
 ) -> base.Scatter:
-    """Return at most `most` training tasks of a part of a run, coloured by return."""
+    """Return at most `most` evenly spaced training tasks of a part of a run, coloured by return."""
     chosen = base.spaced_indices(len(part.episodes), most)
     xs, ys = view.dots(part.tasks[chosen].astype(np.float64) if chosen else np.empty((0, 0)))
     returns = part.episodes["episodic_return"].to_numpy(np.float64)[chosen].round(1)
@@ -230,17 +227,14 @@ def episodes(
 
 
 def projected(curriculum: Curriculum, dimensions: tuple[int, int]) -> Curriculum:
-    """Return the projection of a curriculum onto two of its task dimensions.
-
-    Tasks and boxes are projected; of Gaussians the marginals are taken. Where boxes lie behind each
-    other, that with the highest score is seen.
+    """Return the projection of a curriculum onto two task dimensions, with marginals of Gaussians.
 
     Args:
         curriculum: curriculum of any number of dimensions.
         dimensions: indices of the horizontal and the vertical dimension.
 
     Raises:
-        ValueError: the tasks have no such dimension, or both are the same.
+        ValueError: if the tasks have no such dimension, or both are the same.
     """
     chosen = list(dimensions)
     tasks = [task for table in (curriculum.episodes, curriculum.probes) for task in table["task"].head(1)]
@@ -262,11 +256,14 @@ def projected(curriculum: Curriculum, dimensions: tuple[int, int]) -> Curriculum
 
     episodes, probes, updates = curriculum.episodes, curriculum.probes, curriculum.updates
     world = pd.Series([part(task) for task in episodes["world_task"]], index=episodes.index, dtype=object)
-    shapes = {
-        name: [[change(each) for each in (() if found is None else found)] for found in updates[name]]
-        for name, change in (("gaussians", marginal), ("boxes", side))
+    columns = {
+        name: pd.Series(
+            [[project(shape) for shape in (() if shapes is None else shapes)] for shapes in updates[name]],
+            index=updates.index,
+            dtype=object,
+        )
+        for name, project in (("gaussians", marginal), ("boxes", side))
     }
-    columns = {name: pd.Series(found, index=updates.index, dtype=object) for name, found in shapes.items()}
     return replace(
         curriculum,
         episodes=episodes.assign(task=episodes["task"].map(part), world_task=world),

@@ -1,4 +1,4 @@
-"""The course of a trial: the difference to each reference at each look, and how far a verdict is."""
+"""Charts of trials: the difference to each reference at each look, and the boundaries of verdicts."""
 
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -11,10 +11,10 @@ from analysis.looks import INK, MUTED, Look, look
 from analysis.names import label, marked_label
 
 BOUNDARY, BAND = Look(INK, "", (0, (4, 2))), Look(MUTED, "", "-")
-"""Looks of what a verdict needs, and of the margin."""
+"""Styles of boundaries and of the margin."""
 
 ROOM = 1.4
-"""Height of a panel over the furthest boundary after the first look, which may be far away."""
+"""Range of a panel, in units of the furthest boundary after the first look."""
 
 
 def course_chart(
@@ -23,12 +23,12 @@ def course_chart(
     margins: Mapping[str, float],
     name: str = "course",
 ) -> Chart:
-    """Return a panel for each comparison: boundaries, margin, differences with their intervals.
+    """Return a panel per comparison with boundaries, margin, and differences with their intervals.
 
     Args:
-        courses: rows of `trials.standing.course` by measure and reference; a row of panels for each measure.
+        courses: rows of `trials.standing.course` by measure and reference, with a row of panels per measure.
         teacher: new teacher.
-        margins: difference in points of each measure that does not matter.
+        margins: equivalence margin of each measure, in points.
         name: identifier of the chart.
     """
     panels: dict[str, list[Panel]] = {}
@@ -57,20 +57,20 @@ def course_chart(
 
 
 def _heading(measure: str, references: Iterable[str]) -> str:
-    """Return the heading of comparisons by a measure."""
+    """Return the heading of a measure's comparisons with references."""
     return f"{AXES[measure].capitalize()}, against {' and '.join(map(label, references))}"
 
 
 def _course(table: pd.DataFrame, seen: pd.DataFrame, teacher: str, reach: float) -> Iterator[Curve]:
-    """Yield both boundaries, and the differences that were seen with their intervals, within ± `reach`."""
+    """Yield both boundaries and the observed differences with their intervals, clipped to ± `reach`."""
     for side, name in (("better", "boundary of a verdict"), ("worse", "")):
         bounds = np.clip(table[side].to_numpy(float), -reach, reach)
         seeds, hover = table["seeds"].to_numpy(float), f"{side} beyond {{y:.1f}}"
         yield Curve(x=seeds, y=bounds, look=BOUNDARY, width=1.2, name=name, hover=hover)
     style = look(teacher)
-    for place, low, high in seen[["seeds", "low", "high"]].to_numpy(float):
+    for x, low, high in seen[["seeds", "low", "high"]].to_numpy(float):
         ends = np.clip([low, high], -reach, reach)
-        yield Curve(x=np.full(2, place), y=ends, look=style._replace(dashes="-"), width=1.4)
+        yield Curve(x=np.full(2, x), y=ends, look=style._replace(dashes="-"), width=1.4)
     if len(seen):
         yield Curve(
             x=seen["seeds"].to_numpy(float),

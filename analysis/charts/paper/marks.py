@@ -1,4 +1,4 @@
-"""Marks of panels as matplotlib draws them, and legends, which lie outside of what they explain."""
+"""Marks and legends drawn by matplotlib."""
 
 from collections.abc import Sequence
 from functools import singledispatch
@@ -21,19 +21,19 @@ STAR_ROW = 6.5
 """Height of a row of stars, points."""
 
 DIAMETER, THICKNESS = 0.55, 0.75
-"""Points on paper for a CSS pixel of a mark's diameter, and of a line's width."""
+"""Points on paper per CSS pixel of a mark's diameter, and of a line's width."""
 
 
 def draw_marks(axes: Axes, panel: base.Panel) -> None:
-    """Draw the marks of a panel in its axes, or the reason why there are none."""
+    """Draw the marks of a panel in its axes, or its remark."""
     if panel.remark:
         style: dict[str, Any] = {"ha": "center", "va": "center", "color": MUTED}
         axes.text(0.5, 0.5, panel.remark, transform=axes.transAxes, **style)
         return
     for mark in panel.marks:
         _draw(mark, axes, panel)
-    for place, row in enumerate(reversed(panel.stars)):
-        _draw_stars(row, axes, place)
+    for level, row in enumerate(reversed(panel.stars)):
+        _draw_stars(row, axes, level)
     if not panel.x.bounded and panel.x.kind is base.AxisKind.STEPS:
         axes.set_xlim(0, max(axes.dataLim.x1, 1.0))
     if panel.x.kind is base.AxisKind.PERCENT and not panel.x.bounded:
@@ -49,17 +49,17 @@ def _draw(mark: base.Mark, *_: object) -> None:
 
 @_draw.register
 def _(mark: base.Curve, axes: Axes, panel: base.Panel) -> None:
-    """Draw a line from the first step with values of all runs, thin where some runs have not arrived yet."""
+    """Draw a line from the first step with values of all runs, thin after the last one."""
     whole = np.ones(len(mark.x), bool) if mark.n is None else mark.n == mark.n.max()
-    start, end = (int(place) for place in np.flatnonzero(whole)[[0, -1]])
+    start, end = (int(index) for index in np.flatnonzero(whole)[[0, -1]])
     x, colour = mark.x[start:], mark.look.colour
     if mark.low is not None and mark.high is not None:
         low, high = mark.low[start:], mark.high[start:]
         axes.fill_between(x, low, high, color=colour, alpha=mark.opacity, linewidth=0)
     if mark.y is None:
         return
-    y, end, scale = mark.y[start:], end - start, panel.y
-    within = scale.low is None or scale.high is None or not ((y < scale.low) | (y > scale.high)).any()
+    y, end = mark.y[start:], end - start
+    clipped = panel.y.bounded and not _within(panel.y, y)
     if end + 1 < len(x):
         axes.plot(x[end:], y[end:], color=colour, linewidth=0.7)
     axes.plot(
@@ -73,7 +73,7 @@ def _(mark: base.Curve, axes: Axes, panel: base.Panel) -> None:
         markerfacecolor=mark.fill or colour,
         markeredgecolor=colour if mark.fill else "white",
         markeredgewidth=0.5,
-        clip_on=not within,
+        clip_on=clipped,
         zorder=3,
         label=mark.name or None,
         gid=mark.about or None,
@@ -88,11 +88,11 @@ def _(mark: base.Scatter, axes: Axes, panel: base.Panel) -> None:
     else:
         colour = mark.look.colour
     within = _within(panel.x, x) and _within(panel.y, y)
-    inside: dict[str, Any] = {"facecolors": "none", "edgecolors": colour} if mark.hollow else {"c": colour}
+    style: dict[str, Any] = {"facecolors": "none", "edgecolors": colour} if mark.hollow else {"c": colour}
     if mark.edge and not mark.hollow:
-        inside |= {"edgecolors": mark.edge, "linewidths": 0.35}
+        style |= {"edgecolors": mark.edge, "linewidths": 0.35}
     elif not mark.hollow:
-        inside |= {"linewidths": 0}
+        style |= {"linewidths": 0}
     axes.scatter(
         x,
         y,
@@ -102,7 +102,7 @@ def _(mark: base.Scatter, axes: Axes, panel: base.Panel) -> None:
         clip_on=not within,
         zorder=3,
         gid=mark.about or None,
-        **inside,
+        **style,
     )
 
 
@@ -153,10 +153,10 @@ def _(mark: base.Polygons, axes: Axes, _: base.Panel) -> None:
 
 @_draw.register
 def _(mark: base.ReferenceLine, axes: Axes, _: base.Panel) -> None:
-    for line, place in ((axes.axvline, mark.x), (axes.axhline, mark.y)):
-        if place is not None:
+    for line, position in ((axes.axvline, mark.x), (axes.axhline, mark.y)):
+        if position is not None:
             line(
-                place,
+                position,
                 color=mark.look.colour,
                 linestyle=mark.look.dashes,
                 linewidth=THICKNESS * mark.width,
@@ -169,16 +169,15 @@ def _(mark: base.ReferenceLine, axes: Axes, _: base.Panel) -> None:
 def _(mark: base.Label, axes: Axes, _: base.Panel) -> None:
     style: dict[str, Any] = {"color": mark.look.colour, "va": "center", "gid": mark.about or None}
     if mark.beside:
-        place: dict[str, Any] = {"xytext": (2, 0), "textcoords": "offset points"}
-        axes.annotate(mark.text, (mark.x, mark.y), **place, **style)
+        axes.annotate(mark.text, (mark.x, mark.y), xytext=(2, 0), textcoords="offset points", **style)
     else:
         axes.text(mark.x, mark.y, mark.text, ha="center", **style)
 
 
-def _draw_stars(row: base.StarRow, axes: Axes, place: int) -> None:
-    """Draw a row of stars above a panel, and the line's marker at its end."""
+def _draw_stars(row: base.StarRow, axes: Axes, level: int) -> None:
+    """Draw a row of stars above a panel, with the line's marker at its end."""
     colour = row.look.colour
-    rise = ScaledTranslation(0, (5 + STAR_ROW * place) / 72, axes.figure.dpi_scale_trans)
+    rise = ScaledTranslation(0, (5 + STAR_ROW * level) / 72, axes.figure.dpi_scale_trans)
     along = axes.get_xaxis_transform() + rise
     end = axes.transAxes + rise + ScaledTranslation(9 / 72, 0, axes.figure.dpi_scale_trans)
     for steps, marker, size, inside, transform, about in (
@@ -186,7 +185,7 @@ def _draw_stars(row: base.StarRow, axes: Axes, place: int) -> None:
         (row.below, "*", 5.5, "white", along, f"below-{row.about}"),
         ([1], row.look.marker, 3.5, row.fill, end, None),
     ):
-        if len(steps):  # an empty line would count as one at the corner of the figure
+        if len(steps):  # constrained layout counts empty lines
             axes.plot(
                 list(steps),
                 np.ones(len(steps)),
@@ -202,14 +201,14 @@ def _draw_stars(row: base.StarRow, axes: Axes, place: int) -> None:
             )
 
 
-def _within(scale: base.PanelAxis, values: base.Array) -> bool:
-    if scale.low is None or scale.high is None:
-        return bool(scale.rows)
-    return bool(((values >= scale.low) & (values <= scale.high)).all())
+def _within(axis: base.PanelAxis, values: base.Array) -> bool:
+    if axis.low is None or axis.high is None:
+        return bool(axis.rows)
+    return bool(((values >= axis.low) & (values <= axis.high)).all())
 
 
 def _edges(centres: base.Array) -> base.Array:
-    """Return the n + 1 edges of n cells."""
+    """Return the edges (n + 1,) of cells with these centres (n,)."""
     if len(centres) < 2:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
     middle = (centres[1:] + centres[:-1]) / 2
@@ -217,22 +216,21 @@ def _edges(centres: base.Array) -> base.Array:
 
 
 def mappable(colours: base.ColourScale) -> ScalarMappable:
-    """Return the colours of values."""
+    """Return matplotlib's map from values to colours."""
     return ScalarMappable(Normalize(colours.low, colours.high), colours.name)
 
 
 CHARACTER = 0.6
-"""Width of a letter over its size."""
+"""Width of a letter in units of the font size."""
 
 HANDLE, COLUMN_GAP = 2.6, 1.2
-"""Length of the pieces of line, and space between columns, in sizes of the letters."""
+"""Length of handles, and space between columns, in units of the font size."""
 
-POINTS = 72
-"""Points in an inch."""
+POINTS_PER_INCH = 72
 
 
 def line_handle(mark: base.Mark) -> Line2D:
-    """Return a piece of the line of a named mark."""
+    """Return the legend handle of a named mark."""
     fill = mark.fill if isinstance(mark, base.Curve) else ""
     marked = not isinstance(mark, base.Curve) or mark.width >= 1.5
     look = mark.look if marked else mark.look._replace(marker="")
@@ -240,7 +238,7 @@ def line_handle(mark: base.Mark) -> Line2D:
 
 
 def look_handle(look: Look, name: str, fill: str = "", line: bool = True) -> Line2D:
-    """Return a piece of a line in its look, named."""
+    """Return a legend handle in a style."""
     edge = look.colour if fill and fill != look.colour else "white"
     style: dict[str, Any] = {"color": look.colour, "marker": look.marker, "markersize": 4, "linewidth": 1.3}
     style |= {
@@ -253,14 +251,14 @@ def look_handle(look: Look, name: str, fill: str = "", line: bool = True) -> Lin
 
 
 def mark_handle(key: base.LegendEntry) -> Line2D:
-    """Return a mark that means the same for all teachers, named."""
-    inside = key.colour if key.full else "white"
-    style: dict[str, Any] = {"color": key.colour, "markerfacecolor": inside, "markeredgewidth": 0.7}
+    """Return the legend handle of an entry for a marker."""
+    fill = key.colour if key.full else "white"
+    style: dict[str, Any] = {"color": key.colour, "markerfacecolor": fill, "markeredgewidth": 0.7}
     return Line2D([], [], marker=key.marker, linestyle="none", markersize=key.size, label=key.name, **style)
 
 
-def legend(figure: Figure, handles: Sequence[Line2D], loc: Any, size: float = 7, **place: Any) -> Legend:
-    """Draw one legend for the whole figure, in as many columns as its width has room for."""
+def legend(figure: Figure, handles: Sequence[Line2D], loc: Any, size: float = 7, **options: Any) -> Legend:
+    """Draw a legend for the whole figure, in as many columns as fit its width."""
     return figure.legend(
         handles=list(handles),
         loc=loc,
@@ -272,22 +270,22 @@ def legend(figure: Figure, handles: Sequence[Line2D], loc: Any, size: float = 7,
         labelspacing=0.35,
         borderpad=0.2,
         borderaxespad=0.2,
-        **place,
+        **options,
     )
 
 
 def legend_height(handles: Sequence[Line2D], width: float, size: float = 7) -> float:
-    """Return the height of a `legend` in a figure of this width, inches."""
+    """Return the height of a `legend` in a figure of a given width, inches."""
     rows = -(-len(handles) // _columns(handles, width, size))
-    return (rows * 1.6 + 0.6) * size / POINTS if handles else 0.0
+    return (rows * 1.6 + 0.6) * size / POINTS_PER_INCH if handles else 0.0
 
 
 def _columns(handles: Sequence[Line2D], width: float, size: float) -> int:
-    em = size / POINTS
+    em = size / POINTS_PER_INCH
     widths = [(len(str(handle.get_label())) * CHARACTER + 0.5) * em for handle in handles]
     gaps = (HANDLE + COLUMN_GAP) * em
     for columns in range(len(widths), 1, -1):
-        # Matplotlib fills columns one after the other, the first ones with one more.
+        # as matplotlib distributes handles over columns
         if sum(max(part) + gaps for part in np.array_split(widths, columns)) <= width - 0.1:
             return columns
     return 1

@@ -1,4 +1,4 @@
-"""Radars on paper: axes, rings, lines with gaps, and stars at the ends of axes."""
+"""Radar charts drawn by matplotlib."""
 
 import itertools
 import math
@@ -19,22 +19,25 @@ from analysis.looks import INK, MUTED, RULE, look, shown_together
 from analysis.names import teacher_order
 
 CENTRE, RADIUS = 1.36, 0.86
-"""Height of a radar's centre above its lower edge, and radius of the chart, inches."""
+"""Height of a radar's centre above its lower edge, and radius of its rim, inches."""
 
 STAR_GAP = 0.092
 """Distance between two stars, inches."""
 
 STAR_COLUMNS, STAR_ROWS = 4, 2
-"""Stars side by side at one axis, and rows of them; of more their number is written."""
+"""Largest numbers of stars side by side at an axis, and of their rows, above which they are counted."""
 
 
 def draw_radars(chart: Chart) -> Figure:
-    """Return rows of radars, each row with the legend of its teachers."""
+    """Return rows of radars, each with the legend of its teachers."""
     width, size = chart.size[0], chart.letters
     marks = [mark_handle(key) for key in chart.keys]
     rows = [dict(item for radar in row for item in radar.teachers.items()) for row in chart.panels]
     with shown_together(itertools.chain(*rows)):
-        named = [[look_handle(look(who), row[who]) for who in sorted(row, key=teacher_order)] for row in rows]
+        named = [
+            [look_handle(look(teacher), row[teacher]) for teacher in sorted(row, key=teacher_order)]
+            for row in rows
+        ]
         heights = [legend_height(handles, width, size) for handles in (marks, *named)]
         total = chart.size[1] + sum(heights)
         figure = Figure(figsize=(width, total))
@@ -49,7 +52,7 @@ def draw_radars(chart: Chart) -> Figure:
 
 
 class RadarAxes:
-    """A radar in a figure: its centre, in inches, and the size of its letters, in points."""
+    """Axes of a radar, with its centre in inches and its font size in points."""
 
     def __init__(self, figure: Figure, centre: tuple[float, float], radar: Radar, size: float) -> None:
         self._figure, self._centre, self._radar, self._size = figure, centre, radar, size
@@ -62,11 +65,11 @@ class RadarAxes:
         self._axes = axes
 
     def draw(self) -> None:
-        """Draw everything."""
+        """Draw the radar."""
         radar = self._radar
         self._draw_rings()
         for axis, name in enumerate(radar.axes):
-            (x, y), align, up = self._place(axis)
+            (x, y), align, up = self._anchor(axis)
             va = "bottom" if up > 0 else "top"
             self._write(x, y, _folded(name), fontsize=self._size, ha=align, va=va, linespacing=1.05)
         centre: dict[str, Any] = {"ha": "center", "fontsize": 8, "fontweight": "bold"}
@@ -78,17 +81,17 @@ class RadarAxes:
             self._draw_line(teacher)
         upper = np.array(radar.results.upper)
         upper[np.isinf(upper)] = radar.rim * (1 + BEYOND)
-        there = np.isfinite(upper)
-        if there.any():
+        finite = np.isfinite(upper)
+        if finite.any():
             plus: dict[str, Any] = {"marker": "+", "markersize": 6, "markeredgewidth": 1.2, "color": INK}
             self._axes.plot(
-                self._angles[there], upper[there], linestyle="none", zorder=4, gid="upper", **plus
+                self._angles[finite], upper[finite], linestyle="none", zorder=4, gid="upper", **plus
             )
         for teacher, axis in sorted(radar.results.doubts):
             if teacher in radar.teachers:
-                place = self._angles[axis], radar.radius(teacher, axis)
+                point = self._angles[axis], radar.radius(teacher, axis)
                 style: dict[str, Any] = {"textcoords": "offset points", "fontsize": self._size, "zorder": 5}
-                self._axes.annotate("\N{DAGGER}", place, xytext=(3, 2), gid="doubt", **style)
+                self._axes.annotate("\N{DAGGER}", point, xytext=(3, 2), gid="doubt", **style)
         for axis in range(len(radar.axes)):
             self._draw_stars(axis)
 
@@ -114,7 +117,7 @@ class RadarAxes:
         self._ring(1.0, color=random.colour, linestyle=random.dashes, linewidth=1.1, zorder=1, gid=BASELINE)
 
     def _draw_line(self, teacher: str) -> None:
-        """Draw a line where two neighbours have values, and a mark on each axis that has one."""
+        """Draw a teacher's line, with a gap where a value is missing, and its markers."""
         radar, style = self._radar, look(teacher)
         radii = [radar.radius(teacher, axis) for axis in range(len(radar.axes))]
         line: dict[str, Any] = {"linestyle": style.dashes, "linewidth": 1.1, "zorder": 2, "label": teacher}
@@ -136,19 +139,19 @@ class RadarAxes:
                 )
 
     def _draw_stars(self, axis: int) -> None:
-        """Draw a star for each teacher that is better than Random, in short rows next to the axis's name."""
+        """Draw a star beside the axis's name for each teacher that is better than Random."""
         radar = self._radar
-        better = {who for (who, place), gap in radar.results.differ.items() if place == axis and gap > 0}
-        mine = sorted((who for who in better if who in radar.teachers), key=teacher_order)
-        (x, y), align, up = self._place(axis)
+        better = {who for (who, index), gap in radar.results.differ.items() if index == axis and gap > 0}
+        teachers = sorted(better & set(radar.teachers), key=teacher_order)
+        (x, y), align, up = self._anchor(axis)
         height = y + up * (0.07 + 0.118 * len(_folded(radar.axes[axis]).split("\n")))
-        if len(mine) > STAR_COLUMNS * STAR_ROWS:
-            text = f"\N{BLACK STAR} {len(mine)} teachers"
+        if len(teachers) > STAR_COLUMNS * STAR_ROWS:
+            text = f"\N{BLACK STAR} {len(teachers)} teachers"
             self._write(x, height, text, fontsize=self._size - 0.8, ha=align, va="center")
             return
-        for place, teacher in enumerate(mine):
-            row, column = divmod(place, STAR_COLUMNS)
-            reach = STAR_GAP * (min(STAR_COLUMNS, len(mine) - row * STAR_COLUMNS) - 1)
+        for index, teacher in enumerate(teachers):
+            row, column = divmod(index, STAR_COLUMNS)
+            reach = STAR_GAP * (min(STAR_COLUMNS, len(teachers) - row * STAR_COLUMNS) - 1)
             first = x - reach * {"left": 0.0, "center": 0.5, "right": 1.0}[align]
             first += {"left": 0.04, "center": 0.0, "right": -0.04}[align]
             self._figure.add_artist(
@@ -172,21 +175,21 @@ class RadarAxes:
         style: dict[str, Any] = {"fontsize": 5.5, "color": MUTED, "ha": "right", "va": "center"}
         self._axes.annotate(text, (0, ring), xytext=(-2, 0), textcoords="offset points", **style)
 
-    def _place(self, axis: int) -> tuple[tuple[float, float], str, int]:
-        """Return the anchor of an axis's name, its alignment, and 1 or -1 if it grows up or down."""
+    def _anchor(self, axis: int) -> tuple[tuple[float, float], str, int]:
+        """Return the anchor and alignment of an axis's name, and 1 or -1 if it grows up or down."""
         angle = float(self._angles[axis])
         x, y = RADIUS * math.sin(angle), RADIUS * math.cos(angle)
         if abs(x) < 0.05 * RADIUS:
             return (0.0, y + math.copysign(0.06, y)), "center", 1 if y > 0 else -1
-        if y > -0.05 * RADIUS:  # in the corner that the axes leave free
+        if y > -0.05 * RADIUS:
             side = math.copysign(RADIUS + 0.17, x)
             return (side, y + 0.16), "right" if x > 0 else "left", 1
         return (x, y - 0.06), "center", -1
 
     def _write(self, x: float, y: float, text: str, **style: Any) -> None:
-        """Write at a distance from the centre, in inches."""
-        place = self._centre[0] + x, self._centre[1] + y
-        self._figure.text(*place, text, transform=self._figure.dpi_scale_trans, **style)
+        """Write a text at a distance from the centre, in inches."""
+        position = self._centre[0] + x, self._centre[1] + y
+        self._figure.text(*position, text, transform=self._figure.dpi_scale_trans, **style)
 
 
 def _folded(name: str) -> str:

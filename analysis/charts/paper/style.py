@@ -1,4 +1,4 @@
-"""Style of figures: type, lines and sizes, and the files that they are saved to."""
+"""Style of figures, and their files."""
 
 import functools
 import io
@@ -15,14 +15,14 @@ from analysis.looks import INK, MUTED, RULE
 from tma_ray.support.validation import check_type
 
 DPI = 150
-"""Resolution of the PNG files, in dots per inch."""
+"""Resolution of pictures on pages, in dots per inch."""
 
 PRINT_DPI = 300
-"""Resolution of the PNG files that `save` writes, in dots per inch."""
+"""Resolution of PNG files of `save`, in dots per inch."""
 
 STYLE: Any = {
     "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],  # ships with matplotlib: the same figure on every machine
+    "font.sans-serif": ["DejaVu Sans"],  # ships with matplotlib
     "font.size": 8.5,
     "axes.titlesize": 9.5,
     "axes.titlelocation": "left",
@@ -47,11 +47,11 @@ STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 8.5,
     "text.color": INK,
-    "text.parse_math": False,  # a dollar sign in a plug-in's name is only a dollar sign
+    "text.parse_math": False,  # names of plug-ins may contain dollar signs
     "lines.linewidth": 1.6,
     "lines.markersize": 4.5,
-    "pdf.fonttype": 42,  # letters stay letters: readable by search, and by editors
-    "svg.hashsalt": "tma_ray",  # otherwise identifiers differ from file to file
+    "pdf.fonttype": 42,  # TrueType, for searchable text
+    "svg.hashsalt": "tma_ray",  # for reproducible identifiers
 }
 
 P = ParamSpec("P")
@@ -60,11 +60,7 @@ R = TypeVar("R")
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Wrap `draw` so that it uses `STYLE`, and neither uses nor changes the caller's settings of matplotlib.
-
-    A figure is the same for everybody: a user's settings, such as ``text.usetex``, may ask for programs that
-    are not installed, or for other letters and lines.
-    """
+    """Decorate a function to draw in `STYLE`, independent of the user's settings of matplotlib."""
 
     @functools.wraps(draw)
     def draw_in_style(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -84,22 +80,22 @@ class Vector(StrEnum):
 
 
 def png(figure: Figure) -> bytes:
-    """Return `figure` as a PNG file; the same figure gives the same bytes."""
+    """Return a figure as a PNG file with reproducible bytes."""
     return _file(figure, "png", DPI)
 
 
 def svg(figure: Figure) -> str:
-    """Return `figure` as an SVG element whose text can be searched and read aloud."""
+    """Return a figure as an SVG element with searchable text."""
     text = _file(figure, "svg", DPI, {"svg.fonttype": "none"}).decode()
-    return " ".join(text[text.index("<svg") :].split())  # no line is empty, which would end it in Markdown
+    return " ".join(text[text.index("<svg") :].split())  # an empty line would end the element in Markdown
 
 
 def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple[Path, Path]:
-    """Write `figure` as a vector file and as a PNG file; the same figure gives the same bytes.
+    """Write a figure as a vector file and a PNG file with reproducible bytes.
 
     Args:
         figure: figure to write.
-        path: path of both files, without their endings; folders above it are made.
+        path: path of both files without suffix, whose parent folders are created.
         vector: format of the vector file.
 
     Returns:
@@ -109,12 +105,11 @@ def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple
     files, layout = [], figure.get_layout_engine()
     try:
         for ending in (vector.value, "png"):
-            # A name such as "after-0.5" has a point of its own: the ending is added to it.
-            file = Path(f"{path}.{ending}")
+            file = Path(f"{path}.{ending}")  # not with_suffix: names such as "after-0.5" contain points
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(_file(figure, ending, PRINT_DPI))
             files.append(file)
-            figure.set_layout_engine("none")  # dozens of panels are laid out once for both files
+            figure.set_layout_engine("none")  # one layout for both files
     finally:
         if layout is not None:
             figure.set_layout_engine(layout)
@@ -126,21 +121,20 @@ def _file(figure: Figure, ending: str, dpi: int, settings: Any = None) -> bytes:
     buffer = io.BytesIO()
     mpl.rcParams.update(settings or {})
     FigureCanvasAgg(figure)
-    # Without these entries nothing in the file tells when it was written.
     metadata = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}[ending]
     figure.savefig(buffer, format=ending, dpi=dpi, facecolor="white", metadata=metadata)
     return buffer.getvalue()
 
 
 class Picture(NamedTuple):
-    """A figure of the report.
+    """Figure on a page.
 
     Attributes:
-        name: file name without its ending.
-        png: content of the file.
-        title: content in a few words.
+        name: file name without suffix.
+        png: content of the PNG file.
+        title: title of the figure.
         caption: content and number of seeds.
-        width: its natural width on the page, CSS pixels.
+        width: natural width on the page, CSS pixels.
     """
 
     name: str
@@ -151,5 +145,5 @@ class Picture(NamedTuple):
 
     @classmethod
     def of(cls, name: str, figure: Figure, title: str, caption: str) -> "Picture":
-        """Return `figure` as a picture."""
+        """Return the picture of a figure."""
         return cls(name, png(figure), title, caption, width=round(figure.get_figwidth() * 100))
