@@ -61,7 +61,7 @@ def film_strip(
         width: width of the figure, inches.
 
     Raises:
-        ValueError: if there are no runs or no probes, or tasks are not two-dimensional.
+        ValueError: if runs or probes are missing, or tasks are not two-dimensional.
     """
     steps = _checked(shots, steps)
     rows: list[list[base.Panel]] = []

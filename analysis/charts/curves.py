@@ -206,8 +206,8 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = STAR_STEPS, col
         columns: panels side by side.
 
     Raises:
-        ValueError: if there are no panels or none with results, a line has two values at a step, or no test
-            is at a multiple of `every`.
+        ValueError: if all panels lack results, a line has two values at a step, or all tests lie between
+            multiples of `every`.
     """
     if not panels:
         raise ValueError("no panels: expected at least one")

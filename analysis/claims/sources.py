@@ -153,7 +153,7 @@ class RootSource:
     that completes the most pools, and among several the one with the largest budget.
 
     Attributes:
-        note: sentences on the conditions that are used and those that are not; empty if there are no others.
+        note: sentences on the conditions that are used and those that are not; empty without others.
     """
 
     def __init__(self, frames: Frames) -> None:

@@ -147,7 +147,7 @@ class Design:
         """Return the design of a trial file.
 
         Raises:
-            DamagedFileError: if the content is no design.
+            DamagedFileError: if the content is not that of a design.
         """
         return decode_json(json.dumps(content), cls, where)
 

@@ -16,14 +16,12 @@ from tma_ray.envs import ENVIRONMENTS, Environment, box_spaces, make_environment
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.saved_policies import StepPolicy, find_policy
 from tma_ray.support.component_names import nearest
+from tma_ray.support.gifs import gif_bytes
 from tma_ray.support.quantities import COORDINATE
 from tma_ray.support.validation import check_fields, check_whole
 from tma_ray.tasks import EpisodeSoFar, Task, TaskSpace, check_task
 
 Frame = NDArray[np.uint8]  # RGB picture (height, width, 3)
-
-SHADES, HUES = 192, 64
-"""Colours of all frames of a .gif: of large areas, as the sky, and of small details, as a red hand."""
 
 
 def check_picture(path: Path) -> None:
@@ -81,25 +79,7 @@ def _write_mp4(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
 
 
 def _write_gif(path: Path, frames: Iterable[Frame], frames_per_second: Fraction) -> None:
-    kept = list(frames)
-    chosen = np.linspace(0, len(kept) - 1, min(12, len(kept))).round().astype(int)
-    mosaic = Image.fromarray(np.concatenate([kept[index] for index in chosen]))
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(
-        _colours(mosaic, SHADES, Image.Quantize.MEDIANCUT)
-        + _colours(mosaic, HUES, Image.Quantize.MAXCOVERAGE)
-    )
-    first, *others = (
-        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in kept
-    )
-    milliseconds = max(20, round(100 / frames_per_second) * 10)  # the format counts in 1/100 s
-    first.save(path, save_all=True, append_images=others, duration=milliseconds, loop=0, disposal=1)
-
-
-def _colours(picture: Image.Image, count: int, method: Image.Quantize) -> list[int]:
-    """Return a palette of `count` colours of `picture`, concatenated."""
-    values = picture.quantize(count, method=method).getpalette() or []
-    return (values + [0] * 3 * count)[: 3 * count]
+    path.write_bytes(gif_bytes(list(frames), 1 / frames_per_second))
 
 
 def _write_png(path: Path, frames: Iterable[Frame], _frames_per_second: Fraction) -> None:

@@ -1,10 +1,9 @@
-"""Charts on paper: panels and marks as matplotlib draws them, once or as the frames of a GIF."""
+"""Charts drawn by matplotlib, as figures or as animated GIFs."""
 
 import functools
-import io
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, ParamSpec
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -14,9 +13,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
-from PIL import Image
+from numpy.typing import NDArray
 
-from analysis.charts.base import AxisKind, Chart, Curve, Heatmap, Legend, Panel, PanelAxis, spaced_indices
+from analysis.charts.base import AxisKind, Chart, Curve, Heatmap, Legend, Panel, PanelAxis
 from analysis.charts.paper.marks import (
     STAR_ROW,
     draw_marks,
@@ -27,31 +26,27 @@ from analysis.charts.paper.marks import (
     mark_handle,
 )
 from analysis.charts.paper.radar import draw_radars
-from analysis.charts.paper.style import styled
+from analysis.charts.paper.style import P, styled
 from analysis.charts.radars import Radar
 from analysis.formatting import amount
 from analysis.looks import MUTED
+from tma_ray.support.gifs import gif_bytes
 
 FRAME = "#b9bec6"
-"""Colour of the frame around a panel of the task space."""
+"""Colour of frames around panels of the task space."""
 
 NARROW_GAP, WIDE_GAP = 0.08, 0.3
-"""Space between panels side by side, in inches: without and with numbers along their vertical axes."""
+"""Space between panels side by side, without and with numbers at their vertical axes, inches."""
 
 ANIMATION_DPI = 90
 """Resolution of an animation, in dots per inch."""
 
-ANIMATION_COLOURS = 128
-"""Colours of all frames of an animation together."""
-
-P = ParamSpec("P")
-
 Drawn = dict[Panel, Axes]
-"""The panels of a chart, row by row, and their axes."""
+"""Axes of the panels of a chart, row by row."""
 
 
 def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
-    """Wrap `chart_of` so that it returns its chart as a figure of matplotlib."""
+    """Decorate a function that returns a chart to return it as a figure of matplotlib."""
 
     @functools.wraps(chart_of)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -62,7 +57,7 @@ def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
 
 @styled
 def draw(chart: Chart) -> Figure:
-    """Return a chart as a figure of matplotlib; panels with moments are drawn as they are at the end."""
+    """Return a chart as a figure of matplotlib, with animated panels at the end."""
     if isinstance(chart.all_panels[0], Radar):
         return draw_radars(chart)
     size, names = chart.letters, ("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
@@ -77,45 +72,17 @@ def draw(chart: Chart) -> Figure:
 
 @styled
 def animate(chart: Chart, seconds: float = 6.0) -> bytes:
-    """Return a chart as a GIF that repeats, a frame for each moment of its first panel.
+    """Return a chart as a looping GIF with a frame per moment of its panels.
 
     Args:
         chart: chart whose panels all have the same moments.
-        seconds: length of the whole; the last frame stays for another second.
+        seconds: length of the animation, besides another second for the last frame.
     """
-    images = list(_images(chart))
-    # All frames share their colours, so that still parts do not flicker.
-    few = [images[index] for index in spaced_indices(len(images), 5)]
-    width, height = few[0].size
-    sheet = Image.new("RGB", (width, height * len(few)))
-    for place, image in enumerate(few):
-        sheet.paste(image, (0, place * height))
-    colours = sheet.quantize(ANIMATION_COLOURS - 1, dither=Image.Dither.NONE).getpalette() or []
-    palette = Image.new("P", (1, 1))
-    palette.putpalette([255, 255, 255, *colours[: 3 * (ANIMATION_COLOURS - 1)]])
-    pictures = []
-    for image in images:
-        found = image.quantize(palette=palette, dither=Image.Dither.NONE)
-        places = np.array(found)
-        places[(np.asarray(image) == 255).all(axis=2)] = 0  # white, to which Pillow only comes near
-        pictures.append(Image.fromarray(places, "P"))
-        pictures[-1].putpalette(found.getpalette() or [])
-    # GIF counts hundredths of a second, and viewers slow down what is faster than two of them.
-    pause = max(20, round(1000 * seconds / len(pictures) / 10) * 10)
-    buffer = io.BytesIO()
-    pictures[0].save(
-        buffer,
-        format="GIF",
-        save_all=True,
-        append_images=pictures[1:],
-        duration=[*[pause] * (len(pictures) - 1), pause + 1000],
-        loop=0,
-        optimize=False,
-    )
-    return buffer.getvalue()
+    frames = list(_frames(chart))
+    return gif_bytes(frames, seconds / len(frames), pause=1.0)
 
 
-def _images(chart: Chart) -> Iterator[Image.Image]:
+def _frames(chart: Chart) -> Iterator[NDArray[np.uint8]]:
     figure, drawn = lay_out(chart)
     figure.set_dpi(ANIMATION_DPI)
     canvas = FigureCanvasAgg(figure)
@@ -126,19 +93,18 @@ def _images(chart: Chart) -> Iterator[Image.Image]:
             draw_marks(axes, panel.at(step))
         figure.suptitle(f"{amount(step)} steps" if step else "start", fontsize=9)
         canvas.draw()  # type: ignore[no-untyped-call]
-        figure.set_layout_engine("none")  # panels stay where the first frame has them
-        pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
-        yield Image.fromarray(pixels[..., :3])
+        figure.set_layout_engine("none")  # keeps the layout of the first frame
+        yield np.array(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
 
 
 def lay_out(chart: Chart) -> tuple[Figure, Drawn]:
-    """Return a figure with empty panels whose axes have bounds, ticks and headings."""
+    """Return a figure with empty panels, whose axes have bounds, ticks and headings."""
     rows, columns = len(chart.panels), len(chart.panels[0])
     width, height = chart.size
     top = chart.legend in (Legend.TOP, Legend.BESIDE)
     height += legend_height(_handles(chart), width) if top else 0.0
     figure = Figure(figsize=(width, height), layout="constrained")
-    xs, ys = ([[each and getattr(each, side) for each in row] for row in chart.panels] for side in "xy")
+    xs, ys = ([[panel and getattr(panel, side) for panel in row] for row in chart.panels] for side in "xy")
     shared: dict[str, Any] = {"sharex": _shared(xs), "sharey": _shared(ys)}
     if columns == 1 and shared["sharey"] != "all":
         shared["height_ratios"] = [len(panel.y.rows) or 1 for (panel,) in chart.panels]
@@ -156,26 +122,26 @@ def lay_out(chart: Chart) -> tuple[Figure, Drawn]:
             _prepare(axes, panel, ticks, letters)
             if shared["sharex"] == "all" and not any(beneath):
                 axes.tick_params(labelbottom=True)
-            if shared["sharex"] == "row" and any(each and each.x == panel.x for each in beneath):
-                axes.tick_params(labelbottom=False)  # those beneath are the same
+            if shared["sharex"] == "row" and any(other and other.x == panel.x for other in beneath):
+                axes.tick_params(labelbottom=False)
         if row[0] and row[0].side:
             subplots[line, 0].set_ylabel(textwrap.fill(row[0].side, 18), fontweight="bold")
     _name_axes(figure, drawn, chart)
     return figure, drawn
 
 
-def _shared(scales: Sequence[Sequence[PanelAxis | None]]) -> str:
-    """Return the panels that share an axis: all, those of a row, or none."""
-    found = [[each for each in row if each is not None] for row in scales]
-    if not all(each.bounded or each.rows for row in found for each in row):
+def _shared(grid: Sequence[Sequence[PanelAxis | None]]) -> str:
+    """Return matplotlib's mode of sharing axes: "all", "row" or "none"."""
+    rows = [[axis for axis in row if axis is not None] for row in grid]
+    if not all(axis.bounded or axis.rows for row in rows for axis in row):
         return "none"
-    if all(each == found[0][0] for row in found for each in row):
+    if all(axis == rows[0][0] for row in rows for axis in row):
         return "all"
-    return "row" if all(each == row[0] for row in found for each in row) else "none"
+    return "row" if all(axis == row[0] for row in rows for axis in row) else "none"
 
 
 def _prepare(axes: Axes, panel: Panel, ticks: int, letters: int) -> None:
-    """Give empty axes their bounds, ticks, frame and heading."""
+    """Set the bounds, ticks, frame and heading of empty axes."""
     flat = panel.x.kind is AxisKind.STEPS and panel.y.kind is AxisKind.TASK
     _prepare_axis(axes.xaxis, panel.x, ticks)
     _prepare_axis(axes.yaxis, panel.y, ticks, flat)
@@ -192,7 +158,7 @@ def _prepare(axes: Axes, panel: Panel, ticks: int, letters: int) -> None:
 
 
 def _prepare_axis(axis: XAxis | YAxis, scale: PanelAxis, ticks: int, flat: bool = False) -> None:
-    """Give an axis its bounds and ticks; that of a flat panel has ticks at its bounds only."""
+    """Set the bounds and ticks of an axis, of a flat panel at the bounds only."""
     upright = isinstance(axis, YAxis)
     bounds = axis.axes.set_ylim if upright else axis.axes.set_xlim
     axis.grid(scale.grid)
@@ -203,8 +169,8 @@ def _prepare_axis(axis: XAxis | YAxis, scale: PanelAxis, ticks: int, flat: bool 
         if flat:
             axis.set_ticks([scale.low, scale.high])
         if scale.last_tick is not None:
-            found = MaxNLocator(4).tick_values(scale.low, scale.last_tick)
-            axis.set_ticks([tick for tick in found if scale.low <= tick <= scale.last_tick])
+            values = MaxNLocator(4).tick_values(scale.low, scale.last_tick)
+            axis.set_ticks([tick for tick in values if scale.low <= tick <= scale.last_tick])
     if scale.rows:
         names = list(scale.rows.values())
         turned: dict[str, Any] = {"rotation": 90} if scale.kind is AxisKind.TEACHERS and not upright else {}
@@ -219,20 +185,19 @@ def _prepare_axis(axis: XAxis | YAxis, scale: PanelAxis, ticks: int, flat: bool 
 
 
 def _name_axes(figure: Figure, drawn: Drawn, chart: Chart) -> None:
-    """Name the axes: once for all panels where all have the same name."""
+    """Add the titles of the axes, once for all panels if they are the same."""
     for side, share, name in (("x", figure.supxlabel, "set_xlabel"), ("y", figure.supylabel, "set_ylabel")):
         titles = {getattr(panel, side).title for panel in chart.all_panels} - {""}
         kinds = {(panel.x.kind, getattr(panel, side).kind) for panel in chart.all_panels}
         flat = side == "y" and kinds == {(AxisKind.STEPS, AxisKind.TASK)}
         once = len(titles) == 1 and len(chart.all_panels) > 1 and not flat
-        noted = side == "x" and bool(chart.note)  # which is where a common title would be
-        if once and not noted:
+        if once and not (side == "x" and chart.note):  # the note is where a common title would be
             share(_axis_title(chart.all_panels[0], side), fontsize=min(8.5, chart.letters + 1))
             continue
         for row in chart.panels[-1:] if once else chart.panels:
             for panel in filter(None, row[:1] if flat else row):
                 text = _axis_title(panel, side)
-                if flat and len(text) > 22:  # in lines, the unit on a line of its own
+                if flat and len(text) > 22:
                     words, bracket, unit = text.partition(" (")
                     text = "\n".join(textwrap.wrap(words, 22) + ([f"({unit}"] if bracket else []))
                 if text:
@@ -242,17 +207,17 @@ def _name_axes(figure: Figure, drawn: Drawn, chart: Chart) -> None:
 
 
 FLAT: dict[str, Any] = {"rotation": 0, "ha": "right", "va": "center", "labelpad": 2}
-"""Place of the name of a narrow row of panels."""
+"""Style of the title of a flat panel's axis."""
 
 
 def _axis_title(panel: Panel, side: str) -> str:
-    scale: PanelAxis = getattr(panel, side)
-    unit = _step_unit(panel)[1] if scale.kind is AxisKind.STEPS and scale.title else ""
-    return f"{scale.title} ({unit})" if unit else scale.title
+    axis: PanelAxis = getattr(panel, side)
+    unit = _step_unit(panel)[1] if axis.kind is AxisKind.STEPS and axis.title else ""
+    return f"{axis.title} ({unit})" if unit else axis.title
 
 
 def _step_unit(panel: Panel) -> tuple[float, str]:
-    """Return size and name of the unit that suits the steps of a panel."""
+    """Return the size and the name of the unit for the steps of a panel."""
     ends = [float(mark.x.max()) for mark in panel.marks if isinstance(mark, Curve) and len(mark.x)]
     high = panel.x.high if panel.x.high is not None else max(ends, default=1.0)
     units = ((1e6, "millions"), (1e3, "thousands"))
@@ -273,9 +238,9 @@ def finish(figure: Figure, drawn: Drawn, chart: Chart) -> None:
         legend(figure, handles, "outside upper center")
     if chart.legend is Legend.BESIDE:
         for panel, axes in drawn.items():
-            mine = [line_handle(mark) for mark in panel.marks if mark.name]
-            place: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.03, 0.5)}
-            axes.legend(handles=mine, fontsize=6, handlelength=2.6, **place)
+            named = [line_handle(mark) for mark in panel.marks if mark.name]
+            position: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.03, 0.5)}
+            axes.legend(handles=named, fontsize=6, handlelength=2.6, **position)
     if chart.heading:
         figure.suptitle(chart.heading, fontsize=chart.letters + 1)
     if chart.note:
@@ -285,21 +250,21 @@ def finish(figure: Figure, drawn: Drawn, chart: Chart) -> None:
 
 
 def _handles(chart: Chart) -> list[Line2D]:
-    """Return the entries of the legend: named marks, each once, and keys."""
+    """Return the handles of the legend, of named marks and of keys."""
     marks = {mark.name: mark for panel in chart.all_panels for mark in panel.marks if mark.name}
     lines = [] if chart.legend is Legend.BESIDE else [line_handle(mark) for mark in marks.values()]
     return [*lines, *map(mark_handle, chart.keys)]
 
 
 def _colour_bars(figure: Figure, drawn: Drawn, chart: Chart) -> None:
-    """Draw the scale of colours once if all rows have the same, else next to each row that has one."""
-    found = [
+    """Draw one colour bar if all rows have the same colours, else one per row with colours."""
+    scales = [
         next((c for p in row if p for mark in p.marks if (c := getattr(mark, "colours", None))), None)
         for row in chart.panels
     ]
-    same = found[0] is not None and all(each == found[0] for each in found)
+    same = scales[0] is not None and all(colours == scales[0] for colours in scales)
     rows = [[drawn[panel] for panel in row if panel] for row in chart.panels]
-    for colours, panels in [(found[0], list(drawn.values()))] if same else zip(found, rows, strict=True):
+    for colours, panels in [(scales[0], list(drawn.values()))] if same else zip(scales, rows, strict=True):
         if colours is None:
             continue
         bar = figure.colorbar(
