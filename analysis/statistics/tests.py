@@ -372,7 +372,7 @@ def paired(sample: pd.Series, reference: pd.Series) -> Comparison:
     """Compare the means of two paired samples by Student's t-test.
 
     Where all differences are equal up to rounding errors, p is that of the sign-flip test, and the interval
-    is missing; where all are 0, the test is.
+    is missing; where all are 0, the test is missing, too.
 
     Args:
         sample: one value per seed, indexed by seed.
