@@ -16,7 +16,7 @@ from analysis.charts.mastery import mastery_chart
 from analysis.charts.page import PageChart, on_page
 from analysis.charts.paper import Picture, draw
 from analysis.charts.profiles import hidden_scalars, scalar_chart
-from analysis.charts.tasks import EPISODES, probed_tasks, training_tasks
+from analysis.charts.tasks import PAGE_EPISODES, probed_tasks, training_tasks
 from analysis.comparisons.against_random import Gap
 from analysis.comparisons.frame import along_baseline, reference_of
 from analysis.comparisons.measured import Measured, curricula_of, in_whose_space, titled, which_runs
@@ -182,7 +182,7 @@ def panels_of(
         )
         yield mastery_chart(shares, tasks, axes, f"{anchor}-mastery-{test_set}", caption)
     training = (
-        f"{which}. Dots are training episodes of the latest fifth of it, at most {EPISODES}, coloured by "
+        f"{which}. Dots are training episodes of the latest fifth of it, at most {PAGE_EPISODES}, coloured by "
         f"return, from dark violet for falling at once to yellow for mastered."
     )
     probed = (
