@@ -182,8 +182,8 @@ def panels_of(
         )
         yield mastery_chart(shares, tasks, axes, f"{anchor}-mastery-{test_set}", caption)
     training = (
-        f"{which}. Dots are training episodes of the latest fifth of it, at most {PAGE_EPISODES}, coloured by "
-        f"return, from dark violet for falling at once to yellow for mastered."
+        f"{which}. Dots are training episodes of the latest fifth of it, at most {PAGE_EPISODES}, "
+        f"coloured by return, from dark violet for falling at once to yellow for mastered."
     )
     probed = (
         f"{which}. Dots are tasks probed without exploration; outlines are the teacher's latest Gaussians, "
