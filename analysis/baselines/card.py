@@ -10,7 +10,7 @@ from analysis.data.frames import Frames
 from analysis.data.identity import parsed
 from analysis.formatting import amount, duration
 from analysis.names import label, teacher_order
-from analysis.tables.table import Table, TableFormat, render
+from analysis.tables.table import ResultTable, TableFormat, render
 from tma_ray.results import CHIPMUNK, SIMULATED
 
 CARD_FILE = "README.md"
@@ -22,7 +22,7 @@ LIBRARIES: Final = ("python", "tma_ray", "torch", "numpy", "pymunk")
 def card(
     manifest: BaselineManifest,
     made: str,
-    tables: Iterable[Table],
+    tables: Iterable[ResultTable],
     citation: str = "",
     ceilings: Sequence[str] = (),
     paths: Iterable[str] = (),

@@ -14,7 +14,7 @@ from analysis.tables.paper_tables import (
     result_tables,
     table_results,
 )
-from analysis.tables.table import ENDINGS, Table, TableFormat, render
+from analysis.tables.table import SUFFIXES, ResultTable, TableFormat, render
 
 
 class Written(NamedTuple):
@@ -68,7 +68,7 @@ def write_tables(
         absent = [name for name in sorted(known) if not any(each.name.startswith(name) for each in tables)]
         if absent:
             warnings = (*warnings, f"Nothing of these tables was run: {', '.join(absent)}.")
-    texts = {f"{table.name}.{ENDINGS[kind]}": render(table, kind) for table in tables}
+    texts = {f"{table.name}.{SUFFIXES[kind]}": render(table, kind) for table in tables}
     files = () if output is None else tuple(output / name for name in texts)
     for file in files:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -76,7 +76,7 @@ def write_tables(
     return Written(files, warnings, "\n".join(texts.values()))
 
 
-def tables_of(frames: Frames, step: int | None = None) -> Iterator[Table]:
+def tables_of(frames: Frames, step: int | None = None) -> Iterator[ResultTable]:
     """Yield the tables of a root that have a cell, then hyper-parameters and needed knowledge."""
     for results in table_results(frames, step):
         yield from result_tables(results)

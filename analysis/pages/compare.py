@@ -37,7 +37,7 @@ from analysis.pages.page import SHOWN, controls, leading, overall_section, page,
 from analysis.pages.sections import Columns, Section, by_step, overview, points_of
 from analysis.statistics import describe
 from analysis.tables.paper_tables import TableResults, result_tables, results_of
-from analysis.tables.table import Table
+from analysis.tables.table import ResultTable
 
 
 def places(
@@ -237,7 +237,7 @@ def _radars(runs: pd.DataFrame, others: Sequence[sides.Side]) -> Iterator[Pictur
             yield from _radar(f"radar-{side.name}", side.table, tests, side.name, caption)
 
 
-def _tables(runs: pd.DataFrame) -> Iterator[Table]:
+def _tables(runs: pd.DataFrame) -> Iterator[ResultTable]:
     for _, alike in runs.groupby(SETTINGS, dropna=False):
         for _, matrices, chosen in by_students(alike):
             both = pd.concat([pooled(chosen), pooled(chosen, by=["embodiment"])], ignore_index=True)

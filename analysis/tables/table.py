@@ -1,4 +1,4 @@
-"""Tables of results: cells with numbers or words, and their text as Markdown, LaTeX and CSV."""
+"""Tables of results as Markdown, LaTeX and CSV."""
 
 import csv
 import io
@@ -14,18 +14,18 @@ from analysis.formatting import number
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One cell: the mean of a measure over runs, or words.
+class TableCell:
+    """Cell of a table: the mean of a measure over runs, or a text.
 
     Attributes:
         n: number of runs.
-        mean: mean over runs; NaN where the cell is empty.
-        std: standard deviation over them; NaN where there is none.
-        digits: decimals of `mean` that count; a standard deviation has one.
-        words: text instead of numbers.
-        missing: reason why it is empty, or not of all the runs that belong here; else empty.
-        doubt: reason why the number may be wrong; else empty.
-        best: True if no other number of its column is higher as shown.
+        mean: mean over runs; NaN if missing.
+        std: standard deviation over runs; NaN if missing.
+        digits: decimals of `mean`; a standard deviation has one.
+        words: text in place of numbers.
+        missing: reason for a missing number or missing runs; empty if there is none.
+        doubt: reason for doubts about the number; empty if there is none.
+        best: True for the highest number of a column.
     """
 
     n: int = 0
@@ -44,25 +44,25 @@ class Cell:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks on the cell."""
+        """Notes on the cell."""
         doubt = f"doubtful: {self.doubt}" if self.doubt else ""
         return tuple(text for text in (self.missing, doubt) if text)
 
 
-NOT_RUN = Cell(missing="not run")
+NOT_RUN = TableCell(missing="not run")
 
 
 @dataclass(frozen=True)
-class Table:
-    """A table of labelled rows and columns.
+class ResultTable:
+    """Table with labelled rows and columns.
 
     Attributes:
-        name: name of its file, without ending.
-        title: content.
-        head: heading of the column of rows.
-        rows: label of each row, by key, in order.
-        columns: label of each column, by key, in order.
-        cells: cells by key of row and column; nothing was run where there is none.
+        name: file name without suffix.
+        title: title of the table.
+        head: heading of the rows' labels.
+        rows: labels of rows by key, in order.
+        columns: labels of columns by key, in order.
+        cells: cells by keys of row and column; `NOT_RUN` by default.
         remarks: remarks on the whole table.
     """
 
@@ -71,36 +71,36 @@ class Table:
     head: str
     rows: Mapping[str, str]
     columns: Mapping[str, str]
-    cells: Mapping[tuple[str, str], Cell]
+    cells: Mapping[tuple[str, str], TableCell]
     remarks: tuple[str, ...] = ()
 
-    def cell(self, row: str, column: str) -> Cell:
-        """Return the cell of a row and column, `NOT_RUN` where there is none."""
+    def cell(self, row: str, column: str) -> TableCell:
+        """Return the cell of a row and a column."""
         return self.cells.get((row, column), NOT_RUN)
 
-    def column_cells(self, column: str) -> tuple[Cell, ...]:
+    def column_cells(self, column: str) -> tuple[TableCell, ...]:
         """Return the cells of a column from top to bottom."""
         return tuple(self.cell(row, column) for row in self.rows)
 
     def counts(self, column: str) -> set[int]:
-        """Return the numbers of runs behind the numbers of a column."""
+        """Return the distinct numbers of runs behind a column."""
         return {cell.n for cell in self.column_cells(column) if cell.has_number}
 
     def numeric(self, column: str) -> bool:
-        """True if a column has numbers, and no words."""
+        """Return True if a column has numbers and no texts."""
         return bool(self.counts(column)) and not any(cell.words for cell in self.column_cells(column))
 
     def notes(self) -> dict[str, str]:
-        """Return the marks of all notes of cells, a, b, ... by text, row after row."""
+        """Return the letters a, b, ... of all notes by text."""
         cells = (self.cell(row, column) for row in self.rows for column in self.columns)
         texts = dict.fromkeys(note for cell in cells for note in cell.notes)
-        return {text: _letters(place) for place, text in enumerate(texts)}
+        return {text: _letters(index) for index, text in enumerate(texts)}
 
 
-def with_best(table: Table, columns: Iterable[str] | None = None) -> Table:
-    """Return `table` with the highest numbers of its columns marked, or of some; ties share the mark.
+def with_best(table: ResultTable, columns: Iterable[str] | None = None) -> ResultTable:
+    """Return a table with the highest numbers of all or some columns marked, after rounding.
 
-    Numbers that read the same are equal. A number alone in its column, or with equals only, is not marked.
+    Columns whose numbers are all equal have no mark.
     """
     cells = dict(table.cells)
     for column in table.columns if columns is None else columns:
@@ -117,9 +117,9 @@ def with_best(table: Table, columns: Iterable[str] | None = None) -> Table:
     return replace(table, cells=cells)
 
 
-def _letters(place: int) -> str:
+def _letters(index: int) -> str:
     """Return a, b, ... z, aa, ab, ... for 0, 1, ..."""
-    rest, letter = divmod(place, 26)
+    rest, letter = divmod(index, 26)
     return (_letters(rest - 1) if rest else "") + chr(ord("a") + letter)
 
 
@@ -134,17 +134,16 @@ class TableFormat(StrEnum):
     CSV = "csv"
 
 
-ENDINGS = {TableFormat.MARKDOWN: "md", TableFormat.LATEX: "tex", TableFormat.CSV: "csv"}
+SUFFIXES = {TableFormat.MARKDOWN: "md", TableFormat.LATEX: "tex", TableFormat.CSV: "csv"}
 
 CSV_COLUMNS = ["table", "row", "column", "n", "mean", "std", "best", "words", "missing", "doubt"]
 
 
-def render(table: Table, kind: TableFormat) -> str:
-    """Return `table` as text that ends with a line break.
+def render(table: ResultTable, kind: TableFormat) -> str:
+    """Return a table as text that ends with a line break.
 
-    Markdown and LaTeX (which needs the package booktabs) have the best cells in bold, a dash where a number
-    is missing, notes below, and numbers of runs: once if they are all the same, else with each column or
-    cell. CSV has a line for each cell, with its numbers as they are.
+    Markdown and LaTeX (with the package booktabs) have the best cells in bold, dashes for missing numbers,
+    notes below, and numbers of runs of the table, each column or each cell. CSV has a line per cell.
     """
     return {TableFormat.CSV: _csv, TableFormat.MARKDOWN: _markdown, TableFormat.LATEX: _latex}[kind](table)
 
@@ -177,7 +176,7 @@ _LATEX_SPECIAL = {character: rf"\{character}" for character in "&%$#_{}"} | {
 }
 
 _LATEX = _Marks(
-    escape=lambda text: "".join(_LATEX_SPECIAL.get(each, each) for each in " ".join(text.split())),
+    escape=lambda text: "".join(_LATEX_SPECIAL.get(letter, letter) for letter in " ".join(text.split())),
     bold=r"\textbf{{{}}}".format,
     note=r"\textsuperscript{{{}}}".format,
     plus_minus=r" $\pm$ ",
@@ -185,19 +184,19 @@ _LATEX = _Marks(
 
 
 def pipe_table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Collection[int] = ()) -> str:
-    """Return rows of texts as a table of Markdown, those of the columns `numbers` on the right."""
-    rule = ["---:" if place in numbers else "---" for place in range(len(head))]
+    """Return rows of texts as a Markdown table, right-aligned in the columns with indices `numbers`."""
+    rule = ["---:" if index in numbers else "---" for index in range(len(head))]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))
 
 
-def _markdown(table: Table) -> str:
+def _markdown(table: ResultTable) -> str:
     head, *rows = _grid(table, _MARKDOWN)
-    numbers = [place for place, each in enumerate(table.columns, start=1) if table.numeric(each)]
+    numbers = [index for index, column in enumerate(table.columns, start=1) if table.numeric(column)]
     title = f"### {_MARKDOWN.escape(table.title)}"
     return "\n\n".join([title, pipe_table(head, rows, numbers), *_below(table, _MARKDOWN)]) + "\n"
 
 
-def _latex(table: Table) -> str:
+def _latex(table: ResultTable) -> str:
     alignment = "l" + "".join("r" if table.numeric(column) else "l" for column in table.columns)
     head, *body = (f"{' & '.join(cells)} \\\\" for cells in _grid(table, _LATEX))
     lines = [
@@ -213,7 +212,7 @@ def _latex(table: Table) -> str:
     return "\n".join([*lines, r"\end{table}"]) + "\n"
 
 
-def _csv(table: Table) -> str:
+def _csv(table: ResultTable) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
@@ -226,8 +225,8 @@ def _csv(table: Table) -> str:
     return text.getvalue()
 
 
-def _grid(table: Table, marks: _Marks) -> Iterator[list[str]]:
-    """Yield the labels of the columns, then the cells of each row, all as text of the format."""
+def _grid(table: ResultTable, marks: _Marks) -> Iterator[list[str]]:
+    """Yield the column labels and then the cells of each row, as text of the format."""
     counts = {column: table.counts(column) for column in table.columns}
     same_everywhere = len(set().union(*counts.values())) < 2
     labels = [marks.escape(table.head)]
@@ -246,13 +245,13 @@ def _grid(table: Table, marks: _Marks) -> Iterator[list[str]]:
                 text += marks.plus_minus + number(cell.std) if math.isfinite(cell.std) else ""
                 text = marks.bold(text) if cell.best else text
                 text += f" (n = {cell.n})" if len(counts[column]) > 1 else ""
-            found = ",".join(notes[note] for note in cell.notes)
-            cells.append(text + (marks.note(found) if found else ""))
+            letters = ",".join(notes[note] for note in cell.notes)
+            cells.append(text + (marks.note(letters) if letters else ""))
         yield cells
 
 
-def _below(table: Table, marks: _Marks) -> Iterator[str]:
-    """Yield the lines under a table: numbers of runs, remarks, notes."""
+def _below(table: ResultTable, marks: _Marks) -> Iterator[str]:
+    """Yield the lines below a table: numbers of runs, remarks, notes."""
     counts: set[int] = set().union(*(table.counts(column) for column in table.columns))
     remarks = [f"{min(counts)} run{'s' if min(counts) > 1 else ''} each."] if len(counts) == 1 else []
     if any(cell.best for cell in table.cells.values()):

@@ -25,7 +25,7 @@ from analysis.tables.paper_tables import (
     results_of,
     table_results,
 )
-from analysis.tables.table import DASH, Cell, Table, TableFormat, render, with_best
+from analysis.tables.table import DASH, ResultTable, TableCell, TableFormat, render, with_best
 from tma_ray.benchmark import TEACHER_GRIDS, paper_results
 
 CHALLENGES = {
@@ -51,11 +51,11 @@ BEST = {
 """What the paper prints in bold."""
 
 
-def paper_tables() -> dict[str, Table]:
+def paper_tables() -> dict[str, ResultTable]:
     return {table.name: table for table in result_tables(published_table_results())}
 
 
-def tables_of_root(root: Path, step: int | None = None) -> dict[str, Table]:
+def tables_of_root(root: Path, step: int | None = None) -> dict[str, ResultTable]:
     found = table_results(load(root), step)
     return {table.name: table for results in found for table in result_tables(results)}
 
@@ -92,8 +92,8 @@ def test_numbers_of_runs_stand_where_they_differ() -> None:
     text = render(paper_tables()["challenges_low"], TableFormat.MARKDOWN)
     assert "Mostly trivial (n = 32)" in text
     assert "Diverse students (n = 128)" in text
-    cells = {("a", "x"): Cell(2, 1.0, 0.5), ("b", "x"): Cell(3, 2.0, 0.5)}
-    table = Table("t", "T", "Teacher", {"a": "A", "b": "B"}, {"x": "X"}, cells)
+    cells = {("a", "x"): TableCell(2, 1.0, 0.5), ("b", "x"): TableCell(3, 2.0, 0.5)}
+    table = ResultTable("t", "T", "Teacher", {"a": "A", "b": "B"}, {"x": "X"}, cells)
     assert "1.0 ± 0.5 (n = 2)" in render(table, TableFormat.MARKDOWN)
 
 
@@ -109,7 +109,7 @@ def test_latex_is_booktabs_with_the_best_in_bold() -> None:
 @pytest.mark.parametrize("kind", TableFormat)
 def test_a_hostile_name_stays_a_name(kind: TableFormat) -> None:
     name = "a|b_c&d\\e<f>\n=g"
-    table = Table("t", "T", "Teacher", {name: name}, {"x": "X"}, {(name, "x"): Cell(1, 2.0)})
+    table = ResultTable("t", "T", "Teacher", {name: name}, {"x": "X"}, {(name, "x"): TableCell(1, 2.0)})
     text = render(table, kind)
     if kind is TableFormat.CSV:
         assert next(csv.DictReader(io.StringIO(text)))["row"] == name
@@ -132,9 +132,10 @@ def test_csv_holds_the_numbers_and_flags_of_each_cell() -> None:
 def test_best_is_what_reads_highest_and_needs_something_lower() -> None:
     def best_of(*means: float) -> list[bool]:
         rows = {str(place): str(place) for place in range(len(means))}
-        cells = {(row, "x"): Cell(1, mean) for row, mean in zip(rows, means, strict=True)}
+        cells = {(row, "x"): TableCell(1, mean) for row, mean in zip(rows, means, strict=True)}
         return [
-            cell.best for cell in with_best(Table("t", "T", "T", rows, {"x": "X"}, cells)).column_cells("x")
+            cell.best
+            for cell in with_best(ResultTable("t", "T", "T", rows, {"x": "X"}, cells)).column_cells("x")
         ]
 
     assert best_of(1.0, 2.04, 1.96) == [False, True, True]
