@@ -84,6 +84,6 @@ def load(root: str | Path) -> Frames:
         ResultsRootError: nothing of that name or at that place.
         BaselineError: a damaged baseline, or one of published means, without runs.
     """
-    from analysis.baselines.catalogue import read_one  # takes longer to import
+    from analysis.baselines.catalogue import read_source  # takes longer to import
 
-    return read_one(root)
+    return read_source(root)

@@ -1,4 +1,4 @@
-"""Results to compare with: what others published, and packed campaigns of tma_ray, with checksums."""
+"""Baselines: published results, and packed campaigns with checksums."""
 
 from analysis.baselines.catalogue import (
     About,

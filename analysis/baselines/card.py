@@ -1,4 +1,4 @@
-"""The card of a baseline, ``README.md``: what it is, how it was made, how to use and to cite it."""
+"""Cards of baselines, ``README.md``, on their content, origin, use and citation."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,7 +16,7 @@ from tma_ray.results import CHIPMUNK, SIMULATED
 CARD_FILE = "README.md"
 
 LIBRARIES: Final = ("python", "tma_ray", "torch", "numpy", "pymunk")
-"""Entries of a fingerprint that the card of a release shows."""
+"""Entries of a fingerprint that a card shows."""
 
 
 def card(
@@ -31,16 +31,15 @@ def card(
 
     Args:
         manifest: manifest of the baseline.
-        made: origin of its results, in words.
-        tables: its results.
-        citation: text that others cite; empty for name, software and date of the baseline itself.
-        ceilings: bounds of its results, a sentence each.
-        paths: paths of its tables' files that have rows; each table is a configuration of the data set.
+        made: sentences on the origin of the results.
+        tables: tables of results.
+        citation: citation; empty for `BaselineManifest.citation`.
+        ceilings: sentences on the bounds of the results.
+        paths: paths of non-empty files of tables, each of which is a configuration of the data set.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # reading a baseline does without
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # deferred: only writing a card needs it
 
-    # Markdown, and every value has been escaped or is ours.
-    environment = Environment(  # noqa: S701
+    environment = Environment(  # noqa: S701 - Markdown, with all values escaped
         loader=PackageLoader("analysis.baselines"),
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -61,15 +60,15 @@ def card(
 
 
 def _configurations(paths: Iterable[str]) -> dict[str, str]:
-    """Return the pattern of the files of each table by its name, since libraries load one table at a time."""
+    """Return the pattern of the files of each table by name."""
     folders = sorted({PurePosixPath(path).parent for path in paths})
     return {folder.name: f"{folder}/*.parquet" for folder in folders}
 
 
 def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return the sorted distinct values of some columns, and some counts, as JSON values."""
-    found = {name: sorted(set(values)) for name, values in columns.items()}
-    return {name: values for name, values in found.items() if values and values != [""]} | dict(counts)
+    """Return sorted distinct values of columns, and counts, as JSON values."""
+    distinct = {name: sorted(set(values)) for name, values in columns.items()}
+    return {name: values for name, values in distinct.items() if values and values != [""]} | dict(counts)
 
 
 def _plain(name: str, value: Any) -> str:
@@ -79,12 +78,12 @@ def _plain(name: str, value: Any) -> str:
         return ", ".join(_safe(label(teacher)) for teacher in sorted(value, key=teacher_order))
     if name == "seeds":
         return _ranges(value)
-    return ", ".join(_safe(str(each)) for each in value) if isinstance(value, list) else f"{value:,}"
+    return ", ".join(_safe(str(entry)) for entry in value) if isinstance(value, list) else f"{value:,}"
 
 
 def _safe(text: str) -> str:
-    """Return a name from outside with the characters escaped that Markdown or a table would interpret."""
-    return "".join(each if each.isalnum() or each in " _-+./:=" else f"&#{ord(each)};" for each in text)
+    """Return a text with all characters escaped that Markdown could interpret."""
+    return re.sub(r"[^\w +./:=-]", lambda match: f"&#{ord(match[0])};", text)
 
 
 def _ranges(numbers: Sequence[int]) -> str:
@@ -99,47 +98,48 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 
 def origin(frames: Frames, physics_versions: Sequence[int]) -> str:
-    """Return the engines, hours, machines, processors and software behind runs, in words."""
+    """Return sentences on the engines, attempts and specifications of runs."""
     engines = set(frames.cells["engine"])
     others = sorted(engines - {CHIPMUNK, SIMULATED})
-    said = [f"Imported from results that others made in worlds of {', '.join(others)}."] if others else []
+    sentences = (
+        [f"Imported from results that others made in worlds of {', '.join(others)}."] if others else []
+    )
     if SIMULATED in engines:
-        said.append("By `tma-ray simulate`: students are equations, without physics.")
+        sentences.append("By `tma-ray simulate`: students are equations, without physics.")
     if CHIPMUNK in engines:
         versions = ", ".join(map(str, physics_versions)) or "unknown"
-        said.append(f"By campaigns of tma_ray with its {CHIPMUNK} worlds, physics version {versions}.")
+        sentences.append(f"By campaigns of tma_ray with its {CHIPMUNK} worlds, physics version {versions}.")
     if len(frames.attempts):
-        said += _made_on(frames)
-    return " ".join(
-        [*said, "Every run has its whole specification in the column `spec` of the table `runs`."]
-    )
+        sentences += _made_on(frames)
+    sentences.append("Every run has its whole specification in the column `spec` of the table `runs`.")
+    return " ".join(sentences)
 
 
 def _made_on(frames: Frames) -> list[str]:
-    """Return sentences on the attempts at runs: time, machines, processors and software."""
+    """Return sentences on the durations, machines, processors and software of attempts."""
     attempts, run_ids = frames.attempts, frames.attempts["run_id"].astype(str)
     hosts = attempts["host"].astype(str)
     machines = f", on machines: {hosts[hosts != ''].nunique()}" if (hosts != "").any() else ""
-    usual = float(3600 * frames.run_hours.median())  # a few stalled runs would decide a mean
-    said = [f"Attempts: {len(attempts):,}{machines}; a run takes {duration(usual)} in the median."]
+    median = float(3600 * frames.run_hours.median())  # stalled runs would dominate a mean
+    sentences = [f"Attempts: {len(attempts):,}{machines}; a run takes {duration(median)} in the median."]
     texts = attempts["fingerprint"].astype(str)
-    prints = {each: parsed(each) for each in texts.unique()}
+    fingerprints = {text: parsed(text) for text in texts.unique()}
     seeds = run_ids.map(frames.cells.drop_duplicates("run_id").set_index("run_id")["seed"])
-    used = seeds.groupby(texts.map(lambda each: prints[each].get("cpu")))
-    by_processor = {str(cpu): sorted(set(rows.dropna().astype(int))) for cpu, rows in used}
+    groups = seeds.groupby(texts.map(lambda text: fingerprints[text].get("cpu")))
+    by_processor = {str(cpu): sorted(set(rows.dropna().astype(int))) for cpu, rows in groups}
     if by_processor:
-        shown = ", ".join(
-            f"{cpu} ({'seeds' if len(mine) > 1 else 'seed'} {_ranges(mine)})"
-            for cpu, mine in by_processor.items()
+        processors = ", ".join(
+            f"{cpu} ({'seeds' if len(numbers) > 1 else 'seed'} {_ranges(numbers)})"
+            for cpu, numbers in by_processor.items()
         )
         devices = set()
-        for each in prints.values():
-            model = f" ({each['gpu']})" if "gpu" in each else ""
-            cohort = f" in cohorts of {each['cohort']}" if "cohort" in each else ""
-            devices.add(f"{each.get('device', 'cpu')}{model}{cohort}")
-        said.append(f"Processors: {shown}; devices: {', '.join(sorted(devices))}.")
+        for fingerprint in fingerprints.values():
+            model = f" ({fingerprint['gpu']})" if "gpu" in fingerprint else ""
+            cohort = f" in cohorts of {fingerprint['cohort']}" if "cohort" in fingerprint else ""
+            devices.add(f"{fingerprint.get('device', 'cpu')}{model}{cohort}")
+        sentences.append(f"Processors: {processors}; devices: {', '.join(sorted(devices))}.")
         if len(set(map(tuple, by_processor.values()))) > 1:
-            said.append("Processors differ between seeds and between teachers.")
-    values = {name: {str(each[name]) for each in prints.values() if name in each} for name in LIBRARIES}
-    versions = [f"{name} {', '.join(sorted(found))}" for name, found in values.items() if found]
-    return [*said, f"Software: {'; '.join(versions)}."] if versions else said
+            sentences.append("Processors differ between seeds and between teachers.")
+    values = {name: {str(fp[name]) for fp in fingerprints.values() if name in fp} for name in LIBRARIES}
+    versions = [f"{name} {', '.join(sorted(texts))}" for name, texts in values.items() if texts]
+    return [*sentences, f"Software: {'; '.join(versions)}."] if versions else sentences

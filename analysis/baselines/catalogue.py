@@ -1,4 +1,4 @@
-"""Baselines by name or place, their manifests, and sources of results that are read as one."""
+"""Baselines by name or location, their manifests, and reading of several sources as one."""
 
 import hashlib
 import json
@@ -26,26 +26,26 @@ FORMAT_VERSION: Final = 1
 
 
 class BaselineError(ValueError):
-    """Missing or unusable baseline; the message says why and what to do."""
+    """Missing or unusable baseline."""
 
 
 class BaselineKind(StrEnum):
     """Kind of the tables of a baseline."""
 
     RUNS = "runs"
-    """Those of a results root: every evaluation and episode of every run."""
+    """Tables of a results root."""
     PUBLISHED = "published"
-    """Means and deviations that somebody published: without runs to pool or to test with."""
+    """Published means and deviations, without runs."""
 
 
 @dataclass(frozen=True)
 class BaselineFile:
-    """One file of a baseline.
+    """File of a baseline.
 
     Attributes:
-        path: path from the baseline's folder.
-        size: bytes.
-        sha256: SHA-256 of its bytes, hexadecimal.
+        path: path relative to the baseline's folder.
+        size: size in bytes.
+        sha256: SHA-256 of the content, hexadecimal.
     """
 
     path: str
@@ -57,7 +57,7 @@ class BaselineFile:
 
     @classmethod
     def of(cls, store: Store, path: str) -> Self:
-        """Return path, size and checksum of the file at `path`."""
+        """Return the entry of the file at `path`."""
         data = store.read_bytes(path)
         return cls(path, len(data), hashlib.sha256(data).hexdigest())
 
@@ -67,15 +67,16 @@ class About:
     """Facts about a release that its runs do not contain.
 
     Attributes:
-        core: campaigns that ``tma-ray campaign --like`` repeats; empty for what the release has, or all.
-        gaps: campaigns that it is to have and that have not begun, in words; empty for what the release has.
+        core: campaigns that ``tma-ray campaign --like`` repeats; empty for those of the previous manifest, or
+            all.
+        gaps: text on planned campaigns that have not begun; empty for that of the previous manifest.
     """
 
     core: tuple[str, ...] = ()
     gaps: str = ""
 
 
-UNSAID: Final = About()
+DEFAULT_ABOUT: Final = About()
 
 
 @dataclass(frozen=True)
@@ -88,19 +89,19 @@ class BaselineManifest:
         schema_version: schema version of its tables.
         engine: simulator of its worlds.
         physics_versions: versions of tma_ray's physics among its runs; empty for other engines.
-        licence: terms under which others may use it, an SPDX identifier or words; empty if none are given.
-        created: time at which it was made, ISO 8601.
-        software: program that made it, with its version.
-        partial: runs that are missing of its campaigns, in words; empty if none are.
-        caveats: further limits of its results.
-        holds: values of each column of its cells, and counts, by name.
-        files: all other files in its folder.
+        licence: SPDX identifier or text; empty for none.
+        created: time of creation, ISO 8601.
+        software: program and version that created it.
+        partial: text on missing runs; empty if none are.
+        caveats: further limits of the results.
+        holds: values of each column of the cells, and counts, by name.
+        files: all other files in the folder.
         benchmark_versions: versions of the benchmark among its runs, rising; 0 for older runs.
-        core: campaigns that ``tma-ray campaign --like`` repeats, and whose teachers are compared in a family
-            of their own; empty for all of them.
-        planned: runs that each campaign was to have, by its name, of a release that grows by shards.
-        done: runs that each of these campaigns has.
-        gaps: campaigns that it is to have and that have not begun, in words; empty if nobody named any.
+        core: campaigns that ``tma-ray campaign --like`` repeats, whose teachers are a family of comparisons;
+            empty for all.
+        planned: planned number of runs by campaign, for a release that grows by shards.
+        done: number of finished runs of these campaigns.
+        gaps: text on planned campaigns that have not begun; empty for none.
     """
 
     name: str
@@ -123,12 +124,12 @@ class BaselineManifest:
 
     @property
     def citation(self) -> str:
-        """Default citation, for releases whose authors give none."""
+        """Default citation."""
         return f"{self.name}, made with {self.software} on {self.created[:10]}."
 
     @property
     def core_is_whole(self) -> bool:
-        """True if no run of its core is missing, though other campaigns may still grow."""
+        """True if no run of the core is missing."""
         whole = {name for name, count in self.planned.items() if self.done.get(name, 0) >= count}
         return not self.partial or (bool(self.core) and whole.issuperset(self.core))
 
@@ -142,7 +143,7 @@ class BaselineManifest:
         """Return the manifest of the baseline in `store`.
 
         Raises:
-            BaselineError: not a baseline, a damaged one, or one of another version.
+            BaselineError: if there is none, or it is damaged or of another version.
         """
         where = store.where(BASELINE_FILE)
         try:
@@ -162,10 +163,10 @@ class BaselineManifest:
 
 
 SHIPPED: Final = Path(__file__).parent
-"""Where the baselines of the package lie."""
+"""Folder of the baselines of the package."""
 
-PLACES_VARIABLE: Final = "TMA_BASELINES"
-"""Environment variable: baselines, and folders of baselines, separated as in PATH."""
+BASELINES_VARIABLE: Final = "TMA_BASELINES"
+"""Environment variable with baselines and folders of baselines, separated as in PATH."""
 
 
 @dataclass(frozen=True)
@@ -173,118 +174,121 @@ class Baseline:
     """Results to compare with, in a folder or at an address.
 
     Attributes:
-        place: folder, or address in an object store.
+        location: folder, or address in an object store.
         manifest: manifest of the baseline.
     """
 
-    place: str
+    location: str
     manifest: BaselineManifest
 
     @classmethod
-    def open(cls, place: str | Path) -> "Baseline":
+    def open(cls, location: str | Path) -> "Baseline":
         """Return the baseline at a folder or an ``s3://`` or ``gs://`` address.
 
         Raises:
-            BaselineError: there is none.
+            BaselineError: if there is none.
         """
-        return cls(str(place), BaselineManifest.load(Store.open(place)))
+        return cls(str(location), BaselineManifest.load(Store.open(location)))
 
     def frames(self) -> Frames:
-        """Return its runs, as `load` returns those of the root that it was made of.
+        """Return the runs of the baseline.
 
         Raises:
-            BaselineError: it has none, being published means and deviations.
+            BaselineError: if it has only published results.
         """
         if self.manifest.kind is not BaselineKind.RUNS:
             raise BaselineError(f"{self.manifest.name} has no runs, only published results; use published()")
         return frames_of(Results(self.store())).with_core(self.manifest.core)
 
     def published(self) -> pd.DataFrame:
-        """Return its published results, in the columns of `reference.paper_frame`.
+        """Return the published results, in the columns of `reference.paper_frame`.
 
         Raises:
-            BaselineError: it has runs instead.
+            BaselineError: if it has runs instead.
         """
         if self.manifest.kind is not BaselineKind.PUBLISHED:
             raise BaselineError(f"{self.manifest.name} has runs, and no published results; use frames()")
         return published_frame(self.store())
 
     def store(self) -> Store:
-        """Return the store of its files; at an address, each file's checksum is checked before use."""
-        store = Store.open(self.place)
+        """Return the store of the files, which verifies checksums if it is at an address."""
+        store = Store.open(self.location)
         recorded = {file.path: file.sha256 for file in self.manifest.files}
-        return store.recorded(recorded) if "://" in self.place else store
+        return store.recorded(recorded) if "://" in self.location else store
 
 
 def baselines() -> tuple[Baseline, ...]:
-    """Return the baselines that are known by name.
+    """Return the named baselines: those of the package and of `BASELINES_VARIABLE`.
 
     Raises:
-        BaselineError: `PLACES_VARIABLE` names a place without any, or one is damaged.
+        BaselineError: if a location in `BASELINES_VARIABLE` has none, or one is damaged.
     """
-    places = [str(path.parent) for path in SHIPPED.glob(f"*/{BASELINE_FILE}")]
-    for entry in re.split(rf"{re.escape(os.pathsep)}(?!//)", os.environ.get(PLACES_VARIABLE, "")):
+    locations = [str(path.parent) for path in SHIPPED.glob(f"*/{BASELINE_FILE}")]
+    for entry in re.split(rf"{re.escape(os.pathsep)}(?!//)", os.environ.get(BASELINES_VARIABLE, "")):
         if entry:
-            places += _within(entry)
-    return tuple(sorted(map(Baseline.open, dict.fromkeys(places)), key=lambda each: each.manifest.name))
+            locations += _within(entry)
+    opened = map(Baseline.open, dict.fromkeys(locations))
+    return tuple(sorted(opened, key=lambda baseline: baseline.manifest.name))
 
 
 def newest_release() -> Baseline:
-    """Return the newest known release that has runs of real students and a whole core.
+    """Return the newest named release with runs of real students and a complete core.
 
     Raises:
-        BaselineError: there is none, or a baseline is damaged.
+        BaselineError: if there is none, or a baseline is damaged.
     """
-    found = [
-        each
-        for each in baselines()
-        if each.manifest.kind is BaselineKind.RUNS
-        and each.manifest.engine != SIMULATED
-        and each.manifest.core_is_whole
+    releases = [
+        baseline
+        for baseline in baselines()
+        if baseline.manifest.kind is BaselineKind.RUNS
+        and baseline.manifest.engine != SIMULATED
+        and baseline.manifest.core_is_whole
     ]
-    if not found:
+    if not releases:
         raise BaselineError(
             "no release of real students with a whole core has a name here: give one with --against"
         )
-    return max(found, key=lambda each: each.manifest.created)
+    return max(releases, key=lambda baseline: baseline.manifest.created)
 
 
 def find_baseline(name: str | Path) -> Baseline:
-    """Return the baseline of a name, or the one at a folder or address.
+    """Return a baseline by name, folder or address.
 
     Raises:
-        BaselineError: there is none, or several have the name.
+        BaselineError: if there is none, or several have the name.
     """
     text = str(name)
     if "://" in text or expanded(text).exists():
         return Baseline.open(text)
-    known = baselines()
-    found = [each for each in known if each.manifest.name == text]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        places = ", ".join(each.place for each in found)
-        raise BaselineError(f"{len(found)} baselines are called {text!r}: give one of their places, {places}")
-    names = [each.manifest.name for each in known]
+    named = baselines()
+    matches = [baseline for baseline in named if baseline.manifest.name == text]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        places = ", ".join(baseline.location for baseline in matches)
+        raise BaselineError(
+            f"{len(matches)} baselines are called {text!r}: give one of their places, {places}"
+        )
+    names = [baseline.manifest.name for baseline in named]
     raise BaselineError(
         f"no baseline {text!r}: {nearest(text, names)}known: {', '.join(names)}; more "
-        f"can lie in folders that {PLACES_VARIABLE} names, and any other is found by its folder or address"
+        f"can lie in folders that {BASELINES_VARIABLE} names, and any other is found by its folder or address"
     )
 
 
 def as_baseline(root: str | Path) -> Baseline | None:
-    """Return the baseline at or called `root`; None if it is none, as for a results root.
+    """Return a baseline by name, folder or address; None for a results root.
 
     Raises:
-        BaselineError: it is a damaged one.
-        ResultsRootError: it is a name, of no folder here and of no baseline.
-        TypeError: it is neither text nor a path.
+        BaselineError: if the baseline is damaged.
+        ResultsRootError: if a name belongs to neither a folder nor a baseline.
+        TypeError: if `root` is neither text nor a path.
     """
     check_type("root", root, (str, Path), "a folder or an address")
     text = str(root)
     if "://" in text or expanded(text).exists():
         return Baseline.open(text) if Store.open(text).holds(BASELINE_FILE) else None
-    names = [each.manifest.name for each in baselines()]
+    names = [baseline.manifest.name for baseline in baselines()]
     if text in names:
         return find_baseline(text)
     if Path(text).name != text:
@@ -296,7 +300,7 @@ def as_baseline(root: str | Path) -> Baseline | None:
 
 
 def _within(entry: str) -> Iterator[str]:
-    """Yield the baseline at a place, or those in the folders directly below it."""
+    """Yield the location of a baseline, or of those in the folders directly below it."""
     store = Store.open(entry)
     if store.holds(BASELINE_FILE):
         yield entry
@@ -306,10 +310,10 @@ def _within(entry: str) -> Iterator[str]:
     else:
         folder = expanded(entry)
         below = [f"{path.parent.name}/{path.name}" for path in folder.glob(f"*/{BASELINE_FILE}")]
-    found = sorted(path.split("/")[0] for path in below if path.endswith(f"/{BASELINE_FILE}"))
-    if not found:
-        raise BaselineError(f"{PLACES_VARIABLE} names {entry}, where no baseline lies")
-    yield from (f"{entry.rstrip('/')}/{name}" for name in found)
+    names = sorted(path.split("/")[0] for path in below if path.endswith(f"/{BASELINE_FILE}"))
+    if not names:
+        raise BaselineError(f"{BASELINES_VARIABLE} names {entry}, where no baseline lies")
+    yield from (f"{entry.rstrip('/')}/{name}" for name in names)
 
 
 Sources: TypeAlias = str | Path | Sequence[str | Path]
@@ -317,27 +321,27 @@ Sources: TypeAlias = str | Path | Sequence[str | Path]
 
 
 def read(sources: Sources) -> Frames:
-    """Return the runs of all `sources` together, as if of one root; raises as `read_one`."""
-    return joined([read_one(place) for place in places_of(sources)])
+    """Return the runs of all sources as if of one root, with the errors of `read_source`."""
+    return joined([read_source(source) for source in source_list(sources)])
 
 
-def places_of(sources: Sources) -> tuple[str | Path, ...]:
-    """Return `sources` one by one, each once.
+def source_list(sources: Sources) -> tuple[str | Path, ...]:
+    """Return the distinct sources.
 
     Raises:
-        ValueError: none is given.
+        ValueError: if there is none.
     """
-    places = (sources,) if isinstance(sources, str | Path) else tuple(dict.fromkeys(sources))
-    if not places:
+    distinct = (sources,) if isinstance(sources, str | Path) else tuple(dict.fromkeys(sources))
+    if not distinct:
         raise ValueError("no results: expected at least one results root or name of a baseline")
-    return places
+    return distinct
 
 
 def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
-    """Return the teachers, except Random, of the results roots among the sources that include baselines."""
-    places = places_of(sources)
-    roots = [place for place in places if as_baseline(place) is None]
-    if not 0 < len(roots) < len(places):
+    """Return the teachers, except Random, of the results roots that are read with baselines."""
+    distinct = source_list(sources)
+    roots = [source for source in distinct if as_baseline(source) is None]
+    if not 0 < len(roots) < len(distinct):
         return frozenset()
     run_ids = {run_id for root in roots for run_id in load(root).cells["run_id"]}
     teachers = frames.cells.loc[frames.cells["run_id"].isin(run_ids), "teacher"].unique()
@@ -345,23 +349,23 @@ def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
 
 
 def published(sources: Sources) -> Baseline | None:
-    """Return the baseline of `sources` if it holds published means and deviations; None if it holds runs."""
-    places = places_of(sources)
-    baseline = as_baseline(places[0]) if len(places) == 1 else None
+    """Return the only source if it is a baseline of published results, else None."""
+    distinct = source_list(sources)
+    baseline = as_baseline(distinct[0]) if len(distinct) == 1 else None
     return baseline if baseline and baseline.manifest.kind is BaselineKind.PUBLISHED else None
 
 
-def read_one(place: str | Path) -> Frames:
+def read_source(source: str | Path) -> Frames:
     """Return the runs of a results root or a baseline.
 
     Raises:
-        BaselineError: a damaged baseline, or one of published means, without runs.
-        ResultsRootError: nothing of that name or at that place.
+        BaselineError: if a baseline is damaged, or has only published results.
+        ResultsRootError: if there is no such root or baseline.
     """
-    baseline = as_baseline(place)
+    baseline = as_baseline(source)
     if baseline and baseline.manifest.kind is BaselineKind.PUBLISHED:
         raise BaselineError(
-            f"{place} has published means and deviations only, and no runs to pool or to test with: set it "
+            f"{source} has published means and deviations only, and no runs to pool or to test with: set it "
             f"next to yours with tma-ray compare, or ask for its tables and figures alone"
         )
-    return baseline.frames() if baseline else load(place)
+    return baseline.frames() if baseline else load(source)

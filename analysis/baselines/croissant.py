@@ -1,7 +1,6 @@
-"""Croissant metadata of a release, ``croissant.json``: what data-set searches and loaders read.
+"""Croissant metadata of a release, ``croissant.json``, for data-set search and loaders.
 
-The format is MLCommons' Croissant 1.0 with the fields of its vocabulary for responsible AI (RAI 1.0) that the
-core asks for; ``mlcroissant`` validates it in the tests.
+The format is MLCommons' Croissant 1.0 with fields of its vocabulary for responsible AI (RAI 1.0).
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,7 +34,7 @@ _CONTEXT: Final[dict[str, Any]] = {
         )
     },
 }
-"""Context that the specification recommends."""
+"""Recommended context of the specification."""
 
 _ROWS: Final = {
     Table.RUNS: "one run: its specification (JSON), state and versions",
@@ -62,7 +61,7 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
     """Return the Croissant metadata of a release of runs, as JSON values."""
     tables = {table: [f for f in files if f.path.startswith(f"tables/{table}/")] for table in Table}
     held = {table: parts for table, parts in tables.items() if parts}
-    numbers = [each for each in manifest.name.rpartition("-")[2].split(".") if each.isdigit()]
+    numbers = [part for part in manifest.name.rpartition("-")[2].split(".") if part.isdigit()]
     return {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
@@ -86,7 +85,7 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
             "Runs are of simulated worlds and of the students that are named; hardware can go with seeds."
         ),
         "rai:personalSensitiveInformation": "None: all data come from simulations.",
-        "distribution": [each for table, parts in held.items() for each in _distribution(table, parts)],
+        "distribution": [entry for table, parts in held.items() for entry in _distribution(table, parts)],
         "recordSet": [
             {
                 "@type": "cr:RecordSet",
@@ -101,7 +100,7 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
 
 
 def _distribution(table: Table, files: Sequence[BaselineFile]) -> Iterator[dict[str, Any]]:
-    """Yield the files of a table, and the set of all of them."""
+    """Yield the entries of the files of a table, and of their set."""
     for file in files:
         yield {
             "@type": "cr:FileObject",
@@ -122,7 +121,7 @@ def _distribution(table: Table, files: Sequence[BaselineFile]) -> Iterator[dict[
 
 
 def _field(table: Table, column: pa.Field) -> dict[str, Any] | None:
-    """Return the description of a column; None for structures and maps, which have no type in Croissant."""
+    """Return the entry of a column; None for structures and maps, which have no type in Croissant."""
     kind, repeated = column.type, pa.types.is_list(column.type)
     kind = kind.value_type if repeated else kind
     kind = kind.value_type if pa.types.is_dictionary(kind) else kind

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from analysis.baselines.card import CARD_FILE, card, holdings, origin
 from analysis.baselines.catalogue import (
     BASELINE_FILE,
-    UNSAID,
+    DEFAULT_ABOUT,
     About,
     Baseline,
     BaselineError,
@@ -59,7 +59,7 @@ def release(
     *,
     partial: bool = False,
     contents: results.CopyOptions = results.WHOLE,
-    about: About = UNSAID,
+    about: About = DEFAULT_ABOUT,
 ) -> Path:
     """Pack the finished campaigns of a root into a self-contained folder.
 
@@ -259,7 +259,7 @@ def add_to_release(
     output: Path | None = None,
     licence: str = "",
     *,
-    about: About = UNSAID,
+    about: About = DEFAULT_ABOUT,
 ) -> Path:
     """Add the finished runs of a root to a release that lacks them, as one file per table.
 

@@ -1,4 +1,4 @@
-"""Verification of baselines, their completeness, and publication at an address."""
+"""Verification, completeness and publication of baselines."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from analysis.data.columns import CELL
 from analysis.data.frames import Frames
 from tma_ray import results
 
-ENDINGS: Final = (".json", ".parquet", ".safetensors", ".md", ".jsonl.gz")
-"""Endings of the files of a baseline, except for inputs of its runs: nothing that runs when it is read."""
+RELEASED_SUFFIXES: Final = (".json", ".parquet", ".safetensors", ".md", ".jsonl.gz")
+"""Suffixes of files of a baseline, except inputs of its runs; none is of executable content."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,12 @@ class Verification:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """One message for each damage; empty if the baseline is whole."""
+        """Messages on all damage."""
         return tuple(map(str, self.damage))
 
     @property
     def whole(self) -> bool:
-        """True if every file is as released, and none was added."""
+        """True if all files are as released, and none was added."""
         return not self.damage
 
 
@@ -50,14 +50,14 @@ def verify(name: str | Path) -> Verification:
     """Compare a baseline with its manifest, and read its tables.
 
     Raises:
-        BaselineError: no baseline of that name or place, or its manifest cannot be read.
+        BaselineError: if there is no such baseline, or its manifest cannot be read.
     """
     baseline = find_baseline(name)
-    store = results.Store.open(baseline.place)
+    store = results.Store.open(baseline.location)
     damage = list(_damaged_files(store, baseline))
-    known = {each.path for each in damage}
+    paths = {entry.path for entry in damage}
     if baseline.manifest.kind is BaselineKind.RUNS:
-        damage += [each for each in _damaged_runs(store, baseline) if each.path not in known]
+        damage += [entry for entry in _damaged_runs(store, baseline) if entry.path not in paths]
     else:
         try:
             results.read_published(store)
@@ -73,11 +73,11 @@ def _damaged_files(store: results.Store, baseline: Baseline) -> Iterator[results
     for path in sorted(set(store.files()) - set(files) - {BASELINE_FILE}):
         yield results.Damage(path, "it is not of this baseline")
     for file in files.values():
-        if not file.path.endswith(ENDINGS) and not file.path.startswith(f"{results.INPUTS}/"):
+        if not file.path.endswith(RELEASED_SUFFIXES) and not file.path.startswith(f"{results.INPUTS}/"):
             yield results.Damage(file.path, "a baseline does not hold files of this kind")
         try:
             results.read_checked(store, file.path, file.sha256)
-        except results.ObjectStoreError:  # which says nothing of the file
+        except results.ObjectStoreError:  # not a damage of the file
             raise
         except (OSError, results.DamagedFileError) as error:
             yield results.Damage(file.path, results.damage_reason(error, store.where(file.path)))
@@ -85,78 +85,76 @@ def _damaged_files(store: results.Store, baseline: Baseline) -> Iterator[results
 
 def _damaged_runs(store: results.Store, baseline: Baseline) -> Iterator[results.Damage]:
     try:
-        found = results.verify_root(store)
+        verified = results.verify_root(store)
     except results.ResultsRootError as error:
         yield results.Damage(BASELINE_FILE, str(error))
         return
-    yield from found.damage
-    yield from (results.Damage(path, "it belongs to no run") for path in found.unlisted)
+    yield from verified.damage
+    yield from (results.Damage(path, "it belongs to no run") for path in verified.unlisted)
     recorded = {file.path: file.sha256 for file in baseline.manifest.files}
-    for path, sha256 in found.files:
+    for path, sha256 in verified.files:
         if recorded.get(path) != sha256:
             yield results.Damage(path, "a run refers to another file than the recorded one")
-    counted = baseline.manifest.holds.get("runs")
-    if found.runs != counted:
-        yield results.Damage(BASELINE_FILE, f"{found.runs} of its {counted} runs can be read")
+    count = baseline.manifest.holds.get("runs")
+    if verified.runs != count:
+        yield results.Damage(BASELINE_FILE, f"{verified.runs} of its {count} runs can be read")
 
 
-MOST_BYTES = 15_000_000
-"""Size up to which releases ship with the package."""
+MOST_RELEASED_BYTES = 15_000_000
+"""Largest size of a release that ships with the package."""
 
 FEWEST_SEEDS = 3
-"""Seeds that every cell needs."""
+"""Least number of seeds of every cell."""
 
 COMBINATION = ["campaign", "experiment", *CELL]
-"""Columns of cells that teachers have in common to be compared."""
+"""Columns of cells within which teachers have the same seeds."""
 
 
 def lacking(baseline: Baseline) -> list[str]:
-    """Return the gaps of a release that is not complete, in words; empty if it is.
+    """Return the reasons why a release is not complete.
 
-    Complete is a release of whole campaigns under a licence: every planned run is done, in each campaign the
-    teachers of a combination of challenge, body, student and level have the same seeds, of which there are at
-    least 3; all runs are of one version of the benchmark; no attempt names a machine; it has at most 15 MB.
+    In a complete release all planned runs are done under one version of the benchmark, all teachers of a cell
+    have the same seeds, at least 3, attempts name no machines, there is a licence, and the size is limited.
     """
     manifest = baseline.manifest
     if manifest.kind is not BaselineKind.RUNS:
         return ["it has no runs, only published results"]
-    found = [f"runs are missing: {manifest.partial}"] if manifest.partial else []
+    reasons = [f"runs are missing: {manifest.partial}"] if manifest.partial else []
     if not manifest.licence:
-        found.append("it has no licence: release it with --licence")
+        reasons.append("it has no licence: release it with --licence")
     size = sum(file.size for file in manifest.files)
-    if size > MOST_BYTES:
-        found.append(f"it has {size:,} bytes, more than {MOST_BYTES:,}: release it with --lean")
+    if size > MOST_RELEASED_BYTES:
+        reasons.append(f"it has {size:,} bytes, more than {MOST_RELEASED_BYTES:,}: release it with --lean")
     versions = manifest.benchmark_versions
     if len(versions) != 1 or 0 in versions:
         words = ", ".join(map(str, versions)) or "none"
-        found.append(f"its runs are of these versions of the benchmark: {words}; expected one")
-    return [*found, *_lacking_runs(baseline.frames())]
+        reasons.append(f"its runs are of these versions of the benchmark: {words}; expected one")
+    return [*reasons, *_lacking_runs(baseline.frames())]
 
 
 def _lacking_runs(frames: Frames) -> Iterator[str]:
-    """Yield runs that are not done, names of machines, and seeds that teachers lack."""
+    """Yield messages on unfinished runs, names of machines, and missing seeds."""
     unfinished = [run.run.run_id for run in frames.results.runs() if run.status is not results.RunStatus.DONE]
     if unfinished:
         yield f"{len(unfinished)} runs are not done, as {unfinished[0]}"
     if len(frames.attempts) and (frames.attempts["host"].astype(str) != "").any():
         yield "its attempts name machines: release it with --lean"
     for key, rows in frames.cells.groupby(COMBINATION, sort=True):
-        place = " ".join(str(value) for value in key[2:])
-        seeds = {str(teacher): frozenset(own["seed"]) for teacher, own in rows.groupby("teacher")}
-        everywhere = frozenset().union(*seeds.values())
-        for teacher, own in seeds.items():
-            if own != everywhere:
-                absent = ", ".join(map(str, sorted(everywhere - own)))
-                yield f"{place}: {teacher} lacks the seeds {absent}, which others have"
-        if len(everywhere) < FEWEST_SEEDS:
-            yield f"{place}: {len(everywhere)} seeds, fewer than {FEWEST_SEEDS}"
+        cell = " ".join(str(value) for value in key[2:])
+        seeds = {str(teacher): frozenset(runs["seed"]) for teacher, runs in rows.groupby("teacher")}
+        union = frozenset().union(*seeds.values())
+        for teacher, present in seeds.items():
+            if present != union:
+                absent = ", ".join(map(str, sorted(union - present)))
+                yield f"{cell}: {teacher} lacks the seeds {absent}, which others have"
+        if len(union) < FEWEST_SEEDS:
+            yield f"{cell}: {len(union)} seeds, fewer than {FEWEST_SEEDS}"
 
 
 def publish(folder: str | Path, address: str) -> str:
-    """Copy a release from a disk to an address, then read all of it back and compare the checksums.
+    """Copy a release from a disk to an address, and verify it there.
 
-    Its ``baseline.json`` comes last: what has none is not a release. An upload that was interrupted is
-    continued by the same call.
+    An interrupted upload is continued by the same call, since ``baseline.json`` is written last.
 
     Args:
         folder: folder of the release.
@@ -166,8 +164,8 @@ def publish(folder: str | Path, address: str) -> str:
         The address.
 
     Raises:
-        BaselineError: the folder is not a release, or a damaged one, or `check_address` refuses the address.
-        ObjectStoreError: errors of `check_address`, or the upload fails.
+        BaselineError: if the folder is not an intact release, or `check_address` raises it.
+        ObjectStoreError: if the upload fails, or `check_address` raises it.
     """
     _refuse_damage(folder, "pack it again")
     source, target = results.Store.open(folder), results.Store.open(address)
@@ -180,15 +178,15 @@ def publish(folder: str | Path, address: str) -> str:
 
 
 def check_address(address: str, paths: Collection[str] | None = None) -> None:
-    """Check that a release can be published at an address; leave nothing there.
+    """Check that a release can be published at an address.
 
     Args:
         address: address of the release.
-        paths: its files, which may lie there already, after an interruption; None if they are not known yet.
+        paths: files of the release, which may exist after an interruption; None if they are unknown.
 
     Raises:
-        BaselineError: it is a folder of this machine, a release lies there, or other files do.
-        ObjectStoreError: nothing answers there, or nothing can be written.
+        BaselineError: if the address is a local folder, or holds a release or other files.
+        ObjectStoreError: if the store is unreachable or not writable.
     """
     if "://" not in address:
         raise BaselineError(f"{address} is not an address: expected one such as s3://bucket/mine-1.0")
@@ -205,7 +203,7 @@ def check_address(address: str, paths: Collection[str] | None = None) -> None:
         )
 
 
-def _refuse_damage(place: str | Path, remedy: str) -> None:
-    problems = verify(place).problems
+def _refuse_damage(location: str | Path, remedy: str) -> None:
+    problems = verify(location).problems
     if problems:
-        raise BaselineError(f"{place} is not as it was packed: {problems[0]}; {remedy}")
+        raise BaselineError(f"{location} is not as it was packed: {problems[0]}; {remedy}")

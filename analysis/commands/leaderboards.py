@@ -127,7 +127,7 @@ def places_of_releases(names: Sequence[str]) -> list[tuple[str, str, str]]:
 def _described(baseline: Baseline) -> tuple[str, str, str]:
     if baseline.manifest.kind is not BaselineKind.RUNS:
         raise BaselineError(f"{baseline.manifest.name} has no runs, only published results: no leaderboard")
-    return baseline.manifest.name, baseline.place, baseline.manifest.partial
+    return baseline.manifest.name, baseline.location, baseline.manifest.partial
 
 
 def difference_charts(name: str) -> Iterator[tuple[str, Chart]]:

@@ -31,7 +31,7 @@ def show_baselines(console: Console | None = None) -> None:
     table = Table("baseline", "engine", "runs", "teachers", "licence", box=None, pad_edge=False)
     table.add_column("where", overflow="fold")
     for baseline in baselines():
-        manifest, place = baseline.manifest, baseline.place
+        manifest, place = baseline.manifest, baseline.location
         runs = f"{manifest.holds.get('runs', 0):,}{', partial' if manifest.partial else ''}"
         teachers = str(len(manifest.holds.get("teachers", ())))
         row = manifest.name, manifest.engine, runs, teachers, manifest.licence or "none given"

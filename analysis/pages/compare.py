@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.baselines.catalogue import Sources, places_of, read
+from analysis.baselines.catalogue import Sources, read, source_list
 from analysis.charts.base import MASTERED, Chart
 from analysis.charts.curves import learning_curves
 from analysis.charts.intervals import rank_chart, seeds_chart
@@ -148,7 +148,7 @@ def write_comparison(
         raise ValueError(f"compare with what? Name a baseline, as in --baseline {PAPER}")
     # So that no page replaces that of other baselines.
     name = "+".join(re.sub(r"[^\w.-]+", "_", str(name)).strip("_.") or "_" for name in baselines)
-    folder = page_folder(places_of(sources)[0], output, "compare", "page") / name
+    folder = page_folder(source_list(sources)[0], output, "compare", "page") / name
     text, pictures = _render(read(sources), baselines, tell, measure)
     return write_page(folder, text, {f"{picture.name}.png": picture.png for picture in pictures})
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from analysis.baselines.catalogue import Sources, as_baseline, places_of, read
+from analysis.baselines.catalogue import Sources, as_baseline, read, source_list
 from analysis.claims.judging import decided, root_verdicts
 from analysis.comparisons.measured import TESTED, Measured, measure, titled
 from analysis.data.columns import COMPARISON, GROUP
@@ -43,7 +43,7 @@ def what_ran(cells: pd.DataFrame) -> str:
 def subject(sources: Sources, campaigns: Sequence[str]) -> str:
     """Return the title of a report: names of releases, the only campaign of a root, or names of folders."""
     names = []
-    for place in places_of(sources):
+    for place in source_list(sources):
         if baseline := as_baseline(place):
             names.append(baseline.manifest.name)
         elif len(campaigns) == 1:
@@ -295,7 +295,7 @@ def report_folder(sources: Sources, output: Path | None) -> Path:
     Raises:
         ValueError: an object store and no `output`.
     """
-    return page_folder(places_of(sources)[0], output, "report", "report")
+    return page_folder(source_list(sources)[0], output, "report", "report")
 
 
 def _render(

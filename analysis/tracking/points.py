@@ -63,7 +63,7 @@ class Tracker(ABC):
         news = [each for each in results.runs() if self._files.get(each.run.run_id) != each.files]
         for start in range(0, len(news), RUNS_AT_ONCE):
             manifests = news[start : start + RUNS_AT_ONCE]
-            found, experiments = published_points(results, manifests), experiments_of(results, manifests)
+            found, experiments = published_points(results, manifests), first_experiments(results, manifests)
             for manifest in manifests:
                 run_id = manifest.run.run_id
                 points = {table: found.get((run_id, table), []) for table in TABLES}
@@ -84,7 +84,7 @@ def watch(tracker: Tracker) -> Iterator[int]:
             yield count
 
 
-def experiments_of(results: Results, manifests: Iterable[Manifest]) -> dict[str, str]:
+def first_experiments(results: Results, manifests: Iterable[Manifest]) -> dict[str, str]:
     """Return the experiment of each run by run id; of several, the first by name."""
     cells = _rows(results, Table.CELLS, _ids(manifests), ["run_id", "campaign", "experiment"])
     cells = cells.sort_values(["campaign", "experiment"], kind="stable").drop_duplicates("run_id")

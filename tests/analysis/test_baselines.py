@@ -24,7 +24,7 @@ from analysis.baselines import (
     release,
     verify,
 )
-from analysis.baselines.catalogue import BASELINE_FILE, PLACES_VARIABLE, BaselineKind
+from analysis.baselines.catalogue import BASELINE_FILE, BASELINES_VARIABLE, BaselineKind
 from analysis.commands.releases import show_baselines
 from analysis.commands.tables import write_tables
 from analysis.data.frames import Frames, load
@@ -105,7 +105,7 @@ def test_releases_that_ship_have_valid_croissant_metadata() -> None:
     with_runs = [each for each in baselines() if each.manifest.kind is BaselineKind.RUNS]
     assert with_runs
     for each in with_runs:
-        assert described(Path(each.place)).metadata.name == each.manifest.name
+        assert described(Path(each.location)).metadata.name == each.manifest.name
 
 
 def test_a_release_has_one_file_per_table_and_experiment_and_nothing_that_runs(released: Path) -> None:
@@ -240,14 +240,14 @@ def test_baselines_are_found_by_name_in_the_folders_of_the_environment(
     assert {"lite-1", "paper-2021"} <= set(shipped)
     with pytest.raises(BaselineError, match=rf"no baseline 'mine-1.0': known: {', '.join(shipped)}"):
         find_baseline("mine-1.0")
-    monkeypatch.setenv(PLACES_VARIABLE, str(released.parent))
+    monkeypatch.setenv(BASELINES_VARIABLE, str(released.parent))
     assert [each.manifest.name for each in baselines()] == sorted(["mine-1.0", *shipped])
     assert find_baseline("mine-1.0").place == str(released)
     assert len(find_baseline("mine-1.0").frames().cells) == 7
     text = printed(show_baselines, width=300)
     assert "CC-BY-4.0" in text
     assert "Box2D" in text
-    monkeypatch.setenv(PLACES_VARIABLE, os.pathsep.join([str(released), str(tmp_path)]))
+    monkeypatch.setenv(BASELINES_VARIABLE, os.pathsep.join([str(released), str(tmp_path)]))
     with pytest.raises(BaselineError, match="where no baseline lies"):
         baselines()
 
@@ -266,7 +266,7 @@ def test_the_newest_release_is_one_whose_core_is_whole(
 ) -> None:
     manifest = replace(find_baseline("lite-1").manifest, name="later-1", created="2999-01-01")
     manifest = replace(manifest, core=("core",), planned={"core": 70, "later": 56})
-    monkeypatch.setenv(PLACES_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(BASELINES_VARIABLE, str(tmp_path))
     (tmp_path / BASELINE_FILE).write_bytes(replace(manifest, **gaps).to_bytes())
     assert (newest_release().manifest.name == "later-1") is whole
 
@@ -275,7 +275,7 @@ def test_two_baselines_of_one_name_are_told_apart_by_their_places(
     root: Path, released: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = Path(shutil.copytree(released, tmp_path / "other"))
-    monkeypatch.setenv(PLACES_VARIABLE, os.pathsep.join([str(released), str(other)]))
+    monkeypatch.setenv(BASELINES_VARIABLE, os.pathsep.join([str(released), str(other)]))
     with pytest.raises(BaselineError, match="2 baselines are called"):
         find_baseline("mine-1.0")
     assert find_baseline(other).place == str(other)
@@ -294,7 +294,7 @@ def test_a_release_in_a_bucket_is_found_verified_and_loads_the_same(
     source, target = Store.open(released), Store.open(f"{s3_root}/mine-1.0")
     for path in source.files():
         target.write_bytes(path, source.read_bytes(path))
-    monkeypatch.setenv(PLACES_VARIABLE, s3_root)
+    monkeypatch.setenv(BASELINES_VARIABLE, s3_root)
     found = find_baseline("mine-1.0")
     assert found.place == f"{s3_root}/mine-1.0"
     assert verify("mine-1.0").whole

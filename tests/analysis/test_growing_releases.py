@@ -24,7 +24,7 @@ from analysis.baselines import (
     release,
     verify,
 )
-from analysis.baselines.catalogue import PLACES_VARIABLE
+from analysis.baselines.catalogue import BASELINES_VARIABLE
 from analysis.data.frames import load
 from analysis.measures.run_measures import run_measures
 from tma_ray.results import LEAN, Committer, Results, ResultsRootError, Store, Table, start_from
@@ -241,7 +241,7 @@ def test_the_command_adds_shards(
     first: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv(PLACES_VARIABLE, raising=False)
+    monkeypatch.delenv(BASELINES_VARIABLE, raising=False)
     said = ["--core", "batch", "--gaps", "Parkour has not begun."]
     assert told(0, "release", first, "growing", "--shard", "one", *said) == "growing\n"
     assert find_baseline("growing").manifest.gaps == "Parkour has not begun."

@@ -14,7 +14,7 @@ import pytest
 from fsspec.implementations.memory import MemoryFile
 
 from analysis.baselines import BaselineError, find_baseline, publish, release, verify
-from analysis.baselines.catalogue import PLACES_VARIABLE
+from analysis.baselines.catalogue import BASELINES_VARIABLE
 from tma_ray.cli import main
 from tma_ray.results import (
     DamagedFileError,
@@ -131,7 +131,7 @@ def test_a_place_that_is_lost_in_the_middle_is_no_damage_of_its_files(
 def test_a_variable_may_name_a_folder_of_baselines_at_an_address(
     published: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(PLACES_VARIABLE, published.rpartition("/")[0])
+    monkeypatch.setenv(BASELINES_VARIABLE, published.rpartition("/")[0])
     assert find_baseline("mine-1.0").place == published
 
 

@@ -222,7 +222,7 @@ def baselines_record() -> dict[str, Any]:
             "teachers": list(baseline.manifest.holds.get("teachers", ())),
             "licence": baseline.manifest.licence,
             "partial": baseline.manifest.partial,
-            "place": baseline.place,
+            "place": baseline.location,
         }
         for baseline in baselines()
     ]

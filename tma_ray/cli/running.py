@@ -109,7 +109,7 @@ def campaign(
     from tma_ray.campaign.repeating import run_like
 
     baseline = as_baseline(like)
-    place, core = (baseline.place, baseline.manifest.core) if baseline else (like, ())
+    place, core = (baseline.location, baseline.manifest.core) if baseline else (like, ())
     return run_like(name, place, core, options)
 
 
