@@ -1,4 +1,4 @@
-"""Packing a finished campaign: a folder that others load, verify and cite."""
+"""Packing of campaigns as releases that others load, verify and cite."""
 
 import json
 import re
@@ -61,30 +61,27 @@ def release(
     contents: results.CopyOptions = results.WHOLE,
     about: About = DEFAULT_ABOUT,
 ) -> Path:
-    """Pack the finished campaigns of a root into a self-contained folder.
+    """Pack the finished campaigns of a root into a folder that is a results root, too.
 
-    It is a results root of its own: `analysis.load` reads it as it reads `root`, from a disk or an
-    object store, without ray or torch. Checkpoints and logs stay behind, and so does what is neither JSON
-    nor safetensors of a policy.
+    Checkpoints, logs, and files of policies other than JSON and safetensors are left out.
 
     Args:
-        root: a folder, or an ``s3://`` or ``gs://`` address, on which no campaign is running.
+        root: a folder, or an ``s3://`` or ``gs://`` address, without a running campaign.
         name: name of the release and its folder.
-        output: folder in which that is made; the current one by default.
-        licence: terms under which others may use it, an SPDX identifier such as ``CC-BY-4.0``.
-        partial: pack campaigns that are not done or are damaged as well, and say so.
-        contents: `tma_ray.results.LEAN` leaves out episodes, logs of teachers, policies, names of machines,
-            and rounds returns and tasks of curricula.
-        about: statements that its runs do not make; by default those of a release that is packed again.
+        output: parent folder; the current one by default.
+        licence: SPDX identifier, such as ``CC-BY-4.0``.
+        partial: True to pack unfinished and damaged campaigns, too.
+        contents: contents of the release; `tma_ray.results.LEAN` for a small one.
+        about: facts that the runs do not contain; by default those of a release that is packed again.
 
     Returns:
         The new folder.
 
     Raises:
-        ResultsRootError: no results root at that place.
-        BaselineError: a campaign is at work on the root, a run is not done, the root holds none or is
-            damaged, or the folder exists.
-        DamagedFileError: a newer version wrote columns that would be lost.
+        ResultsRootError: if there is no results root.
+        BaselineError: if a campaign is running, a run is not done, the root is empty or damaged, or the
+            folder exists.
+        DamagedFileError: if columns of a newer version would be lost.
     """
     folder = _release_folder(name, output)
     if folder.exists():
@@ -107,7 +104,7 @@ def release(
 
 @contextmanager
 def _aside(folder: Path) -> Iterator[Path]:
-    """Context manager of a temporary folder next to `folder`, removed at the end."""
+    """Yield a temporary folder next to `folder`."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     aside = folder.parent / f".{folder.name}-{uuid4().hex[:8]}"
     try:
@@ -124,7 +121,7 @@ def _draft(
     missing: str,
     planned: Mapping[str, int],
 ) -> BaselineManifest:
-    """Return the manifest of a release without its contents; values not given are those of `before`."""
+    """Return the manifest of a release without contents, with defaults of the manifest `before`."""
     return BaselineManifest(
         name=name,
         kind=BaselineKind.RUNS,
@@ -141,38 +138,38 @@ def _draft(
     )
 
 
-def _complete(draft: BaselineManifest, place: Path, copied: results.Copy | results.Shard) -> None:
-    """Write card, metadata and manifest of a root that was copied to `place`, and verify the release.
+def _complete(draft: BaselineManifest, folder: Path, copied: results.Copy | results.Shard) -> None:
+    """Write the card, metadata and manifest of a copied root, and verify the release.
 
     Raises:
-        BaselineError: it is not as it should be.
-        ValueError: it has no campaign of a name in the core.
+        BaselineError: if the release is damaged.
+        ValueError: if a campaign of the core is missing.
     """
-    store = results.Store.open(place)
-    (place / "tmp").rmdir()  # empty, since all that was written is in its place
+    store = results.Store.open(folder)
+    (folder / "tmp").rmdir()
     for file in (CARD_FILE, CROISSANT_FILE, BASELINE_FILE):
-        (place / file).unlink(missing_ok=True)
-    frames = load(place)
+        (folder / file).unlink(missing_ok=True)
+    frames = load(folder)
     for campaign in draft.core:
         check_known("campaign", campaign, set(frames.cells["campaign"]), "the release has")
     manifest = _with_contents(draft, frames, copied)
     made = origin(frames, manifest.physics_versions)
-    tables = (table for found in table_results(frames) for table in result_tables(found))
-    filled = [path for path in store.files(results.TABLES) if pq.read_metadata(place / path).num_rows]
+    tables = (table for group in table_results(frames) for table in result_tables(group))
+    filled = [path for path in store.files(results.TABLES) if pq.read_metadata(folder / path).num_rows]
     text = card(manifest, made, tables, ceilings=ceilings_in_words(frames), paths=filled)
-    (place / CARD_FILE).write_text(text, encoding="utf-8")
+    (folder / CARD_FILE).write_text(text, encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
-    described = json.dumps(croissant(manifest, files, made), indent=1, ensure_ascii=False)
-    (place / CROISSANT_FILE).write_text(f"{described}\n", encoding="utf-8")
+    metadata = json.dumps(croissant(manifest, files, made), indent=1, ensure_ascii=False)
+    (folder / CROISSANT_FILE).write_text(f"{metadata}\n", encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
-    (place / BASELINE_FILE).write_bytes(replace(manifest, files=files).to_bytes())
-    problems = verify(place).problems
+    (folder / BASELINE_FILE).write_bytes(replace(manifest, files=files).to_bytes())
+    problems = verify(folder).problems
     if problems:
-        raise BaselineError(f"{place} was not written as it should be: {problems[0]}; try another disk")
+        raise BaselineError(f"{folder} was not written as it should be: {problems[0]}; try another disk")
 
 
 def _release_folder(name: str, output: Path | None) -> Path:
-    """Return the folder of a release of this name within `output`, the current folder by default."""
+    """Return the folder of a release within `output`, the current folder by default."""
     if not re.fullmatch(r"[0-9a-zA-Z][0-9a-zA-Z._-]*", name):
         raise BaselineError(
             f"release {name!r}: use letters, digits, '.', '_' and '-', a letter or digit first"
@@ -183,7 +180,11 @@ def _release_folder(name: str, output: Path | None) -> Path:
 
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str) -> str:
-    """Return the gaps of the campaigns in words, if gaps are allowed; `lacking` if all runs are done."""
+    """Return a text on missing runs, by default `lacking`.
+
+    Raises:
+        BaselineError: if a campaign is running, or the root is empty or, unless `partial`, incomplete.
+    """
     holder = results.holder_of(frames.results.store)
     if holder is not None:
         raise BaselineError(f"{holder} is at work on the root: wait for its end, or stop it first")
@@ -212,7 +213,7 @@ def _refuse_damaged(problems: Sequence[str], partial: bool) -> None:
 def _with_contents(
     draft: BaselineManifest, frames: Frames, copied: results.Copy | results.Shard
 ) -> BaselineManifest:
-    """Return a manifest with the contents of its tables, and their limits."""
+    """Return a manifest with the contents and limits of the tables."""
     cells, runs = frames.cells, frames.results.runs()
     columns = {name: cells[column].astype(object).dropna().tolist() for name, column in HELD.items()}
     columns |= {name: list(map(int, columns[name])) for name in ("steps", "seeds")}
@@ -248,7 +249,7 @@ def _with_contents(
         physics_versions=tuple(sorted({int(version) for version in physics})),
         caveats=tuple(caveats),
         holds=holdings(columns, counts),
-        benchmark_versions=tuple(sorted({each.run.benchmark_version for each in runs})),
+        benchmark_versions=tuple(sorted({run.run.benchmark_version for run in runs})),
     )
 
 
@@ -261,27 +262,26 @@ def add_to_release(
     *,
     about: About = DEFAULT_ABOUT,
 ) -> Path:
-    """Add the finished runs of a root to a release that lacks them, as one file per table.
+    """Add the new finished runs of a root to a release, or a new one, as one lean file per table.
 
-    The release is made if there is none. What is added is lean, as `tma_ray.results.LEAN` has it. Its other
-    files stay as they are, but for its card, ``croissant.json`` and ``baseline.json``. A campaign may be
-    running on the root. If this is interrupted, the release is as it was before.
+    The other files of the release stay, except its card and metadata. A campaign may be running on the root.
+    An interruption leaves the release unchanged.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
         name: name of the release and its folder.
         shard: name of the new files: letters, digits, "_" and "-".
-        output: folder in which the release lies; the current one by default.
-        licence: see `releasing.release`; by default what the release has.
-        about: statements that its runs do not make; by default those of the release.
+        output: parent folder of the release; the current one by default.
+        licence: SPDX identifier; by default that of the release.
+        about: facts that the runs do not contain; by default those of the release.
 
     Returns:
         The folder of the release.
 
     Raises:
-        ResultsRootError: `root` does not exist, or a shard of that name does.
-        BaselineError: the root has no run that the release lacks, or is damaged; the release is damaged, or
-            other files lie in its folder, which would be lost.
+        ResultsRootError: if `root` does not exist, or a shard of that name does.
+        BaselineError: if the root has no new runs, root or release are damaged, or the release's folder holds
+            other files.
     """
     results.check_id(shard)
     folder = _release_folder(name, output)
@@ -299,7 +299,7 @@ def add_to_release(
         cells = source.table(results.Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
         planned = cells.groupby("campaign")["run_id"].nunique().to_dict()
         for campaign, count in before.planned.items() if before else ():
-            planned[campaign] = max(count, planned.get(campaign, 0))  # the root may know a part of it
+            planned[campaign] = max(count, planned.get(campaign, 0))  # the root may have a part of it
         _complete(_draft(name, licence, about, before, "", planned), aside, added)
         if folder.exists():
             old = folder.parent / f".{folder.name}-{uuid4().hex[:8]}-old"
@@ -312,41 +312,40 @@ def add_to_release(
 
 
 def _copied(folder: Path, aside: Path) -> BaselineManifest:
-    """Copy a release, and return its manifest; refuse a damaged one, and other files in its folder.
+    """Copy a release with hidden files, such as .DS_Store, and return its manifest.
 
-    Files whose names begin with a dot, such as .DS_Store, are copied, too; folders of such names, such as
-    .git, are refused.
+    Raises:
+        BaselineError: if the release is damaged, or its folder holds other files or hidden folders.
     """
     manifest = Baseline.open(folder).manifest
-    known = {*(file.path for file in manifest.files), BASELINE_FILE}
+    released = {*(file.path for file in manifest.files), BASELINE_FILE}
     hidden = set()
     for path in sorted(folder.rglob("*")):
         file = path.relative_to(folder)
-        if file.as_posix() in known or (path.is_dir() and not path.is_symlink()):
+        if file.as_posix() in released or (path.is_dir() and not path.is_symlink()):
             continue
         if not file.name.startswith(".") or any(name.startswith(".") for name in file.parts[:-1]):
             raise BaselineError(f"{path} is not of the release, which is replaced as a whole: move it first")
         hidden.add(file.as_posix())
-    for name in sorted(known | hidden):
+    for name in sorted(released | hidden):
         (aside / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / name, aside / name, follow_symlinks=False)
     return manifest
 
 
 def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.CopyOptions:
-    """Return the contents of a lean release with a policy of each cell: that of the run in the middle.
+    """Return the options of a lean release with the policy of each cell's run with the median `HEADLINE`.
 
-    That is the run with the median of `mastered_area` over the seeds; of an even number the lower of both in
-    the middle. The weights are float16.
+    The weights are float16.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
         core: campaigns whose cells have a policy; all by default.
 
     Raises:
-        ResultsRootError: no results root at that place.
-        BaselineError: a run in the middle has no policy.
-        ValueError: the root has no campaign of a name in `core`.
+        ResultsRootError: if there is no results root.
+        BaselineError: if a median run has no policy.
+        ValueError: if a campaign of `core` is missing.
     """
     frames = load(root)
     for campaign in core:

@@ -1,4 +1,4 @@
-"""Event files of TensorBoard, through tensorboardX, which is imported when a file is opened."""
+"""TensorBoard's event files, by tensorboardX."""
 
 import re
 import struct
@@ -19,29 +19,29 @@ from tma_ray.support.quantities import expanded
 _NAMES: Final = "events.out.tfevents.*"
 
 _LENGTH: Final = struct.Struct("<Q")
-"""Before every record: its bytes. A checksum of 4 bytes follows this and the record."""
+"""Header of a record with its size; a checksum of 4 bytes follows header and record."""
 
 
 def event_files(folder: Path) -> list[Path]:
-    """Return the event files in `folder`, but no links, in the order in which TensorBoard reads them."""
+    """Return the event files in a folder, except links, in TensorBoard's order."""
     return sorted(path for path in folder.glob(_NAMES) if not path.is_symlink())
 
 
 def read_scalars(files: Sequence[Path]) -> dict[str, deque[tuple[int, float]]]:
-    """Return steps and values of every tag in `files`, each up to its first record that is not whole."""
+    """Return the steps and values of every tag, from each file up to its first incomplete record."""
     from google.protobuf.message import DecodeError
     from tensorboardX.proto.event_pb2 import Event
 
-    found: dict[str, deque[tuple[int, float]]] = defaultdict(deque)
+    scalars: dict[str, deque[tuple[int, float]]] = defaultdict(deque)
     for file in files:
         try:
             for record in _records(read_file(file)):
                 event = Event.FromString(record)
                 for value in event.summary.value:
-                    found[value.tag].append((event.step, value.simple_value))
+                    scalars[value.tag].append((event.step, value.simple_value))
         except DecodeError:
             continue
-    return found
+    return scalars
 
 
 def _records(content: bytes) -> Iterator[bytes]:
@@ -55,21 +55,21 @@ def _records(content: bytes) -> Iterator[bytes]:
 
 
 class RunEvents:
-    """Event files of a run, in a folder that TensorBoard may read meanwhile.
+    """Event files of a run, in a folder that TensorBoard may be reading.
 
-    tensorboardX's own ``SummaryWriter`` would need a thread and a queue for every file.
+    Unlike tensorboardX's ``SummaryWriter``, this needs no thread and queue for every file.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._counts: dict[Table, int] = {}  # points written, by table
-        self._writer: Any = None  # of the growing file, if one is open
-        self._opened = 0  # number of files so far, which tells apart those of the same second
-        self._cleared = False  # points were withdrawn since the last file was opened
+        self._counts: dict[Table, int] = {}  # written points by table
+        self._writer: Any = None  # writer of the growing file
+        self._opened = 0  # number of files, which distinguishes those of the same second
+        self._cleared = False  # True if files were cleared since the last one was opened
 
     def append(self, points: Mapping[Table, Sequence[Point]]) -> bool:
-        """Write new points, all of them if some were taken back; return True if there are any."""
-        if not self._counts:  # count what an earlier tracker wrote
+        """Write the new points, or all if some were withdrawn, and return True if there are any."""
+        if not self._counts:  # an earlier tracker may have written some
             files = event_files(self._folder)
             written, self._opened = read_scalars(files), len(files)
             self._counts = {table: _common(points[table], written) for table in TABLES}
@@ -91,7 +91,7 @@ class RunEvents:
             self._folder.mkdir(parents=True, exist_ok=True)
             self._writer = EventsWriter(str(self._folder / "events"), f".{self._opened}")
             self._opened += 1
-            if self._cleared:  # a TensorBoard that looks on forgets what it has read of this folder
+            if self._cleared:  # makes a running TensorBoard discard the folder's earlier points
                 start = Event(wall_time=time.time(), step=0)
                 start.session_log.status = start.session_log.START
                 self._writer.write_event(start)
@@ -105,7 +105,7 @@ class RunEvents:
         self._writer.flush()
 
     def close(self) -> None:
-        """Close the growing file, if there is one."""
+        """Close the growing file."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None
@@ -114,11 +114,11 @@ class RunEvents:
         self.close()
         self._counts, self._cleared = {}, True
         for path in event_files(self._folder):
-            path.write_bytes(b"")  # a TensorBoard that has it open goes on to the next; a lost file stops it
+            path.write_bytes(b"")  # a running TensorBoard would stop at a deleted file
 
 
 def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, float]]]) -> int:
-    """Return the number of leading `points` that are in `written`, by tag, and remove them there."""
+    """Return the number of leading points that are in `written`, and remove them from it."""
     for index, (step, scalars) in enumerate(points):
         expected = {tag: (step, float(np.float32(value))) for tag, value in scalars.items()}
         if any(not written.get(tag) or written[tag][0] != value for tag, value in expected.items()):
@@ -129,18 +129,17 @@ def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, floa
 
 
 class EventFolder(Tracker):
-    """Event files of the runs of a results root, a sub-folder for each.
+    """Event files of the runs of a results root, in a sub-folder for each.
 
-    What an earlier tracker wrote into the same folder is continued; it is replaced where it says something
-    else than the root, as after a step back to an older checkpoint. Other files stay.
+    Files of an earlier tracker are continued, or replaced if they contradict the root.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
-        folder: for TensorBoard's ``--logdir``; made if it is not there.
+        folder: TensorBoard's ``--logdir``, created if missing.
 
     Raises:
-        ResultsRootError: no results root at that place, or one of another version.
-        ValueError: tensorboardX is not installed, or `folder` cannot be one.
+        ResultsRootError: if there is no results root, or one of another version.
+        ValueError: if tensorboardX is not installed, or `folder` cannot be created.
     """
 
     def __init__(self, root: str | Path, folder: str | Path) -> None:
@@ -165,8 +164,8 @@ class EventFolder(Tracker):
     def _write(self, manifest: Manifest, points: Mapping[Table, Sequence[Point]], experiment: str) -> bool:
         run_id = manifest.run.run_id
         if run_id not in self._runs:
-            place = self._folder / run_folder(manifest.run, experiment)
-            self._runs[run_id] = RunEvents(self._existing.get(place.name, place))
+            folder = self._folder / run_folder(manifest.run, experiment)
+            self._runs[run_id] = RunEvents(self._existing.get(folder.name, folder))
         new = self._runs[run_id].append(points)
         if manifest.status is not RunStatus.RUNNING:
             self._runs[run_id].close()
@@ -174,12 +173,12 @@ class EventFolder(Tracker):
 
 
 def run_folder(run: RunRecord, experiment: str) -> Path:
-    """Return the folder of the event files of a run of this experiment."""
+    """Return the folder of a run's event files."""
     names = run.student, run.challenge, run.embodiment, run.expert_knowledge
     setting = "-".join(_plain(name) for name in names if name)
     return Path(_plain(experiment), _plain(run.teacher), setting, f"seed_{_plain(run.seed)}-{run.run_id}")
 
 
 def _plain(name: object) -> str:
-    """Return `name` as a safe folder name, since names in a root may be any text, even ``..``."""
+    """Return a safe folder name for any text, such as ``..``."""
     return re.sub(r"[^0-9A-Za-z._=-]+", "_", str(name)).strip("._")[:100] or "unnamed"

@@ -1,4 +1,4 @@
-"""Scalars of runs in a project of Weights & Biases, once or following a campaign that is under way."""
+"""Scalars of runs in a project of Weights & Biases."""
 
 import json
 import re
@@ -11,35 +11,35 @@ from analysis.tracking.points import TABLES, Point, Tracker
 from tma_ray.results import Manifest, RunStatus, Table
 from tma_ray.support.decoding import MOST_TEXT_BYTES, read_file
 
-STEP: Final = "global_step"
-"""The horizontal axis: environment steps. CleanRL and openrlbenchmark call it so."""
+STEP_KEY: Final = "global_step"
+"""Key of environment steps, as in CleanRL and openrlbenchmark."""
 
 RETURN: Final = "charts/episodic_return"
-"""The return of training as CleanRL and openrlbenchmark name it."""
+"""Key of the training return, as in CleanRL and openrlbenchmark."""
 
 SENT: Final = "published"
-"""Beginning of the names under which each row says how many points of a table were sent, it included."""
+"""Prefix of the keys with the number of points sent of each table."""
 
 LEDGER: Final = "tma_ray_sent.json"
-"""File that says how many points were sent of each run: what is offline cannot be asked."""
+"""File with the number of points sent of each run, for offline runs."""
 
 
 class WandbProject(Tracker):
-    """A project of Weights & Biases that the runs of a results root are sent to, under their own IDs.
+    """Project of Weights & Biases to which the runs of a results root are sent under their own ids.
 
-    A run is resumed there, and says itself how many of its points it has. Points that an older checkpoint
-    took back stay; the run makes the same ones again.
+    Runs are resumed after the points that they already have. Points withdrawn by an older checkpoint stay,
+    since the run reproduces them.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
         project: name of the project.
-        entity: user or team that has it; None for the one who is logged in.
-        folder: folder of the library's files, and of notes on points that were sent.
-        offline: True if the library only writes to `folder`, for ``wandb sync``.
+        entity: user or team of the project; None for the one who is logged in.
+        folder: folder of the library's files and of `LEDGER`.
+        offline: True to write to `folder` only, for ``wandb sync``.
 
     Raises:
-        ResultsRootError: no results root at that place, or one of another version.
-        ValueError: the library is not installed.
+        ResultsRootError: if there is no results root, or one of another version.
+        ValueError: if the library is not installed.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class WandbProject(Tracker):
         if all(len(points[table]) <= sent.get(table.value, 0) for table in TABLES):
             return False
         run = self._begin(manifest, experiment)
-        # The run there has it in its summary; a run offline cannot be asked.
+        # an online run has the counts in its summary
         sent = {
             table.value: max(int(run.summary.get(f"{SENT}/{table.value}", 0)), sent.get(table.value, 0))
             for table in TABLES
@@ -71,7 +71,7 @@ class WandbProject(Tracker):
         ]
         for step, table, scalars in sorted(new, key=lambda point: point[0]):
             sent[table.value] += 1
-            row = {STEP: step, **scalars, f"{SENT}/{table.value}": sent[table.value]}
+            row = {STEP_KEY: step, **scalars, f"{SENT}/{table.value}": sent[table.value]}
             if "training/mean_return" in scalars:
                 row[RETURN] = scalars["training/mean_return"]
             run.log(row)
@@ -83,7 +83,7 @@ class WandbProject(Tracker):
         return bool(new)
 
     def _begin(self, manifest: Manifest, experiment: str) -> Any:
-        """Return the run of that ID there, new or resumed."""
+        """Return the run in the project, new or resumed."""
         import wandb
 
         record, config = manifest.run, config_of(manifest)
@@ -93,9 +93,7 @@ class WandbProject(Tracker):
                 entity=self._entity,
                 id=record.run_id,
                 name=record.run_id,
-                group=f"{config['env_id']}-{config['exp_name']}"[
-                    :128
-                ],  # of those that differ in their seed alone
+                group=f"{config['env_id']}-{config['exp_name']}"[:128],
                 job_type=experiment,
                 tags=tags_of(manifest, experiment),
                 config=config,
@@ -110,23 +108,17 @@ class WandbProject(Tracker):
             raise ValueError(
                 f"Weights & Biases: {error}; log in with 'wandb login', or pass --offline"
             ) from error
-        run.define_metric(STEP)
-        run.define_metric("*", step_metric=STEP)
+        run.define_metric(STEP_KEY)
+        run.define_metric("*", step_metric=STEP_KEY)
         return run
 
 
 def config_of(manifest: Manifest) -> dict[str, Any]:
-    """Return the configuration of a run, with the names by which openrlbenchmark finds runs.
-
-    Those are ``env_id`` (environment, challenge and body), ``exp_name`` (student, teacher and its knowledge)
-    and ``seed``.
-    """
+    """Return the configuration of a run, with openrlbenchmark's ``env_id``, ``exp_name`` and ``seed``."""
     record = manifest.run
-    places = record.environment, record.challenge, record.embodiment
-    names = record.student, record.teacher, record.expert_knowledge
     return {
-        "env_id": "/".join(filter(None, places)),
-        "exp_name": "-".join(names),
+        "env_id": "/".join(filter(None, (record.environment, record.challenge, record.embodiment))),
+        "exp_name": "-".join((record.student, record.teacher, record.expert_knowledge)),
         "seed": record.seed,
         "total_timesteps": record.steps,
         "spec": json.loads(record.spec),
@@ -136,7 +128,7 @@ def config_of(manifest: Manifest) -> dict[str, Any]:
 
 
 def tags_of(manifest: Manifest, experiment: str) -> list[str]:
-    """Return the tags of a run: its experiment, parts and versions, in letters that a query may hold."""
+    """Return the tags of a run, in characters that queries accept: experiment, components and versions."""
     record = manifest.run
     names = (
         experiment,
