@@ -38,7 +38,7 @@ def baselines_path(baseline: Baseline, /) -> int:
     """
     from analysis.baselines import find_baseline
 
-    print(find_baseline(baseline).place)
+    print(find_baseline(baseline).location)
     return 0
 
 
