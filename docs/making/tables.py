@@ -341,7 +341,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "simulated and paper": simulated_and_paper,
     "baselines": releases,
     "learning of releases": learning_of_releases,
-    "findings": lambda: findings(newest_release().place),
+    "findings": lambda: findings(newest_release().location),
     "untrained": untrained,
     "later teachers": later_teachers,
     "budget rule": budget_rule,

@@ -242,7 +242,7 @@ def test_baselines_are_found_by_name_in_the_folders_of_the_environment(
         find_baseline("mine-1.0")
     monkeypatch.setenv(BASELINES_VARIABLE, str(released.parent))
     assert [each.manifest.name for each in baselines()] == sorted(["mine-1.0", *shipped])
-    assert find_baseline("mine-1.0").place == str(released)
+    assert find_baseline("mine-1.0").location == str(released)
     assert len(find_baseline("mine-1.0").frames().cells) == 7
     text = printed(show_baselines, width=300)
     assert "CC-BY-4.0" in text
@@ -278,7 +278,7 @@ def test_two_baselines_of_one_name_are_told_apart_by_their_places(
     monkeypatch.setenv(BASELINES_VARIABLE, os.pathsep.join([str(released), str(other)]))
     with pytest.raises(BaselineError, match="2 baselines are called"):
         find_baseline("mine-1.0")
-    assert find_baseline(other).place == str(other)
+    assert find_baseline(other).location == str(other)
 
 
 def test_a_results_root_is_no_baseline(root: Path) -> None:
@@ -296,6 +296,6 @@ def test_a_release_in_a_bucket_is_found_verified_and_loads_the_same(
         target.write_bytes(path, source.read_bytes(path))
     monkeypatch.setenv(BASELINES_VARIABLE, s3_root)
     found = find_baseline("mine-1.0")
-    assert found.place == f"{s3_root}/mine-1.0"
+    assert found.location == f"{s3_root}/mine-1.0"
     assert verify("mine-1.0").whole
     assert_same(found.frames(), load(root))

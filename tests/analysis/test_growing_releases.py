@@ -119,7 +119,7 @@ def test_the_card_has_a_configuration_for_each_table_that_has_rows(grown: Path) 
 
 @pytest.mark.parametrize("name", ["lite-1", "lite-2"])
 def test_the_cards_that_ship_have_configurations(name: str) -> None:
-    folder = Path(find_baseline(name).place)
+    folder = Path(find_baseline(name).location)
     _, matter, _ = (folder / "README.md").read_text().split("---\n", 2)
     configurations = [each["config_name"] for each in yaml.safe_load(matter)["configs"]]
     assert configurations == sorted(path.name for path in (folder / "tables").iterdir())
