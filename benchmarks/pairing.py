@@ -19,10 +19,10 @@ from pathlib import Path
 import pandas as pd
 from pools import execute, parser
 from sac_learning import curves
+from seed_statistics import least_correlation, pairing_helps, seed_correlation
 
 import analysis
 from analysis.statistics import paired, welch
-from analysis.statistics.tests import least_correlation, pairing_helps, seed_correlation
 from tma_ray.campaign.plan import CampaignSpec, Plan, joined_plan
 from tma_ray.runs import Cell, Schedule
 

@@ -48,7 +48,7 @@ def how_tested(family: str) -> str:
 
 SHARED: Final = frozenset({SIMULATED})
 """Engines on which all runs of a seed share a student's pace of learning, so that pairing by seed helps
-(`statistics.tests.pairing_helps`, `docs/statistics.md`)."""
+(`docs/statistics.md`)."""
 
 Seeds: TypeAlias = Mapping[Hashable, Hashable]
 """Seeds of paired runs by run id; runs that are not in it are independent."""

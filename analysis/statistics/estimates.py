@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import special
 
 from analysis.statistics.samples import TAIL, Estimate, deviations, negligible
@@ -82,33 +82,6 @@ def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
         for side in (0, 1)
     )
     return Estimate(value, value - below, value + above, n)
-
-
-def signal_to_noise(strata: Sequence[Mapping[str, ArrayLike]]) -> Estimate:
-    """Return the ratio of the standard deviation between teachers to that between seeds.
-
-    With F = n v / s², where v is the mean variance of the teachers' means in a stratum and s² the pooled
-    variance of seeds with f degrees of freedom, the squared ratio is (F (f - 2) / f - 1) / n, unbiased until
-    it is cut at 0. The interval is exact for normal teachers and seeds, whose F is Fisher's F times 1 + n
-    times the squared ratio. For unequal n their harmonic mean is used.
-
-    Args:
-        strata: values (n,), one per seed, by teacher; one mapping per task space.
-    """
-    samples = [[np.asarray(values, float) for values in stratum.values()] for stratum in strata]
-    cells = [values for stratum in samples for values in stratum]
-    runs = sum(map(len, cells))
-    between, within = len(cells) - len(samples), runs - len(cells)
-    if min(map(len, samples), default=0) < 2 or min(map(len, cells)) < 2 or within < 3:
-        return Estimate(math.nan, math.nan, math.nan, runs, "needs 2 teachers and 2 seeds")
-    n = len(cells) / sum(1 / len(values) for values in cells)
-    noise = sum(float((deviations(values) ** 2).sum()) for values in cells) / within
-    means = [np.array([values.mean() for values in stratum]) for stratum in samples]
-    signal = sum(float((deviations(row) ** 2).sum()) for row in means) / between
-    ratio = n * signal / noise if noise else math.inf
-    ends = (ratio / special.fdtri(between, within, share) for share in (TAIL, 1 - TAIL))
-    value, low, high = (math.sqrt(max(0.0, (f - 1) / n)) for f in (ratio * (within - 2) / within, *ends))
-    return Estimate(value, low, high, runs)
 
 
 def performance_profile(

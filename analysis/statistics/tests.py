@@ -21,9 +21,7 @@ from analysis.statistics.samples import (
     SIGNIFICANCE,
     TAIL,
     Description,
-    Estimate,
     describe,
-    deviations,
     finite,
     negligible,
 )
@@ -428,63 +426,3 @@ def seed_means(
     common = [seed for seed in parts[0] if all(seed in part for part in parts)]
     table = np.array([[part[seed] for seed in common] for part in parts])
     return pd.Series(np.asarray(weights, float) @ table / sum(weights), index=common, dtype=float)
-
-
-def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Estimate:
-    """Return the intraclass correlation of runs with a common seed, with its F interval.
-
-    Shrout and Fleiss' (1979) ICC(3,1), the share of seeds in the variance of runs, pooled over tables after
-    each teacher's values are divided by their standard deviation.
-
-    Args:
-        tables: values of runs, seeds by teachers (n, k), at least (2, 2), with the same k in all tables.
-
-    Raises:
-        ValueError: if the tables differ in their number of teachers, or there is none.
-    """
-    from scipy import special
-
-    sizes = {table.shape[1] for table in tables}
-    if len(sizes) != 1:
-        raise ValueError(f"tables of {sorted(sizes)} teachers: expected one number, the same in all")
-    (k,) = sizes
-    between = within = 0.0
-    for table in tables:
-        residuals = deviations(table.T).T
-        spreads = np.sqrt((residuals**2).sum(axis=0) / (len(table) - 1))
-        scaled = residuals / np.where(spreads > 0, spreads, 1.0)
-        seeds = scaled.mean(axis=1, keepdims=True)
-        between += k * float((seeds**2).sum())
-        within += float(((scaled - seeds) ** 2).sum())
-    of_seeds = sum(len(table) - 1 for table in tables)
-    of_rest = of_seeds * (k - 1)
-    ratio = (between / of_seeds) / (within / of_rest) if within else math.inf
-    low = ratio / float(special.fdtri(of_seeds, of_rest, TAIL))
-    high = ratio * float(special.fdtri(of_rest, of_seeds, TAIL))
-    value, low, high = ((f - 1) / (f + k - 1) if math.isfinite(f) else 1.0 for f in (ratio, low, high))
-    return Estimate(value, low, high, sum(map(len, tables)))
-
-
-def least_correlation(n: int) -> float:
-    """Return the least correlation at which pairs of `n` runs have a narrower interval than Welch's test.
-
-    0.58 with 3 runs, 0.31 with 5, 0.14 with 10: pairing reduces the variance of a difference, and halves the
-    degrees of freedom.
-
-    Raises:
-        ValueError: if there are fewer than 2 runs.
-    """
-    if n < 2:
-        raise ValueError(f"n = {n}: expected at least 2 runs")
-    from scipy import special
-
-    unpaired, pairs = (float(special.stdtrit(freedom, TAIL)) for freedom in (2 * n - 2, n - 1))
-    return 1 - (unpaired / pairs) ** 2
-
-
-def pairing_helps(correlation: Estimate, n: int) -> bool:
-    """Return True if the interval of the correlation is over `least_correlation`.
-
-    The correlation must be estimated from other runs than those to be tested, or the test is biased.
-    """
-    return correlation.low > least_correlation(n)

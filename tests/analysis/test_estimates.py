@@ -14,7 +14,6 @@ from analysis.statistics.estimates import (
     interquartile_mean_of,
     performance_profile,
     probability_of_improvement,
-    signal_to_noise,
 )
 from analysis.statistics.samples import Estimate
 
@@ -216,47 +215,3 @@ def test_rounding_errors_are_no_spread_and_no_wins() -> None:
     nearly = {"a": pd.Series([0.3] * 3, list("xyz"))}, {"a": pd.Series([0.1 * 3] * 3, list("uvw"))}
     assert nearly[0]["a"].iloc[0] < nearly[1]["a"].iloc[0]
     assert probability_of_improvement(*nearly).value == 0.5
-    found = signal_to_noise([{"a": [0.1] * 3, "b": [0.7] * 3}])
-    assert found.value == math.inf
-
-
-def test_signal_to_noise_of_one_stratum_is_that_of_fishers_f() -> None:
-    draws = np.random.default_rng(2).normal(size=(5, 6)) + np.array([0, 1, 2, 3, 4])[:, None]
-    found = signal_to_noise([dict(enumerate(draws))])
-    f = stats.f_oneway(*draws).statistic
-    assert found.value == pytest.approx(math.sqrt((f * 23 / 25 - 1) / 6))
-    ends = [math.sqrt((f / stats.f.ppf(share, 4, 25) - 1) / 6) for share in (0.975, 0.025)]
-    assert (found.low, found.high) == pytest.approx(tuple(ends))
-    assert signal_to_noise([dict(enumerate(1000 * draws - 7))]).value == pytest.approx(found.value)
-
-
-def test_signal_to_noise_pools_strata_and_does_not_count_their_levels() -> None:
-    rng, effects = np.random.default_rng(3), np.array([-1.0, 0.0, 1.0])
-    strata = [dict(enumerate(level + effects[:, None] + rng.normal(0, 0.5, (3, 400)))) for level in (0, 50)]
-    found = signal_to_noise(strata)
-    # A deviation of 1 between teachers, of 0.5 between seeds.
-    assert found.value == pytest.approx(2.0, abs=0.1)
-    assert found.low < 2 < found.high
-
-
-def test_signal_to_noise_is_right_on_average_and_its_interval_holds() -> None:
-    truth, rng, squares = 0.8, np.random.default_rng(4), []
-
-    def estimate(draw: np.random.Generator) -> Estimate:
-        strata = truth * draw.normal(size=(3, 4, 1)) + draw.normal(size=(3, 4, 4))
-        found = signal_to_noise([dict(enumerate(stratum)) for stratum in strata])
-        squares.append(found.value**2)
-        return found
-
-    held = coverage(truth, estimate, 1500)
-    assert held == pytest.approx(0.95, abs=0.015)
-    assert np.mean(squares) == pytest.approx(truth**2, abs=0.03)  # hardly ever cut at 0 here
-    alike = [signal_to_noise([dict(enumerate(rng.normal(size=(4, 4))))]).value for _ in range(50)]
-    assert np.median(alike) < 0.2
-
-
-@pytest.mark.parametrize("strata", [[], [{"a": [1, 2, 3, 4, 5]}], [{"a": [1, 2, 3, 4], "b": [1]}]])
-def test_signal_to_noise_needs_teachers_and_seeds(strata: list[dict[str, list[float]]]) -> None:
-    found = signal_to_noise(strata)
-    assert found.reason == "needs 2 teachers and 2 seeds"
-    assert math.isnan(found.value)

@@ -31,12 +31,8 @@ from analysis.statistics import (
     welch,
     welch_from_statistics,
 )
-from analysis.statistics.samples import Estimate
 from analysis.statistics.tests import (
-    least_correlation,
-    pairing_helps,
     permutation_p,
-    seed_correlation,
     sign_flip_p,
 )
 
@@ -220,33 +216,6 @@ def test_pairs_agree_with_scipy_and_flip_signs_without_spread() -> None:
     assert math.isnan(equal.low)
     drawn = sign_flip_p(first - second + rng.normal(0, 0.01, 8))
     assert drawn == pytest.approx(stats.wilcoxon(first - second).pvalue, abs=0.05)
-
-
-def test_the_correlation_of_seeds_holds_the_true_one() -> None:
-    rng, true, held = np.random.default_rng(6), 0.5, 0
-    for _ in range(400):
-        tables = [rng.normal(0, 1, (6, 1)) + rng.normal(0, 1, (6, 3)) + rng.normal(0, 9, 3) for _ in range(4)]
-        found = seed_correlation(tables)
-        held += found.low <= true <= found.high
-    assert 0.92 <= held / 400 <= 0.99
-
-
-@pytest.mark.slow
-def test_pairing_needs_more_correlation_the_fewer_the_runs() -> None:
-    assert least_correlation(2) > least_correlation(5) > least_correlation(32) > 0
-    rng = np.random.default_rng(7)
-    n = 5
-    for correlation, narrower in ((least_correlation(n) - 0.2, False), (least_correlation(n) + 0.2, True)):
-        covariance = [[1, correlation], [correlation, 1]]
-        widths = np.zeros(2)
-        for _ in range(2_000):
-            both = rng.multivariate_normal([0, 0], covariance, n).T
-            of_pairs = paired(*map(pd.Series, both))
-            of_both = welch(sample(list(both[0]), "a"), sample(list(both[1]), "b"))
-            widths += [of_pairs.high - of_pairs.low, of_both.high - of_both.low]
-        assert (widths[0] < widths[1]) == narrower
-    assert pairing_helps(Estimate(0.9, 0.8, 1.0, 1), n)
-    assert not pairing_helps(Estimate(0.9, 0.1, 1.0, 1), n)
 
 
 @pytest.mark.parametrize(
