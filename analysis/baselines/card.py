@@ -35,7 +35,7 @@ def card(
         tables: tables of results.
         citation: citation; empty for `BaselineManifest.citation`.
         ceilings: sentences on the bounds of the results.
-        paths: paths of non-empty files of tables, each of which is a configuration of the data set.
+        paths: paths of non-empty files of tables, for a configuration of the data set per table.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # deferred: only writing a card needs it
 

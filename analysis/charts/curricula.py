@@ -89,7 +89,7 @@ def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> b
     Args:
         shots: runs as in `film_strip`, at most `MOST_SHOTS`.
         plane: the two task dimensions.
-        frames: largest number of frames, of which each shows a step with probes.
+        frames: largest number of frames, one per step with probes.
 
     Raises:
         ValueError: if there are too many frames or runs, or `film_strip` raises it.
@@ -177,7 +177,7 @@ def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -
 
     Args:
         curricula: one run per teacher.
-        axes: task dimensions, of which constant ones are left out.
+        axes: task dimensions; constant ones are ignored.
     """
     varied = [index for index, axis in enumerate(axes) if axis.high > axis.low]
     names = short_labels(curricula, 14)

@@ -208,13 +208,13 @@ def _(mark: base.Interval, panel: base.Panel) -> Iterator[Trace]:
     finite = bool(np.isfinite(mark.x))
     sides = {"array": mark.high - mark.x, "arrayminus": mark.x - mark.low}
     error = {side: [round(length, 2) if length > 0 else 0.0] * finite for side, length in sides.items()}
-    look = {"color": mark.look.colour, "thickness": mark.width, "width": mark.cap}
+    style = {"color": mark.look.colour, "thickness": mark.width, "width": mark.cap}
     yield _scatter(
         x=[mark.x] * finite,
         y=_rows(panel.y, [mark.y] * finite),
         mode="markers",
         marker={"color": mark.look.colour, "symbol": _SYMBOLS[mark.look.marker], "size": mark.size},
-        error_x={**error, **look},
+        error_x={**error, **style},
         **_hover(mark),
     )
 

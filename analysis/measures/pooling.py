@@ -278,7 +278,7 @@ def _pools(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> list[str]:
 
 
 def _test_sets(cells: pd.DataFrame) -> pd.Series:
-    """Return each cell's test set. A shipped one stands for all shipped test sets of its challenge.
+    """Return each cell's test set. A shipped one is replaced by all shipped test sets of its challenge.
 
     This holds for Box2D's and for equally thinned test sets, such as ``parkour_walking:every=2``, too.
     """

@@ -102,7 +102,7 @@ class TrialCell:
         return Spread(self.slope, self.deviation, self.least)
 
     @property
-    def place(self) -> tuple[str, ...]:
+    def key(self) -> tuple[str, ...]:
         """Values of `CELL`."""
         return tuple(getattr(self, name) for name in CELL)
 
@@ -180,9 +180,9 @@ class Design:
         return 2 * self.margin if measure == FINAL else self.margin
 
     @property
-    def places(self) -> list[tuple[str, ...]]:
+    def keys(self) -> list[tuple[str, ...]]:
         """Values of `CELL` of each cell."""
-        return [cell.place for cell in self.cells]
+        return [cell.key for cell in self.cells]
 
     def rule(self, reference: str, runs: rules.Floats, measure: str = HEADLINE) -> rules.DecisionRule:
         """Return the decision rule of the comparison with a reference that has `runs` runs (cells,)."""
@@ -201,7 +201,7 @@ class Design:
 
         The digest ignores other runs, so a release may grow during a trial.
         """
-        return replace(self, release_digest=_digest(released, self.references, self.places))
+        return replace(self, release_digest=_digest(released, self.references, self.keys))
 
     def differing(self, other: "Design") -> list[str]:
         """Return a phrase for each setting that differs in another design."""
@@ -235,17 +235,17 @@ def ended_runs(frames: Frames) -> pd.DataFrame:
     return rows.assign(**scaled).astype(dict.fromkeys([*CELL, "teacher"], str))
 
 
-def in_cell(runs: pd.DataFrame, place: tuple[str, ...]) -> pd.DataFrame:
+def in_cell(runs: pd.DataFrame, key: tuple[str, ...]) -> pd.DataFrame:
     """Return the runs of the cell with these values of `CELL`."""
-    return runs[(runs[CELL] == list(place)).all(axis=1)]
+    return runs[(runs[CELL] == list(key)).all(axis=1)]
 
 
 def moments_of(
-    runs: pd.DataFrame, teacher: str, places: Sequence[tuple[str, ...]], measure: str = HEADLINE
+    runs: pd.DataFrame, teacher: str, keys: Sequence[tuple[str, ...]], measure: str = HEADLINE
 ) -> rules.Moments:
     """Return the moments of a teacher's runs in each cell; NaN where a sample is too small."""
     rows = runs[runs["teacher"] == teacher]
-    samples = [in_cell(rows, place)[SCALED[measure]].to_numpy(float) for place in places]
+    samples = [in_cell(rows, key)[SCALED[measure]].to_numpy(float) for key in keys]
     with np.errstate(invalid="ignore", divide="ignore"):
         means = [sample.mean() if sample.size else np.nan for sample in samples]
         variances = [sample.var(ddof=1) if sample.size > 1 else np.nan for sample in samples]
@@ -280,11 +280,11 @@ def make_design(
     released, core = released_runs(frames), baseline.manifest.core
     released = released[released["teacher"] != teacher]
     in_core = frames.cells[frames.cells["campaign"].isin(core)] if core else frames.cells
-    places, name = _places(in_core, cells), baseline.manifest.name
-    best, candidates = _best(released, list(places.values()), name)
+    keys, name = _cell_keys(in_core, cells), baseline.manifest.name
+    best, candidates = _best(released, list(keys.values()), name)
     first = int(released.loc[released["teacher"].isin([BASELINE, best]), "seed"].max()) + 1
     seeds = tuple(range(first, first + looks[-1]))
-    trial_cells = _cells(places, released, frames)
+    trial_cells = _cells(keys, released, frames)
     if not any(cell.deviation for cell in trial_cells):
         raise ValueError(f"{name} has no spread between seeds in these cells: choose others or more of them")
     design = Design(teacher, name, "", best, candidates, trial_cells, seeds, margin, looks=looks)
@@ -302,7 +302,7 @@ def make_design(
     )
 
 
-def _places(cells: pd.DataFrame, names: Collection[str]) -> dict[str, tuple[str, ...]]:
+def _cell_keys(cells: pd.DataFrame, names: Collection[str]) -> dict[str, tuple[str, ...]]:
     """Return the cells of Random at their highest level of knowledge, as values of `CELL` by name."""
     rows = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
     keys = {tuple(map(str, row)) for row in rows[CELL].itertuples(index=False)}
@@ -319,16 +319,16 @@ def _places(cells: pd.DataFrame, names: Collection[str]) -> dict[str, tuple[str,
 
 
 def _cells(
-    places: Mapping[str, tuple[str, ...]], released: pd.DataFrame, frames: Frames
+    keys: Mapping[str, tuple[str, ...]], released: pd.DataFrame, frames: Frames
 ) -> tuple[TrialCell, ...]:
     """Return the cells in falling order of signal to noise per core-hour.
 
     The signal is the variance between the release's teachers less the share of seeds, the noise the variance
     of a run.
     """
-    ranked, weights = [], _weights(list(places.values()))
-    for (name, place), weight in zip(places.items(), weights, strict=True):
-        rows = in_cell(released, place)
+    ranked, weights = [], _weights(list(keys.values()))
+    for (name, key), weight in zip(keys.items(), weights, strict=True):
+        rows = in_cell(released, key)
         groups = rows.groupby("teacher")["angle"]
         area, end = (_spread(rows, measure) for measure in AXES)
         hours = frames.run_hours.reindex(rows["run_id"].unique()).median()
@@ -337,7 +337,7 @@ def _cells(
         signal = max(float(groups.mean().var()) - noise * float((1 / groups.size()).mean()), 0.0)
         cell = TrialCell(
             name,
-            **dict(zip(CELL, place, strict=True)),
+            **dict(zip(CELL, key, strict=True)),
             slope=area.slope,
             deviation=area.deviation,
             hours=hours,
@@ -350,9 +350,9 @@ def _cells(
     return tuple(cell for _, cell in sorted(ranked, key=itemgetter(0), reverse=True))
 
 
-def _weights(places: Sequence[tuple[str, ...]]) -> list[float]:
+def _weights(keys: Sequence[tuple[str, ...]]) -> list[float]:
     """Return cells' weights with sum 1, equal for challenges and for the cells of each."""
-    weights = stratum_weights([place[:CHALLENGE] for place in places])
+    weights = stratum_weights([key[:CHALLENGE] for key in keys])
     return [weight / sum(weights) for weight in weights]
 
 
@@ -367,36 +367,36 @@ def _spread(rows: pd.DataFrame, measure: str) -> Spread:
     return Spread(slope, deviation, least_variance(describe(values) for _, values in groups))
 
 
-def _candidates(released: pd.DataFrame, places: Sequence[tuple[str, ...]]) -> list[str]:
+def _candidates(released: pd.DataFrame, keys: Sequence[tuple[str, ...]]) -> list[str]:
     """Return the teachers other than Random with at least as many runs as Random in each cell."""
-    needed = moments_of(released, BASELINE, places).runs
+    needed = moments_of(released, BASELINE, keys).runs
     return [
         teacher
         for teacher in released["teacher"].unique()
-        if not is_baseline(teacher) and (moments_of(released, teacher, places).runs >= needed).all()
+        if not is_baseline(teacher) and (moments_of(released, teacher, keys).runs >= needed).all()
     ]
 
 
-def _best(released: pd.DataFrame, places: Sequence[tuple[str, ...]], name: str) -> tuple[str, int]:
+def _best(released: pd.DataFrame, keys: Sequence[tuple[str, ...]], name: str) -> tuple[str, int]:
     """Return the best teacher other than Random over cells, and the number of candidates."""
-    needed = moments_of(released, BASELINE, places).runs
+    needed = moments_of(released, BASELINE, keys).runs
     if needed.min() < 3:
         runs = counted(int(needed.min()), "run")
         raise ValueError(f"{name} has {runs} of Random in a cell: a trial needs 3")
-    areas, weights = released.groupby(["teacher", *CELL])[HEADLINE].mean(), _weights(places)
+    areas, weights = released.groupby(["teacher", *CELL])[HEADLINE].mean(), _weights(keys)
     means = {
-        teacher: float(np.dot(weights, [areas[teacher, *place] for place in places]))
-        for teacher in _candidates(released, places)
+        teacher: float(np.dot(weights, [areas[teacher, *key] for key in keys]))
+        for teacher in _candidates(released, keys)
     }
     if not means:
         raise ValueError(f"{name} has no teacher with as many runs as Random in these cells")
     return max(means, key=lambda teacher: means[teacher]), len(means)
 
 
-def _digest(released: pd.DataFrame, teachers: Sequence[str], places: Sequence[tuple[str, ...]]) -> str:
+def _digest(released: pd.DataFrame, teachers: Sequence[str], keys: Sequence[tuple[str, ...]]) -> str:
     """Return the SHA-256 of the ids and results of some teachers' runs in some cells."""
     runs = released[released["teacher"].isin(teachers)]
-    rows = pd.concat([in_cell(runs, place) for place in places])
+    rows = pd.concat([in_cell(runs, key) for key in keys])
     lines = sorted(
         f"{run_id} {area:.6f}" for run_id, area in zip(rows["run_id"], rows[HEADLINE], strict=True)
     )
@@ -405,15 +405,15 @@ def _digest(released: pd.DataFrame, teachers: Sequence[str], places: Sequence[tu
 
 def setting_of(design: Design, released: pd.DataFrame, measure: str = HEADLINE) -> rules.Setting:
     """Return the parameters that simulate trials of a design."""
-    teachers = [BASELINE, *_candidates(released, design.places)]
+    teachers = [BASELINE, *_candidates(released, design.keys)]
     residuals = []
-    for place in design.places:
-        groups = in_cell(released, place).groupby("teacher")[SCALED[measure]]
+    for key in design.keys:
+        groups = in_cell(released, key).groupby("teacher")[SCALED[measure]]
         samples = [groups.get_group(teacher).to_numpy(float) for teacher in teachers]
         residuals.append(
             tuple(deviations(sample) * np.sqrt(sample.size / (sample.size - 1)) for sample in samples)
         )
-    runs = moments_of(released, BASELINE, design.places).runs
+    runs = moments_of(released, BASELINE, design.keys).runs
     both = tuple(design.rule(reference, runs, measure) for reference in design.references)
     return rules.Setting(both, design.estimand(measure), tuple(residuals), runs)
 

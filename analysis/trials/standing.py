@@ -117,7 +117,7 @@ def completed_looks(
     """
     affordable = len(design.looks) - 1 if affordable is None else affordable
     references = {
-        (measure, name): moments_of(released, name, design.places, measure)
+        (measure, name): moments_of(released, name, design.keys, measure)
         for measure in design.axes
         for name in design.references
     }
@@ -126,12 +126,12 @@ def completed_looks(
     past: dict[str, list[Moments]] = {measure: [] for measure in design.axes}
     for look, seeds in enumerate(design.looks):
         rows = runs[runs["seed"].isin(design.seeds[:seeds])]
-        counts = moments_of(rows, design.teacher, design.places).runs
+        counts = moments_of(rows, design.teacher, design.keys).runs
         if counts.min() < seeds:
             break
         finite = rows[np.isfinite(rows["angle"])]
         for measure, moments in past.items():
-            moments.append(moments_of(finite, design.teacher, design.places, measure))
+            moments.append(moments_of(finite, design.teacher, design.keys, measure))
         comparisons = []
         for key, reference in references.items():
             comparison = _comparison(key, past[key[0]], reference, design, affordable)
@@ -199,7 +199,7 @@ def course(
         seeds; value, low and high (difference and repeated confidence interval, NaN for future looks);
         verdict; better and worse (boundaries of these verdicts); in points.
     """
-    runs = moments_of(released, reference, design.places).runs
+    runs = moments_of(released, reference, design.keys).runs
     rule, expectations = design.rule(reference, runs, measure), planned(design, runs, measure)
     rows = []
     for look, (seeds, expected) in enumerate(zip(design.looks, expectations, strict=True)):
@@ -217,17 +217,17 @@ def course(
     return pd.DataFrame(rows, columns=["seeds", "value", "low", "high", "verdict", "better", "worse"])
 
 
-def curves(design: Design, frames: Frames, own: Frames) -> pd.DataFrame:
+def curves(design: Design, frames: Frames, trial_frames: Frames) -> pd.DataFrame:
     """Return the learning curves of the new teacher and both references over the cells of the trial.
 
     Returns:
         teacher, step, n, mean, std and standard_error of the mastered test tasks, in per cent.
     """
-    places = pd.DataFrame(design.places, columns=CELL)
+    keys = pd.DataFrame(design.keys, columns=CELL)
     tables = []
-    for source, names in ((frames, design.references), (own, (design.teacher,))):
+    for source, names in ((frames, design.references), (trial_frames, (design.teacher,))):
         cells = source.cells[source.cells["teacher"].isin(names)].astype(dict.fromkeys(CELL, str))
-        runs = cells.merge(places, on=CELL)[["teacher", "run_id"]].drop_duplicates()
+        runs = cells.merge(keys, on=CELL)[["teacher", "run_id"]].drop_duplicates()
         rows = source.measured[["run_id", "step", "mastered_percent"]].astype({"run_id": object})
         tables.append(runs.astype(object).merge(rows, on="run_id"))
     return aggregate(pd.concat(tables, ignore_index=True), "mastered_percent", ["teacher"])
@@ -274,7 +274,7 @@ AVERAGING = {HEADLINE: "on average over training", FINAL: "over the last three e
 def plan_lines(design: Design, released: pd.DataFrame) -> Iterator[str]:
     """Yield the lines that describe a design and its power."""
     cells, looks, seeds = design.cells, design.looks, design.seeds
-    references = {name: moments_of(released, name, design.places).runs for name in design.references}
+    references = {name: moments_of(released, name, design.keys).runs for name in design.references}
     smallest = max(detectable(design, name, runs) for name, runs in references.items())
     others = (
         f"the best of {design.candidates} teachers" if design.candidates > 1 else "its only other teacher"

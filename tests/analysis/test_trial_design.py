@@ -48,7 +48,7 @@ class Trial(NamedTuple):
         rows = ended_runs(self.frames)
         found = []
         for cell in self.design.cells:
-            own = rows[(rows[CELL] == list(cell.place)).all(axis=1) & (rows["teacher"] == teacher)]
+            own = rows[(rows[CELL] == list(cell.key)).all(axis=1) & (rows["teacher"] == teacher)]
             own = pd.concat([own] * 10, ignore_index=True).head(seeds)
             changes = {"teacher": self.design.teacher, "seed": list(self.design.seeds[:seeds])}
             shifted = {"angle": own["angle"] + points / cell.slope, "end": own["end"] + points}
@@ -76,7 +76,7 @@ def test_the_design_says_whom_where_and_with_which_seeds(trial: Trial) -> None:
     means = ended_runs(trial.frames).groupby(["teacher", *CELL])[HEADLINE].mean()
     assert design.best == max(
         ("alp_gmm", "goal_gan:preset=release", "riac"),
-        key=lambda teacher: sum(means[(teacher, *cell.place)] for cell in design.cells),
+        key=lambda teacher: sum(means[(teacher, *cell.key)] for cell in design.cells),
     )
     assert [cell.name for cell in design.cells] == ["original", "diverse_students/spider"]
     assert min(design.seeds) > trial.frames.cells["seed"].max()
@@ -174,7 +174,7 @@ def test_runs_that_are_not_finite_are_left_out_by_number(trial: Trial) -> None:
 def test_the_detectable_difference_falls_with_the_number_of_cells(trial: Trial) -> None:
     found = []
     for made in (trial.design, designed(trial.frames, "original")):
-        runs = moments_of(trial.released, "random", made.places).runs
+        runs = moments_of(trial.released, "random", made.keys).runs
         found.append(detectable(made, "random", runs))
     assert found[0] < found[1]
 
@@ -213,8 +213,8 @@ def test_a_look_has_the_difference_and_the_interval_of_the_boards_test(
     )
     pairs, factors, least = [], [], []
     for cell in design.cells:
-        there = in_cell(whole.released, cell.place)
-        mine, theirs = in_cell(runs, cell.place), there[there["teacher"] == "random"]
+        there = in_cell(whole.released, cell.key)
+        mine, theirs = in_cell(runs, cell.key), there[there["teacher"] == "random"]
         sides = (rows.set_index("run_id")[column] for rows in (mine, theirs))
         pairs.append((next(sides).rename(lambda name: f"new {name}"), next(sides)))
         least.append(least_variance(describe(rows) for _, rows in there.groupby("teacher")[column]))
@@ -223,7 +223,7 @@ def test_a_look_has_the_difference_and_the_interval_of_the_boards_test(
     assert found.value == pytest.approx(sum(factors) * test.difference)
     reach = found.value - found.low
     error = sum(factors) * test.difference / test.t
-    bound = design.rule("random", moments_of(whole.released, "random", design.places).runs, measure).lower[0]
+    bound = design.rule("random", moments_of(whole.released, "random", design.keys).runs, measure).lower[0]
     quantile = stats.t.isf(stats.norm.sf(bound), test.degrees_of_freedom)
     assert reach == pytest.approx(quantile * error)
 

@@ -72,7 +72,7 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         design = before.renewed(released)
     else:
         design = make_design(teacher, baseline, frames, margin, cells)
-    places, plans = design.places, []
+    places, plans = design.keys, []
     if options.simulated:
         simulated_cells(teacher, places)  # refuses what the teacher cannot teach
         plugin = TEACHERS.plugin(teacher)
@@ -117,7 +117,7 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
         code = trials.run_looks(plans, cost, options, trial.judge)
     else:
         seeds = [trial.design.seeds[:count] for count in trial.design.looks]
-        cells = trials.simulated_cells(trial.design.teacher, trial.design.places)
+        cells = trials.simulated_cells(trial.design.teacher, trial.design.keys)
         code = trials.simulate_looks(cells, seeds, options, trial.judge)
     trial.conclude()
     return code
