@@ -360,7 +360,7 @@ def read_source(source: str | Path) -> Frames:
 
     Raises:
         BaselineError: if a baseline is damaged, or has only published results.
-        ResultsRootError: if there is no such root or baseline.
+        ResultsRootError: if the root or baseline is missing.
     """
     baseline = as_baseline(source)
     if baseline and baseline.manifest.kind is BaselineKind.PUBLISHED:

@@ -78,7 +78,7 @@ def release(
         The new folder.
 
     Raises:
-        ResultsRootError: if there is no results root.
+        ResultsRootError: if the results root is missing.
         BaselineError: if a campaign is running, a run is not done, the root is empty or damaged, or the
             folder exists.
         DamagedFileError: if columns of a newer version would be lost.
@@ -343,7 +343,7 @@ def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.CopyO
         core: campaigns whose cells have a policy; all by default.
 
     Raises:
-        ResultsRootError: if there is no results root.
+        ResultsRootError: if the results root is missing.
         BaselineError: if a median run has no policy.
         ValueError: if a campaign of `core` is missing.
     """

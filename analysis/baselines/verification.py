@@ -50,7 +50,7 @@ def verify(name: str | Path) -> Verification:
     """Compare a baseline with its manifest, and read its tables.
 
     Raises:
-        BaselineError: if there is no such baseline, or its manifest cannot be read.
+        BaselineError: if the baseline is missing or its manifest unreadable.
     """
     baseline = find_baseline(name)
     store = results.Store.open(baseline.location)

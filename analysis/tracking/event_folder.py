@@ -138,7 +138,7 @@ class EventFolder(Tracker):
         folder: TensorBoard's ``--logdir``, created if missing.
 
     Raises:
-        ResultsRootError: if there is no results root, or one of another version.
+        ResultsRootError: if the results root is missing or of another version.
         ValueError: if tensorboardX is not installed, or `folder` cannot be created.
     """
 

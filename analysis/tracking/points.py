@@ -39,7 +39,7 @@ class Tracker(ABC):
         root: a folder, or an ``s3://`` or ``gs://`` address.
 
     Raises:
-        ResultsRootError: if there is no results root, or one of another version.
+        ResultsRootError: if the results root is missing or of another version.
     """
 
     def __init__(self, root: str | Path) -> None:

@@ -38,7 +38,7 @@ class WandbProject(Tracker):
         offline: True to write to `folder` only, for ``wandb sync``.
 
     Raises:
-        ResultsRootError: if there is no results root, or one of another version.
+        ResultsRootError: if the results root is missing or of another version.
         ValueError: if the library is not installed.
     """
 
