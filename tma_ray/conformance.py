@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import Environment, make_environment, mastery_return
-from tma_ray.physics.kernels import VELOCITY_X_SCALE, VELOCITY_Y_SCALE
+from tma_ray.physics.rules import VELOCITY_X_SCALE, VELOCITY_Y_SCALE
 from tma_ray.students import STUDENTS, Student, Transition, make_student
 from tma_ray.tasks import Task, TaskSpace
 from tma_ray.testing import TeacherConformance

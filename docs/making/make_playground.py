@@ -9,6 +9,7 @@ Chromium. What was built is told in docs/playground/built.json; a test compares 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import io
 import json
 import shutil
@@ -20,7 +21,7 @@ from playwright.sync_api import sync_playwright
 
 from analysis.names import label
 from tma_ray.embodiments import embodiment_names
-from tma_ray.playground.compiling import WASM, ZIG, build, digest, kernels_in_c
+from tma_ray.playground.compiling import WASM, ZIG, build, kernels_in_c
 from tma_ray.playground.contents import variants
 from tma_ray.playground.page import Start, page_html, policy_record
 from tma_ray.results import Results
@@ -30,6 +31,11 @@ ROOT = Path(__file__).parents[2]
 
 FILM_SIZE, FRAMES, FRAME_STEPS, FRAME_MILLISECONDS, COLOURS = (640, 240), 90, 5, 100, 32
 """Width and height in pixels, frames, steps and milliseconds of a frame, and colours of the film."""
+
+
+def digest(content: bytes) -> str:
+    """Return the SHA-256 of `content`."""
+    return hashlib.sha256(content).hexdigest()
 
 
 def page(root: str, task: tuple[float, ...], seed: int) -> tuple[str, list[str]]:

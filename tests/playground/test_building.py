@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 from pathlib import Path
@@ -11,13 +12,17 @@ import numpy as np
 import pytest
 from suite.locked import locked
 
-from tma_ray.playground.compiling import WASM, CompilerMissingError, build, digest, kernels_in_c, require_zig
+from tma_ray.playground.compiling import WASM, CompilerMissingError, build, kernels_in_c, require_zig
 from tma_ray.playground.page import SCRIPTS, SOURCES
 from tma_ray.playground.translation import REAL, WHOLE, ArrayType, Translation, TranslationError, TupleType
 
 DOCS = Path(__file__).parents[2] / "docs/playground"
 
 BUILT = json.loads((DOCS / "built.json").read_text())
+
+
+def digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def test_the_engine_is_of_the_present_kernels_and_pymunk() -> None:

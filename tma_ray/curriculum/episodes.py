@@ -19,19 +19,12 @@ Apply: TypeAlias = Callable[[Any, Mapping[str, float]], object]
 
 @dataclass(frozen=True, eq=False)
 class Assignment:
-    """Task for one episode.
+    """Task for one episode."""
 
-    Attributes:
-        number: number of the episode, in the order of assignment.
-        task: task, float32 (d,).
-        trains: True if the student learns from the episode.
-        records: True if the teacher needs the trajectory.
-    """
-
-    number: int
-    task: Task
-    trains: bool
-    records: bool
+    number: int  # in the order of assignment
+    task: Task  # (d,)
+    trains: bool  # True if the student learns from the episode
+    records: bool  # True if the teacher needs the trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,14 +114,7 @@ def by_name(space: TaskSpace, task: Task) -> dict[str, float]:
 def reset_to(
     environment: Environment, task: Mapping[str, float], apply: Apply | None, **kwargs: Any
 ) -> tuple[Any, dict[str, Any]]:
-    """Reset `environment` to a task.
-
-    Args:
-        environment: environment to reset.
-        task: task by name.
-        apply: function that prepares the environment; None if its `reset` takes the option "task".
-        kwargs: further arguments of `reset`.
-    """
+    """Reset `environment` to a task by name, with `apply` or, if None, with the option "task"."""
     if apply is not None:
         apply(environment, task)
         return environment.reset(**kwargs)
@@ -141,14 +127,8 @@ def next_assignment(
 ) -> tuple[Assignment, int | None]:
     """Return the next assignment for the training loop, after playing those without learning.
 
-    Args:
-        environment: environment for episodes without learning.
-        link: curriculum of the environment.
-        apply: function that prepares the environment for a task.
-        seed: seed of the next `reset`.
-
     Returns:
-        Assignment, and `seed` if no episode has used it.
+        Assignment, and the `seed` of the next `reset` if no episode has used it.
     """
     assignment = link.begin()
     while not (assignment.trains or link.marks_withheld):

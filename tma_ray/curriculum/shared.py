@@ -18,11 +18,8 @@ BACKLOG = 256  # processes that may connect at the same time
 class CurriculumServer:
     """Server for the handles of other processes, with a thread per process.
 
-    Episodes of a process that dies are abandoned.
-
-    Args:
-        link: curriculum to share.
-        host: name or address of this machine for other machines; None for a local socket.
+    Episodes of a process that dies are abandoned. `host` is the name or address of this machine for other
+    machines, None for a local socket.
     """
 
     def __init__(self, link: Link, host: str | None = None) -> None:
@@ -67,15 +64,8 @@ class CurriculumServer:
 class SharedCurriculum:
     """Handle of a curriculum for other processes, pickled or forked.
 
-    It connects on first use to the process with the curriculum, which must be alive.
-
-    Args:
-        address: address of the server.
-        key: shared secret.
-        space: space of the tasks.
-        gamma: the student's discount factor.
-        mastery_return: episodic return over which a task is mastered.
-        marks_withheld: True if the loop plays the episodes from which the student must not learn.
+    It connects on first use to the process with the curriculum, which must be alive. `Curriculum.shared`
+    makes it.
     """
 
     def __init__(

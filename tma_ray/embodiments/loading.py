@@ -35,26 +35,16 @@ NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")  # number k = 1, 2, ... of a copy i
 
 @dataclass(frozen=True)
 class Repeat:
-    """Section whose entries are expanded once per copy, with the copy's number in their texts.
+    """Section whose entries are expanded once per copy, with the copy's number in their texts."""
 
-    Attributes:
-        parameter: name of the number of copies.
-        count: default number of copies.
-        at_most: largest number of copies.
-        parts: entries of parts.
-        joints: entries of joints.
-        links: entries of joints between copies k and k + 1.
-        grip_sensors: entries of grip sensors.
-        step: offset between the copies, in m, which are centred on the given position.
-    """
-
-    parameter: str
-    count: int
-    at_most: int
-    parts: list[Entry]
-    joints: list[Entry]
-    links: list[Entry]
-    grip_sensors: list[Entry]
+    parameter: str  # name of the number of copies
+    count: int  # default number of copies
+    at_most: int  # largest number of copies
+    parts: list[Entry]  # entries of parts
+    joints: list[Entry]  # entries of joints
+    links: list[Entry]  # entries of joints between copies k and k + 1
+    grip_sensors: list[Entry]  # entries of grip sensors
+    # offset between the copies, in m, which are centred on the given position
     step: tuple[float, float] = (0.0, 0.0)
 
     def check(self, count: object) -> None:

@@ -43,17 +43,11 @@ REACH = 5.0  # half width in m over which ground and ceiling are averaged, so th
 
 
 class Viewport(NamedTuple):
-    """Section of the world in a frame.
+    """Section of the world in a frame."""
 
-    Attributes:
-        left: x of the left edge, in m.
-        bottom: y of the lower edge, in m.
-        scale: pixels of a frame per m.
-    """
-
-    left: float
-    bottom: float
-    scale: float
+    left: float  # x of the left edge, in m
+    bottom: float  # y of the lower edge, in m
+    scale: float  # pixels of a frame per m
 
     @property
     def right(self) -> float:

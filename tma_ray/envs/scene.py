@@ -14,25 +14,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Scene:
-    """Content of a frame.
+    """Content of a frame."""
 
-    Attributes:
-        poses: x, y, angle of every part's frame (p, 3), in m and rad.
-        terrain: terrain of the world.
-        creepers: each creeper's centre in m, cosine and sine of its angle (c, 4).
-        grips: True for grip sensors that touch, and that hold, an object (g, 2).
-        lidars: ends of the rays (r, 2), in m.
-        hits: kind of object that each ray hits (r,): -1 water, 1 a creeper, 0 anything else.
-        dead: True if the body has been in the wrong medium for too long.
-    """
-
-    poses: Floats
-    terrain: Terrain
-    creepers: Floats
-    grips: NDArray[np.bool_]
-    lidars: Floats
+    poses: Floats  # x, y, angle of every part's frame (p, 3), in m and rad
+    terrain: Terrain  # terrain of the world
+    creepers: Floats  # each creeper's centre in m, cosine and sine of its angle (c, 4)
+    grips: NDArray[np.bool_]  # True for grip sensors that touch, and that hold, an object (g, 2)
+    lidars: Floats  # ends of the rays (r, 2), in m
+    # kind of object that each ray hits (r,): -1 water, 1 a creeper, 0 anything else
     hits: NDArray[np.float32]
-    dead: bool
+    dead: bool  # True if the body has been in the wrong medium for too long
 
 
 def scene_of(engine: Engine, terrain: Terrain, observation: NDArray[np.float32]) -> Scene:

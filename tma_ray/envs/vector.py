@@ -22,19 +22,12 @@ if TYPE_CHECKING:
 
 
 class Outcome(NamedTuple):
-    """Outcome of a step of k environments.
+    """Outcome of a step of k environments."""
 
-    Attributes:
-        observations: observations (k, o).
-        rewards: rewards (k,).
-        terminated: True for terminated episodes (k,).
-        truncated: True for episodes truncated at their longest length (k,).
-    """
-
-    observations: NDArray[np.float32]
-    rewards: NDArray[np.float64]
-    terminated: NDArray[np.bool_]
-    truncated: NDArray[np.bool_]
+    observations: NDArray[np.float32]  # (k, o)
+    rewards: NDArray[np.float64]  # (k,)
+    terminated: NDArray[np.bool_]  # (k,)
+    truncated: NDArray[np.bool_]  # (k,), True at an episode's longest length
 
     @property
     def over(self) -> NDArray[np.bool_]:

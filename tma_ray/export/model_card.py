@@ -58,14 +58,7 @@ def history_of(saved: SavedPolicy, results: str | Path) -> tuple[list[dict[str, 
 
 
 def value_rows(environment: Environment, kind: str) -> list[dict[str, Any]]:
-    """Return one row per signal of the observations or actions of `environment`.
-
-    Args:
-        environment: environment of the policy.
-        kind: "observation" or "action".
-
-    Returns:
-        Index of the first and last value, the signal, and the smallest and largest value of each row.
+    """Return one row per signal of the environment's "observation" or "action", with indices and bounds.
 
     Raises:
         ValueError: if the signals and the space have different numbers of values.
@@ -96,16 +89,7 @@ def model_card(
     difference: float | None,
     licence: str,
 ) -> str:
-    """Return the card of a policy.
-
-    Args:
-        spec: specification of the run.
-        environment: environment of the run.
-        history: result of `history_of`.
-        folder: folder of the export, whose files the card lists.
-        difference: largest absolute difference of the ONNX file's actions from the policy's, if any.
-        licence: licence of the policy, or empty.
-    """
+    """Return the card of a policy, with the result of `history_of` and the files in `folder`."""
     evaluations, libraries = history
     body = environment.get_wrapper_attr("embodiment") if environment.has_wrapper_attr("embodiment") else None
     domain: TaskSpace = environment.get_wrapper_attr("valid_domain")

@@ -101,13 +101,8 @@ def largest_difference(
 ) -> float:
     """Return the largest absolute difference between actions of `model` and of `policy`.
 
-    The model is run by ONNX's reference implementation and, if installed, by onnxruntime.
-
-    Args:
-        model: policy as ONNX.
-        policy: policy to compare with.
-        observations: inputs (n, o), of which the first is also tried alone.
-        widths: range of each action (a,).
+    The model is run by ONNX's reference implementation and, if installed, by onnxruntime, on all
+    `observations` (n, o) and on the first one. `widths` (a,) are the ranges of actions.
 
     Raises:
         NotExpressibleError: if the difference is over `TOLERANCE` of the range of an action.

@@ -1,9 +1,17 @@
 """Engines that simulate a body in a world with Chipmunk; only making one loads numba and pymunk."""
 
 from tma_ray.physics.base import PHYSICS_VERSION, TIME_STEP, Engine, SolverSettings
-from tma_ray.physics.rules import LIDAR_RANGE, LIDARS, Rules, observation_size, step_arrays
+from tma_ray.physics.rules import (
+    LIDAR_RANGE,
+    LIDARS,
+    Rules,
+    Signal,
+    action_signals,
+    observation_signals,
+    observation_size,
+    step_arrays,
+)
 from tma_ray.physics.selection import EngineChoice, engine_in_use, make_engine
-from tma_ray.physics.signals import Signal, action_signals, observation_signals
 
 __all__ = [
     "LIDARS",

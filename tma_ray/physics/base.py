@@ -18,29 +18,20 @@ HANGING_STEPS = 6  # with closed grips, before the episode of a body that starts
 
 
 class SolverSettings(NamedTuple):
-    """Settings of Chipmunk's solver, from the measurements in docs/fidelity.md.
+    """Settings of Chipmunk's solver, from the measurements in docs/fidelity.md."""
 
-    Attributes:
-        iterations: solver iterations per substep.
-        substeps: substeps per time step.
-        motor_share: share of a time step's substeps, the first ones, in which the motors act, in (0, 1]. The
-            torque is divided by it, which keeps the largest impulse of a time step.
-        joint_error_bias: share of a joint's error left after one second.
-        limit_correction_speed: highest speed back into a joint's limits, in rad/s. Chipmunk leaves the joint
-            that speed, so that a high one would be a bounce, which Box2D's limits do not have.
-        collision_bias: share of a penetration left after one second.
-        collision_slop: allowed penetration, in m.
-        skin_radius: rounding added around every part, in m (Box2D's polygons have it too).
-    """
-
-    iterations: int = 30
-    substeps: int = 2
+    iterations: int = 30  # solver iterations per substep
+    substeps: int = 2  # substeps per time step
+    # share of a time step's substeps, the first ones, in which the motors act, in (0, 1]. The torque
+    # is divided by it, which keeps the largest impulse of a time step
     motor_share: float = 1.0
-    joint_error_bias: float = 0.5**60
+    joint_error_bias: float = 0.5**60  # share of a joint's error left after one second
+    # highest speed back into a joint's limits, in rad/s. Chipmunk leaves the joint that speed, so
+    # that a high one would be a bounce, which Box2D's limits do not have
     limit_correction_speed: float = 0.1
-    collision_bias: float = 0.5**60
-    collision_slop: float = 0.005
-    skin_radius: float = 0.01
+    collision_bias: float = 0.5**60  # share of a penetration left after one second
+    collision_slop: float = 0.005  # allowed penetration, in m
+    skin_radius: float = 0.01  # rounding added around every part, in m (Box2D's polygons have it too)
 
 
 def settings_for(body: Embodiment) -> SolverSettings:
@@ -89,13 +80,9 @@ class Engine(Protocol):
         ...
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
-        """Advance the world by TIME_STEP.
+        """Advance the world by TIME_STEP, and return observation (o,), reward and termination.
 
-        Args:
-            action: one value in [-1, 1] per motor, then one per grip sensor (j + g,).
-
-        Returns:
-            Observation (o,), reward, and True if the episode has ended.
+        The action (j + g,) has one value in [-1, 1] per motor, then one per grip sensor.
 
         Raises:
             ValueError: if the action has another shape or is not finite.

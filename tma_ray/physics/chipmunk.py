@@ -144,20 +144,13 @@ class Chains(NamedTuple):
     """Arrays from which an engine builds c creepers, empty if none of them swings.
 
     Values of fixed creepers are not used.
-
-    Attributes:
-        holders: holder of each creeper, as in Terrain (c,).
-        mass: masses (c,), in kg.
-        inertia: moments of inertia about the centre (c,), in kg m².
-        centre: centres at rest (c, 2), in m.
-        anchors: hinges in the frames of the holder and of the creeper (c, 2, 2), in m.
     """
 
-    holders: NDArray[np.int64]
-    mass: NDArray[np.float64]
-    inertia: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    anchors: NDArray[np.float64]
+    holders: NDArray[np.int64]  # holder of each creeper, as in Terrain (c,)
+    mass: NDArray[np.float64]  # masses (c,), in kg
+    inertia: NDArray[np.float64]  # moments of inertia about the centre (c,), in kg m²
+    centre: NDArray[np.float64]  # centres at rest (c, 2), in m
+    anchors: NDArray[np.float64]  # hinges in the frames of the holder and of the creeper (c, 2, 2), in m
 
 
 def chains(terrain: Terrain) -> Chains:

@@ -15,33 +15,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.physics.rules import StepArrays
+from tma_ray.physics.rules import ANGULAR_VELOCITY_SCALE, VELOCITY_X_SCALE, VELOCITY_Y_SCALE, StepArrays
 from tma_ray.support.jit import kernel
 from tma_ray.terrain import FIXED, Terrain
 
 
 class World(NamedTuple):
-    """Terrain, water and creepers, as sensors and grips need them.
+    """Terrain, water and creepers, as sensors and grips need them."""
 
-    Attributes:
-        ground: lidar segments of the ground, as in Terrain (m, 4).
-        ceiling: lidar segments of the ceiling, as in Terrain (k, 4).
-        creepers: rectangles at rest, as in Terrain (c, 4).
-        poses: each creeper's centre in m, cosine and sine of its angle (c, 4).
-        movable: 1 for a swinging creeper, else 0 (c,).
-        sway: largest distance of a creeper from its rest position, in m.
-        water_y: height of the water's surface, in m; -inf in a dry world.
-        goal_x: x of the goal, in m.
-    """
-
-    ground: NDArray[np.float64]
-    ceiling: NDArray[np.float64]
-    creepers: NDArray[np.float64]
-    poses: NDArray[np.float64]
-    movable: NDArray[np.int64]
-    sway: float
-    water_y: float
-    goal_x: float
+    ground: NDArray[np.float64]  # lidar segments of the ground, as in Terrain (m, 4)
+    ceiling: NDArray[np.float64]  # lidar segments of the ceiling, as in Terrain (k, 4)
+    creepers: NDArray[np.float64]  # rectangles at rest, as in Terrain (c, 4)
+    poses: NDArray[np.float64]  # each creeper's centre in m, cosine and sine of its angle (c, 4)
+    movable: NDArray[np.int64]  # 1 for a swinging creeper, else 0 (c,)
+    sway: float  # largest distance of a creeper from its rest position, in m
+    water_y: float  # height of the water's surface, in m; -inf in a dry world
+    goal_x: float  # x of the goal, in m
 
 
 def world_of(terrain: Terrain) -> World:
@@ -248,10 +237,6 @@ Integers = NDArray[np.int64]
 FORWARD_WEIGHT = 130 / 30  # reward per metre that the head moves forward
 FALL_REWARD = -100.0  # reward of the step in which the body falls or leaves the track backwards
 
-ANGULAR_VELOCITY_SCALE = 2 / 50
-VELOCITY_X_SCALE = 0.3 * (600 / 30) / 50
-VELOCITY_Y_SCALE = 0.3 * (400 / 30) / 50
-
 
 @kernel
 def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floats) -> float:
@@ -397,15 +382,10 @@ TORQUE_SCALE = 60 / 50  # the release takes a motor's torque for steps of 1/60 s
 def water_forces(
     state: Floats, rotations: Floats, torques: Floats, body: StepArrays, water_y: float, forces: Floats
 ) -> bool:
-    """Write the forces of still water on each part, and return True if there are any.
+    """Write the `forces` of still water on each part, and return True if there are any.
 
-    Args:
-        state: state of the body (p, 6).
-        rotations: cosine and sine of each part's angle (p, 2).
-        torques: torques of the motors in the last step, in N m (j,).
-        body: arrays of the body.
-        water_y: height of the surface, in m.
-        forces: force on the centre of mass, x and y in N, and torque about it in N m (p, 3), written.
+    These are a force on the centre of mass, x and y in N, and a torque about it in N m (p, 3). `torques` (j,)
+    are those of the motors in the last step, in N m.
     """
     wet = False
     for part in range(len(state)):
@@ -489,15 +469,9 @@ def _centroid(polygon: Floats) -> tuple[float, float]:
 def _resist(
     edge: tuple[float, float, float], lever: tuple[float, float], motion: Floats, force: Floats
 ) -> None:
-    """Add drag and lift of an edge that moves outwards to `force` (3,).
+    """Add drag against the motion and lift across it (paper) to `force` (3,), if an edge moves outwards.
 
-    Drag acts against the motion, lift across it (paper).
-
-    Args:
-        edge: direction and length of the edge.
-        lever: middle of the edge relative to the centre of mass.
-        motion: state of the part (6,).
-        force: force and torque (3,), written.
+    `edge` is direction and length, `lever` the middle of the edge relative to the centre of mass.
     """
     velocity_x, velocity_y = motion[3] - motion[5] * lever[1], motion[4] + motion[5] * lever[0]
     speed = math.sqrt(velocity_x * velocity_x + velocity_y * velocity_y)

@@ -1,5 +1,6 @@
-"""Rules of an environment, and arrays of a body for engines and kernels."""
+"""Rules of an environment, and a body under them: arrays for engines and kernels, and signals."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -9,37 +10,21 @@ from tma_ray.embodiments import Embodiment, GripSensor, Joint, LidarLayout, Part
 
 
 class BodyArrays(NamedTuple):
-    """Arrays from which an engine builds p parts and h joints, those with motors first.
+    """Arrays from which an engine builds p parts and h joints, those with motors first."""
 
-    Attributes:
-        mass: masses, including those of grip sensors on the part (p,), in kg.
-        inertia: moments of inertia about the centre of mass (p,), in kg m².
-        centre: centre of mass in the part's frame (p, 2), in m.
-        position: origin of the part's frame relative to the ground under the spawn point (p, 2), in m.
-        angle: angle of the part's frame (p,), in rad.
-        friction: coefficients (p,).
-        vertices: corners of all parts in their frames (v, 2), in m.
-        first_vertex: index of the first vertex of each part, and their number (p + 1,).
-        pushed: True for parts that get the push at an episode's start (p,).
-        joint_parts: indices of the two parts (h, 2).
-        anchors: anchors in the frames of the two parts (h, 2, 2), in m.
-        limits: smallest and largest angle of the second part relative to the first (h, 2), in rad.
-        motors: number of joints with a motor.
-    """
-
-    mass: NDArray[np.float64]
-    inertia: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    position: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    friction: NDArray[np.float64]
-    vertices: NDArray[np.float64]
-    first_vertex: NDArray[np.int64]
-    pushed: NDArray[np.bool_]
-    joint_parts: NDArray[np.int64]
-    anchors: NDArray[np.float64]
-    limits: NDArray[np.float64]
-    motors: int
+    mass: NDArray[np.float64]  # masses, including those of grip sensors on the part (p,), in kg
+    inertia: NDArray[np.float64]  # moments of inertia about the centre of mass (p,), in kg m²
+    centre: NDArray[np.float64]  # centre of mass in the part's frame (p, 2), in m
+    position: NDArray[np.float64]  # origin of the part's frame relative to the spawn point (p, 2), in m
+    angle: NDArray[np.float64]  # angle of the part's frame (p,), in rad
+    friction: NDArray[np.float64]  # coefficients (p,)
+    vertices: NDArray[np.float64]  # corners of all parts in their frames (v, 2), in m
+    first_vertex: NDArray[np.int64]  # offsets of the parts' vertices (p + 1,)
+    pushed: NDArray[np.bool_]  # True for parts that get the push at an episode's start (p,)
+    joint_parts: NDArray[np.int64]  # indices of the two parts (h, 2)
+    anchors: NDArray[np.float64]  # anchors in the frames of the two parts (h, 2, 2), in m
+    limits: NDArray[np.float64]  # lowest and highest angle between the parts (h, 2), in rad
+    motors: int  # number of joints with a motor
 
 
 def body_arrays(body: Embodiment) -> BodyArrays:
@@ -101,66 +86,47 @@ LIDAR_RANGE = 160 / 30  # length of a ray, in m
 UPRIGHT_WEIGHT = 5.0  # reward per radian by which the head's tilt shrinks
 NO_LIMIT = -1  # on the steps that a body survives in a medium
 
+# scales of the head's observed velocities
+ANGULAR_VELOCITY_SCALE = 2 / 50
+VELOCITY_X_SCALE = 0.3 * (600 / 30) / 50
+VELOCITY_Y_SCALE = 0.3 * (400 / 30) / 50
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
 class Rules(NamedTuple):
-    """Differences between environments other than their terrain.
+    """Differences between environments other than their terrain."""
 
-    Attributes:
-        environment: name of the environment, which selects a body's critical parts.
-        lidars: directions of the rays.
-        observes_medium: True if observations contain water, death and the kind of object that each ray hits.
-    """
-
-    environment: str
-    lidars: LidarLayout
-    observes_medium: bool
+    environment: str  # name of the environment, which selects a body's critical parts
+    lidars: LidarLayout  # directions of the rays
+    observes_medium: bool  # True if observations contain water, death and the kinds of objects hit by rays
 
 
 class StepArrays(NamedTuple):
-    """Constants of a body for the kernels: p parts, v corners, j motors, g grip sensors, r lidar rays.
+    """Constants of a body for the kernels: p parts, v corners, j motors, g grip sensors, r lidar rays."""
 
-    Attributes:
-        head: index of the head.
-        observes_medium: 1 if observations contain the medium, else 0.
-        may_touch_ceiling: 1 if critical parts may touch the ceiling, else 0.
-        survivable: consecutive steps that the body survives under water and outside it (2,), or NO_LIMIT.
-        critical: 1 for parts whose contact ends the episode, else 0 (p,).
-        joint_parts: indices of the two parts (j, 2).
-        contact_part: index of the part whose contact is observed after the joint, -1 for none (j,).
-        first_vertex: index of the first vertex of each part, and their number (p + 1,).
-        grip_part: index of the part that a sensor is welded to (g,).
-        torque_cost: reward charged per action and step at full torque.
-        upright_weight: reward per radian of tilt, 0 if the tilt does not count.
-        motors: torque in N m, speed in rad/s, and offset of the observed angle in rad (j, 3).
-        rays: ends of the lidar rays relative to the head (r, 2), in m.
-        vertices: corners of all parts in their frames (v, 2), in m.
-        bounds: largest distance of a part's corners from its origin in m, its inertia about the origin in
-            kg m², and its centre of mass in its frame in m (p, 4).
-        hinges: anchor in the frame of the second part in m, smallest and largest angle of the second part
-            relative to the first in rad (j, 4).
-        grips: position in the frame of its part, and radius, in m (g, 3).
-    """
-
-    head: int
-    observes_medium: int
-    may_touch_ceiling: int
-    survivable: Integers
-    critical: Integers
-    joint_parts: Integers
-    contact_part: Integers
-    first_vertex: Integers
-    grip_part: Integers
-    torque_cost: float
-    upright_weight: float
-    motors: Floats
-    rays: Floats
-    vertices: Floats
+    head: int  # index of the part
+    observes_medium: int  # 1 if observations contain the medium, else 0
+    may_touch_ceiling: int  # 1 if critical parts may touch the ceiling, else 0
+    survivable: Integers  # steps that the body survives under water and outside it (2,), or NO_LIMIT
+    critical: Integers  # 1 for parts whose contact ends the episode, else 0 (p,)
+    joint_parts: Integers  # indices of the two parts (j, 2)
+    contact_part: Integers  # index of the part whose contact is observed after the joint, -1 for none (j,)
+    first_vertex: Integers  # offsets of the parts' vertices (p + 1,)
+    grip_part: Integers  # index of the part that a sensor is welded to (g,)
+    torque_cost: float  # reward charged per action and step at full torque
+    upright_weight: float  # reward per radian of tilt, 0 if the tilt does not count
+    motors: Floats  # torque in N m, speed in rad/s, and offset of the observed angle in rad (j, 3)
+    rays: Floats  # ends of the lidar rays relative to the head (r, 2), in m
+    vertices: Floats  # corners of all parts in their frames (v, 2), in m
+    # largest distance of a part's corners from its origin in m, its inertia about the origin in kg
+    # m², and its centre of mass in its frame in m (p, 4)
     bounds: Floats
+    # anchor in the frame of the second part in m, smallest and largest angle of the second part
+    # relative to the first in rad (j, 4)
     hinges: Floats
-    grips: Floats
+    grips: Floats  # position in the frame of its part, and radius, in m (g, 3)
 
 
 def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
@@ -215,3 +181,72 @@ def observation_size(body: StepArrays) -> int:
     contacts, rays = int(np.sum(body.contact_part >= 0)), len(body.rays)
     medium = 2 + rays if body.observes_medium else 0
     return 4 + 2 * len(body.motors) + contacts + 2 * len(body.grips) + rays + medium
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Values of an observation or an action that belong together.
+
+    Attributes:
+        name: part, joint or sensor of the values.
+        meaning: observed or controlled quantity.
+        unit: unit of the values; empty for a share or a flag (0 or 1).
+        size: number of consecutive values.
+    """
+
+    name: str
+    meaning: str
+    unit: str = ""
+    size: int = 1
+
+
+def observation_signals(body: Embodiment, rules: Rules) -> tuple[Signal, ...]:
+    """Return the signals of an observation of `body` under `rules`, in order."""
+    signals = [
+        Signal("head", "angle", "rad"),
+        Signal("head", "angular velocity", f"{1 / ANGULAR_VELOCITY_SCALE:g} rad/s"),
+        Signal("head", "horizontal velocity", f"{1 / VELOCITY_X_SCALE:.4g} m/s"),
+        Signal("head", "vertical velocity", f"{1 / VELOCITY_Y_SCALE:.4g} m/s"),
+    ]
+    if rules.observes_medium:
+        signals += [Signal("head", "whether it is under water"), Signal("body", "whether it is dead")]
+    for joint in body.motors:
+        name = _joint(joint.part_a, joint.part_b)
+        signals.append(Signal(name, "angle", "rad"))
+        signals.append(Signal(name, "speed", f"{joint.motor_speed:g} rad/s"))
+        if joint.contact_part is not None:
+            signals.append(Signal(joint.contact_part, "whether it touches ground or ceiling"))
+    for sensor in body.grip_sensors:
+        signals.append(Signal(_grip(sensor.part), "whether it touches something to hold"))
+        signals.append(Signal(_grip(sensor.part), "whether it holds something"))
+    first, last = np.rad2deg(lidar_angles(rules.lidars)[[0, -1]])
+    directions = f"rays from {first:.0f}° to {last:.0f}° (0° is down, 90° ahead, 180° up)"
+    distance = f"distance to what each meets, 1 for nothing; {directions}"
+    signals.append(Signal("lidars", distance, f"{LIDAR_RANGE:.4g} m", LIDARS))
+    if rules.observes_medium:
+        kinds = "what each meets: -1 water, 1 a creeper, 0 anything else"
+        signals.append(Signal("lidars", kinds, size=LIDARS))
+    return tuple(signals)
+
+
+def action_signals(body: Embodiment) -> tuple[Signal, ...]:
+    """Return the signals of an action of `body`, in order."""
+    motors = tuple(
+        Signal(
+            _joint(joint.part_a, joint.part_b),
+            f"direction, and share of {joint.motor_torque:g} N m of torque to turn at up to "
+            f"{joint.motor_speed:g} rad/s",
+        )
+        for joint in body.motors
+    )
+    return motors + tuple(
+        Signal(_grip(sensor.part), "closed if over 0, else open") for sensor in body.grip_sensors
+    )
+
+
+def _joint(first: str, second: str) -> str:
+    return f"joint of {first} and {second}"
+
+
+def _grip(part: str) -> str:
+    return f"grip of {part}"

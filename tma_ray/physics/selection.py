@@ -27,25 +27,14 @@ TRIAL_STEPS = 40  # on which both engines must agree before the compiled one is 
 
 @dataclass(frozen=True)
 class EngineChoice:
-    """The engine of this process.
+    """The engine of this process."""
 
-    Attributes:
-        name: "compiled" or "pymunk".
-        reason: reason for the choice, without a full stop.
-    """
-
-    name: str
-    reason: str
+    name: str  # "compiled" or "pymunk"
+    reason: str  # reason for the choice, without a full stop
 
 
 def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> Engine:
-    """Return a new engine of the kind that `engine_in_use` chooses, and raises its errors.
-
-    Args:
-        body: body to simulate.
-        rules: the environment's rules for the body.
-        settings: settings of Chipmunk's solver; None for those of the body.
-    """
+    """Return a new engine of the kind that `engine_in_use` chooses, with the body's settings by default."""
     return _engine_class(engine_in_use().name)(body, rules, settings)
 
 

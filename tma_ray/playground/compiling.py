@@ -1,6 +1,5 @@
 """Build of the page's WebAssembly from the kernels, translated to C, and Chipmunk's sources."""
 
-import hashlib
 import subprocess
 import sys
 import tarfile
@@ -80,11 +79,6 @@ def require_zig() -> None:
     version = metadata.version("ziglang") if find_spec("ziglang") else "none"
     if version != ZIG:
         raise CompilerMissingError(f"ziglang {version} is installed: pip install ziglang=={ZIG}")
-
-
-def digest(content: bytes) -> str:
-    """Return the SHA-256 of `content`."""
-    return hashlib.sha256(content).hexdigest()
 
 
 def kernels_in_c() -> str:

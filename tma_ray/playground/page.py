@@ -34,21 +34,13 @@ RANDOM, ZERO = -2, -1  # indices of the two untrained policies, appended to the 
 
 @dataclass(frozen=True)
 class Start:
-    """Initial settings of the page.
+    """Initial settings of the page."""
 
-    Attributes:
-        environment: name of the environment.
-        embodiment: name of the body, with its parameters.
-        policies: indices in the list of policies, or RANDOM or ZERO.
-        task: task (d,); None for the middle of the space.
-        seed: seed of the page's worlds.
-    """
-
-    environment: str = "stump_tracks"
-    embodiment: str = "classic_bipedal"
-    policies: tuple[int, ...] = (RANDOM,)
-    task: tuple[float, ...] | None = None
-    seed: int = 0
+    environment: str = "stump_tracks"  # name of the environment
+    embodiment: str = "classic_bipedal"  # name of the body, with its parameters
+    policies: tuple[int, ...] = (RANDOM,)  # indices in the list of policies, or RANDOM or ZERO
+    task: tuple[float, ...] | None = None  # task (d,); None for the middle of the space
+    seed: int = 0  # seed of the page's worlds
 
 
 def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[str] | None = None) -> str:

@@ -44,12 +44,7 @@ class EpisodeSoFar:
 
 
 def check_return(episodic_return: float, task: Task, episode: str) -> None:
-    """Check that a return is finite, since teachers cannot learn from others.
-
-    Args:
-        episodic_return: return of an episode.
-        task: task of the episode (d,).
-        episode: description of the episode for the message.
+    """Check that the return on a task (d,) is finite, with a description of the episode for the message.
 
     Raises:
         ValueError: if the return is infinite or NaN.

@@ -95,24 +95,15 @@ class SuccessBuffer:
     Until their median reaches `least`, tasks of at least the median return replace the worst half. Afterwards
     successes replace failures, and a full buffer of successes keeps those in the optimal assignment to the
     target distribution.
-
-    Attributes:
-        size: number f of coordinates.
-        capacity: largest number of tasks.
-        least: return of a success.
-        points: coordinates of the tasks in [0, 1] (n, f).
-        returns: return of one episode per task (n,).
-        reached: True if the median has reached `least`.
-        worst: lowest return of the first tasks.
     """
 
-    size: int
-    capacity: int
-    least: float
-    points: Array = field(init=False)
-    returns: Array = field(init=False)
-    reached: bool = field(init=False, default=False)
-    worst: float = field(init=False, default=np.inf)
+    size: int  # number f of coordinates
+    capacity: int  # largest number of tasks
+    least: float  # return of a success
+    points: Array = field(init=False)  # coordinates of the tasks in [0, 1] (n, f)
+    returns: Array = field(init=False)  # return of one episode per task (n,)
+    reached: bool = field(init=False, default=False)  # True if the median has reached `least`
+    worst: float = field(init=False, default=np.inf)  # lowest return of the first tasks
 
     def __post_init__(self) -> None:
         self.points, self.returns = np.empty((0, self.size)), np.empty(0)

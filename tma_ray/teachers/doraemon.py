@@ -112,23 +112,14 @@ SLACK = 1e-4  # tolerance of constraints, in nats or as a share
 
 @dataclass(frozen=True)
 class EntropyUpdate:
-    """Constrained optimisation problem of an update of DORAEMON.
+    """Constrained optimisation problem of an update of DORAEMON."""
 
-    Attributes:
-        present: distribution of the points.
-        points: coordinates of the played tasks (n, f).
-        successes: True for tasks that the student mastered (n,).
-        least_success: smallest expected share of successes.
-        most_divergence: bound on KL(present || new), in nats.
-        largest: upper bound of the parameters; the lower bound is 1.
-    """
-
-    present: BetaProduct
-    points: Array
-    successes: NDArray[np.bool_]
-    least_success: float
-    most_divergence: float
-    largest: float
+    present: BetaProduct  # distribution of the points
+    points: Array  # coordinates of the played tasks (n, f)
+    successes: NDArray[np.bool_]  # True for tasks that the student mastered (n,)
+    least_success: float  # smallest expected share of successes
+    most_divergence: float  # bound on KL(present || new), in nats
+    largest: float  # upper bound of the parameters; the lower bound is 1
 
     def solved(self) -> BetaProduct:
         """Return the feasible distribution of highest entropy or, without any, of highest success."""

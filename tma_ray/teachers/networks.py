@@ -319,14 +319,10 @@ def update_setter(
     proposed: tuple[NDArray[np.float64], NDArray[np.float64]],
     valid: tuple[NDArray[np.float64], NDArray[np.bool_]],
 ) -> dict[str, float]:
-    """Take one step, and return the losses.
+    """Take one step of the setter, and return the losses.
 
-    Args:
-        setter: network to update.
-        judge: network that estimates feasibilities.
-        optimiser: optimiser of the setter.
-        proposed: latents (n, d) and requested feasibilities (n,).
-        valid: solved tasks with noise (m, d), and their mask (n,) among the proposed.
+    `proposed` are latents (n, d) and requested feasibilities (n,), `valid` are solved tasks with noise (m, d)
+    and their mask (n,) among the proposed.
     """
     latents, feasibility = proposed
     targets, solved = valid

@@ -48,8 +48,7 @@ def softmax(scores: Array, temperature: float) -> Array:
     return np.asarray(weights / weights.sum(), dtype=np.float64)
 
 
-LOWEST_RETURN, HIGHEST_RETURN = -150.0, 350.0
-"""Bounds of scaled returns on Stump Tracks (original release)."""
+LOWEST_RETURN, HIGHEST_RETURN = -150.0, 350.0  # of scaled returns on Stump Tracks (original release)
 
 
 def scaled_returns(returns: Array, lowest: float, highest: float) -> Array:

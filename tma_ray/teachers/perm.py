@@ -27,16 +27,11 @@ class ResponseModel(NamedTuple):
     """Item-response model with one ability a per window and difficulties d = features @ weights.
 
     A response y in [0, 1] has the log-likelihood y log p + (1 - y) log (1 - p), with p = sigmoid(a - d).
-
-    Attributes:
-        ability_std: prior standard deviation of the first ability, around 0.
-        drift_std: prior standard deviation of the change of ability from one window to the next.
-        weight_std: prior standard deviation of each weight, around 0.
     """
 
-    ability_std: float = 3.0
-    drift_std: float = 0.5
-    weight_std: float = 3.0
+    ability_std: float = 3.0  # prior standard deviation of the first ability, around 0
+    drift_std: float = 0.5  # prior standard deviation of the change of ability from one window to the next
+    weight_std: float = 3.0  # prior standard deviation of each weight, around 0
 
     def fit(self, features: Array, windows: NDArray[np.int64], responses: Array) -> tuple[Array, Array]:
         """Return the maximum a posteriori abilities (k,) and weights (m,).

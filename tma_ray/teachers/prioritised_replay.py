@@ -100,28 +100,17 @@ class TaskBuffer:
     Task i is replayed with the probability (1 - rho) P_S(i) + rho P_C(i), where P_S is proportional to
     (1 / rank of its score) ** (1 / temperature), and P_C to the replays since it was played (Jiang et al.
     2021a, section 3). A new task of at least its score replaces the task of lowest probability.
-
-    Attributes:
-        size: number d of dimensions of a task.
-        capacity: largest number of tasks.
-        temperature: temperature beta.
-        staleness_share: weight rho of staleness, in [0, 1].
-        tasks: tasks, float32 (k, d).
-        scores: scores (k,).
-        staleness: replays since the task was played (k,).
-        best: highest discounted return of the task so far (k,).
-        mastered: True for tasks that were mastered at least once (k,).
     """
 
-    size: int
-    capacity: int
-    temperature: float
-    staleness_share: float
-    tasks: Task = field(init=False)
-    scores: Array = field(init=False)
-    staleness: Array = field(init=False)
-    best: Array = field(init=False)
-    mastered: NDArray[np.bool_] = field(init=False)
+    size: int  # number d of dimensions of a task
+    capacity: int  # largest number of tasks
+    temperature: float  # beta
+    staleness_share: float  # rho, in [0, 1]
+    tasks: Task = field(init=False)  # (k, d)
+    scores: Array = field(init=False)  # (k,)
+    staleness: Array = field(init=False)  # replays since the task was played (k,)
+    best: Array = field(init=False)  # highest discounted return of the task so far (k,)
+    mastered: NDArray[np.bool_] = field(init=False)  # True for tasks that were mastered at least once (k,)
 
     def __post_init__(self) -> None:
         self.tasks = np.empty((0, self.size), dtype=np.float32)

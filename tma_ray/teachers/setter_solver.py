@@ -16,17 +16,11 @@ SMALLEST_FEASIBILITY = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Proposals:
-    """Tasks proposed by the setter.
+    """Tasks proposed by the setter."""
 
-    Attributes:
-        feasibility: requested feasibilities (n,).
-        latents: Gaussian noise (n, f).
-        points: tasks in the unit box (n, f).
-    """
-
-    feasibility: Array
-    latents: Array
-    points: Array
+    feasibility: Array  # requested feasibilities (n,)
+    latents: Array  # Gaussian noise (n, f)
+    points: Array  # tasks in the unit box (n, f)
 
 
 @dataclass

@@ -41,18 +41,12 @@ class ClosedForm:
     J has gradient g and curvature H at 0, and the current distribution is the standard Gaussian. Its
     precision is (penalty P + weight I - H) / (penalty + weight), and its mean the inverse precision times
     (penalty P m + g) / (penalty + weight), with P the precision and m the mean of the target.
-
-    Attributes:
-        gradient: gradient g (f,).
-        curvature: curvature H (f, f).
-        target: target distribution.
-        penalty: weight of the divergence from the target, at least 0.
     """
 
-    gradient: Array
-    curvature: Array
-    target: FullGaussian
-    penalty: float
+    gradient: Array  # gradient g (f,)
+    curvature: Array  # curvature H (f, f)
+    target: FullGaussian  # target distribution
+    penalty: float  # weight of the divergence from the target, at least 0
 
     def best(self, weight: float) -> FullGaussian | None:
         """Return the best Gaussian, or None if the objective is unbounded."""
@@ -117,8 +111,7 @@ def closed_form_update(
         return best.placed_in(current)
 
 
-LEAST_STD = 1e-3
-"""Smallest standard deviation in any direction, as a share of the ranges, so that returns can be fitted."""
+LEAST_STD = 1e-3  # in any direction, as a share of the ranges, so that returns can be fitted
 
 
 def widened(gaussian: FullGaussian) -> FullGaussian:

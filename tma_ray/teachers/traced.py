@@ -16,21 +16,14 @@ RIDGE = 1.0  # weight of the prior of unchanged observations, in steps
 
 @dataclass
 class TransitionModel:
-    """Online ridge regression of changes of observations on observations and actions.
+    """Online ridge regression of changes of observations on observations and actions."""
 
-    Attributes:
-        memory: factor in (0, 1] of the weights of all episodes after each further one.
-        steps: weighted number of steps.
-        gram: second moments of the inputs (p, p); None before the first episode.
-        moments: products of inputs and changes (p, o).
-        squares: squared changes (o,).
-    """
-
-    memory: float
-    steps: float = 0.0
+    memory: float  # factor in (0, 1] of the weights of all episodes after each further one
+    steps: float = 0.0  # weighted number of steps
+    # second moments of the inputs (p, p); None before the first episode
     gram: Array | None = field(init=False, default=None)
-    moments: Array | None = field(init=False, default=None)
-    squares: Array | None = field(init=False, default=None)
+    moments: Array | None = field(init=False, default=None)  # products of inputs and changes (p, o)
+    squares: Array | None = field(init=False, default=None)  # squared changes (o,)
 
     def error(self, trajectory: Trajectory) -> float:
         """Return the mean squared error of the predictions for an episode, and learn from it.

@@ -38,8 +38,7 @@ SHAPES = {
 }
 """Names and shapes of the weight matrices, from the input [x, theta] to the output [ground, ceiling]."""
 
-BLOCK_POINTS = 50
-"""Points of a matrix product: too few for BLAS to use threads, which would be slower and change bits."""
+BLOCK_POINTS = 50  # of a matrix product: too few for BLAS to use threads, which would change bits
 
 DEFAULT_WEIGHTS = Path(__file__).parent / "data" / "cppn.npz"  # found by docs/making/search_cppn_weights.py
 
@@ -139,9 +138,7 @@ def _scattered(count: int) -> NDArray[np.int64]:
     return np.array(sorted(range(count), key=lambda number: f"{number:0{bits}b}"[::-1]))
 
 
-COLUMNS = POINTS + 1
-"""Number of solids of the ground, and of the ceiling: one each for the start, every column, and the end."""
-
+COLUMNS = POINTS + 1  # solids of the ground, and of the ceiling: for the start, every column and the end
 INSERTION_ORDER = np.concatenate([_scattered(COLUMNS), COLUMNS + _scattered(COLUMNS)])
 """Order of the solids in which Chipmunk builds its search tree three times as fast as from left to right."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from tma_ray.envs import ENVIRONMENTS, Environment, box_spaces, make_environment, mastery_return
+from tma_ray.envs import ENVIRONMENTS, Environment, box_spaces, make_environment
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.saved_policies import StepPolicy, find_policy
 from tma_ray.support.component_names import nearest
@@ -131,23 +131,12 @@ class EpisodeSettings:
 
 @dataclass
 class RenderedEnvironment:
-    """Environment that draws frames, and its policy.
+    """Environment that draws frames, and its policy."""
 
-    Attributes:
-        environment: environment with the render mode "rgb_array".
-        policy: "random", "zero", or the run id of a trained policy.
-        trained: trained policy, if any.
-        space: tasks that a teacher may choose.
-        domain: tasks that the environment can build.
-        threshold: episodic return over which a task is mastered.
-    """
-
-    environment: Environment
-    policy: str
-    trained: StepPolicy | None
-    space: TaskSpace
-    domain: TaskSpace
-    threshold: float
+    environment: Environment  # environment with the render mode "rgb_array"
+    trained: StepPolicy | None  # trained policy, if any
+    space: TaskSpace  # tasks that a teacher may choose
+    domain: TaskSpace  # tasks that the environment can build
 
     def frame(self) -> Frame:
         """Return the current frame (height, width, 3)."""
@@ -183,9 +172,7 @@ def open_rendered(settings: EpisodeSettings) -> RenderedEnvironment:
         if space is None or space.names != domain.names:  # of a policy from another environment
             space = made.get_wrapper_attr("task_space")
         trained = None if saved is None else saved.load(observations, actions)
-        return RenderedEnvironment(
-            made, spec.run_id if spec else policy, trained, space, domain, mastery_return(made)
-        )
+        return RenderedEnvironment(made, trained, space, domain)
     except ValueError:
         made.close()
         raise
@@ -193,15 +180,9 @@ def open_rendered(settings: EpisodeSettings) -> RenderedEnvironment:
 
 @dataclass
 class RenderedEpisode(EpisodeSoFar):
-    """State of a rendered episode.
+    """State of a rendered episode."""
 
-    Attributes:
-        task: task of the episode (d,).
-        ended: True if the episode is over.
-        success: last success reported by the environment.
-    """
-
-    task: Task = field(kw_only=True)
+    task: Task = field(kw_only=True)  # (d,)
     ended: bool = False
     success: bool = False
 
@@ -224,7 +205,7 @@ def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
             RANDOM: lambda _: rng.uniform(actions.low, actions.high).astype(np.float32),
             ZERO: lambda _: np.zeros(actions.shape, np.float32),
         }
-        policy = rendered.trained or untrained[rendered.policy]
+        policy = rendered.trained or untrained[settings.policy]
         rate = Fraction(rendered.environment.metadata.get("render_fps", 50))
         write_frames(output, _play(rendered, policy, settings, episode, every), rate / settings.every)
     finally:

@@ -277,16 +277,9 @@ class EngineBatch:
     def step(
         self, rows: NDArray[np.int64], actions: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]:
-        """Advance some worlds by TIME_STEP, with the same bits as their engines one by one.
+        """Advance the worlds `rows` (k,) with `actions` (k, a); see `Engine.step`.
 
-        Not thread-safe.
-
-        Args:
-            rows: indices of the engines to step (k,).
-            actions: actions of these engines (k, a), as `Engine.step` takes them.
-
-        Returns:
-            Observations (k, o), rewards (k,) and ends of episodes (k,).
+        Results have the same bits as one by one. The method is not thread-safe.
 
         Raises:
             ValueError: if actions have another shape or are not finite.

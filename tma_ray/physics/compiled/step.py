@@ -48,37 +48,21 @@ class Memory(NamedTuple):
 
 
 class SimulationState(NamedTuple):
-    """State of a simulation of p parts and h joints, j of them with motors, and g grip sensors.
+    """State of a simulation of p parts and h joints, j of them with motors, and g grip sensors."""
 
-    Attributes:
-        action: values (j + g,).
-        commands: values (j, 2), as `command_motors` writes them.
-        state: values (p, 6) in the layout of kernels.py.
-        rotations: cosine and sine of each part's angle (p, 2).
-        torques: torque of each motor, in N m (j,).
-        forces: forces of the water on each part (p, 3), as `water_forces` writes them.
-        points: positions of the sensors (g, 2), in m.
-        contacts: number of pieces of ground and of ceiling that each part touches (p, 2).
-        medium: consecutive steps under water and outside it (2,).
-        wet: 1 if the water exerts forces, else 0 (1,).
-        grips: object that each sensor touches and holds (g, 2).
-        handles: pointers to the space, p bodies, j motors, h limits and h pivots (1 + p + j + 2 h,).
-        holds: pointer to the pivot of each closed grip, else 0 (g,).
-    """
-
-    action: Floats
-    commands: Floats
-    state: Floats
-    rotations: Floats
-    torques: Floats
-    forces: Floats
-    points: Floats
-    contacts: Integers
-    medium: Integers
-    wet: Integers
-    grips: Integers
-    handles: Integers
-    holds: Integers
+    action: Floats  # values (j + g,)
+    commands: Floats  # values (j, 2), as `command_motors` writes them
+    state: Floats  # values (p, 6) in the layout of kernels.py
+    rotations: Floats  # cosine and sine of each part's angle (p, 2)
+    torques: Floats  # torque of each motor, in N m (j,)
+    forces: Floats  # forces of the water on each part (p, 3), as `water_forces` writes them
+    points: Floats  # positions of the sensors (g, 2), in m
+    contacts: Integers  # number of pieces of ground and of ceiling that each part touches (p, 2)
+    medium: Integers  # consecutive steps under water and outside it (2,)
+    wet: Integers  # 1 if the water exerts forces, else 0 (1,)
+    grips: Integers  # object that each sensor touches and holds (g, 2)
+    handles: Integers  # pointers to the space, p bodies, j motors, h limits and h pivots (1 + p + j + 2 h,)
+    holds: Integers  # pointer to the pivot of each closed grip, else 0 (g,)
 
 
 def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, count_contact: int) -> Memory:

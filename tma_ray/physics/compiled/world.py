@@ -35,15 +35,9 @@ def build(
     forces: tuple[float, float],
     handles: Handles,
 ) -> tuple[Handles, Handles]:
-    """Build a world, and return the pointers that `release` needs.
+    """Build a world, and write its pointers to `handles` (1 + p + j + 2 h,), as in `SimulationState`.
 
-    Args:
-        body: settled body of p parts and h joints, j of them with motors.
-        terrain: terrain to build.
-        creepers: its c creepers, as `chains` returns them.
-        settings: settings of Chipmunk's solver.
-        forces: gravity upwards in m/s², and an impulse forwards on each pushed part in N s.
-        handles: pointers to space, parts, motors, limits and pivots, written (1 + p + j + 2 h,).
+    `forces` are gravity upwards in m/s², and an impulse forwards on each pushed part in N s.
 
     Returns:
         Pointers to the shapes, and to each creeper's body, limit and pivot (c, 3), 0 for fixed creepers.
