@@ -162,8 +162,7 @@ class BaselineManifest:
             raise BaselineError(str(error)) from error
 
 
-SHIPPED: Final = Path(__file__).parent
-"""Folder of the baselines of the package."""
+SHIPPED: Final = Path(__file__).parent  # folder of the baselines of the package
 
 BASELINES_VARIABLE: Final = "TMA_BASELINES"
 """Environment variable with baselines and folders of baselines, separated as in PATH."""

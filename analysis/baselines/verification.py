@@ -77,7 +77,7 @@ def _damaged_files(store: results.Store, baseline: Baseline) -> Iterator[results
             yield results.Damage(file.path, "a baseline does not hold files of this kind")
         try:
             results.read_checked(store, file.path, file.sha256)
-        except results.ObjectStoreError:  # not a damage of the file
+        except results.ObjectStoreError:  # an outage, not damage
             raise
         except (OSError, results.DamagedFileError) as error:
             yield results.Damage(file.path, results.damage_reason(error, store.where(file.path)))
@@ -100,11 +100,8 @@ def _damaged_runs(store: results.Store, baseline: Baseline) -> Iterator[results.
         yield results.Damage(BASELINE_FILE, f"{verified.runs} of its {count} runs can be read")
 
 
-MOST_RELEASED_BYTES = 15_000_000
-"""Largest size of a release that ships with the package."""
-
-FEWEST_SEEDS = 3
-"""Least number of seeds of every cell."""
+MOST_RELEASED_BYTES = 15_000_000  # largest size of a release that ships with the package
+FEWEST_SEEDS = 3  # least number of seeds of every cell
 
 COMBINATION = ["campaign", "experiment", *CELL]
 """Columns of cells within which teachers have the same seeds."""

@@ -16,17 +16,10 @@ from analysis.data.reference import is_baseline
 from analysis.looks import INK, MUTED, Look, look
 from analysis.names import label, order, short_labels, title
 
-COLUMNS = 3
-"""Panels side by side if `by` gives a single column."""
-
-MOST_BRACKETS = 12
-"""Largest number of brackets in a panel; with more pairs all panels have letters."""
-
-LANE = 0.055
-"""Width of a lane of brackets or letters, as a share of the axis."""
-
-DOUBT = "\N{DAGGER}"
-"""Mark of a doubtful published result."""
+COLUMNS = 3  # panels side by side if `by` gives a single column
+MOST_BRACKETS = 12  # largest number of brackets in a panel; with more pairs all panels have letters
+LANE = 0.055  # width of a lane of brackets or letters, as a share of the axis
+DOUBT = "\N{DAGGER}"  # mark of a doubtful published result
 
 Pair = tuple[str, str]
 

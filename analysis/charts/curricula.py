@@ -18,14 +18,12 @@ from analysis.formatting import amount
 from analysis.looks import Look, look
 from analysis.names import short_labels
 
-SMALL = 1 / 3
-"""Share of both dimensions under which the tasks of a run are drawn at their own scale."""
+SMALL = 1 / 3  # share of both dimensions under which the tasks of a run are drawn at their own scale
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of probed tasks in bands: outer band, inner band, median."""
 
-UPDATES = 24
-"""Largest number of updates that are drawn, evenly spaced over a run."""
+UPDATES = 24  # largest number of updates that are drawn, evenly spaced over a run
 
 MOST_FRAMES, MOST_SHOTS = 60, 12
 """Largest numbers of frames and panels of an animation, which keep it under a few megabytes."""

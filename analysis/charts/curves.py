@@ -21,22 +21,14 @@ from tma_ray.tasks import KnowledgeLevel
 AXIS_TITLES = {"mastered_percent": base.MASTERED, "training_return": "Mean training return"}
 """Measures of `knowledge_panels`, with the titles of their axes."""
 
-STAR_STEPS = 5_000_000
-"""Steps between two stars (paper, figures of Parkour)."""
-
-MOST_PAIR_ROWS = 9
-"""Largest number of rows of `pairwise_curves`, above which a matrix takes their place."""
-
-FLATTENED = 0.5
-"""Share of the ceiling that curves must reach for it to be drawn."""
-
-MOST_MARKED = 45
-"""Largest number of points of a line with markers."""
+STAR_STEPS = 5_000_000  # steps between two stars (paper, figures of Parkour)
+MOST_PAIR_ROWS = 9  # largest number of rows of `pairwise_curves`, above which a matrix takes their place
+FLATTENED = 0.5  # share of the ceiling that curves must reach for it to be drawn
+MOST_MARKED = 45  # largest number of points of a line with markers
 
 LEVEL = "expert_knowledge"
 
-Line = tuple[str, str]
-"""Teacher and level of expert knowledge."""
+Line = tuple[str, str]  # teacher and level of expert knowledge
 
 _DASHES: dict[str, str | tuple[int, tuple[int, ...]]] = {
     KnowledgeLevel.NONE.value: (0, (1, 1)),

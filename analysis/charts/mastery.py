@@ -13,8 +13,7 @@ from analysis.names import short_labels
 SHARES = base.ColourScale("Blues", 0.0, 100.0, "Seeds that master the task (%)")
 """Colours of shares of runs."""
 
-ACROSS = 180
-"""Width of all marks side by side, CSS pixels."""
+ACROSS = 180  # width of all marks side by side, CSS pixels
 
 
 def mastery_chart(

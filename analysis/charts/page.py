@@ -22,14 +22,12 @@ from analysis.names import mark_of, teacher_order
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
-ROW, ROWS_FRAME = 34, 76
-"""Heights of a teacher's row, and of axis and margin below the rows, CSS pixels."""
+ROW, ROWS_FRAME = 34, 76  # heights of a teacher's row, and of axis and margin below the rows, CSS pixels
 
 SPACING, LEAST_HEIGHT, COMPARISONS_FRAME = 11, 30, 130
 """Heights of a mean, of the lowest row of a comparison, and of axis and legend, CSS pixels."""
 
-MOST_ACROSS = 4
-"""Largest number of plots side by side."""
+MOST_ACROSS = 4  # largest number of plots side by side
 
 BINARY = {"float32": "f4", "float64": "f8", "int32": "i4"}
 """Types of arrays that are embedded as bytes, by their names in plotly.js."""
@@ -41,8 +39,7 @@ _SYMBOLS = {
 }  # fmt: skip
 """Symbols of plotly.js by marker."""
 
-Trace: TypeAlias = dict[str, Any]
-"""Trace of plotly.js."""
+Trace: TypeAlias = dict[str, Any]  # trace of plotly.js
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,14 +12,9 @@ from analysis.data.curricula import Curriculum
 from analysis.looks import look
 from analysis.names import short_labels
 
-FEWEST = 5
-"""Least number of runs of a line with a band, which would else fill the panel."""
-
-MOST_PER_TEACHER = 8
-"""Largest number of scalars per teacher."""
-
-BINS = 150
-"""Number of equal parts of a longer series, drawn as their medians and ranges."""
+FEWEST = 5  # least number of runs of a line with a band, which would else fill the panel
+MOST_PER_TEACHER = 8  # largest number of scalars per teacher
+BINS = 150  # number of equal parts of a longer series, drawn as their medians and ranges
 
 
 def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> Chart:

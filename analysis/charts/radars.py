@@ -16,11 +16,8 @@ from analysis.names import label, short_labels, teacher_order, title
 from tma_ray.benchmark import ORIGINAL_SPACE, STUMP_TRACKS_CHALLENGES, Matrix, find_challenge
 from tma_ray.tasks import KnowledgeLevel
 
-BEYOND = 0.16
-"""Width of the band outside the rings, as a share of the outermost ring's radius."""
-
-HEIGHT = 3.08
-"""Height of a radar on paper without notes, inches."""
+BEYOND = 0.16  # width of the band outside the rings, as a share of the outermost ring's radius
+HEIGHT = 3.08  # height of a radar on paper without notes, inches
 
 
 class Ratios(NamedTuple):

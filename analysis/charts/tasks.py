@@ -12,20 +12,14 @@ from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussian
 from analysis.looks import INK, RETURN_COLOURS, look
 from analysis.names import short_labels
 
-MOMENTS, DOTS = 24, 60
-"""Largest numbers of steps of a run, and of probed tasks per step, on a page."""
+MOMENTS, DOTS = 24, 60  # largest numbers of steps of a run, and of probed tasks per step, on a page
 
 PAGE_EPISODES, PAPER_EPISODES = 150, 300
 """Largest number of training episodes in a part of a run, on a page and on paper."""
 
-CORNERS = 33
-"""Corners of an ellipse."""
-
-BOX, GAUSSIAN = 0.3, 0.2
-"""Half the widths of boxes and Gaussians in a dimension's column."""
-
-GOLDEN = 0.618034
-"""Golden ratio, whose multiples modulo 1 are spread evenly."""
+CORNERS = 33  # corners of an ellipse
+BOX, GAUSSIAN = 0.3, 0.2  # half the widths of boxes and Gaussians in a dimension's column
+GOLDEN = 0.618034  # golden ratio, whose multiples modulo 1 are spread evenly
 
 
 def task_axis(axis: Axis) -> base.PanelAxis:

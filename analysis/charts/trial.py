@@ -13,8 +13,7 @@ from analysis.names import label, marked_label
 BOUNDARY, BAND = Look(INK, "", (0, (4, 2))), Look(MUTED, "", "-")
 """Styles of boundaries and of the margin."""
 
-ROOM = 1.4
-"""Range of a panel, in units of the furthest boundary after the first look."""
+ROOM = 1.4  # range of a panel, in units of the furthest boundary after the first look
 
 
 def course_chart(

@@ -11,8 +11,7 @@ from analysis.data.frames import Frames, computed_once, positions
 from analysis.measures.evaluations import measured_so_far
 from analysis.measures.tested import TRAINED
 
-NEARLY_ALL = 95.0
-"""Trained % of steps under which a teacher is also compared per trained step."""
+NEARLY_ALL = 95.0  # trained % of steps under which a teacher is also compared per trained step
 
 
 @computed_once

@@ -153,7 +153,7 @@ def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
     denominators that is a polynomial of degree 4, with one root below 0, one above 1, and both ends between.
     """
     mean, quantile = (n + m) / 2 - 1, float(special.stdtrit(n + m - 2, TAIL))
-    denominators = np.array([2.0, 1.0, -1.0])  # (2 - c) (1 + c), the constant first, as below
+    denominators = np.array([2.0, 1.0, -1.0])  # coefficients of (2 - c) (1 + c), constant first
     spread = np.convolve([0.0, 1.0, -1.0], denominators + mean * np.array([1.0, 2.0, -2.0]))
     excess = n * m * np.convolve([share**2, -2 * share, 1.0], denominators) - quantile**2 * spread
     _, low, high, _ = np.sort(np.roots(excess[::-1]).real)

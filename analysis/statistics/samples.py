@@ -8,17 +8,13 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-CONFIDENCE = 0.95
-"""Coverage of the confidence intervals."""
-
-TAIL = (1 + CONFIDENCE) / 2
-"""Quantile of an interval's upper end."""
+CONFIDENCE = 0.95  # coverage of the confidence intervals
+TAIL = (1 + CONFIDENCE) / 2  # quantile of an interval's upper end
 
 SIGNIFICANCE = 0.05
 """Significance level; p is significant strictly under it (paper, appendix on results)."""
 
-EQUAL = 1e-9
-"""Relative tolerance for rounding errors of differences and deviations."""
+EQUAL = 1e-9  # relative tolerance for rounding errors of differences and deviations
 
 
 def negligible(deviations: ArrayLike, values: ArrayLike) -> NDArray[np.bool_]:
@@ -91,7 +87,7 @@ def describe(values: ArrayLike) -> Description:
     n = sample.size
     if not n:
         return Description(0, math.nan, math.nan)
-    mean = float(np.add.reduce(sample)) / n  # `mean` and `std` without overhead: reports have 10,000s
+    mean = float(np.add.reduce(sample)) / n  # less overhead than `mean` and `std`
     differences = sample - mean
     std = math.sqrt(float(np.add.reduce(differences * differences)) / (n - 1)) if n > 1 else math.nan
     return Description(n, mean, std)
@@ -188,8 +184,7 @@ def holm(p_values: ArrayLike) -> NDArray[np.float64]:
     return adjusted
 
 
-DEFAULT_MARGIN = 5.0
-"""Equivalence margin of differences in mastered tasks, in points."""
+DEFAULT_MARGIN = 5.0  # equivalence margin of differences in mastered tasks, in points
 
 
 class Standing(StrEnum):

@@ -33,8 +33,7 @@ MOST_ARRANGEMENTS = 20_000
 DRAWN_ARRANGEMENTS = 9_999
 """Random arrangements in place of more, for a smallest p of 1 in 10,000 (Davison and Hinkley, 1997)."""
 
-PERMUTATION_SEED = 0
-"""Seed of random arrangements, fixed so that p is a function of the samples."""
+PERMUTATION_SEED = 0  # seed of random arrangements, fixed so that p is a function of the samples
 
 Floats = NDArray[np.float64]
 
@@ -76,11 +75,8 @@ def _extreme_share(differences: Floats, observed: float, scale: float) -> float:
     return float(np.mean(np.abs(differences) >= abs(observed) - EQUAL * scale))
 
 
-ROUNDING = 1e-9
-"""Rounding error of shares next to 0 and 1."""
-
-ALL_EQUAL = "no spread between seeds"
-"""Reason for a missing test of equal values."""
+ROUNDING = 1e-9  # rounding error of shares next to 0 and 1
+ALL_EQUAL = "no spread between seeds"  # reason for a missing test of equal values
 
 
 class Method(StrEnum):
@@ -362,8 +358,7 @@ def simultaneous_intervals(
     return low, high
 
 
-FEW_PAIRS = "fewer than 2 seeds in common"
-"""Reason for a missing test of pairs."""
+FEW_PAIRS = "fewer than 2 seeds in common"  # reason for a missing test of pairs
 
 
 def paired(sample: pd.Series, reference: pd.Series) -> Comparison:

@@ -14,8 +14,7 @@ from analysis.data.frames import evaluation_measures, with_plain_texts
 from analysis.data.identity import mastery_threshold
 from tma_ray.results import Manifest, Results, Table
 
-UPDATE_SECONDS: Final = 10.0
-"""Time between two updates of a tracker, s."""
+UPDATE_SECONDS: Final = 10.0  # time between two updates of a tracker, s
 
 TRAINING: Final = ("mean_return", "mean_length", "success_share")
 EVALUATION: Final = {"evaluation_return": "mean_return", "mastered_percent": "mastered_percent"}
@@ -24,8 +23,7 @@ TABLES: Final = (Table.TRAINING, Table.EVALUATIONS, Table.TEACHER_LOG)
 LARGEST_FLOAT: Final = float(np.finfo(np.float32).max)
 """Largest value of event files, which hold float32."""
 
-Point = tuple[int, dict[str, float]]
-"""Step, and its scalars by tag."""
+Point = tuple[int, dict[str, float]]  # step, and its scalars by tag
 
 
 RUNS_AT_ONCE: Final = 32

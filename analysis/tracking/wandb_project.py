@@ -11,17 +11,10 @@ from analysis.tracking.points import TABLES, Point, Tracker
 from tma_ray.results import Manifest, RunStatus, Table
 from tma_ray.support.decoding import MOST_TEXT_BYTES, read_file
 
-STEP_KEY: Final = "global_step"
-"""Key of environment steps, as in CleanRL and openrlbenchmark."""
-
-RETURN: Final = "charts/episodic_return"
-"""Key of the training return, as in CleanRL and openrlbenchmark."""
-
-SENT: Final = "published"
-"""Prefix of the keys with the number of points sent of each table."""
-
-LEDGER: Final = "tma_ray_sent.json"
-"""File with the number of points sent of each run, for offline runs."""
+STEP_KEY: Final = "global_step"  # key of environment steps, as in CleanRL and openrlbenchmark
+RETURN: Final = "charts/episodic_return"  # key of the training return, as in CleanRL and openrlbenchmark
+SENT: Final = "published"  # prefix of the keys with the number of points sent of each table
+LEDGER: Final = "tma_ray_sent.json"  # file with the number of points sent of each run, for offline runs
 
 
 class WandbProject(Tracker):

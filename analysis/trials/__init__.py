@@ -1,1 +1,1 @@
-"""Trials of a new teacher: a design fixed beforehand, verdicts at its looks, and what they are worth."""
+"""Trials of new teachers against releases: designs, interim looks and verdicts."""

@@ -17,14 +17,9 @@ from scipy import optimize, special
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(96)
 """Gauss-Legendre quadrature on [-1, 1], by which crossing probabilities are exact to 1e-9."""
 
-LOWEST = -9.0
-"""Standard deviations under the mean at which densities are cut."""
-
-HIGHEST = 40.0
-"""Upper limit of the search for boundaries; its error is 0 in double precision."""
-
-FURTHEST = 12.0
-"""Largest distance of a median-unbiased estimate from the naive one, standard errors."""
+LOWEST = -9.0  # standard deviations under the mean at which densities are cut
+HIGHEST = 40.0  # upper limit of the search for boundaries; its error is 0 in double precision
+FURTHEST = 12.0  # largest distance of a median-unbiased estimate from the naive one, standard errors
 
 Floats = NDArray[np.float64]
 

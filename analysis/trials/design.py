@@ -31,20 +31,17 @@ SCALES = {HEADLINE: Scale.ARCSINE, FINAL: Scale.PERCENT}
 """Scale on which each measure of a trial is tested: the measure that it is designed for, whose spread grows
 with its mean, and the one that is reported beside it."""
 
-AXES = tuple(SCALES)
-"""Measures of a trial."""
+AXES = tuple(SCALES)  # measures of a trial
 
 SCALED = {HEADLINE: "angle", FINAL: "end"}
 """Columns of `ended_runs` with the measures on the scales of their tests."""
 
-CHALLENGE = 2
-"""Number of the columns of `CELL` that name a challenge; its cells share the weight of one."""
+CHALLENGE = 2  # number of the columns of `CELL` that name a challenge; its cells share the weight of one
 
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
 """Errors to spend, of which a design has the largest with wrong verdicts in at most `ERROR` of trials."""
 
-TRIALS = 4_000
-"""Simulated trials behind the choice of the error."""
+TRIALS = 4_000  # simulated trials behind the choice of the error
 
 
 @dataclass(frozen=True)

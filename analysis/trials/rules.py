@@ -16,17 +16,13 @@ from scipy import special
 from analysis.statistics.samples import negligible
 from analysis.trials.boundaries import boundaries
 
-LOOKS = (3, 5, 10, 20)
-"""Seeds of every cell at the interim looks."""
-
-ERROR = 0.05
-"""Probability of a wrong verdict, over both comparisons and all looks."""
+LOOKS = (3, 5, 10, 20)  # seeds of every cell at the interim looks
+ERROR = 0.05  # probability of a wrong verdict, over both comparisons and all looks
 
 COMPARISONS = 2
 """Number of comparisons, with Random and the best teacher, which share the error equally (Bonferroni)."""
 
-FUTILE = 0.3
-"""Conditional power under which a comparison is futile."""
+FUTILE = 0.3  # conditional power under which a comparison is futile
 
 Floats = NDArray[np.float64]
 
@@ -237,8 +233,7 @@ def quantile(freedom: Floats, bound: float) -> Floats:
     return np.asarray(-special.stdtrit(freedom, float(special.ndtr(-bound))), np.float64)
 
 
-SIMULATION_SEED = 41
-"""Seed of simulated trials, fixed so that designs are reproducible."""
+SIMULATION_SEED = 41  # seed of simulated trials, fixed so that designs are reproducible
 
 
 @dataclass(frozen=True)

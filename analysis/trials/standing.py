@@ -174,7 +174,7 @@ def _comparison(
         for last in (len(design.looks) - 1, max(affordable, look))
     )
     unbiased = value
-    if estimate.freedom > 0:  # information of all looks by the variances of this one
+    if estimate.freedom > 0:  # information of every look by the current variances
         counts = [np.full_like(teacher.runs, float(seeds)) for seeds in design.looks[: look + 1]]
         errors = [
             float(difference(replace(teacher, runs=runs), reference, estimand).error) for runs in counts

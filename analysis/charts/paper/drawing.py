@@ -38,11 +38,8 @@ FRAME = "#b9bec6"
 NARROW_GAP, WIDE_GAP = 0.08, 0.3
 """Space between panels side by side, without and with numbers at their vertical axes, inches."""
 
-ANIMATION_DPI = 90
-"""Resolution of an animation, in dots per inch."""
-
-Drawn = dict[Panel, Axes]
-"""Axes of the panels of a chart, row by row."""
+ANIMATION_DPI = 90  # resolution of an animation, in dots per inch
+Drawn = dict[Panel, Axes]  # axes of the panels of a chart, row by row
 
 
 def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:

@@ -17,8 +17,7 @@ from matplotlib.transforms import ScaledTranslation
 from analysis.charts import base
 from analysis.looks import MUTED, RULE, Look
 
-STAR_ROW = 6.5
-"""Height of a row of stars, points."""
+STAR_ROW = 6.5  # height of a row of stars, points
 
 DIAMETER, THICKNESS = 0.55, 0.75
 """Points on paper per CSS pixel of a mark's diameter, and of a line's width."""
@@ -220,11 +219,8 @@ def mappable(colours: base.ColourScale) -> ScalarMappable:
     return ScalarMappable(Normalize(colours.low, colours.high), colours.name)
 
 
-CHARACTER = 0.6
-"""Width of a letter in units of the font size."""
-
-HANDLE, COLUMN_GAP = 2.6, 1.2
-"""Length of handles, and space between columns, in units of the font size."""
+CHARACTER = 0.6  # width of a letter in units of the font size
+HANDLE, COLUMN_GAP = 2.6, 1.2  # length of handles, and space between columns, in units of the font size
 
 POINTS_PER_INCH = 72
 

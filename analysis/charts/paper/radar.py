@@ -21,8 +21,7 @@ from analysis.names import teacher_order
 CENTRE, RADIUS = 1.36, 0.86
 """Height of a radar's centre above its lower edge, and radius of its rim, inches."""
 
-STAR_GAP = 0.092
-"""Distance between two stars, inches."""
+STAR_GAP = 0.092  # distance between two stars, inches
 
 STAR_COLUMNS, STAR_ROWS = 4, 2
 """Largest numbers of stars side by side at an axis, and of their rows, above which they are counted."""

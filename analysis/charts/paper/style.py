@@ -14,11 +14,8 @@ from matplotlib.figure import Figure
 from analysis.looks import INK, MUTED, RULE
 from tma_ray.support.validation import check_type
 
-DPI = 150
-"""Resolution of pictures on pages, in dots per inch."""
-
-PRINT_DPI = 300
-"""Resolution of PNG files of `save`, in dots per inch."""
+DPI = 150  # resolution of pictures on pages, in dots per inch
+PRINT_DPI = 300  # resolution of PNG files of `save`, in dots per inch
 
 STYLE: Any = {
     "font.family": "sans-serif",
