@@ -1,4 +1,4 @@
-"""Reading of results: measures, statistics, figures, and a report in one page.
+"""Analysis of results: measures, statistics, figures, and a report in one page.
 
 Where to begin::
 
@@ -6,18 +6,18 @@ Where to begin::
 
     frames = analysis.load("results")  # or the name of a release, as "lite-1"
     frames.cells, frames.evaluations  # pandas frames
-    runs = analysis.runs_after(frames)  # a row a run, with all that is measured of it
-    analysis.pooled(runs)  # a row a teacher
-    analysis.comparisons.frame(runs, "mastered_percent")  # tests between all pairs
+    runs = analysis.runs_after(frames)  # a row per run, with all its measures
+    analysis.pooled(runs)  # a row per teacher
+    analysis.pairwise(runs, "mastered_percent")  # tests between all pairs
 
-``docs/analysis.md`` has the columns and more of this. What is listed here is for everyday work. What needs
-matplotlib, scipy or jinja2, as `analysis.figures` does, is imported when it is first asked for.
+``docs/analysis.md`` has the columns. Modules that need matplotlib, scipy or jinja2, such as
+`analysis.figures`, are imported on first use.
 """
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analysis.comparisons.frame import pairwise, pairwise_from_statistics
+from analysis.comparisons.pairwise import pairwise, pairwise_from_statistics
 from analysis.data.curricula import task_axes
 from analysis.data.frames import Frames
 from analysis.data.reference import paper_frame
@@ -71,19 +71,19 @@ __all__ = [
     "training_curves",
 ]
 
-__getattr__, __dir__ = attach(__name__, __file__)  # what takes long to import
+__getattr__, __dir__ = attach(__name__, __file__)
 
 
 def load(root: str | Path) -> Frames:
-    """Read a results root, finished or not, or a release; what is missing is an empty frame and a warning.
+    """Return a results root, finished or not, or a release; missing tables become empty frames and warnings.
 
     Args:
         root: a folder, an ``s3://`` or ``gs://`` address, or the name of a release.
 
     Raises:
-        ResultsRootError: nothing of that name or at that place.
-        BaselineError: a damaged baseline, or one of published means, without runs.
+        ResultsRootError: if there are no such results.
+        BaselineError: if a baseline is damaged, or has published means without runs.
     """
-    from analysis.baselines.catalogue import read_source  # takes longer to import
+    from analysis.baselines.catalogue import read_source  # deferred: slow to import
 
     return read_source(root)

@@ -1,4 +1,4 @@
-"""Labels and order of everything that is shown: teachers, environments, challenges, levels and bodies."""
+"""Labels and order of teachers, environments, challenges, levels and bodies in views."""
 
 import hashlib
 import itertools
@@ -12,11 +12,11 @@ from tma_ray.support.component_names import join_name, split_name
 from tma_ray.support.texts import visible
 from tma_ray.tasks import KnowledgeLevel
 
-LONGEST = 80
+MAX_LABEL_CHARS = 80
 """Characters of a name in sentences and tables."""
 
 YOURS = " \N{LEFTWARDS ARROW} yours"
-"""Mark behind the name of a reader's own teacher."""
+"""Suffix of the name of a reader's own teacher."""
 
 _OWN: ContextVar[frozenset[str]] = ContextVar("own", default=frozenset())
 
@@ -52,10 +52,7 @@ _LABELS = {
 def label(part: str) -> str:
     """Return the display name of a teacher, student or environment, with its settings.
 
-    It is the one in the paper, or a plug-in's own.
-
-    Of a name over `LONGEST` its beginning and end are kept, and four digits of its hash, so that no two names
-    that differ in the middle alone become one.
+    A name over `MAX_LABEL_CHARS` is cut in the middle, with four digits of its hash to keep it distinct.
 
     Examples:
         >>> label("alp_gmm"), label("alp_gmm:fit_every=100"), label("ppo:preset=decisive")
@@ -63,17 +60,17 @@ def label(part: str) -> str:
     """
     name, settings = split_name(part)
     full = visible(with_settings(_LABELS.get(plain_name(name), name), settings))
-    if len(full) <= LONGEST:
+    if len(full) <= MAX_LABEL_CHARS:
         return full
     digest = hashlib.sha256(part.encode()).hexdigest()[:4]
-    return f"{full[: LONGEST - 27]}…{full[-20:]} [{digest}]"
+    return f"{full[: MAX_LABEL_CHARS - 27]}…{full[-20:]} [{digest}]"
 
 
 @contextmanager
 def own_first(teachers: Iterable[str]) -> Iterator[None]:
     """Context manager that marks `teachers` as the reader's own and sorts them first.
 
-    The mark is in `marked_label` and `short_labels`, not in `label`, which sentences are made of.
+    `marked_label` and `short_labels` have the mark; `label`, for sentences, does not.
     """
     token = _OWN.set(frozenset(teachers))
     try:
@@ -106,24 +103,24 @@ def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
         'Parkour, easy task space (swinging_creepers=true)'
     """
     name, bounds = split_name(challenge)
-    known = challenges_of(environment).get(name)
-    return with_settings(known.title, split_name(environment)[1] | bounds) if known else otherwise
+    shipped = challenges_of(environment).get(name)
+    return with_settings(shipped.title, split_name(environment)[1] | bounds) if shipped else otherwise
 
 
 def short_title(title: str) -> str:
-    """Return the title of a challenge without what most have in common."""
+    """Return the title of a challenge without the parts that most titles share."""
     return title.removeprefix("Stump Tracks, ").removesuffix(" task space")
 
 
 def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
-    """Return the `label` of each teacher, in their order, as short as a figure needs, and never two alike.
+    """Return distinct labels of teachers that are short enough for a figure, in the order of teachers.
 
-    Of a long name its beginning is kept; where that is not its own, its beginning and its end; where those
-    are not, a number is set behind it.
+    A long name is cut to its beginning, or if that is not distinct, to its beginning and end, or else gets a
+    number.
 
     Args:
         teachers: names of all teachers that are shown together.
-        length: largest number of characters, numbers and the mark of `own_first` apart.
+        length: largest number of characters without the number and the mark of `own_first`.
 
     Examples:
         >>> list(short_labels(["my_teacher:fit_every=100", "my_teacher:fit_every=250"], 16).values())
@@ -136,19 +133,19 @@ def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
         {teacher: f"{name[:room]}…" for teacher, name in labels.items()},
         {teacher: f"{name[: room // 2]}…{name[-(room - room // 2) :]}" for teacher, name in labels.items()},
     )
-    found: dict[str, str] = {}
+    short: dict[str, str] = {}
     for teacher, name in labels.items():
         fitting = (way for way in ways if len(way[teacher]) <= length or way is not labels)
-        alone = (way for way in fitting if list(way.values()).count(way[teacher]) == 1)
-        text = next((way[teacher] for way in alone), ways[0 if len(name) <= length else 1][teacher])
-        taken = set(found.values())
-        counted = (f"{text} ({number})" for number in itertools.count(2))
-        found[teacher] = text if text not in taken else next(each for each in counted if each not in taken)
-    return {teacher: found[teacher] + mark_of(teacher) for teacher in sorted(found, key=teacher_order)}
+        distinct = (way for way in fitting if list(way.values()).count(way[teacher]) == 1)
+        text = next((way[teacher] for way in distinct), ways[0 if len(name) <= length else 1][teacher])
+        taken = set(short.values())
+        numbered = (f"{text} ({number})" for number in itertools.count(2))
+        short[teacher] = next(option for option in itertools.chain([text], numbered) if option not in taken)
+    return {teacher: short[teacher] + mark_of(teacher) for teacher in sorted(short, key=teacher_order)}
 
 
 def distinct_labels(teachers: Iterable[str]) -> dict[str, str]:
-    """Return the label of each teacher without the settings that all of its name have in common.
+    """Return the label of each teacher without the settings that all teachers of its name share.
 
     Examples:
         >>> distinct_labels(["perm:budget=2", "plr:budget=2", "plr:budget=2:score=mna"])
@@ -165,7 +162,7 @@ def distinct_labels(teachers: Iterable[str]) -> dict[str, str]:
 
 
 def teacher_order(teacher: str) -> tuple[bool, bool, str]:
-    """Sort teachers: those of `own_first`, then Random, which the others are read against, then by name."""
+    """Return a sort key of teachers: those of `own_first`, then Random, then by name."""
     return (teacher not in _OWN.get(), plain_name(teacher) != "random", label(teacher).lower())
 
 
@@ -189,10 +186,10 @@ def title(column: str, value: object) -> str:
 
 
 def order(column: str, value: object) -> tuple[int, str]:
-    """Sort values of result tables: challenges in the benchmark's order, levels by rank, others by name."""
-    known: list[object] = []
+    """Return a sort key of values: challenges as in the benchmark, levels by rank, others by name."""
+    values: list[object] = []
     if column == "expert_knowledge":
-        known = [level.value for level in KnowledgeLevel]
+        values = [level.value for level in KnowledgeLevel]
     elif column == "challenge":
-        known = [challenge.name for challenge in CHALLENGES]
-    return (known.index(value) if value in known else len(known), str(value))
+        values = [challenge.name for challenge in CHALLENGES]
+    return (values.index(value) if value in values else len(values), str(value))

@@ -28,7 +28,7 @@ from pools import execute, parser
 from seed_statistics import signal_to_noise
 
 import analysis
-from analysis.data.frames import evaluation_measures
+from analysis.data.loading import evaluation_measures
 from analysis.statistics.samples import Estimate
 from tma_ray.campaign.plan import CampaignSpec, Plan, joined_plan
 from tma_ray.envs import make_environment

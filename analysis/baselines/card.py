@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from analysis.baselines.catalogue import BaselineKind, BaselineManifest
 from analysis.data.frames import Frames
-from analysis.data.identity import parsed
-from analysis.formatting import amount, duration
+from analysis.data.specs import parsed
+from analysis.formatting import duration, steps_text
 from analysis.names import label, teacher_order
 from analysis.tables.table import ResultTable, TableFormat, render
 from tma_ray.results import CHIPMUNK, SIMULATED
@@ -73,7 +73,7 @@ def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) ->
 
 def _plain(name: str, value: Any) -> str:
     if name == "steps":
-        return ", ".join(map(amount, value))
+        return ", ".join(map(steps_text, value))
     if name == "teachers":
         return ", ".join(_safe(label(teacher)) for teacher in sorted(value, key=teacher_order))
     if name == "seeds":

@@ -12,7 +12,8 @@ from typing import Any, Final, Self, TypeAlias
 
 import pandas as pd
 
-from analysis.data.frames import Frames, frames_of, joined, load
+from analysis.data.frames import Frames
+from analysis.data.loading import frames_of, joined, load
 from analysis.data.reference import is_baseline, published_frame
 from tma_ray.results import SIMULATED, Results, ResultsRootError, Store, check_path
 from tma_ray.support.component_names import nearest

@@ -26,7 +26,8 @@ from analysis.baselines.catalogue import (
 )
 from analysis.baselines.croissant import CROISSANT_FILE, croissant
 from analysis.baselines.verification import verify
-from analysis.data.frames import STATUSES, Frames, load
+from analysis.data.frames import STATUSES, Frames
+from analysis.data.loading import load
 from analysis.measures.evaluations import ceilings_in_words
 from analysis.measures.run_measures import run_measures
 from analysis.measures.tested import HEADLINE

@@ -13,8 +13,8 @@ import pandas as pd
 
 from analysis.charts import base
 from analysis.data.reference import is_baseline
-from analysis.looks import INK, MUTED, Look, look
 from analysis.names import label, order, short_labels, title
+from analysis.teacher_styles import INK, MUTED, TeacherStyle, teacher_style
 
 COLUMNS = 3  # panels side by side if `by` gives a single column
 MOST_BRACKETS = 12  # largest number of brackets in a panel; with more pairs all panels have letters
@@ -64,7 +64,7 @@ def bars_with_pairs(
 
     Args:
         table: results of `pooling.pooled` or `reference.paper_frame`, with n.
-        tests: all pairs, of `frame.pairwise` or `frame.pairwise_from_statistics`.
+        tests: all pairs, of `pairwise.pairwise` or `pairwise.pairwise_from_statistics`.
         measure: measure to draw.
         name: name of the measure with its unit.
         whisker: standard deviation, or standard error of the mean.
@@ -150,15 +150,15 @@ def _results(
 
 
 def _bars(results: PanelResults, teachers: Sequence[str], start: float) -> Iterator[base.Mark]:
-    line, rows = Look(INK, "", "-"), results.rows
+    line, rows = TeacherStyle(INK, "", "-"), results.rows
     for y, teacher in enumerate(() if rows.empty else teachers):
         if teacher not in rows.index:
             yield base.Label(x=start, y=y, text="\N{EN DASH}", look=line._replace(colour=MUTED), beside=True)
             continue
         mean, whisker = (float(rows[name][teacher]) for name in ("mean", "whisker"))
         if is_baseline(teacher):
-            yield base.ReferenceLine(x=mean, look=look(teacher)._replace(dashes=(0, (3, 2))))
-        yield base.Bar(x=mean, y=y, look=look(teacher), teacher=teacher)
+            yield base.ReferenceLine(x=mean, look=teacher_style(teacher)._replace(dashes=(0, (3, 2))))
+        yield base.Bar(x=mean, y=y, look=teacher_style(teacher), teacher=teacher)
         if whisker > 0:
             ends: dict[str, Any] = {"low": mean - whisker, "high": mean + whisker}
             style: dict[str, Any] = {"size": 0.0, "width": 0.95, "cap": 2.0}
@@ -177,7 +177,7 @@ def _brackets(
         about = f"{teachers[low]} differs from {teachers[high]}"
         xs = start + lane * number + lane * np.array([0.3, 0.75, 0.75, 0.3])
         heights = np.array([low + 0.16, low + 0.16, high - 0.16, high - 0.16])
-        yield number, base.Curve(x=xs, y=heights, look=Look(INK, "", "-"), width=0.95, about=about)
+        yield number, base.Curve(x=xs, y=heights, look=TeacherStyle(INK, "", "-"), width=0.95, about=about)
 
 
 def _letters(

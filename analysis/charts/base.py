@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.looks import INK, Look
 from analysis.statistics import SIGNIFICANCE
+from analysis.teacher_styles import INK, TeacherStyle
 
 END = "end"
 """Moment of the ends of runs; other moments are steps."""
@@ -37,7 +37,7 @@ LONGEST_NAME = 38
 STEPS, MASTERED = "Environment steps", "Mastered test tasks (%)"
 """Titles of axes."""
 
-PLAIN = Look(INK, "o", "-")
+PLAIN = TeacherStyle(INK, "o", "-")
 """Style of marks without a teacher."""
 
 Array = NDArray[np.float64]
@@ -133,7 +133,7 @@ class Mark:
         about: identifier in vector files.
     """
 
-    look: Look = PLAIN
+    look: TeacherStyle = PLAIN
     name: str = ""
     teacher: str = ""
     comparison: str = ""
@@ -300,7 +300,7 @@ class StarRow:
         about: identifier in vector files.
     """
 
-    look: Look
+    look: TeacherStyle
     fill: str
     above: Sequence[float]
     below: Sequence[float]

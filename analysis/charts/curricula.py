@@ -14,9 +14,9 @@ import numpy as np
 from analysis.charts import base
 from analysis.charts.tasks import PAPER_EPISODES, TaskView, episodes, return_colours, state, task_axis
 from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, moments
-from analysis.formatting import amount
-from analysis.looks import Look, look
+from analysis.formatting import steps_text
 from analysis.names import short_labels
+from analysis.teacher_styles import TeacherStyle, teacher_style
 
 SMALL = 1 / 3  # share of both dimensions under which the tasks of a run are drawn at their own scale
 
@@ -66,7 +66,7 @@ def film_strip(
     for shot in shots:
         panel, row = _animated(shot, plane, steps), []
         for step in steps:
-            name = f"{amount(step)} steps" if step else "start"
+            name = f"{steps_text(step)} steps" if step else "start"
             row.append(replace(panel.at(step), title="" if rows else name, side=shot.name))
         rows.append(row)
     side = 1.6 * width / base.PAGE_WIDTH
@@ -122,7 +122,7 @@ def _animated(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> bas
         replace(task_axis(axis), low=float(bounds[0]), high=float(bounds[1]))
         for axis, bounds in zip(plane, np.transpose([low, high]), strict=True)
     )
-    frame = look(shot.teacher).colour if zoomed else ""
+    frame = teacher_style(shot.teacher).colour if zoomed else ""
 
     def at(step: Any) -> base.Panel:
         marks = state(shot.curriculum, shot.teacher, step, view, colours, None)
@@ -202,7 +202,7 @@ def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -
 def _bands(curriculum: Curriculum, dimension: int, teacher: str) -> Iterator[base.Mark]:
     steps = np.unique(curriculum.probes["step"])
     levels = np.array([np.quantile(curriculum.probed_at(step)[:, dimension], QUANTILES) for step in steps]).T
-    style, x = look(teacher)._replace(marker="", dashes="-"), steps.astype(np.float64)
+    style, x = teacher_style(teacher)._replace(marker="", dashes="-"), steps.astype(np.float64)
     yield base.Curve(x=x, low=levels[0], high=levels[4], look=style, opacity=0.18)
     yield base.Curve(x=x, y=levels[2], low=levels[1], high=levels[3], look=style, opacity=0.38, width=1.6)
 
@@ -224,7 +224,7 @@ def _regions(curriculum: Curriculum, dimension: int) -> Iterator[base.Mark]:
     if bounds:
         steps, *ends = np.array(bounds, dtype=np.float64).T
         for end in ends:
-            yield base.Curve(x=steps, y=end, look=Look(base.PLAIN.colour, "", "-"), width=1.2)
+            yield base.Curve(x=steps, y=end, look=TeacherStyle(base.PLAIN.colour, "", "-"), width=1.2)
     if means:
         steps, values, shares = np.array(means, dtype=np.float64).T
         yield base.Scatter(x=steps, y=values, size=1.8 * np.sqrt(1 + 8 * shares), opacity=0.55)

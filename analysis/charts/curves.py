@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 
 from analysis.charts import base
-from analysis.comparisons.frame import pairwise
+from analysis.comparisons.pairwise import pairwise
 from analysis.data.columns import COMPARED
 from analysis.data.reference import BASELINE, is_baseline
-from analysis.formatting import amount
-from analysis.looks import MUTED, Look, look
+from analysis.formatting import steps_text
 from analysis.measures.evaluations import aggregate
 from analysis.measures.pooling import PLUS, pooled
 from analysis.names import label, order, short_labels, teacher_order, title
+from analysis.teacher_styles import MUTED, TeacherStyle, teacher_style
 from tma_ray.tasks import KnowledgeLevel
 
 AXIS_TITLES = {"mastered_percent": base.MASTERED, "training_return": "Mean training return"}
@@ -62,7 +62,7 @@ def learning_curves(
     marks = [
         curve
         for teacher, text in short_labels(table["teacher"].astype(str), base.LONGEST_NAME).items()
-        for curve in _curves(table, teacher, look(teacher), text, width)
+        for curve in _curves(table, teacher, teacher_style(teacher), text, width)
     ]
     y = base.PanelAxis(
         quantity, base.AxisKind.PERCENT if "%" in quantity else base.AxisKind.NUMBER, grid=True
@@ -83,7 +83,7 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
 
 
 def _curves(
-    table: pd.DataFrame, teacher: str, style: Look, name: str, width: float, fill: str = ""
+    table: pd.DataFrame, teacher: str, style: TeacherStyle, name: str, width: float, fill: str = ""
 ) -> Iterator[base.Curve]:
     """Yield the curve of a teacher's mean and standard_error, if there are any."""
     columns = ("step", "mean", "standard_error", "n")
@@ -115,7 +115,7 @@ def _ceiling(value: float | None, curves: Sequence[base.Curve]) -> Iterator[base
     highest = max((float(curve.high.max()) for curve in curves if curve.high is not None), default=0.0)
     if value is not None and highest >= FLATTENED * value:
         yield base.ReferenceLine(
-            y=value, look=Look(MUTED, "", (0, (1, 2))), name="mastered by any run", width=1.0
+            y=value, look=TeacherStyle(MUTED, "", (0, (1, 2))), name="mastered by any run", width=1.0
         )
 
 
@@ -127,7 +127,7 @@ class CurvePanel:
         title: embodiment or challenge of the panel.
         curves: results of ``pooled(runs, [measure], by=["step"])``: teacher, expert_knowledge, step, n, and
             `measure` with the suffixes _mean and _std.
-        tests: tests of `frame.pairwise` at each step against a reference teacher, or a reference level for
+        tests: tests of `pairwise.pairwise` at each step against a reference teacher, or a reference level for
             each teacher; None for no stars.
         measure: measure to draw.
         name: name of the measure with its unit.
@@ -269,7 +269,7 @@ def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> I
             yield base.LegendEntry("*", f"{word} {names} (p < 0.05 after Holm)", full, 6)
 
 
-def _line_looks(tables: Sequence[pd.DataFrame]) -> dict[Line, tuple[Look, str, str]]:
+def _line_looks(tables: Sequence[pd.DataFrame]) -> dict[Line, tuple[TeacherStyle, str, str]]:
     """Return the style, name and colour inside markers of each line, in order.
 
     Several levels are distinguished by dashes, and by paler markers for less knowledge.
@@ -279,7 +279,7 @@ def _line_looks(tables: Sequence[pd.DataFrame]) -> dict[Line, tuple[Look, str, s
     several = len({level for _, level in lines}) > 1
     looks = {}
     for teacher, level in sorted(lines, key=lambda line: (teacher_order(line[0]), order(LEVEL, line[1]))):
-        style, name, pale = look(teacher), names[teacher], 0.0
+        style, name, pale = teacher_style(teacher), names[teacher], 0.0
         if several:
             level_title, pale = title(LEVEL, level), _PALE.get(level, 0.0)
             style = style._replace(dashes=_DASHES.get(level, "-"))
@@ -383,7 +383,7 @@ def pairwise_curves(
     Args:
         curves: results of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n, and
             `measure` with the suffixes _mean and _std.
-        tests: all pairs at every step, of `frame.pairwise` with step among `within`.
+        tests: all pairs at every step, of `pairwise.pairwise` with step among `within`.
         measure: measure to draw.
         name: name of the measure with its unit.
 
@@ -408,7 +408,9 @@ def pairwise_curves(
     rows: list[list[base.Panel | None]] = [[None] * size for _ in range(size)]
     for column, row in itertools.combinations_with_replacement(range(size), 2):
         pair = teachers[column], teachers[row + 1]
-        lines = [curve for name in pair for curve in _curves(table, name, look(name), legend[name], 1.2)]
+        lines = [
+            curve for name in pair for curve in _curves(table, name, teacher_style(name), legend[name], 1.2)
+        ]
         stars = _pair_stars(tests, pair, top + 0.1 * (top - low))
         heading = names[pair[0]] if row == column else ""
         rows[row][column] = base.Panel(*axes, [*lines, *stars], heading, side=names[pair[1]])
@@ -432,7 +434,7 @@ def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> It
         less = (tests["first"] == below) & (tests["second"] == above) & (tests["difference"] < 0)
         steps = tests.loc[greater | less, "step"].to_numpy(float)
         if len(steps):
-            style = look(above)._replace(marker="*")
+            style = teacher_style(above)._replace(marker="*")
             heights = np.full(len(steps), height)
             yield base.Scatter(x=steps, y=heights, look=style, size=7.0, about=f"{above}-above-{below}")
 
@@ -454,7 +456,7 @@ def _difference_matrix(
         base.Scatter(x=np.concatenate(ends), y=np.concatenate(ends[::-1]), size=3.5, about="significant"),
     ]
     rows = base.PanelAxis(kind=base.AxisKind.TEACHERS, rows=short_labels(teachers, 18))
-    heading = f"Row minus column after {amount(last)} steps; dots: p < 0.05 after Holm"
+    heading = f"Row minus column after {steps_text(last)} steps; dots: p < 0.05 after Holm"
     side = min(base.TWO_COLUMNS + 0.6, 1.9 + 0.17 * len(teachers))
     return base.Chart(
         "differences",

@@ -12,10 +12,10 @@ from analysis.comparisons.against_random import AgainstRandom
 from analysis.comparisons.ranks import Rank
 from analysis.comparisons.verdicts import AXES
 from analysis.formatting import number
-from analysis.looks import look
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
 from analysis.names import short_labels
 from analysis.statistics import describe, mean_percent_interval
+from analysis.teacher_styles import teacher_style
 
 
 def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
@@ -47,7 +47,7 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
                     y=[y] * len(indices),
                     words=[f"{label}, seed {seed}" for seed in seeds[indices]],
                     hover="{text}: {x:.1f}",
-                    look=look(teacher)._replace(marker="o"),
+                    look=teacher_style(teacher)._replace(marker="o"),
                     teacher=teacher,
                     size=8.0,
                     hollow=True,
@@ -75,7 +75,7 @@ def _mean(values: base.Array, teacher: str, y: float, words: str, **style: Any) 
         high=high,
         words=[text],
         hover="{text}",
-        look=look(teacher),
+        look=teacher_style(teacher),
         teacher=teacher,
         **style,
     )
@@ -156,7 +156,7 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> bas
                 y=float(y),
                 low=float(rank.best),
                 high=float(rank.worst),
-                look=look(rank.teacher),
+                look=teacher_style(rank.teacher),
                 teacher=rank.teacher,
                 words=[f"{labels[rank.teacher]}: rank {rank.rank}, {rank.best} to {rank.worst} open"],
                 hover="{text}",
@@ -210,7 +210,7 @@ def difference_chart(
                 y=y + 0.25 * (measure == TRAINED),
                 low=gap.low,
                 high=gap.high,
-                look=look(comparison.teacher),
+                look=teacher_style(comparison.teacher),
                 teacher=comparison.teacher,
                 words=[f"{rows[comparison.teacher]}: {gap}, {gap.verdict}"],
                 hover="{text}",

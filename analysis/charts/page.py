@@ -17,8 +17,8 @@ from plotly.io.json import to_json_plotly
 from plotly.offline import get_plotlyjs
 
 from analysis.charts import base
-from analysis.looks import INK, MUTED, RULE, Look
 from analysis.names import mark_of, teacher_order
+from analysis.teacher_styles import INK, MUTED, RULE, TeacherStyle
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
@@ -401,8 +401,8 @@ def _template(hover: str, value: str) -> str:
     return re.sub(r"\{(x|y|text)(:[^}]*)?\}", r"%{\1\2}", hover).replace("{value", f"%{{{value}")
 
 
-def _dash(look: Look) -> str:
-    return "solid" if isinstance(look.dashes, str) else ",".join(f"{2 * part}px" for part in look.dashes[1])
+def _dash(style: TeacherStyle) -> str:
+    return "solid" if isinstance(style.dashes, str) else ",".join(f"{2 * part}px" for part in style.dashes[1])
 
 
 def _transparent(colour: str, opacity: float) -> str:

@@ -9,8 +9,8 @@ import pandas as pd
 
 from analysis.charts.base import LONGEST_NAME, STEPS, AxisKind, Chart, Curve, Mark, Panel, PanelAxis, grid
 from analysis.data.curricula import Curriculum
-from analysis.looks import look
 from analysis.names import short_labels
+from analysis.teacher_styles import teacher_style
 
 FEWEST = 5  # least number of runs of a line with a band, which would else fill the panel
 MOST_PER_TEACHER = 8  # largest number of scalars per teacher
@@ -38,7 +38,7 @@ def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, c
                 x=rows["threshold"].to_numpy(np.float64),
                 y=share,
                 **band,
-                look=look(teacher)._replace(marker=""),
+                look=teacher_style(teacher)._replace(marker=""),
                 name=label,
                 teacher=teacher,
                 words=words,
@@ -86,7 +86,7 @@ def hidden_scalars(curricula: Mapping[str, Curriculum]) -> int:
 
 
 def _series(teacher: str, values: pd.Series) -> Curve:
-    look_of_line, hover = look(teacher)._replace(marker="", dashes="-"), "{y:.4g} at step {x:,d}"
+    look_of_line, hover = teacher_style(teacher)._replace(marker="", dashes="-"), "{y:.4g} at step {x:,d}"
     style: dict[str, Any] = {"look": look_of_line, "teacher": teacher, "width": 1.5, "hover": hover}
     if len(values) <= BINS:
         return Curve(x=values.index.to_numpy(np.float64), y=values.to_numpy(np.float64), **style)

@@ -85,7 +85,7 @@ def radar(
 
     Args:
         table: results of `pooling.pooled` after `pooling.reuse_random`, or `reference.paper_frame`.
-        tests: tests of `frame.pairwise` or `frame.pairwise_from_statistics` against "random".
+        tests: tests of `pairwise.pairwise` or `pairwise.pairwise_from_statistics` against "random".
         measure: measure to draw.
         challenges: axes, clockwise from the top; at least three.
         original: matrix of the upper baseline.

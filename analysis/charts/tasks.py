@@ -9,8 +9,8 @@ import pandas as pd
 
 from analysis.charts import base
 from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, return_range
-from analysis.looks import INK, RETURN_COLOURS, look
 from analysis.names import short_labels
+from analysis.teacher_styles import INK, RETURN_COLOURS, teacher_style
 
 MOMENTS, DOTS = 24, 60  # largest numbers of steps of a run, and of probed tasks per step, on a page
 
@@ -134,7 +134,7 @@ def state(
     tasks, update = curriculum.probed_at(step)[:most], curriculum.update_at(step)
     update = update if len(tasks) else None
     boxes, gaussians = ([], []) if update is None else (boxes_of(update), gaussians_of(update))
-    style: dict[str, Any] = {"look": look(teacher), "teacher": teacher}
+    style: dict[str, Any] = {"look": teacher_style(teacher), "teacher": teacher}
     xs, ys = view.dots(np.asarray(tasks, np.float64))
     return [
         base.Polygons(outlines=view.boxes(boxes), colours=scores, width=1.2, opacity=0.08, **style),

@@ -7,10 +7,10 @@ import pandas as pd
 
 from analysis.charts.base import TWO_COLUMNS, Chart, Curve, Panel, PanelAxis, ReferenceLine
 from analysis.comparisons.verdicts import AXES
-from analysis.looks import INK, MUTED, Look, look
 from analysis.names import label, marked_label
+from analysis.teacher_styles import INK, MUTED, TeacherStyle, teacher_style
 
-BOUNDARY, BAND = Look(INK, "", (0, (4, 2))), Look(MUTED, "", "-")
+BOUNDARY, BAND = TeacherStyle(INK, "", (0, (4, 2))), TeacherStyle(MUTED, "", "-")
 """Styles of boundaries and of the margin."""
 
 ROOM = 1.4  # range of a panel, in units of the furthest boundary after the first look
@@ -66,7 +66,7 @@ def _course(table: pd.DataFrame, seen: pd.DataFrame, teacher: str, reach: float)
         bounds = np.clip(table[side].to_numpy(float), -reach, reach)
         seeds, hover = table["seeds"].to_numpy(float), f"{side} beyond {{y:.1f}}"
         yield Curve(x=seeds, y=bounds, look=BOUNDARY, width=1.2, name=name, hover=hover)
-    style = look(teacher)
+    style = teacher_style(teacher)
     for x, low, high in seen[["seeds", "low", "high"]].to_numpy(float):
         ends = np.clip([low, high], -reach, reach)
         yield Curve(x=np.full(2, x), y=ends, look=style._replace(dashes="-"), width=1.4)

@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from analysis.claims.sources import RootSource, Source
 from analysis.data.frames import Frames
-from analysis.formatting import ends, number, p_value
+from analysis.formatting import interval_text, number, p_value
 from analysis.names import label
 from analysis.statistics import Comparison
 from analysis.statistics.samples import Standing, contrary, equivalent, greater
@@ -155,7 +155,7 @@ def _(statement: Compared, source: Source, levels: Levels) -> Finding:
     if first is None or second is None:
         return _missing(statement.first if first is None else statement.second)
     test = first.test(second)
-    interval = test.reason or f"95 % interval {ends(test.low, test.high)}, {p_value(test.p)}"
+    interval = test.reason or f"95 % interval {interval_text(test.low, test.high)}, {p_value(test.p)}"
     evidence = (
         f"{_name(statement.first, levels)} {number(test.difference)} points from "
         f"{_name(statement.second, levels)} ({interval}, n = {test.n} and {test.reference_n})"
@@ -223,7 +223,7 @@ def _(statement: Scaled, source: Source, levels: Levels) -> Finding:
     evidence = (
         f"{_name(statement.first, levels)}: {number(first.description.mean)} % and "
         f"{number(second.description.mean)} %; above {factor:g} times that by {number(test.difference)} "
-        f"{ends(test.low, test.high)}"
+        f"{interval_text(test.low, test.high)}"
     )
     return Finding(greater(test.low, test.high, 0.0), evidence)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from analysis.data import columns
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
-from analysis.formatting import amount
+from analysis.formatting import steps_text
 from analysis.measures import pooling
 from analysis.measures.tested import (
     PAPERS,
@@ -282,7 +282,7 @@ def _other_conditions(table: pd.DataFrame, conditions: pd.Series) -> str:
     rows = table[(table["steps"] == conditions["steps"]) & (table["variant"] == conditions["variant"])]
     students = {student for pool in rows["pool"].unique() for _, student in pooling.parts_of(pool)}
     names = " and ".join(sorted({label(base_name(student)) for student in students}))
-    return f"{amount(conditions['steps'])} steps of {names}"
+    return f"{steps_text(conditions['steps'])} steps of {names}"
 
 
 def _entries(reading: Reading) -> list[PaperResult]:

@@ -5,10 +5,10 @@ from pathlib import Path
 from analysis.baselines.catalogue import Sources, published, read
 from analysis.charts.paper.style import Vector, save
 from analysis.commands.tables import Written, write_tables
-from analysis.comparisons.measured import measure
+from analysis.comparisons.comparison import Measurements
 from analysis.figures import Drawing, drawings, published_drawings
-from analysis.looks import shown_together
 from analysis.tables.table import TableFormat
+from analysis.teacher_styles import shown_together
 from tma_ray.support.component_names import nearest
 
 
@@ -33,7 +33,7 @@ def write_figures(
         return _write(list(published_drawings(baseline.published())), output, kind, only, ())
     frames = read(sources)
     with shown_together(frames.cells["teacher"]):
-        return _write(list(drawings(frames, measure(frames))), output, kind, only, frames.notes)
+        return _write(list(drawings(Measurements(frames))), output, kind, only, frames.notes)
 
 
 def _write(found: list[Drawing], output: Path, kind: Vector, only: str, warnings: tuple[str, ...]) -> Written:

@@ -19,10 +19,10 @@ from analysis.baselines.catalogue import Baseline, read
 from analysis.charts.base import Chart
 from analysis.charts.intervals import DIFFERENCES, difference_chart
 from analysis.comparisons.against_random import FAMILY
-from analysis.comparisons.boards import Entry, Leaderboard, leaderboards, notes
+from analysis.comparisons.leaderboards import Entry, Leaderboard, leaderboards, notes
 from analysis.comparisons.verdicts import AXES
 from analysis.data.reference import is_baseline
-from analysis.formatting import ends, estimate, number
+from analysis.formatting import estimate, interval_text, number
 from analysis.measures.evaluations import ceilings_in_words
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES
 from analysis.measures.trained import NEARLY_ALL
@@ -194,7 +194,7 @@ def joined_trials(place: str) -> Iterator[str]:
         for each in look.settled:
             best = "" if is_baseline(each.reference) else ", the best of the core"
             head.append(f"{AXES[each.measure]}, against {label(each.reference)}{best}")
-            row.append(f"{number(each.value)} {ends(each.low, each.high)}, {each.verdict}")
+            row.append(f"{number(each.value)} {interval_text(each.low, each.high)}, {each.verdict}")
         rows.append(row)
     if rows:
         yield "Of teachers that joined by a [trial](trials.md) its verdicts count, against two opponents:"

@@ -16,9 +16,9 @@ from rich.table import Table
 from analysis.baselines.catalogue import Sources, own_teachers, read
 from analysis.commands.leaderboards import EXPLANATION, show_board, tell
 from analysis.comparisons.against_random import Gap, against_random, sentences_against_random
-from analysis.comparisons.boards import leaderboards
+from analysis.comparisons.leaderboards import leaderboards
 from analysis.comparisons.planning import LITE, PAPER, detectable_differences
-from analysis.comparisons.sentences import places, ranked, ranking_sentences
+from analysis.comparisons.sentences import challenge_titles, ranked, ranking_sentences
 from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.formatting import number, p_value, plus_minus
 from analysis.measures.evaluations import final_evaluations, search_results
@@ -66,12 +66,14 @@ def show_ranking(
             if len(board.challenges) > 1:
                 tell(console, f"Over {len(board.challenges)} challenges: {board.title}", "bold")
                 show_board(board, console)
-        for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
+        for (place, level), rows in table.groupby(
+            [pd.Series(challenge_titles(table)), "expert_knowledge"], sort=False
+        ):
             tell(console, f"{place}, expert knowledge {level}", "bold")
             _show_challenge(console, rows, measure)
         gaps = table[table["missing"] != ""].groupby(["environment", "challenge"], sort=False)["missing"]
         notes = [f"* {challenge}: {'; '.join(dict.fromkeys(texts))}" for (_, challenge), texts in gaps]
-        for note in (*notes, *frames.told, *frames.left_out):
+        for note in (*notes, *frames.cell_warnings, *frames.skipped_files):
             tell(console, note, "dim")
     if explain:
         for sentence in [*sentences_against_random(against_random(frames, runs)), *ranking_sentences(table)]:

@@ -15,7 +15,7 @@ from analysis.baselines.catalogue import SHIPPED
 from analysis.baselines.verification import verify
 from analysis.claims.agreement import Agreement, agreements
 from analysis.claims.judging import root_verdicts
-from analysis.formatting import amount, number
+from analysis.formatting import number, steps_text
 from analysis.names import challenge_title, label
 from analysis.statistics.samples import DEFAULT_MARGIN, Standing
 from analysis.tables.table import pipe_table
@@ -75,7 +75,7 @@ def findings(name: str) -> str:
     """
     baseline = find_baseline(name)
     manifest, holds, frames = baseline.manifest, baseline.manifest.holds, baseline.frames()
-    steps, students = " and ".join(map(amount, holds["steps"])), ", ".join(map(label, holds["students"]))
+    steps, students = " and ".join(map(steps_text, holds["steps"])), ", ".join(map(label, holds["students"]))
     partial = f" The release is not complete: {manifest.partial}." if manifest.partial else ""
     verdicts, _ = root_verdicts(frames)
     counts = Counter(verdict.standing for verdict in verdicts)

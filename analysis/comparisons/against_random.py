@@ -1,4 +1,4 @@
-"""Differences of teachers to Random over challenges: sooner, in the end, and per trained step."""
+"""Differences from Random over challenges: sooner, in the end, and per trained step."""
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.comparisons.frame import core_of, over_challenges
+from analysis.comparisons.pairwise import core_of, over_challenges
 from analysis.comparisons.verdicts import AXES, on_both_axes, verdict
 from analysis.data.columns import ACROSS, CONDITIONS, STRATA
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, NO_BASELINE
-from analysis.formatting import ends, in_brief, number
+from analysis.formatting import few_seeds_suffix, interval_text, number
 from analysis.measures.pooling import condition_words, varying
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
 from analysis.measures.trained import NEARLY_ALL, Curves, trained_areas, trained_curves, trained_shares
 from analysis.names import label
 
 LARGEST = 100.0
-"""Largest difference that there can be, in points."""
+"""Largest possible difference, in points."""
 
 FAMILY = "the core against Random; a newcomer is tested alone"
 """Family of the tests of `against_random`."""
@@ -27,13 +27,13 @@ FAMILY = "the core against Random; a newcomer is tested alone"
 
 @dataclass(frozen=True)
 class Gap:
-    """A difference of a teacher to another one, in points.
+    """Difference between two teachers, in points.
 
     Attributes:
         value: difference of the means.
-        low: lower end of its interval, which is simultaneous for the family of its test.
-        high: upper end of it.
-        verdict: `Verdict`, or the reason why none was made.
+        low: lower end of the interval, simultaneous for the family of the test.
+        high: upper end of the interval.
+        verdict: `Verdict`, or the reason for no test.
     """
 
     value: float
@@ -43,25 +43,25 @@ class Gap:
 
     @classmethod
     def of(cls, test: pd.Series | Mapping[str, Any]) -> "Gap":
-        """Return the difference in a row of the frame of comparisons."""
+        """Return the difference of a row of `pairwise.pairwise`."""
         low, high = np.clip([test["simultaneous_low"], test["simultaneous_high"]], -LARGEST, LARGEST)
         return cls(float(test["difference"]), float(low), float(high), verdict(test))
 
     def __str__(self) -> str:
-        return f"{number(self.value)} {ends(self.low, self.high)}"
+        return f"{number(self.value)} {interval_text(self.low, self.high)}"
 
 
 @dataclass(frozen=True)
 class AgainstRandom:
-    """A teacher compared with Random over all challenges that both have.
+    """Comparison of a teacher with Random over all challenges that both have.
 
     Attributes:
         teacher: name of the teacher.
-        newcomer: True if it joined later, and is a family of its own.
+        newcomer: True if the teacher joined later, and is a family of its own.
         across: values of `ACROSS`.
         challenges: number of challenges.
-        fewest: runs on one challenge that either has, at least.
-        gaps: difference by measure: `HEADLINE`, `FINAL`, and `TRAINED` of a teacher that trains on under
+        fewest: smallest number of runs of either on a challenge.
+        gaps: difference by measure: `HEADLINE`, `FINAL`, and `TRAINED` for a teacher that trains on under
             `NEARLY_ALL` % of its steps.
     """
 
@@ -74,15 +74,13 @@ class AgainstRandom:
 
     @property
     def verdict(self) -> str:
-        """Verdict on both axes, and per trained step where that is known."""
+        """Verdict on both axes, and per trained step if that is compared."""
         words = on_both_axes(self.gaps[HEADLINE].verdict, self.gaps[FINAL].verdict)
         return f"{words}; per trained step {self.gaps[TRAINED].verdict}" if TRAINED in self.gaps else words
 
 
 def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
-    """Return the comparison of each teacher with Random at each level and budget, the soonest first.
-
-    Where Random has no results there is none.
+    """Return the comparison of each teacher with Random at each level and budget, soonest first.
 
     Args:
         frames: results with windows of training.
@@ -98,7 +96,7 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
         }
         trained = group["run_id"].map(shares).groupby(group["teacher"]).median()
         curves = trained_curves(frames) if (trained < NEARLY_ALL).any() else {}
-        here = []
+        compared = []
         for teacher, test in tests[HEADLINE].items():
             if test["reason"] == NO_BASELINE:
                 continue
@@ -108,26 +106,23 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
                     curves, group[group["teacher"].isin(core | {teacher})], teacher
                 )
             sizes = int(test["challenges"]), int(test["fewest"])
-            here.append(AgainstRandom(str(teacher), teacher not in core, across, *sizes, gaps))
-        found += sorted(here, key=lambda each: -each.gaps[HEADLINE].value)
+            compared.append(AgainstRandom(str(teacher), teacher not in core, across, *sizes, gaps))
+        found += sorted(compared, key=lambda each: -each.gaps[HEADLINE].value)
     return found
 
 
 def _per_trained_step(curves: Curves, runs: pd.DataFrame, teacher: str) -> Gap:
-    """Return the difference of a teacher to Random until as many trained steps; `runs` hold the core's."""
+    """Return the difference from Random at the trained steps of `teacher`, from its runs and the core's."""
     tests = over_challenges(trained_areas(curves, runs, teacher, STRATA), TRAINED, BASELINE)
     return Gap.of(tests[tests["first"] == teacher].iloc[0])
 
 
 def sentences_against_random(
-    found: Collection[AgainstRandom], teachers: Collection[str] | None = None
+    comparisons: Collection[AgainstRandom], teachers: Collection[str] | None = None
 ) -> Iterator[str]:
-    """Yield a sentence for each verdict at each level and budget, on `teachers` or all.
-
-    Few seeds of one challenge decide little, all challenges together more.
-    """
+    """Yield a sentence for each verdict over several challenges, on `teachers` or all."""
     chosen = [
-        each for each in found if each.challenges > 1 and (teachers is None or each.teacher in teachers)
+        each for each in comparisons if each.challenges > 1 and (teachers is None or each.teacher in teachers)
     ]
     if not chosen:
         return
@@ -139,6 +134,6 @@ def sentences_against_random(
         where = ", ".join([f"expert knowledge {each.across['expert_knowledge']}", *words])
         lead = f"Over {each.challenges} challenges ({where}), beside Random: {each.verdict}"
         gaps = ", ".join(f"{each.gaps[axis]} {words}" for axis, words in AXES.items())
-        few = in_brief(each.fewest).replace("; ", ", ")
+        few = few_seeds_suffix(each.fewest).replace("; ", ", ")
         groups.setdefault(lead, []).append(f"{label(each.teacher)} ({gaps}{few})")
     yield from (f"{lead}, in points: {'; '.join(gaps)}." for lead, gaps in groups.items())

@@ -1,17 +1,23 @@
 """Means, interquartile means, probabilities of improvement and performance profiles of pooled runs.
 
-`runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them: runs without it do not
-count, and no run counts twice in a group. Groups have the columns `by` in common, teacher among them, and
-teachers that are compared the columns `within`; columns `strata` tell the strata of a sample apart. Over
-challenges these are ``[*ACROSS, "teacher"]``, `ACROSS` and `STRATA`.
+`runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them. Runs without it do not
+count, and no run counts twice in a group. Groups are given by the columns `by`, teacher among them, compared
+teachers by the columns `within`, and strata of a sample by the columns `strata`. Over challenges these are
+``[*ACROSS, "teacher"]``, `ACROSS` and `STRATA`.
 """
 
 from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from analysis.comparisons import frame
-from analysis.comparisons.frame import TEST
+from analysis.comparisons.pairwise import (
+    TEST,
+    by_challenge,
+    nobody,
+    pairs_of,
+    strata_of,
+    stratified_runs,
+)
 from analysis.data.columns import ACROSS, COMPARED, PARTS, POOLED, STRATA
 from analysis.data.frames import check_measure
 from analysis.measures.tested import MEASURES, Seeds, are_paired, in_common, mean_over_strata, seeds_to_pair
@@ -36,25 +42,23 @@ def interquartile_means(
     """Return the interquartile mean of each group of runs, with its interval.
 
     Args:
-        runs: rows of `pooling.pool_runs`; those without the measure do not count, and no run counts twice.
+        runs: rows of `pooling.pool_runs`.
         measure: column of `runs`.
-        by: columns that a group has in common, teacher among them; ``[*ACROSS, "teacher"]`` over challenges.
-        strata: columns that tell the strata of a sample apart; `STRATA` over challenges.
+        by: columns of a group, teacher among them; ``[*ACROSS, "teacher"]`` over challenges.
+        strata: columns of the strata of a sample; `STRATA` over challenges.
 
     Returns:
         `by`, measure, value, low, high, n, reason (of `statistics.estimates.Estimate`), and missing: strata
-        of other teachers in which this one has no results, in words; empty where there are none.
+        in which only other teachers have results, as text.
     """
     check_sequence("by", by)
     by, rows = list(by), []
     check_measure("runs", runs, measure, [*by, *strata])
     common = [column for column in by if column != "teacher"]
     seeds = seeds_to_pair(runs)
-    for _, compared in frame.stratified_runs(runs, measure, by, strata).groupby(
-        common, dropna=False, sort=True
-    ):
+    for _, compared in stratified_runs(runs, measure, by, strata).groupby(common, dropna=False, sort=True):
         groups = compared.groupby(by, dropna=False, sort=True)
-        samples = {key: frame.strata_of(group, measure) for key, group in groups}
+        samples = {key: strata_of(group, measure) for key, group in groups}
         everywhere = {name for sample in samples.values() for name in sample}
         for key, sample in samples.items():
             estimate = interquartile_mean_of(sample, _clusters(sample, seeds))
@@ -73,12 +77,12 @@ def improvements(
     within: Sequence[str] = COMPARED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Return the probability that a run of one teacher beats one of another, one row a pair.
+    """Return the probability that a run of one teacher beats one of another, one row per pair.
 
     Args:
         runs: rows of `pooling.pool_runs`.
         measure: column of `runs`.
-        reference: the teacher that all others are set against; None for all pairs.
+        reference: teacher that all others are compared with; None for all pairs.
         within: columns that teachers must have in common to be compared; `ACROSS` over challenges.
         strata: columns within which runs are compared; `STRATA` over challenges.
 
@@ -86,45 +90,44 @@ def improvements(
         `within`, measure, first, second, and value, low, high, n, reason of `statistics.estimates.Estimate`.
     """
     within, rows, seeds = list(within), [], seeds_to_pair(runs)
-    table = frame.stratified_runs(runs, measure, [*within, "teacher"], strata)
+    table = stratified_runs(runs, measure, [*within, "teacher"], strata)
     for key, group in table[table[measure].notna()].groupby(within, dropna=False, sort=True):
-        samples = {str(name): frame.strata_of(part, measure) for name, part in group.groupby("teacher")}
-        for first, second in frame.pairs_of(list(samples), reference):
-            ours, theirs = dict(samples[first]), dict(samples.get(second, {}))
-            for stratum in ours.keys() & theirs.keys():  # of paired runs, the seeds of both
-                ours[stratum], theirs[stratum] = in_common(ours[stratum], theirs[stratum], seeds)
-            estimate = vars(probability_of_improvement(ours, theirs))
-            estimate |= {} if second in samples else {"reason": frame.nobody(second)}
+        samples = {str(name): strata_of(part, measure) for name, part in group.groupby("teacher")}
+        for first, second in pairs_of(list(samples), reference):
+            values, others = dict(samples[first]), dict(samples.get(second, {}))
+            for stratum in values.keys() & others.keys():  # paired runs count by common seeds
+                values[stratum], others[stratum] = in_common(values[stratum], others[stratum], seeds)
+            estimate = vars(probability_of_improvement(values, others))
+            estimate |= {} if second in samples else {"reason": nobody(second)}
             rows.append([*key, measure, first, second, *(estimate[name] for name in ESTIMATE)])
     return pd.DataFrame(rows, columns=[*within, "measure", "first", "second", *ESTIMATE])
 
 
 def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = ACROSS) -> pd.DataFrame:
-    """Return the mean of each teacher over all challenges with its results, one row per teacher.
+    """Return the mean of each teacher over all challenges that it has, one row per teacher.
 
-    Weights as in `frame.over_challenges`. Intervals of percentages stay within 0 and 100, and are not
-    symmetric.
+    Weights are those of `pairwise.over_challenges`. Intervals of percentages stay within 0 and 100.
 
     Returns:
-        `within`, measure, teacher, challenges (how many), and the columns of `statistics.Comparison` of which
+        `within`, measure, teacher, challenges (number), and the columns of `statistics.Comparison`, where
         difference, low and high are the mean and its 95 % interval.
     """
     rows = []
-    seeds, table = seeds_to_pair(runs), frame.stratified_runs(runs, measure, [*within, "teacher"], STRATA)
+    seeds, table = seeds_to_pair(runs), stratified_runs(runs, measure, [*within, "teacher"], STRATA)
     for key, part in table[table[measure].notna()].groupby([*within, "teacher"], dropna=False, sort=True):
-        places = frame.by_challenge(part, measure)
-        samples = [sample for strata in places.values() for sample in strata.values()]
-        weights = stratum_weights([place for place, strata in places.items() for _ in strata])
+        challenges = by_challenge(part, measure)
+        samples = [sample for strata in challenges.values() for sample in strata.values()]
+        weights = stratum_weights([key for key, strata in challenges.items() for _ in strata])
         mean = vars(mean_over_strata(samples, weights, seeds)) | {"n": sum(map(len, samples))}
         if measure in MEASURES:
             margin = mean["high"] - mean["difference"]
             mean["low"], mean["high"] = percent_interval(mean["difference"], margin)
-        rows.append([*key, measure, len(places), *(mean[name] for name in TEST)])
+        rows.append([*key, measure, len(challenges), *(mean[name] for name in TEST)])
     return pd.DataFrame(rows, columns=[*within, "teacher", "measure", "challenges", *TEST])
 
 
 def _clusters(sample: Mapping[str, pd.Series], seeds: Seeds) -> Seeds | None:
-    """Return the seeds of a sample whose runs depend on each other by their seeds; else None."""
+    """Return the seeds of a sample if its runs are paired by them, else None."""
     return seeds if are_paired(list(sample.values()), seeds) else None
 
 
@@ -141,16 +144,16 @@ def profiles(
         runs: rows of `pooling.pool_runs`.
         measure: column of `runs`.
         thresholds: values of the measure.
-        by: columns that a group has in common; ``[*ACROSS, "teacher"]`` over challenges.
-        strata: columns that tell the strata of a sample apart; `STRATA` over challenges.
+        by: columns of a group; ``[*ACROSS, "teacher"]`` over challenges.
+        strata: columns of the strata of a sample; `STRATA` over challenges.
 
     Returns:
         `by`, measure, threshold, share, low, high, n, reason.
     """
     by, rows, seeds = list(by), [], seeds_to_pair(runs)
     columns = ["threshold", "share", "low", "high", "n", "reason"]
-    for key, group in frame.stratified_runs(runs, measure, by, strata).groupby(by, dropna=False, sort=True):
-        sample = frame.strata_of(group, measure)
+    for key, group in stratified_runs(runs, measure, by, strata).groupby(by, dropna=False, sort=True):
+        sample = strata_of(group, measure)
         profile = performance_profile(sample, thresholds, _clusters(sample, seeds))
         rows += [[*key, measure, *each] for each in profile[columns].itertuples(index=False, name=None)]
     return pd.DataFrame(rows, columns=[*by, "measure", *columns])

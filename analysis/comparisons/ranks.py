@@ -1,4 +1,4 @@
-"""Ranks of teachers over challenges: those of the core among themselves, and newcomers among the core.
+"""Ranks of teachers over challenges: of the core by its own tests, and of newcomers among the core.
 
 `runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them, in per cent.
 """
@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 
 from analysis.comparisons.aggregates import stratified_means
-from analysis.comparisons.frame import core_of, corrected, from_both_sides, over_challenges
+from analysis.comparisons.pairwise import core_of, corrected, from_both_sides, over_challenges
 from analysis.comparisons.verdicts import AXES
 from analysis.data.columns import ACROSS
 from analysis.data.reference import is_baseline
-from analysis.formatting import amount, in_brief, listed
+from analysis.formatting import few_seeds_suffix, listed, steps_text
 from analysis.measures.tested import HEADLINE
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE
@@ -24,7 +24,7 @@ EQUAL = 1e-9
 """Difference of means, in points, below which two teachers share a rank."""
 
 DRAWS = 20_000
-"""Draws of true means, from which the probability of being the best is taken."""
+"""Draws of true means for the probability of being the best."""
 
 
 @dataclass(frozen=True)
@@ -34,21 +34,21 @@ class Rank:
     Attributes:
         teacher: name of the teacher.
         measure: measure of the ranks.
-        newcomer: True if it joined later: it is ranked with the core, which is ranked without it.
-        across: values of `ACROSS`, what all that are ranked have in common.
+        newcomer: True if the teacher joined later; the core is ranked without it.
+        across: values of `ACROSS` that all ranked teachers have in common.
         challenges: number of challenges.
         mean: mastered test tasks in per cent, the mean over challenges of equal weight.
-        low: lower end of its 95 % interval; NaN with one run on a challenge.
-        high: upper end of it.
-        n: runs.
-        fewest: runs on one challenge, of this or another ranked teacher, at least.
+        low: lower end of the 95 % interval; NaN with one run on a challenge.
+        high: upper end of the interval.
+        n: number of runs.
+        fewest: smallest number of runs of a ranked teacher on a challenge.
         rank: 1 for the highest mean.
-        of: number of teachers that are ranked.
-        better: those that it is better than, with p < 0.05 after Holm's correction.
-        worse: those that it is worse than, with p < 0.05 after the same correction.
-        undecided: the others.
-        left_out: those without results on all of its challenges.
-        chance: probability that its true mean is the highest, of core and newcomers on as many challenges.
+        of: number of ranked teachers.
+        better: teachers with a lower mean, p < 0.05 after Holm's correction.
+        worse: teachers with a higher mean, p < 0.05 after Holm's correction.
+        undecided: other ranked teachers.
+        left_out: teachers without results on all of its challenges.
+        chance: probability of the highest true mean among teachers on as many challenges.
     """
 
     teacher: str
@@ -82,7 +82,9 @@ class Rank:
     def describe(self) -> str:
         """Return rank and verdicts in one sentence."""
         variant = f", {self.across['variant']}" if self.across["variant"] else ""
-        where = f"expert knowledge {self.across['expert_knowledge']}, {amount(self.across['steps'])} steps"
+        where = (
+            f"expert knowledge {self.across['expert_knowledge']}, {steps_text(self.across['steps'])} steps"
+        )
         over = f"Over {self.challenges} challenge{'s' if self.challenges > 1 else ''} ({where}{variant})"
         if self.of == 1:
             return (
@@ -103,7 +105,7 @@ class Rank:
         place = f"ranks {self.rank} of {self.of} by mean{axis}, {certain}"
         return (
             f"{over} {label(self.teacher)} {place}: {verdicts} "
-            f"(p < {SIGNIFICANCE} after Holm for {family}{in_brief(self.fewest)}){lacking}."
+            f"(p < {SIGNIFICANCE} after Holm for {family}{few_seeds_suffix(self.fewest)}){lacking}."
         )
 
 
@@ -114,9 +116,9 @@ def _listed(names: tuple[str, ...]) -> str:
 def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: str = HEADLINE) -> list[Rank]:
     """Return the rank of each teacher, or of `teachers` alone, at each level and budget, the best first.
 
-    Teachers of the core are ranked among themselves, by one family of tests at each level and budget. A
-    newcomer is ranked with the core by a family of its own, and changes none of the core's ranks. Families
-    hold the pairs of which one is looked at, and of which the other has results on all of its challenges.
+    At each level and budget, teachers of the core are ranked by one family of tests, and each newcomer is
+    ranked with the core by a family of its own. Families have the pairs of a requested teacher with the
+    teachers that have results on all of its challenges.
     """
     found: list[Rank] = []
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
@@ -124,32 +126,32 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
         rows: list[Any] = stratified_means(group, measure).to_dict("records")
         means = {str(row["teacher"]): row for row in rows}
         chances = _chances(means)
-        looked = [name for name in means if teachers is None or name in teachers]
+        requested = [name for name in means if teachers is None or name in teachers]
         tests = from_both_sides(over_challenges(group, measure, core))
-        tests = tests[tests["first"].isin(looked) & tests["second"].isin(core)]
-        own = {name: mean["challenges"] for name, mean in means.items()}
-        tests = tests.assign(ranked=tests["challenges"] == tests["first"].map(own))
+        tests = tests[tests["first"].isin(requested) & tests["second"].isin(core)]
+        counts = {name: mean["challenges"] for name, mean in means.items()}
+        tests = tests.assign(ranked=tests["challenges"] == tests["first"].map(counts))
         family = tests[tests["ranked"]]
         family = family[~family.index.duplicated()]  # the index of a pair is the same from both sides
         tests["holm"] = corrected(family, ["family"])["holm"].reindex(tests.index).to_numpy(float)
         across = dict(zip(ACROSS, key, strict=True))
-        here = [
+        ranked = [
             Rank(
                 teacher=name,
                 measure=measure,
                 newcomer=name not in core,
                 across=across,
                 chance=chances[name],
-                **_place(means[name], tests[tests["first"] == name]),
+                **_standing(means[name], tests[tests["first"] == name]),
             )
-            for name in looked
+            for name in requested
         ]
-        found += sorted(here, key=lambda rank: (-rank.mean, rank.teacher))
+        found += sorted(ranked, key=lambda rank: (-rank.mean, rank.teacher))
     return found
 
 
-def _place(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
-    """Return the attributes of a `Rank` that follow from a teacher's mean and its tests with the core."""
+def _standing(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
+    """Return the attributes of a `Rank` from a teacher's mean and its tests with the core."""
     ranked = tests[tests["ranked"]]
     decided = ranked["holm"] < SIGNIFICANCE
     higher = ranked["difference"] > 0
@@ -169,19 +171,19 @@ def _place(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
         "rank": 1 + int((ranked["difference"] < -EQUAL).sum()),
         "of": 1 + len(ranked),
         **{
-            name: tuple(sorted(map(str, each), key=lambda who: (not is_baseline(who), who)))
-            for name, each in names.items()
+            name: tuple(sorted(map(str, teachers), key=lambda teacher: (not is_baseline(teacher), teacher)))
+            for name, teachers in names.items()
         },
     }
 
 
 def _chances(means: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """Return the probability that each teacher's true mean is the highest on as many challenges.
+    """Return the probability of the highest true mean among teachers on as many challenges.
 
-    True means are drawn around the observed ones with Student's t, a standard error each, independently.
+    True means are drawn independently from Student's t around the observed means.
     """
     rng = np.random.default_rng(0)
-    found: dict[str, float] = {}
+    chances: dict[str, float] = {}
     for challenges in {mean["challenges"] for mean in means.values()}:
         names = [name for name, mean in means.items() if mean["challenges"] == challenges]
         table = pd.DataFrame([means[name] for name in names])
@@ -189,5 +191,5 @@ def _chances(means: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
         freedom = table["degrees_of_freedom"].fillna(1.0).to_numpy(float)
         drawn = table["difference"].to_numpy(float) + errors * rng.standard_t(freedom, (DRAWS, len(names)))
         best = np.bincount(drawn.argmax(axis=1), minlength=len(names))
-        found |= dict(zip(names, (best / DRAWS).tolist(), strict=True))
-    return found
+        chances |= dict(zip(names, (best / DRAWS).tolist(), strict=True))
+    return chances

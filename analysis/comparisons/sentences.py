@@ -1,16 +1,25 @@
-"""Comparisons in plain words, with their uncertainty, and the ranking on each challenge."""
+"""Sentences on comparisons with their uncertainty, and the ranking on each challenge."""
 
 import math
 
 import numpy as np
 import pandas as pd
 
-from analysis.comparisons.frame import CORRECTED, TEST, pairwise
+from analysis.comparisons.pairwise import CORRECTED, TEST, pairwise
 from analysis.comparisons.verdicts import THAN, Verdict, on_both_axes, verdict
 from analysis.data import columns
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, NO_BASELINE, is_baseline
-from analysis.formatting import amount, caveat, ends, in_brief, listed, number, p_value, plus_minus
+from analysis.formatting import (
+    few_seeds_suffix,
+    few_seeds_warning,
+    interval_text,
+    listed,
+    number,
+    p_value,
+    plus_minus,
+    steps_text,
+)
 from analysis.measures import pooling
 from analysis.measures.tested import FINAL, HEADLINE, PAPERS
 from analysis.names import challenge_title, label, title
@@ -26,25 +35,28 @@ METHODS = {
 UNIT = "\N{NO-BREAK SPACE}%"
 
 OTHERS = "\N{OBJECT REPLACEMENT CHARACTER}"
-"""Place in a sentence of the teachers that it is said of."""
+"""Placeholder for the names of teachers that share a sentence."""
 
 
 def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
     """Return the sentences that open a comparison of a report, by the headline.
 
-    `summary` is of `evaluations.summarise`, `tests` of `frame.against_baseline`, of the same comparison.
+    Args:
+        summary: rows of `evaluations.summarise`.
+        tests: rows of `pairwise.against_baseline`, of the same comparison.
     """
-    read = summary[summary["n"] > 0]
-    if read.empty:
+    evaluated = summary[summary["n"] > 0]
+    if evaluated.empty:
         return ["No run has been evaluated yet."]
-    if (read[f"{PAPERS}_mean"] == 0).all() and not (read[f"{HEADLINE}_mean"] > 0).any():
+    if (evaluated[f"{PAPERS}_mean"] == 0).all() and not (evaluated[f"{HEADLINE}_mean"] > 0).any():
         return [
             "Nothing mastered: no seed masters any test task, so teachers are not compared. Their mean "
             "returns do not say which of them would master more."
         ]
     sooner, end = (tests[tests["measure"] == axis].set_index("teacher") for axis in (HEADLINE, FINAL))
-    final, running = read[~read["provisional"]], read[read["provisional"]]
-    said = []
+    provisional = evaluated["provisional"].astype(bool)
+    final, running = evaluated[~provisional], evaluated[provisional]
+    sentences = []
     if len(final):
         final = final.sort_values(f"{HEADLINE}_mean", ascending=False, kind="stable")
         best = final.iloc[0]
@@ -52,15 +64,17 @@ def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
         verb = "masters the most test tasks over training:" if len(final) > 1 else "masters over training"
         last = plus_minus(best[f"{FINAL}_mean"], best[f"{FINAL}_std"]) + UNIT
         value = f"{label(best['teacher'])} {verb} {_value(best)} ({spread})"
-        said = [f"{value}; at the last three evaluations {last}.", *_certainty(final, sooner, end)]
+        sentences = [f"{value}; at the last three evaluations {last}.", *_certainty(final, sooner, end)]
     if len(final) == 1:
-        said.append("No other teacher has finished." if len(running) else "Other teachers were not run.")
+        sentences.append("No other teacher has finished." if len(running) else "Other teachers were not run.")
     for _, row in running.iterrows():
         gap = sooner["difference"].get(row["teacher"], math.nan)
         until = f", {_gap(gap)} than Random until that step" if math.isfinite(gap) else ""
-        so_far = f"So far, over {amount(row['step'])} steps, {label(row['teacher'])} masters {_value(row)}"
-        said.append(f"{so_far}{until}; its runs are still under way.")
-    return said
+        steps = f"So far, over {steps_text(row['step'])} steps"
+        sentences.append(
+            f"{steps}, {label(row['teacher'])} masters {_value(row)}{until}; its runs are still under way."
+        )
+    return sentences
 
 
 def _value(row: pd.Series) -> str:
@@ -72,10 +86,7 @@ def _gap(difference: float) -> str:
 
 
 def _certainty(ranked: pd.DataFrame, sooner: pd.DataFrame, end: pd.DataFrame) -> list[str]:
-    """Return sentences on how far the order of the finished teachers can be trusted.
-
-    `sooner` and `end` are the tests on both axes, by teacher.
-    """
+    """Return sentences on the certainty of the order of finished teachers, by tests on both axes."""
     best = ranked["teacher"].iloc[0]
     if len(ranked) == 1:
         return []
@@ -88,12 +99,12 @@ def _certainty(ranked: pd.DataFrame, sooner: pd.DataFrame, end: pd.DataFrame) ->
     for teacher in sorted(tests.index.drop(best, errors="ignore"), key=label):
         words = on_both_axes(verdict(tests.loc[teacher]), verdict(end.loc[teacher]))
         teachers.setdefault(words, []).append(label(teacher))
-    order = {str(words): place for place, words in enumerate(THAN)}
+    order = {str(words): rank for rank, words in enumerate(THAN)}
     for words in sorted(teachers, key=lambda words: (order.get(words, len(order)), words)):
         if words not in set(tests["reason"]):
             lead = THAN[Verdict(words)] if words in THAN else f"{words}, beside"
             sentences.append(f"{lead[0].upper()}{lead[1:]} Random: {listed(teachers[words])}.")
-    few = caveat(tests.loc[tests["reason"] == "", ["n", "reference_n"]].min().min())
+    few = few_seeds_warning(tests.loc[tests["reason"] == "", ["n", "reference_n"]].min().min())
     return [*sentences, *([few] if few else [])]
 
 
@@ -103,31 +114,33 @@ def _against_random(teacher: str, test: pd.Series, end: pd.Series) -> str:
         return f"{lead}, but a single seed cannot tell skill from luck: nothing can be concluded."
     if test["reason"]:
         return f"{lead}; not tested ({test['reason']})."
-    interval = f"simultaneous 95 % interval {ends(test['simultaneous_low'], test['simultaneous_high'])}"
-    found = f"{METHODS[Method(test['method'])]}, {p_value(test['holm'])} after Holm"
+    interval = (
+        f"simultaneous 95 % interval {interval_text(test['simultaneous_low'], test['simultaneous_high'])}"
+    )
+    method = f"{METHODS[Method(test['method'])]}, {p_value(test['holm'])} after Holm"
     then = f" In the end it is {verdict(end)}." if verdict(end) in THAN else ""
     if test["holm"] < SIGNIFICANCE:
-        return f"{lead} ({interval}), a significant difference ({found}).{then}"
+        return f"{lead} ({interval}), a significant difference ({method}).{then}"
     return (
         f"{lead} ({interval}), which may be chance: the seeds do not tell {label(teacher)} and Random apart "
-        f"({found}).{then}"
+        f"({method}).{then}"
     )
 
 
 def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.DataFrame:
-    """Return one row for each result: a teacher at a level on a challenge, pooled as the paper pools.
+    """Return one row per teacher, challenge and level, pooled as the paper pools.
 
     Args:
         frames: results of `load`.
-        share: share of the budget after which runs are read.
+        share: share of the budget at which runs are read.
         measure: name of one of `tested.MEASURES`.
 
     Returns:
-        `columns.POOLED`, runs, n, missing, mean and standard deviation of the measure and of the last three
-        evaluations (as mastered_area_mean, last_three_std and so on), worst (of a single run), rank (1 for
-        the highest mean of a comparison), and of the test against Random family, the columns of
-        `statistics.Comparison` but n, and `frame.CORRECTED`. Best first. Bodies and students weigh the same,
-        and deviations are those within them.
+        `POOLED`, runs, n, missing, mean and standard deviation of the measure and of the last three
+        evaluations (as mastered_area_mean, last_three_std), worst (of a single run), rank (1 for the highest
+        mean of a comparison), and of the test against Random family, the columns of `statistics.Comparison`
+        but n, and `pairwise.CORRECTED`. Best first. Bodies and students have equal weight, and deviations
+        are those within them.
     """
     return ranked(pooling.runs_after(frames, share, training=False), measure)
 
@@ -160,34 +173,34 @@ def ranking_sentences(table: pd.DataFrame) -> list[str]:
 
 
 def sentences(tests: pd.DataFrame) -> list[str]:
-    """Return rows of `frame.pairwise` in plain words, Random first; what several teachers share is said once.
+    """Return sentences on rows of `pairwise.pairwise`, Random first, one for all teachers that share it.
 
-    Differences count as found where p is under 0.05 after Holm's correction.
+    Differences are significant where p is under 0.05 after Holm's correction.
     """
     order = tests.assign(last=[not is_baseline(name) for name in tests["second"]])
-    told = pooling.varying(order)
+    varying = pooling.varying(order)
     same = ["environment", "expert_knowledge", *columns.CONDITIONS, "first"]
-    found: dict[str, list[str]] = {}
+    names: dict[str, list[str]] = {}
     for _, rows in order.groupby([*same, "last", "second"], sort=True, dropna=False):
         row = rows.iloc[0]
         words = [
             title("environment", row["environment"]),
             f"expert knowledge {row['expert_knowledge']}",
-            *pooling.condition_words(row, told),
+            *pooling.condition_words(row, varying),
         ]
-        said = f"{', '.join(words)}: {label(str(row['first']))} is {_found(rows)}."
-        found.setdefault(said, []).append(label(str(row["second"])))
-    return [said.replace(OTHERS, listed(names)) for said, names in found.items()]
+        sentence = f"{', '.join(words)}: {label(str(row['first']))} is {_verdicts(rows)}."
+        names.setdefault(sentence, []).append(label(str(row["second"])))
+    return [sentence.replace(OTHERS, listed(others)) for sentence, others in names.items()]
 
 
-def _found(rows: pd.DataFrame) -> str:
+def _verdicts(rows: pd.DataFrame) -> str:
     tested = rows[rows["p"].notna()]
     if tested.empty:
         reasons = ", ".join(dict.fromkeys(rows["reason"]))
         return f"not tested against {OTHERS} ({reasons})"
     verdicts = tested.apply(verdict, axis=1)
     better, worse = int((verdicts == "better").sum()), int((verdicts == "worse").sum())
-    few = in_brief(tested[["n", "reference_n"]].min().min())
+    few = few_seeds_suffix(tested[["n", "reference_n"]].min().min())
     of = f"{len(tested)} challenge{'s' if len(tested) > 1 else ''}"
     if not better and not worse:
         brief = few.replace("; ", " (") + ")" if few else ""
@@ -197,21 +210,22 @@ def _found(rows: pd.DataFrame) -> str:
     return f"{best}{worst} (p < {SIGNIFICANCE} after Holm{few})"
 
 
-def places(table: pd.DataFrame) -> list[str]:
-    """Return the challenge of each row, with what sets it apart from others of its name in the table.
+def challenge_titles(table: pd.DataFrame) -> list[str]:
+    """Return the title of the challenge of each row, with conditions if the table has several under it.
 
-    The table has the columns `columns.COMPARED`.
+    Args:
+        table: rows with the columns `COMPARED`.
     """
-    here = ["environment", "challenge", "expert_knowledge"]
     several = ["pool", "test_sets", *(name for name in columns.CONDITIONS if name != "variant")]
-    told = {name: table.groupby(here)[name].transform("nunique", dropna=False) > 1 for name in several}
-    found = []
+    groups = table.groupby(columns.CHALLENGE_LEVEL)
+    varies = {name: groups[name].transform("nunique", dropna=False) > 1 for name in several}
+    titles = []
     for position, (_, row) in enumerate(table.iterrows()):
         title = challenge_title(
             row["environment"], row["challenge"], f"{row['environment']} {row['challenge']}"
         )
-        apart = [name for name in several if told[name].iloc[position]]
+        apart = [name for name in several if varies[name].iloc[position]]
         named = [str(row[name]) for name in apart if name not in columns.CONDITIONS and pd.notna(row[name])]
         words = pooling.condition_words(row, [name for name in apart if name in columns.CONDITIONS])
-        found.append(", ".join([title, *named, *words]))
-    return found
+        titles.append(", ".join([title, *named, *words]))
+    return titles

@@ -1,4 +1,4 @@
-"""Verdicts of tests, and of both axes together: sooner, and in the end."""
+"""Verdicts of tests, and their combination on both axes."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -15,9 +15,9 @@ class Verdict(StrEnum):
     """Result of a test after the correction for its family.
 
     Attributes:
-        BETTER: the difference is over 0.
-        WORSE: it is under 0.
-        ALIKE: its simultaneous interval is within the margin.
+        BETTER: significant difference over 0.
+        WORSE: significant difference under 0.
+        ALIKE: simultaneous interval within the margin.
         OPEN: none of these.
     """
 
@@ -33,14 +33,14 @@ THAN: Final = {
     Verdict.ALIKE: "alike, within the margin, with",
     Verdict.OPEN: "not distinguishable from",
 }
-"""Words before the name of the other teacher."""
+"""Words of verdicts before the name of the other teacher."""
 
 AXES: Final = {HEADLINE: "sooner", FINAL: "in the end"}
 """Axes by which teachers are compared, by measure: mean over training, and last three evaluations."""
 
 
 def verdict(test: pd.Series | Mapping[str, Any]) -> str:
-    """Return the `Verdict` of a row of the frame of comparisons, or the reason why there was no test."""
+    """Return the `Verdict` of a row of `pairwise.pairwise`, or the reason for no test."""
     if test["reason"]:
         return str(test["reason"])
     if test["holm"] < SIGNIFICANCE:
@@ -51,7 +51,7 @@ def verdict(test: pd.Series | Mapping[str, Any]) -> str:
 
 
 def on_both_axes(sooner: str, in_the_end: str) -> str:
-    """Return the verdict on both axes in words: better or worse without more only if both are.
+    """Return the verdict on both axes as text, better or worse alone only if both axes agree.
 
     Args:
         sooner: verdict on the mean over training.

@@ -13,7 +13,7 @@ GROUP = [*COMPARISON, "teacher"]
 
 FROM_SPEC = ["engine", "mastery_threshold", "settings", "identity"]
 """Columns of runs that come from the spec: settings is a short hash of all but the seed, identity the JSON of
-`identity.identity`."""
+`specs.identity`."""
 
 FROM_RUN = ["status", "error", "spec", "steps", "test_set", "physics_version", *FROM_SPEC]
 """Columns of cells that come from the run, not from the campaign that lists it."""

@@ -1,4 +1,4 @@
-"""The curriculum of one run: training tasks, probed tasks, and the teacher's own record of its updates."""
+"""Curricula of runs: training tasks, probed tasks, and logged updates of the teacher."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,17 +9,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.data.frames import Frames, check_columns
-from analysis.data.identity import parsed
+from analysis.data.specs import parsed
 from tma_ray.results import Table
 from tma_ray.support.validation import check_type
 from tma_ray.tasks import MASTERY_RETURN
 
 PANELS = 5
-"""Equal parts of a run, one panel each."""
+"""Number of equal parts of a run, with a panel each."""
 
-RETURNS = (-100.0, 300.0)
-"""Range of the colours in the benchmark's worlds, in every report, from falling at once to crossing the
-track; worlds with a mastery threshold of their own are coloured from the 2nd to the 98th percentile."""
+RETURN_RANGE = (-100.0, 300.0)
+"""Returns at the ends of the colours in worlds of the benchmark: falling at once, and crossing the track.
+Worlds with another mastery threshold are coloured from the 2nd to the 98th percentile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Curriculum:
         probes: step and task.
         updates: step, gaussians, boxes and scalars of the teacher.
         steps: length of the run.
-        mastery: episodic return over which a task is mastered.
+        mastery: mastery threshold, an episodic return.
         seed: seed of the run.
     """
 
@@ -49,7 +49,7 @@ class Curriculum:
 
     @property
     def tasks(self) -> NDArray[np.float32]:
-        """Tasks of the episodes as the world had them (n, d)."""
+        """Tasks of the episodes in the world's space (n, d)."""
         column = self.episodes["world_task" if self.shuffled else "task"]
         return stack(column)
 
@@ -69,66 +69,64 @@ class Curriculum:
         return stack(self.probes.loc[steps == last, "task"])
 
     def update_at(self, step: int) -> pd.Series | None:
-        """Return the teacher's last update up to `step`, None if it had none."""
+        """Return the teacher's last update up to `step`, None without updates."""
         earlier = self.updates[self.updates["step"] <= step].sort_values("step", kind="stable")
         return None if earlier.empty else earlier.iloc[-1]
 
 
 def stack(tasks: pd.Series) -> NDArray[np.float32]:
-    """Return a column of tasks as one array (n, d); (0, 0) when there are none."""
+    """Return a column of tasks as one array (n, d), (0, 0) without tasks."""
     return np.stack(tasks.to_list()).astype(np.float32) if len(tasks) else np.empty((0, 0), np.float32)
 
 
 def return_range(curricula: Mapping[str, Curriculum], mastery: float) -> tuple[float, float]:
-    """Return the ends of the colours of returns: `RETURNS` in the benchmark's worlds."""
+    """Return the returns at the ends of the colours, `RETURN_RANGE` in worlds of the benchmark."""
     if mastery == MASTERY_RETURN:
-        return RETURNS
+        return RETURN_RANGE
     returns = np.concatenate(
-        [each.episodes["episodic_return"].to_numpy(float) for each in curricula.values()]
+        [curriculum.episodes["episodic_return"].to_numpy(float) for curriculum in curricula.values()]
     )
     low, high = np.percentile([*returns, mastery], (2, 98))
     return min(low, mastery), max(high, mastery)
 
 
-MOMENTS = 6
-"""Moments of a run, from its start to its end."""
+MOST_MOMENTS = 6
+"""Largest number of moments from the start to the end of a run."""
 
 
-def moments(curricula: Mapping[str, Curriculum], count: int = MOMENTS) -> list[int]:
-    """Return at most `count` steps at which some teacher was probed, evenly spaced over the run."""
-    steps = sorted({int(step) for each in curricula.values() for step in each.probes["step"].unique()})
+def moments(curricula: Mapping[str, Curriculum], count: int = MOST_MOMENTS) -> list[int]:
+    """Return at most `count` steps at which any teacher was probed, evenly spaced."""
+    probes = [curriculum.probes["step"].unique() for curriculum in curricula.values()]
+    steps = sorted({int(step) for unique in probes for step in unique})
     chosen = np.unique(np.linspace(0, len(steps) - 1, min(count, len(steps))).round().astype(int))
     return [steps[index] for index in chosen] if steps else []
 
 
 def gaussians_of(update: pd.Series) -> list[dict[str, Any]]:
     """Return the mixture components of an update, the heaviest first."""
-    found = update["gaussians"] if update["gaussians"] is not None else ()
-    return sorted(found, key=lambda gaussian: -float(gaussian["weight"]))
+    gaussians = update["gaussians"] if update["gaussians"] is not None else ()
+    return sorted(gaussians, key=lambda gaussian: -float(gaussian["weight"]))
 
 
 def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
-    """Return the boxes of an update, the largest first, so that inner ones are drawn on top.
-
-    Projections of boxes say themselves which lies above.
-    """
-    found = update["boxes"] if update["boxes"] is not None else ()
+    """Return the boxes of an update in drawing order: the largest first, and projections by `above`."""
+    boxes = update["boxes"] if update["boxes"] is not None else ()
 
     def height(box: dict[str, Any]) -> tuple[float, float]:
         return box.get("above", 0.0), -float(np.prod(np.subtract(box["high"], box["low"])))
 
-    return sorted(found, key=height)
+    return sorted(boxes, key=height)
 
 
 def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
     """Return the curriculum of one run, a row of `Frames.cells`."""
     check_type("run", run, pd.Series, "a row of frames.cells")
-    (found,) = curricula_of_runs(frames, [run])
-    return found
+    (curriculum,) = curricula_of_runs(frames, [run])
+    return curriculum
 
 
 def curricula_of_runs(frames: Frames, runs: Sequence[pd.Series]) -> list[Curriculum]:
-    """Return the curricula of several runs, rows of `Frames.cells`, which are read together."""
+    """Return the curricula of several runs, rows of `Frames.cells`, read in one pass."""
     run_ids = [run["run_id"] for run in runs]
     episodes, probes, updates = (
         frames.of_runs(table, run_ids) for table in (Table.EPISODES, Table.CURRICULUM, Table.TEACHER_LOG)
@@ -147,7 +145,7 @@ def curricula_of_runs(frames: Frames, runs: Sequence[pd.Series]) -> list[Curricu
 
 
 class Axis(NamedTuple):
-    """One dimension of the task space: its label with the unit, and its bounds."""
+    """Dimension of the task space: label with the unit, and bounds."""
 
     name: str
     low: float
@@ -155,11 +153,11 @@ class Axis(NamedTuple):
 
 
 def task_axes(cells: pd.DataFrame) -> tuple[Axis, ...]:
-    """Return the dimensions that teachers choose from in the runs of `cells`; none where it is unknown."""
+    """Return the dimensions of the teachers' task space in the runs of `cells`, none if unknown."""
     check_columns("cells", cells, ["spec"])
     axes = []
-    for each in parsed(next(iter(cells["spec"].dropna()), None)).get("task_space", []):
-        unit = f" ({each['unit']})" if each.get("unit") else ""
-        name = str(each["name"]).replace("_", " ").capitalize() + unit
-        axes.append(Axis(name, float(each["low"]), float(each["high"])))
+    for axis in parsed(next(iter(cells["spec"].dropna()), None)).get("task_space", []):
+        unit = f" ({axis['unit']})" if axis.get("unit") else ""
+        name = str(axis["name"]).replace("_", " ").capitalize() + unit
+        axes.append(Axis(name, float(axis["low"]), float(axis["high"])))
     return tuple(axes)

@@ -1,4 +1,4 @@
-"""References of a comparison: Random, the baseline teacher, and results that others published."""
+"""References of comparisons: Random, the baseline teacher, and published results."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -11,10 +11,10 @@ from tma_ray.results import BOX2D, Store, read_published
 from tma_ray.tasks import KnowledgeLevel
 
 BASELINE = "random"
-"""The teacher that all others are tested against (paper, section 5)."""
+"""Teacher that all others are tested against (paper, section 5)."""
 
 NO_BASELINE = "no Random to compare with"
-"""Why a teacher was not tested, when that is it."""
+"""Reason for no test without runs of Random."""
 
 
 def is_baseline(teacher: str) -> bool:
@@ -23,36 +23,37 @@ def is_baseline(teacher: str) -> bool:
 
 
 def baseline_rows(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return those of Random."""
-    return rows[
-        rows["teacher"].isin([teacher for teacher in rows["teacher"].unique() if is_baseline(teacher)])
-    ]
+    """Return the rows of Random."""
+    return rows[rows["teacher"].isin(list(filter(is_baseline, rows["teacher"].unique())))]
 
 
 def baseline_runs(
     group: pd.DataFrame, alike: pd.DataFrame, apart: Sequence[str] = ("expert_knowledge",)
 ) -> pd.DataFrame:
-    """Return the runs of Random that the teachers of one comparison, `group`, are tested against.
+    """Return the runs of Random that the teachers of one comparison are tested against.
 
-    Random uses no expert knowledge, and whose campaign it ran in makes no difference. So where the comparison
-    has none of its own, those of one other place are used: of the same experiment if it has any, and of the
-    lowest level. `alike` are the rows that agree with it in all but the columns `apart`, which tell
-    comparisons apart and make no difference to Random.
+    Random uses no expert knowledge, and the experiment makes no difference to it. A comparison without runs
+    of Random uses those of another one, of the same experiment if possible, and of the lowest level.
+
+    Args:
+        group: rows of the comparison.
+        alike: rows that agree with it in all columns but `apart`.
+        apart: columns of comparisons that make no difference to Random.
     """
-    own, found = baseline_rows(group), baseline_rows(alike)
-    if len(own) or found.empty:
-        return own
-    here, columns = group.iloc[0], list(apart)
+    in_group, randoms = baseline_rows(group), baseline_rows(alike)
+    if len(in_group) or randoms.empty:
+        return in_group
+    first, columns = group.iloc[0], list(apart)
     others = [column for column in apart if column != "expert_knowledge"]
 
-    def distance(place: tuple[Any, ...]) -> tuple[Any, ...]:
-        values = dict(zip(columns, place, strict=True))
-        elsewhere = (values[column] != here[column] for column in others)
-        return (*elsewhere, KnowledgeLevel(values["expert_knowledge"]).rank, *map(str, place))
+    def distance(key: tuple[Any, ...]) -> tuple[Any, ...]:
+        values = dict(zip(columns, key, strict=True))
+        differs = (values[column] != first[column] for column in others)
+        return (*differs, KnowledgeLevel(values["expert_knowledge"]).rank, *map(str, key))
 
-    places = found[columns].drop_duplicates().itertuples(index=False, name=None)
-    nearest = min(places, key=distance)
-    return found[(found[columns] == list(nearest)).all(axis=1)]
+    keys = randoms[columns].drop_duplicates().itertuples(index=False, name=None)
+    nearest = min(keys, key=distance)
+    return randoms[(randoms[columns] == list(nearest)).all(axis=1)]
 
 
 PAPER = "paper-2021"

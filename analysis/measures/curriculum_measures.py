@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.data.frames import Frames
-from analysis.data.identity import parsed
+from analysis.data.specs import parsed
 from tma_ray.support.quantities import STEP
 from tma_ray.support.validation import check_sequence, check_type
 from tma_ray.tasks import Dimension, Task, TaskSpace

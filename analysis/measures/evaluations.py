@@ -7,15 +7,9 @@ import numpy as np
 import pandas as pd
 
 from analysis.data.columns import COMPARISON, GROUP, RUN_CONDITIONS
-from analysis.data.frames import (
-    STATUSES,
-    Frames,
-    check_columns,
-    check_measure,
-    computed_once,
-    unfailed,
-)
-from analysis.data.identity import of_searches, parsed, searches
+from analysis.data.frames import STATUSES, Frames, check_columns, check_measure, computed_once, unfailed
+from analysis.data.naming import of_searches, searches
+from analysis.data.specs import parsed
 from analysis.formatting import number
 from analysis.statistics import describe
 from tma_ray.support.component_names import base_name

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from analysis.data.columns import COMPARED, CONDITIONS, PARTS, POOLED, SETTINGS
 from analysis.data.frames import STATUSES, Frames, check_measure, computed_once, with_plain_texts
-from analysis.data.identity import of_searches
+from analysis.data.naming import of_searches
 from analysis.data.reference import baseline_runs
-from analysis.formatting import amount
+from analysis.formatting import steps_text
 from analysis.measures.run_measures import NOT_FINITE, run_measures
 from analysis.statistics import describe
 from tma_ray.benchmark import MATRICES, Matrix, challenges_of
@@ -43,7 +43,7 @@ def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list
         elif pd.isna(value):
             phrases.append(NOT_BEGUN)
         elif column == "steps":
-            phrases.append(f"{amount(value)} steps")
+            phrases.append(f"{steps_text(value)} steps")
         elif column == "mastery_threshold":
             phrases.append(f"mastered over {value:g}")
         else:

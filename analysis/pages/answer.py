@@ -1,4 +1,4 @@
-"""The beginning of a report: the answer over all challenges, and the differences to Random on each."""
+"""First part of a report: the answer over all challenges, and differences from Random on each."""
 
 import math
 from collections.abc import Iterator
@@ -8,23 +8,22 @@ from typing import NamedTuple
 from analysis.charts.intervals import difference_chart
 from analysis.charts.page import PageChart, on_page
 from analysis.comparisons.against_random import Gap
-from analysis.comparisons.boards import Leaderboard, leaderboards, notes
+from analysis.comparisons.leaderboards import Leaderboard, leaderboards, notes
 from analysis.comparisons.verdicts import AXES, Verdict
 from analysis.data.frames import Frames
 from analysis.formatting import number
 from analysis.measures.tested import FINAL, HEADLINE
 from analysis.names import short_title
 
-SHOWN = (FINAL, HEADLINE)
+CELL_AXES = (FINAL, HEADLINE)
 """Axes in the order of a cell."""
 
+MOST_ROWS = 8
+"""Largest number of rows of the chart, so that the matrix fits the screen, too."""
 
-MOST = 8
-"""Rows of the chart, so that a screen has the matrix, too."""
 
-
-class Difference(NamedTuple):
-    """A difference to Random in a cell: text, class of its colour, and details under the mouse."""
+class DifferenceCell(NamedTuple):
+    """Difference from Random in a cell: text, class of its colour, and details under the mouse."""
 
     text: str
     decided: str
@@ -32,24 +31,24 @@ class Difference(NamedTuple):
 
 
 class Row(NamedTuple):
-    """Differences of a teacher to Random, over all challenges and on each, on both axes."""
+    """Differences of a teacher from Random, over all challenges and on each, on both axes."""
 
     teacher: str
     name: str
-    cells: list[list[Difference]]
+    cells: list[list[DifferenceCell]]
 
 
 @dataclass(frozen=True)
 class Answer:
-    """A leaderboard as a page begins with it.
+    """Leaderboard at the top of a page.
 
     Attributes:
         title: level, budget and engine.
         sentence: answer on the best teachers.
-        chart: differences to Random over all challenges.
-        challenges: heads of the columns, but that over all challenges.
+        chart: differences from Random over all challenges.
+        challenges: heads of the columns of challenges.
         rows: teachers, the best in the end first.
-        notes: what the marks of teachers mean.
+        notes: meanings of the marks of teachers.
     """
 
     title: str
@@ -61,13 +60,13 @@ class Answer:
 
 
 def answers(frames: Frames) -> Iterator[Answer]:
-    """Yield the answer at each level and budget that has several challenges and Random."""
+    """Yield the answer at each level and budget with several challenges and Random."""
     for count, board in enumerate(leaderboards(frames), start=1):
-        beside = [entry.against for entry in board.entries if entry.against]
-        if len(board.challenges) > 1 and beside:
-            best = f", the best {MOST} in the end" if len(beside) > MOST else ""
+        compared = [entry.against for entry in board.entries if entry.against]
+        if len(board.challenges) > 1 and compared:
+            best = f", the best {MOST_ROWS} in the end" if len(compared) > MOST_ROWS else ""
             heading = f"Over all challenges{best}"
-            chart = difference_chart(beside[:MOST], board.names, heading, f"answer-{count}")
+            chart = difference_chart(compared[:MOST_ROWS], board.names, heading, f"answer-{count}")
             yield Answer(
                 title=f"{board.title[0].upper()}{board.title[1:]}",
                 sentence=board.answer(),
@@ -79,20 +78,20 @@ def answers(frames: Frames) -> Iterator[Answer]:
 
 
 def _rows(board: Leaderboard) -> Iterator[Row]:
-    on_each = {axis: board.on_each_challenge(axis) for axis in SHOWN}
+    on_each = {axis: board.on_each_challenge(axis) for axis in CELL_AXES}
     for entry in board.entries:
         if entry.against is None:
             continue
-        over_all = [_difference(axis, entry.against.gaps[axis]) for axis in SHOWN]
+        over_all = [_difference(axis, entry.against.gaps[axis]) for axis in CELL_AXES]
         cells = [
-            [_difference(axis, on_each[axis].get((entry.teacher, title))) for axis in SHOWN]
+            [_difference(axis, on_each[axis].get((entry.teacher, title))) for axis in CELL_AXES]
             for title in board.challenges
         ]
         yield Row(entry.teacher, board.marked(entry), [over_all, *cells])
 
 
-def _difference(axis: str, gap: Gap | None) -> Difference:
+def _difference(axis: str, gap: Gap | None) -> DifferenceCell:
     if gap is None or math.isnan(gap.value):
-        return Difference("\N{EN DASH}", "", "")
+        return DifferenceCell("\N{EN DASH}", "", "")
     decided = gap.verdict if gap.verdict in (Verdict.BETTER, Verdict.WORSE) else ""
-    return Difference(number(gap.value), decided, f"{AXES[axis]}: {gap}, {gap.verdict}")
+    return DifferenceCell(number(gap.value), decided, f"{AXES[axis]}: {gap}, {gap.verdict}")

@@ -1,7 +1,7 @@
-"""Parts that pages share: templates, controls, the teachers shown first, the section over all challenges."""
+"""Common parts of pages: templates, controls, and the section over all challenges."""
 
 import base64
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from datetime import UTC, datetime
 from functools import cache
 from itertools import chain
@@ -13,23 +13,24 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis.charts.page import on_page, packed, plotly_library
 from analysis.charts.profiles import FEWEST, profile_chart
-from analysis.comparisons.boards import THRESHOLDS, overall_rows, performance_profiles
+from analysis.comparisons.leaderboards import THRESHOLDS, overall_rows, performance_profiles
 from analysis.data.columns import COMPARED, FILTERS
-from analysis.data.reference import is_baseline
-from analysis.formatting import amount, caveat, plus_minus
-from analysis.looks import look
+from analysis.formatting import few_seeds_warning, plus_minus, steps_text
 from analysis.measures.tested import HEADLINE, QUANTITIES
 from analysis.names import challenge_title, label, mark_of, marked_label, teacher_order
 from analysis.statistics import SIGNIFICANCE
+from analysis.teacher_styles import teacher_style
 from tma_ray.console.exit_codes import installed_version
 from tma_ray.support.texts import visible
 
 
 def page(template: str, **content: Any) -> str:
-    """Return the page rendered by `template`, from the folder of templates, with `content`."""
+    """Return a page: `template` rendered with `content`."""
     version, written = installed_version("tma_ray"), datetime.now(UTC)
-    found = _environment().get_template(template)
-    return found.render(version=version, written=written, significance=SIGNIFICANCE, **content)
+    environment = _environment()
+    return environment.get_template(template).render(
+        version=version, written=written, significance=SIGNIFICANCE, **content
+    )
 
 
 @cache
@@ -48,21 +49,21 @@ def _environment() -> Environment:
     )
     environment.filters["packed"] = lambda text: packed(str(text))
     environment.globals |= {"plotly_library": plotly_library, "plus_minus": plus_minus}
-    environment.globals |= {"label": marked_label, "look": look, "mark_of": mark_of}
+    environment.globals |= {"label": marked_label, "teacher_style": teacher_style, "mark_of": mark_of}
     return environment
 
 
 def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> Path:
-    """Return the folder that a page about `root` is written to: `output`, or `name` in `root`.
+    """Return the folder of a page about `root`: `output`, or `name` in `root`.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
-        output: folder that the user asked for, if any.
+        output: folder that the user requested, if any.
         name: name of the folder.
         what: kind of page, for messages.
 
     Raises:
-        ValueError: no `output`, and an object store or a root in which links would be written through.
+        ValueError: if there is no `output`, and `root` is an object store or has links.
     """
     if output is not None:
         return output
@@ -78,10 +79,10 @@ def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> 
     return folder
 
 
-def write_page(folder: Path, text: str, beside: Mapping[str, bytes]) -> Path:
-    """Write a page as ``index.html`` of a folder, with other files by name; return the page."""
+def write_page(folder: Path, text: str, files: Mapping[str, bytes]) -> Path:
+    """Write a page as ``index.html`` of a folder, and other files by name; return the page."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, content in beside.items():
+    for name, content in files.items():
         (folder / name).write_bytes(content)
     index = folder / "index.html"
     index.write_text(text, encoding="utf-8")
@@ -94,30 +95,32 @@ def controls(
     """Return the controls of a page, None if there is nothing to choose.
 
     Args:
-        comparisons: one row each, with some of the columns of `FILTERS`.
+        comparisons: a row per comparison, with some of the columns `FILTERS`.
         teachers: teachers of the page.
         steps: steps at which students were evaluated.
         shown: teachers that are shown at first.
 
     Returns:
-        Teachers that may be left out; columns that tell comparisons apart, with their names and their values,
-        and the names of these; steps of evaluations, ascending, and their names.
+        teachers (that may be left out), filters (columns with several values, and their labels) and steps of
+        evaluations in ascending order with their labels.
     """
     named = [
         {"name": teacher, "shown": teacher in shown}
         for teacher in sorted(set(map(str, teachers)), key=teacher_order)
     ]
     filters = []
-    for column, name in ((each, name) for each, name in FILTERS.items() if each in comparisons):
+    for column, name in FILTERS.items():
+        if column not in comparisons:
+            continue
         values = list(dict.fromkeys(map(str, comparisons[column])))
-        # Experiments may be the challenges by other names.
+        # Experiments and challenges may be the same.
         repeated = column == "experiment" and bool((comparisons[column] == comparisons["challenge"]).all())
         if len(values) > 1 and not repeated:
             environments = comparisons["environment"].unique() if "environment" in comparisons else ()
             filters.append((column, name, [(value, _name(column, value, environments)) for value in values]))
-    read_at = [(step, f"{amount(step)} steps") for step in sorted(set(map(int, steps)))]
-    found = {"teachers": named, "filters": filters, "steps": read_at}
-    return found if len(named) > 1 or filters or len(read_at) > 1 else None
+    read_at = [(step, f"{steps_text(step)} steps") for step in sorted(set(map(int, steps)))]
+    content = {"teachers": named, "filters": filters, "steps": read_at}
+    return content if len(named) > 1 or filters or len(read_at) > 1 else None
 
 
 def _name(column: str, value: str, environments: Iterable[str]) -> str:
@@ -133,41 +136,6 @@ def _name(column: str, value: str, environments: Iterable[str]) -> str:
     return words[:1].upper() + words[1:] if column != "experiment" else words
 
 
-MANY = 12
-"""Up to so many teachers are all shown at first."""
-
-SHOWN = 8
-"""Of more teachers so many are shown at first, beside Random."""
-
-
-def leading(
-    results: pd.DataFrame, measure: str, teachers: Iterable[object], within: Sequence[str] = ()
-) -> frozenset[str]:
-    """Return the teachers that a page shows initially: all, or Random and the best of many.
-
-    The best are those with the highest mean of a measure over the challenges that each has results of, and
-    the best one of each comparison that would otherwise be empty.
-
-    Args:
-        results: a row for each teacher and challenge, with the columns teacher and `measure`.
-        measure: column of `results`; NaN where there is nothing.
-        teachers: all teachers of the page, also those without results yet.
-        within: columns that the teachers of a comparison have in common.
-    """
-    everyone = frozenset(map(str, teachers))
-    if len(everyone) <= MANY:
-        return everyone
-    means = results.groupby("teacher")[measure].mean().sort_values(ascending=False, kind="stable")
-    others = [str(teacher) for teacher in means.index if not is_baseline(str(teacher))]
-    shown = {*others[:SHOWN], *(str(each) for each in means.index if is_baseline(str(each)))}
-    if within:
-        best = results.dropna(subset=[measure]).sort_values(measure, ascending=False, kind="stable")
-        for _, rows in best.groupby(list(within), dropna=False, sort=True):
-            if shown.isdisjoint(rows["teacher"]):
-                shown.add(str(rows["teacher"].iloc[0]))
-    return frozenset(shown)
-
-
 CAPTION = (
     "Share of runs that master more of the test tasks than the horizontal axis says; bands are exact 95 % "
     f"intervals, threshold by threshold, of {FEWEST} runs and more; all challenges together."
@@ -178,7 +146,7 @@ def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> dict[str, An
     """Return the content of the section over all challenges.
 
     Args:
-        runs: all runs that count as results, of `pooling.pool_runs`.
+        runs: rows of `pooling.pool_runs` of all results.
         measure: measure that is aggregated.
     """
     counted, quantity = runs[runs[measure].notna()], QUANTITIES[measure]
@@ -191,5 +159,7 @@ def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> dict[str, An
         "over": " / ".join(map(str, THRESHOLDS)),
         "charts": list(map(on_page, profiles)),
         "quantity": quantity,
-        "caveat": caveat(counted.groupby([*COMPARED, "teacher"], dropna=False)["run_id"].nunique().min()),
+        "caveat": few_seeds_warning(
+            counted.groupby([*COMPARED, "teacher"], dropna=False)["run_id"].nunique().min()
+        ),
     }

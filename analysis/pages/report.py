@@ -1,7 +1,7 @@
-"""The report of a results root: one interactive page that needs nothing but itself, its tables and videos."""
+"""The report of a results root: a self-contained interactive page, with tables and videos."""
 
 import gzip
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,26 +9,27 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from analysis.baselines.catalogue import Sources, as_baseline, read, source_list
+from analysis.charts.catalogue import threshold, thresholds
 from analysis.claims.judging import decided, root_verdicts
-from analysis.comparisons.measured import TESTED, Measured, measure, titled
+from analysis.comparisons.comparison import Measurements
 from analysis.data.columns import COMPARISON, GROUP
 from analysis.data.frames import STATUSES, Frames
-from analysis.data.identity import parsed
-from analysis.formatting import amount, duration, listed, number
-from analysis.looks import shown_together
+from analysis.data.specs import parsed
+from analysis.formatting import duration, listed, number, steps_text
 from analysis.measures.evaluations import aggregate, ceilings_in_words, mastered_tasks
 from analysis.measures.pooling import runs_after
 from analysis.measures.run_measures import run_measures
 from analysis.measures.tested import HEADLINE, QUANTITIES, how_tested
 from analysis.names import label, teacher_order
 from analysis.pages.answer import answers
-from analysis.pages.page import controls, leading, overall_section, page, page_folder, write_page
-from analysis.pages.sections import Section, best_of, distinct, overview, sections, threshold, thresholds
+from analysis.pages.page import controls, overall_section, page, page_folder, write_page
+from analysis.pages.sections import Section, best_of, distinct, overview, sections
+from analysis.teacher_styles import shown_together
 from tma_ray.tasks import MASTERY_RETURN
 
 
 def what_ran(cells: pd.DataFrame) -> str:
-    """Return the extent of a campaign: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
+    """Return teachers, seeds and steps: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
     teachers = [label(teacher) for teacher in sorted(cells["teacher"].unique(), key=teacher_order)]
     named = " and ".join(teachers) if len(teachers) < 3 else f"{len(teachers)} teachers"
     parts = [named]
@@ -36,7 +37,7 @@ def what_ran(cells: pd.DataFrame) -> str:
     if len(seeds) == 1:
         parts.append(f"{seeds[0]} seed{'s' if seeds[0] > 1 else ''} each")
     if len(steps) == 1:
-        parts.append(f"{amount(steps[0])} steps")
+        parts.append(f"{steps_text(steps[0])} steps")
     return ", ".join(part for part in parts if part)
 
 
@@ -54,32 +55,32 @@ def subject(sources: Sources, campaigns: Sequence[str]) -> str:
 
 
 def unfinished(frames: Frames) -> dict[str, list[dict[str, Any]]]:
-    """Return the failed and the running runs with their progress and errors."""
+    """Return the failed and running runs with progress and errors."""
     reached = frames.evaluations.groupby("run_id", observed=True)["step"].max().rename("reached")
     runs = frames.cells.drop_duplicates("run_id").merge(
         reached.rename_axis("run_id").reset_index().astype({"run_id": object}), how="left", on="run_id"
     )
-    found: dict[str, list[dict[str, Any]]] = {"failed": [], "running": []}
-    for _, run in runs[runs["status"].isin(list(found))].sort_values([*GROUP, "seed"]).iterrows():
-        places = run["environment"], run["challenge"], run["student"], run["expert_knowledge"]
+    rows: dict[str, list[dict[str, Any]]] = {"failed": [], "running": []}
+    for _, run in runs[runs["status"].isin(list(rows))].sort_values([*GROUP, "seed"]).iterrows():
+        conditions = run["environment"], run["challenge"], run["student"], run["expert_knowledge"]
         step, error = run["reached"], run["error"].strip()
-        found[run["status"]].append(
+        rows[run["status"]].append(
             {
                 "run_id": run["run_id"],
                 "teacher": label(run["teacher"]),
-                "setting": ", ".join(places),
+                "setting": ", ".join(conditions),
                 "seed": run["seed"],
-                "reached": "not evaluated yet" if pd.isna(step) else f"evaluated at {amount(step)}",
-                "steps": amount(run["steps"]),
+                "reached": "not evaluated yet" if pd.isna(step) else f"evaluated at {steps_text(step)}",
+                "steps": steps_text(run["steps"]),
                 "reason": error.splitlines()[-1] if error else "no message",
                 "error": error,
             }
         )
-    return found
+    return rows
 
 
 def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return machines and versions of the runs, one entry per distinct fingerprint."""
+    """Return machines and software versions, one entry per fingerprint."""
     fingerprints = attempts.astype({"fingerprint": object, "host": object}).groupby("fingerprint")
     return [
         {
@@ -94,24 +95,24 @@ def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
-    """Return the settings that runs were made with, one entry for each that differs."""
+    """Return the distinct settings of runs, one entry each."""
     columns = ["engine", "environment", "physics_version", "test_set", "mastery_threshold", "steps"]
-    found = []
+    entries = []
     for _, rows in cells.dropna(subset=["steps"]).groupby(columns, dropna=False, sort=True):
         engine, environment, physics, test_set, mastery, steps = rows.iloc[0][columns]
         bodies = sorted({str(body) for body in rows["embodiment"] if body})
-        found.append(
+        entries.append(
             {
                 "Environment": str(environment).replace("_", " "),
                 "Bodies": ", ".join(body.replace("_", " ") for body in bodies) or "\N{EN DASH}",
                 "Physics": f"{engine}, version {physics:g}" if physics > 0 else str(engine),
                 "Test set": str(test_set),
                 "Mastered over": threshold(mastery),
-                "Steps": amount(steps),
+                "Steps": steps_text(steps),
                 "Runs": str(rows["run_id"].nunique()),
             }
         )
-    return found
+    return entries
 
 
 class Download(NamedTuple):
@@ -123,25 +124,26 @@ class Download(NamedTuple):
     compressed: bytes
 
 
-def downloads(frames: Frames, measured: Measured) -> Iterator[Download]:
+def downloads(measurements: Measurements) -> Iterator[Download]:
     """Yield the tables of a report, in order."""
+    frames = measurements.frames
     curves = [
         aggregate(table, value).assign(measure=value)
         for table, value in (
-            (measured.evaluations, "mastered_percent"),
-            (measured.evaluations, "evaluation_return"),
-            (measured.training, "training_return"),
+            (measurements.evaluations, "mastered_percent"),
+            (measurements.evaluations, "evaluation_return"),
+            (measurements.training, "training_return"),
         )
     ]
     words = frames.test_tasks["task"].map(lambda task: " ".join(f"{x:g}" for x in task))
     tables = {
-        "summary": ("one teacher in one comparison", measured.summary),
-        "seeds": ("one run at its final evaluation", measured.finals),
-        "tests": ("one test against Random, with Holm's adjustment of p", measured.tests),
+        "summary": ("one teacher in one comparison", measurements.summary),
+        "seeds": ("one run at its final evaluation", measurements.finals),
+        "tests": ("one test against Random, with Holm's adjustment of p", measurements.tests),
         "learning_curves": ("one measure of one teacher at one step", pd.concat(curves, ignore_index=True)),
         "mastered_tasks": (
             "one test task and the share of seeds that master it",
-            mastered_tasks(frames, measured.finals).merge(frames.test_tasks.assign(task=words)),
+            mastered_tasks(frames, measurements.finals).merge(frames.test_tasks.assign(task=words)),
         ),
         "measures": ("one run: area under its curve, steps to a share, forgetting", run_measures(frames)),
         "runs": ("one run of one cell and its state", frames.cells.drop(columns="spec")),
@@ -151,22 +153,22 @@ def downloads(frames: Frames, measured: Measured) -> Iterator[Download]:
         yield Download(f"{name}.csv", row, content, gzip.compress(content, mtime=0))
 
 
-KINDS = {".mp4": "video/mp4", ".gif": "image/gif"}
-"""Files that a page can embed."""
+MEDIA_TYPES = {".mp4": "video/mp4", ".gif": "image/gif"}
+"""Media types of videos that a page can embed, by suffix."""
 
 
 @dataclass(frozen=True)
 class WantedVideo:
-    """An episode to be shown in a report.
+    """Episode for a video in a report.
 
     Attributes:
-        comparison: anchor of the section it belongs to.
+        comparison: anchor of its section.
         teacher: teacher of the run.
-        run_id: run whose policy plays.
-        rank: "best" or "worst" of the teacher's seeds, "only" where there is one.
+        run_id: run with the policy.
+        rank: "best" or "worst" of the teacher's seeds, or "only".
         seed: seed of the run.
         test_set: test set of the task.
-        task_index: its place in the test set.
+        task_index: index of the task in the test set.
         task: values by dimension, separated by commas.
     """
 
@@ -187,7 +189,7 @@ class WantedVideo:
 
 @dataclass(frozen=True)
 class Video:
-    """A video file of a wanted episode, and its return."""
+    """Video file of an episode, and its return."""
 
     wanted: WantedVideo
     file: Path
@@ -201,11 +203,11 @@ class Video:
     @property
     def kind(self) -> str:
         """Media type of the file."""
-        return KINDS[self.file.suffix]
+        return MEDIA_TYPES[self.file.suffix]
 
     @property
     def caption(self) -> str:
-        """Teacher, seed, task and return in words."""
+        """Teacher, seed, task and return as text."""
         which = "its only seed" if self.wanted.rank == "only" else f"its {self.wanted.rank} seed"
         return (
             f"{label(self.wanted.teacher)}, seed {self.wanted.seed} ({which} by mastered tasks), on test "
@@ -213,14 +215,14 @@ class Video:
         )
 
 
-def wanted_videos(frames: Frames, measured: Measured) -> Iterator[WantedVideo]:
+def wanted_videos(measurements: Measurements) -> Iterator[WantedVideo]:
     """Yield the best and the worst finished seed of every teacher, by mastered tasks.
 
-    All policies of a comparison play the same test task: the one on which the returns of its runs differ
-    most, since there a viewer sees what tells them apart.
+    All policies of a comparison play the test task on which the returns of its runs differ most.
     """
-    for anchor, _, mine in titled(measured):
-        finished = mine.finals[mine.finals["status"] == "done"]
+    frames = measurements.frames
+    for comparison in measurements.comparisons:
+        finished = comparison.finals[comparison.finals["status"] == "done"]
         evaluations = frames.evaluations_of(finished["run_id"].unique())
         evaluations = evaluations.astype({"run_id": object, "test_set": object})
         rows = evaluations.merge(finished[["run_id", "step"]], on=["run_id", "step"])
@@ -234,18 +236,18 @@ def wanted_videos(frames: Frames, measured: Measured) -> Iterator[WantedVideo]:
         for teacher in sorted(finished["teacher"].unique(), key=teacher_order):
             runs = finished[finished["teacher"] == teacher]
             ranked = runs.sort_values([HEADLINE, "evaluation_return", "seed"], kind="stable")
-            for rank, place in (("best", -1), ("worst", 0)) if len(ranked) > 1 else (("only", 0),):
-                run = ranked.iloc[place]
-                names = (anchor, teacher, run["run_id"], rank, int(run["seed"]))
+            for rank, index in (("best", -1), ("worst", 0)) if len(ranked) > 1 else (("only", 0),):
+                run = ranked.iloc[index]
+                names = (comparison.anchor, teacher, run["run_id"], rank, int(run["seed"]))
                 yield WantedVideo(*names, *chosen, words)
 
 
 def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
     """Return the videos of each section by its anchor."""
-    found: dict[str, list[Video]] = {}
+    sections: dict[str, list[Video]] = {}
     for video in videos:
-        found.setdefault(video.wanted.comparison, []).append(video)
-    return found
+        sections.setdefault(video.wanted.comparison, []).append(video)
+    return sections
 
 
 def write_report(
@@ -257,79 +259,77 @@ def write_report(
         sources: results roots and baselines with runs: folders, addresses, names.
         output: folder to write to; ``report`` in the first of `sources` if that is a folder.
         videos: videos to embed, of `wanted_videos`.
-        reload: time after which an open page reads itself again, s; 0 for never.
+        reload: interval at which an open page reloads, s; 0 for never.
 
     Returns:
         The page, ``index.html`` in `output`; next to it figures (PNG) and tables (CSV).
 
     Raises:
-        ResultsRootError: one of `sources` is not a results root.
-        ValueError: an object store and no `output`.
+        ResultsRootError: if one of `sources` is not a results root.
+        ValueError: if the first source is an object store and there is no `output`.
     """
-    output = report_folder(sources, output)
-    frames = read(sources)
-    measured = measure(frames)
-    shown = leading(measured.finals, HEADLINE, frames.cells["teacher"], COMPARISON)
-    with shown_together(frames.cells["teacher"]):
-        parts = list(sections(frames, measured, shown))
-        tables = list(downloads(frames, measured))
-        campaigns = sorted(name for name in frames.cells["campaign"].unique() if name)
-        text = _render(
-            frames,
-            measured,
-            parts,
-            shown,
-            downloads=tables,
-            videos=by_comparison(videos),
-            reload=reload,
+    folder, measurements = report_folder(sources, output), Measurements(read(sources))
+    with shown_together(measurements.cells["teacher"]):
+        parts, tables = list(sections(measurements)), list(downloads(measurements))
+        campaigns = sorted(name for name in measurements.cells["campaign"].unique() if name)
+        text = page(
+            "report.html.j2",
             subject=subject(sources, campaigns),
             campaigns=campaigns,
+            reload=reload,
+            videos=by_comparison(videos),
+            downloads=tables,
+            **_sections_content(parts),
+            **_root_content(measurements),
         )
     pictures = {f"{picture.name}.png": picture.png for part in parts for picture in part.pictures}
-    return write_page(output, text, pictures | {table.name: table.content for table in tables})
+    return write_page(folder, text, pictures | {table.name: table.content for table in tables})
 
 
 def report_folder(sources: Sources, output: Path | None) -> Path:
-    """Return the folder that a report of `sources` is written to.
+    """Return the folder of the report of `sources`.
 
     Raises:
-        ValueError: an object store and no `output`.
+        ValueError: if the first source is an object store and there is no `output`.
     """
     return page_folder(source_list(sources)[0], output, "report", "report")
 
 
-def _render(
-    frames: Frames, measured: Measured, parts: list[Section], shown: Collection[str], **content: Any
-) -> str:
-    cells = frames.cells
-    verdicts, notes = root_verdicts(frames)
-    states = cells.drop_duplicates("run_id")["status"].value_counts()
+def _sections_content(parts: Sequence[Section]) -> dict[str, Any]:
+    """Return the content of the page on its comparisons, together and one by one."""
     quantity, titles = QUANTITIES[HEADLINE], distinct([part.title for part in parts])
     caption = "Marks are means over seeds, lines their 95 % intervals. Choose above what is shown and when."
-    return page(
-        "report.html.j2",
-        ran=what_ran(cells),
-        counts={"runs": int(states.sum())} | {status: int(states.get(status, 0)) for status in STATUSES},
-        warnings=[*frames.notes, *notes],
-        controls=controls(
+    return {
+        "sections": parts,
+        "overview": overview(parts, titles, quantity, "All comparisons", caption),
+        "comparisons": list(zip(parts, titles, map(best_of, parts), strict=True)),
+        "quantity": quantity,
+    }
+
+
+def _root_content(measurements: Measurements) -> dict[str, Any]:
+    """Return the content of the page on the whole root."""
+    frames, cells, tests = measurements.frames, measurements.cells, measurements.tests
+    verdicts, notes = root_verdicts(frames)
+    states = cells.drop_duplicates("run_id")["status"].value_counts()
+    return {
+        "ran": what_ran(cells),
+        "counts": {"runs": int(states.sum())} | {status: int(states.get(status, 0)) for status in STATUSES},
+        "warnings": [*frames.notes, *notes],
+        "controls": controls(
             cells[COMPARISON].drop_duplicates().sort_values(COMPARISON),
             cells["teacher"],
-            measured.evaluations["step"].unique(),
-            shown,
+            measurements.evaluations["step"].unique(),
+            measurements.shown,
         ),
-        answers=list(answers(frames)),
-        overview=overview(parts, titles, quantity, "All comparisons", caption),
-        comparisons=list(zip(parts, titles, map(best_of, parts), strict=True)),
-        sections=parts,
-        overall=overall_section(runs_after(frames)),
-        tests=int((measured.tests["p"].notna() & (measured.tests["measure"] == TESTED[0])).sum()),
-        verdicts=decided(verdicts),
-        unfinished=unfinished(frames),
-        settings=settings(cells),
-        machines=machines(frames.attempts),
-        mastery=thresholds(cells) or number(MASTERY_RETURN, 0),
-        ceilings=ceilings_in_words(frames),
-        quantity=quantity,
-        how_tested=how_tested("all teachers of a comparison against Random"),
-        **content,
-    )
+        "answers": list(answers(frames)),
+        "overall": overall_section(runs_after(frames)),
+        "tests": int((tests["p"].notna() & (tests["measure"] == HEADLINE)).sum()),
+        "verdicts": decided(verdicts),
+        "unfinished": unfinished(frames),
+        "settings": settings(cells),
+        "machines": machines(frames.attempts),
+        "mastery": thresholds(cells) or number(MASTERY_RETURN, 0),
+        "ceilings": ceilings_in_words(frames),
+        "how_tested": how_tested("all teachers of a comparison against Random"),
+    }

@@ -1,4 +1,4 @@
-"""The page of a trial: verdicts and their boundaries, curves, costs, and material for a paper."""
+"""Page of a trial: verdicts and boundaries, curves, costs, and material for a paper."""
 
 from pathlib import Path
 
@@ -10,10 +10,10 @@ from analysis.charts.paper.drawing import draw
 from analysis.charts.paper.style import save
 from analysis.charts.trial import course_chart
 from analysis.data.frames import Frames
-from analysis.formatting import ends, number
-from analysis.looks import shown_together
+from analysis.formatting import interval_text, number
 from analysis.names import label, own_first
 from analysis.pages.page import page, write_page
+from analysis.teacher_styles import shown_together
 from analysis.trials import standing
 from analysis.trials.design import Design
 from tma_ray.console.exit_codes import installed_version
@@ -26,7 +26,7 @@ def write_trial(
     released: pd.DataFrame,
     looks: list[standing.InterimLook],
     frames: Frames,
-    own: Frames,
+    trial: Frames,
 ) -> Path:
     """Write the page of a trial, with a table, a figure, a LaTeX row and methods next to it.
 
@@ -39,17 +39,17 @@ def write_trial(
         for name in design.references
     }
     margins = {measure: design.margin_of(measure) for measure in design.axes}
-    beside: dict[str, bytes] = {}
+    files: dict[str, bytes] = {}
     with shown_together([design.teacher, *design.references]), own_first([design.teacher]):
         if looks:
-            beside["verdicts.csv"] = (
+            files["verdicts.csv"] = (
                 standing.verdict_table(design, looks).to_csv(index=False, float_format="%.3f").encode()
             )
-            beside["row.tex"] = standing.latex_row(design, looks[-1]).encode()
-            beside["methods.txt"] = (standing.methods(design, looks[-1], _versions()) + "\n").encode()
+            files["row.tex"] = standing.latex_row(design, looks[-1]).encode()
+            files["methods.txt"] = (standing.methods(design, looks[-1], _versions()) + "\n").encode()
             save(draw(course_chart(courses, design.teacher, margins)), folder / "trial")
-        text = _render(design, released, looks, courses, standing.curves(design, frames, own), own)
-    return write_page(folder, text, beside)
+        text = _render(design, released, looks, courses, standing.curves(design, frames, trial), trial)
+    return write_page(folder, text, files)
 
 
 def _versions() -> str:
@@ -63,17 +63,17 @@ def _render(
     looks: list[standing.InterimLook],
     courses: dict[tuple[str, str], pd.DataFrame],
     lines: pd.DataFrame,
-    own: Frames,
+    trial: Frames,
 ) -> str:
-    hours = float(own.run_hours.sum())
-    runs = int((own.cells.drop_duplicates("run_id")["status"] == "done").sum())
+    hours = float(trial.run_hours.sum())
+    runs = int((trial.cells.drop_duplicates("run_id")["status"] == "done").sum())
     most = design.looks[-1] * len(design.cells)
     caption = f"mean over {counted(len(design.cells), 'cell')} ± one standard error over runs"
-    shown = [
-        course_chart({key: table}, design.teacher, {key[0]: design.margin_of(key[0])}, f"course-{place}")
-        for place, (key, table) in enumerate(courses.items())
+    charts = [
+        course_chart({key: table}, design.teacher, {key[0]: design.margin_of(key[0])}, f"course-{index}")
+        for index, (key, table) in enumerate(courses.items())
     ]
-    shown.append(
+    charts.append(
         learning_curves(lines, "Mastered test tasks (%)", "curves", "Learning curves", caption.capitalize())
     )
     return page(
@@ -86,13 +86,13 @@ def _render(
         plan=[text.strip() for text in standing.plan_lines(design, released)],
         rows=[
             row
-            | {"interval": ends(row["low"], row["high"])}
+            | {"interval": interval_text(row["low"], row["high"])}
             | {name: number(row[name]) for name in ("difference", "estimate")}
             for row in standing.verdict_table(design, looks).to_dict("records")
         ],
-        charts=[on_page(each) for each in shown],
+        charts=list(map(on_page, charts)),
         cost=f"{runs} of at most {most} runs" + (f", {hours:.1f} hours of runs" if hours else ""),
         methods=standing.methods(design, looks[-1], _versions()) if looks else "",
-        warnings=list(own.notes) if looks else [],
+        warnings=list(trial.notes) if looks else [],
         controls=None,
     )

@@ -10,7 +10,7 @@ import pandas as pd
 from analysis.data.columns import TABLE_CONDITIONS
 from analysis.data.frames import Frames
 from analysis.data.reference import paper_frame
-from analysis.formatting import amount
+from analysis.formatting import steps_text
 from analysis.measures import pooling
 from analysis.measures.evaluations import SEARCH_COLUMNS
 from analysis.measures.run_measures import run_measures
@@ -52,7 +52,7 @@ def published_table_results(frame: pd.DataFrame | None = None) -> TableResults:
         frame: table with the columns of `paper_frame`.
     """
     frame = paper_frame() if frame is None else frame
-    steps = " or ".join(amount(steps) for steps in sorted(frame["steps"].unique()))
+    steps = " or ".join(steps_text(steps) for steps in sorted(frame["steps"].unique()))
     engines = " and ".join(sorted(frame["engine"].unique()))
     remark = f"As published, after {steps} steps in worlds of {engines}: to be set beside ours, never pooled."
     return TableResults(results_of(frame), remark=remark)
@@ -127,7 +127,7 @@ def _by_settings(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, p
             yield "Nothing has begun.", rows
             continue
         worlds = f"physics version {physics:g}" if engine == CHIPMUNK else f"worlds of {engine}"
-        text = f"After {amount(budget if step is None else step)} steps, {worlds}"
+        text = f"After {steps_text(budget if step is None else step)} steps, {worlds}"
         if threshold != MASTERY_RETURN:
             text += f", tasks mastered over a return of {threshold:g}"
         yield f"{text}, test set {test_set}." if test_set else f"{text}.", rows

@@ -10,8 +10,9 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from analysis.data.frames import evaluation_measures, with_plain_texts
-from analysis.data.identity import mastery_threshold
+from analysis.data.frames import with_plain_texts
+from analysis.data.loading import evaluation_measures
+from analysis.data.specs import mastery_threshold
 from tma_ray.results import Manifest, Results, Table
 
 UPDATE_SECONDS: Final = 10.0  # time between two updates of a tracker, s

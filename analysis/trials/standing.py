@@ -16,7 +16,7 @@ from analysis.comparisons.verdicts import AXES, on_both_axes
 from analysis.data.columns import CELL
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
-from analysis.formatting import ends, number
+from analysis.formatting import interval_text, number
 from analysis.measures.evaluations import aggregate
 from analysis.measures.tested import FINAL, HEADLINE
 from analysis.names import label
@@ -308,9 +308,8 @@ def look_line(look: InterimLook) -> str:
                 chance = f"; decided by the last look with probability {result.power:.2f}"
                 if result.within_budget != result.power:
                     chance += f", within the budget {result.within_budget:.2f}"
-            numbers.append(
-                f"{AXES[result.measure]} {number(result.value)} {ends(result.low, result.high)}{chance}"
-            )
+            interval = interval_text(result.low, result.high)
+            numbers.append(f"{AXES[result.measure]} {number(result.value)} {interval}{chance}")
         parts.append(f"beside {label(pair[0].reference)} {_verdict(pair)} ({'; '.join(numbers)})")
     excluded = f" {counted(look.excluded, 'run')} with returns that are not finite left out."
     end = f" Ends: {REASONS[look.ending]}." if look.ending else ""
@@ -344,7 +343,7 @@ def sentence(design: Design, look: InterimLook) -> str:
         if not is_baseline(pair[0].reference):
             name += f", the best of {design.candidates} there"
         numbers = [
-            f"{AXES[result.measure]} {number(result.unbiased)} {ends(result.low, result.high)}"
+            f"{AXES[result.measure]} {number(result.unbiased)} {interval_text(result.low, result.high)}"
             for result in pair
         ]
         parts.append(f"beside {name}: {_verdict(pair)} ({', '.join(numbers)})")

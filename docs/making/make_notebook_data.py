@@ -17,7 +17,8 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.baselines import release
-from analysis.data.frames import Frames, load
+from analysis.data.frames import Frames
+from analysis.data.loading import load
 from analysis.measures.run_measures import run_measures
 from tma_ray.results import Store, Table
 from tma_ray.results.layout import POLICIES, TABLES, manifest_path

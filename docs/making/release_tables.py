@@ -15,11 +15,11 @@ from analysis.commands.leaderboards import EXPLANATION, NO_BREAK, folded
 from analysis.commands.leaderboards import markdown as leaderboard_of
 from analysis.commands.simulated import BETTER, WORSE, markdown, mastered_table, recovery_table
 from analysis.comparisons.against_random import Gap, against_random
-from analysis.comparisons.boards import leaderboards
-from analysis.comparisons.frame import corrected, over_challenges, pairwise
+from analysis.comparisons.leaderboards import leaderboards
+from analysis.comparisons.pairwise import corrected, over_challenges, pairwise
 from analysis.comparisons.planning import LITE
 from analysis.comparisons.verdicts import AXES, on_both_axes, verdict
-from analysis.formatting import amount
+from analysis.formatting import steps_text
 from analysis.measures.pooling import runs_after
 from analysis.measures.tested import HEADLINE, TRAINED
 from analysis.measures.trained import NEARLY_ALL, trained_shares
@@ -71,7 +71,7 @@ def answer() -> str:
     board = leaderboards(baseline.frames())[0]
     return (
         f"{board.answer()} Evidence: {baseline.manifest.holds['runs']:,} runs of "
-        f"`{baseline.manifest.name}`, {amount(baseline.manifest.holds['steps'][0])} steps each."
+        f"`{baseline.manifest.name}`, {steps_text(baseline.manifest.holds['steps'][0])} steps each."
     )
 
 
@@ -173,7 +173,7 @@ def releases() -> str:
     for baseline in baselines():
         manifest, seeds = baseline.manifest, NOTHING
         holds = manifest.holds
-        steps = " and ".join(map(amount, holds["steps"]))
+        steps = " and ".join(map(steps_text, holds["steps"]))
         if manifest.kind is BaselineKind.RUNS:
             seeds = baseline.frames().cells.groupby(place, observed=True)["seed"].nunique().max()
         runs, teachers = f"{holds['runs']:,}" if holds.get("runs") else NOTHING, len(holds["teachers"])

@@ -6,7 +6,7 @@ from scipy import stats
 from synthetic_pools import cell, cells, parkour, pool
 
 from analysis.comparisons.aggregates import improvements, interquartile_means, profiles
-from analysis.comparisons.frame import over_challenges
+from analysis.comparisons.pairwise import over_challenges
 from analysis.data.columns import ACROSS, STRATA
 from analysis.data.reference import NO_BASELINE
 

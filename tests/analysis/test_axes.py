@@ -12,7 +12,7 @@ from synthetic_pools import cell, pool
 
 from analysis.baselines import find_baseline
 from analysis.comparisons.against_random import against_random
-from analysis.comparisons.frame import pairwise
+from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.verdicts import Verdict, on_both_axes
 from analysis.data.columns import STRATA
 from analysis.data.frames import Frames

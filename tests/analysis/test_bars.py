@@ -15,7 +15,7 @@ from synthetic_curves import SKILL
 
 from analysis.charts.bars import compact_letter_display, lanes
 from analysis.charts.paper.style import png
-from analysis.comparisons.frame import pairwise_from_statistics
+from analysis.comparisons.pairwise import pairwise_from_statistics
 from analysis.figures import Whisker, bars_with_pairs
 
 

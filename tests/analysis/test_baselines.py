@@ -27,7 +27,8 @@ from analysis.baselines import (
 from analysis.baselines.catalogue import BASELINE_FILE, BASELINES_VARIABLE, BaselineKind
 from analysis.commands.releases import show_baselines
 from analysis.commands.tables import write_tables
-from analysis.data.frames import Frames, load
+from analysis.data.frames import Frames
+from analysis.data.loading import load
 from analysis.data.reference import paper_frame
 from tma_ray.results import Lease, ResultsRootError, Store, Table, compact
 

@@ -17,7 +17,7 @@ from analysis.claims.judging import ClaimVerdict, judge
 from analysis.claims.sources import PaperSource, RootSource, Sample
 from analysis.commands.claims import show_claims
 from analysis.commands.rankings import show_search
-from analysis.data.frames import load
+from analysis.data.loading import load
 from analysis.formatting import number
 from analysis.measures.evaluations import search_results
 from analysis.pages.report import write_report

@@ -13,17 +13,17 @@ from views import Told, addresses_in, unpacked
 
 from analysis.baselines import release
 from analysis.comparisons.sentences import sentences
-from analysis.comparisons.sides import (
-    baseline_side,
-    beside,
-    duels,
+from analysis.comparisons.sources import (
+    baseline_results,
+    comparable_runs,
+    head_to_head,
     incomparable,
-    missing,
+    missing_challenges,
     new_teachers,
-    side_of,
-    together,
+    reference_only,
+    result_set,
 )
-from analysis.data.frames import load
+from analysis.data.loading import load
 from analysis.pages.compare import write_comparison
 
 CHALLENGES = ("mostly_unfeasible", "mostly_trivial", "rugged_difficulty")
@@ -50,11 +50,11 @@ def roots(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def test_a_new_teacher_is_tested_against_comparable_baselines_only(roots: tuple[Path, Path]) -> None:
-    mine, theirs = (side_of(load(root), root.name) for root in roots)
-    runs = together(mine, [theirs, baseline_side("paper-2021")])
+    mine, theirs = (result_set(load(root), root.name) for root in roots)
+    runs = comparable_runs(mine, [theirs, baseline_results("paper-2021")])
     assert set(runs["teacher"]) == {"frontier", "random", "riac"}
     assert new_teachers(mine) == ["frontier"]
-    assert sentences(duels(runs, ["frontier"])) == [
+    assert sentences(head_to_head(runs, ["frontier"])) == [
         "Stump Tracks, expert knowledge none: frontier is better than Random on 2 of 3 challenges, worse on "
         "1 (p < 0.05 after Holm; few seeds).",
         "Stump Tracks, expert knowledge none: frontier is better than RIAC on 1 of 3 challenges, worse on "
@@ -63,12 +63,12 @@ def test_a_new_teacher_is_tested_against_comparable_baselines_only(roots: tuple[
 
 
 def test_other_budgets_and_engines_are_set_beside_and_named(roots: tuple[Path, Path]) -> None:
-    mine, theirs = (side_of(load(root), root.name) for root in roots)
-    (apart,) = beside(mine, theirs).itertuples()
+    mine, theirs = (result_set(load(root), root.name) for root in roots)
+    (apart,) = reference_only(mine, theirs).itertuples()
     assert (apart.teacher, apart.challenge, apart.differs) == (
         "alp_gmm", "mostly_unfeasible", "training steps: 4 million",
     )  # fmt: skip
-    paper = beside(mine, baseline_side("paper-2021"))
+    paper = reference_only(mine, baseline_results("paper-2021"))
     assert set(paper["challenge"]) == set(CHALLENGES)
     assert set(paper["differs"]) == {"engine Box2D; 20 million steps"}
 
@@ -78,7 +78,7 @@ def test_mine_stands_for_a_baselines_teacher_that_i_have_run_too(
 ) -> None:
     mine, theirs = shutil.copytree(roots[0], tmp_path / "mine"), roots[1]
     write(mine, "random", {CHALLENGES[0]: [3, 3, 4, 4]})
-    runs = together(side_of(load(mine), "mine"), [side_of(load(theirs), "lite")])
+    runs = comparable_runs(result_set(load(mine), "mine"), [result_set(load(theirs), "lite")])
     random = runs[runs["teacher"] == "random"]
     assert dict(zip(random["challenge"], random["source"], strict=True)) == {
         "mostly_unfeasible": "mine", "mostly_trivial": "lite", "rugged_difficulty": "lite",
@@ -90,13 +90,13 @@ def test_what_cannot_be_compared_at_all_is_said_with_the_reason(
 ) -> None:
     short = tmp_path / "short"
     write(short, "frontier", {CHALLENGES[0]: [1, 2, 3]}, steps=20_000)
-    sides = side_of(load(short), "yours"), [side_of(load(roots[1]), "lite")]
-    assert incomparable(*sides, together(*sides)) == [
+    sides = result_set(load(short), "yours"), [result_set(load(roots[1]), "lite")]
+    assert incomparable(*sides, comparable_runs(*sides)) == [
         "Nothing of lite may be compared with yours: training steps 2 million, 4 million, yours 20 thousand. "
         "For results that may: tma-ray campaign --like lite --teachers MODULE:NAME"
     ]
-    mine = side_of(load(roots[0]), "yours")
-    assert incomparable(mine, sides[1], together(mine, sides[1])) == []
+    mine = result_set(load(roots[0]), "yours")
+    assert incomparable(mine, sides[1], comparable_runs(mine, sides[1])) == []
     said = told(0, "compare", short, "--baseline", "paper-2021")
     assert "frontier has no rank: no other teacher has results on the same challenges" in said
     assert "nothing to compare" not in said
@@ -109,8 +109,8 @@ def test_what_is_said_of_several_teachers_is_said_once(tmp_path: Path) -> None:
     for teacher in ("random", "riac", "adr"):
         write(theirs, teacher, {CHALLENGES[0]: [4, 5, 5, 6]})
     write(theirs, "alp_gmm", {CHALLENGES[0]: [1, 1, 1, 2]})
-    runs = together(side_of(load(mine), "yours"), [side_of(load(theirs), "theirs")])
-    assert sentences(duels(runs, ["frontier"])) == [
+    runs = comparable_runs(result_set(load(mine), "yours"), [result_set(load(theirs), "theirs")])
+    assert sentences(head_to_head(runs, ["frontier"])) == [
         "Stump Tracks, expert knowledge none: frontier is not distinguishable from Random, ADR, RIAC on any "
         "of 1 challenge (few seeds).",
         "Stump Tracks, expert knowledge none: frontier is better than ALP-GMM on 1 of 1 challenge "
@@ -130,7 +130,7 @@ def test_a_ranking_with_a_baseline_marks_the_teacher_of_ones_own(
 
 
 def test_missing_challenges_are_named(roots: tuple[Path, Path]) -> None:
-    (text,) = missing(side_of(load(roots[0]), "mine"), ["frontier"])
+    (text,) = missing_challenges(result_set(load(roots[0]), "mine"), ["frontier"])
     assert text == (
         "frontier: stump_tracks original, stump_tracks forgetting_student, stump_tracks diverse_students, "
         "parkour original"
@@ -189,8 +189,10 @@ def test_the_area_under_the_curve_can_be_the_measure(tmp_path: Path, told: Told)
         for seed, last in enumerate((7, 8, 9)):
             returns = {0: mastering(first), 1_000: mastering(last)}
             campaign.plain_run(teacher, seed, returns, level="none", challenge=CHALLENGES[0])
-    runs = together(side_of(load(mine), "yours"), [side_of(load(theirs), "theirs")])
-    ends, areas = (duels(runs, ["frontier"], measure) for measure in ("mastered_percent", "mastered_area"))
+    runs = comparable_runs(result_set(load(mine), "yours"), [result_set(load(theirs), "theirs")])
+    ends, areas = (
+        head_to_head(runs, ["frontier"], measure) for measure in ("mastered_percent", "mastered_area")
+    )
     assert ends["difference"].tolist() == [0.0]
     assert areas["difference"].tolist() == [40.0]
     said = told(0, "compare", mine, "--baseline", theirs, "--measure", "mastered_area")

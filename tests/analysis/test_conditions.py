@@ -13,12 +13,13 @@ from views import printed
 from analysis.claims.sources import RootSource
 from analysis.commands.rankings import show_ranking
 from analysis.comparisons.against_random import against_random, sentences_against_random
-from analysis.comparisons.boards import overall_rows
-from analysis.comparisons.frame import pairwise
-from analysis.comparisons.measured import measure
-from analysis.comparisons.sentences import places, ranking, ranking_sentences, sentences
-from analysis.comparisons.sides import duels, side_of, together
-from analysis.data.frames import Frames, load
+from analysis.comparisons.comparison import Measurements
+from analysis.comparisons.leaderboards import overall_rows
+from analysis.comparisons.pairwise import pairwise
+from analysis.comparisons.sentences import challenge_titles, ranking, ranking_sentences, sentences
+from analysis.comparisons.sources import comparable_runs, head_to_head, result_set
+from analysis.data.frames import Frames
+from analysis.data.loading import load
 from analysis.figures import drawings
 from analysis.measures.pooling import by_conditions, runs_after
 from analysis.tables.paper_tables import table_results
@@ -88,12 +89,12 @@ def test_counts_are_of_challenges(frames: Frames, table: pd.DataFrame) -> None:
 def test_blocks_are_shown_with_their_titles(root: Path, table: pd.DataFrame) -> None:
     shown = printed(show_ranking, root)
     titles = re.findall(r"(.*), expert knowledge none$", shown, flags=re.MULTILINE)
-    assert sorted(titles) == sorted(set(places(table)))
+    assert sorted(titles) == sorted(set(challenge_titles(table)))
     assert len(titles) == 4
 
 
 def test_comparisons_of_two_teachers_count_challenges(frames: Frames) -> None:
-    said = sentences(duels(together(side_of(frames, "mine"), []), ["riac"]))
+    said = sentences(head_to_head(comparable_runs(result_set(frames, "mine"), []), ["riac"]))
     assert len(set(said)) == len(said) == 2
     assert all("on 2 of 2 challenges" in text for text in said)
 
@@ -102,7 +103,7 @@ def test_comparisons_of_two_teachers_count_challenges(frames: Frames) -> None:
 def test_figures_have_a_set_for_each(frames: Frames) -> None:
     tags = [tag for tag, _ in by_conditions(runs_after(frames))]
     assert len(set(tags)) == 2
-    names = [drawing.name for drawing in drawings(frames, measure(frames))]
+    names = [drawing.name for drawing in drawings(Measurements(frames))]
     assert len(set(names)) == len(names)
     assert sum(name.endswith("radar") for name in names) == 2
 

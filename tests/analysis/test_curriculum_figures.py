@@ -18,10 +18,10 @@ from analysis.charts.curricula import QUANTILES
 from analysis.charts.page import on_page
 from analysis.charts.profiles import BINS, MOST_PER_TEACHER, hidden_scalars, scalar_chart, scalars_of
 from analysis.charts.tasks import ellipse
-from analysis.data.curricula import MOMENTS, PANELS, RETURNS, Curriculum, moments
+from analysis.data.curricula import MOST_MOMENTS, PANELS, RETURN_RANGE, Curriculum, moments
 from analysis.figures import Shot, curriculum_strip, dimension_bands, film_strip
-from analysis.looks import look
 from analysis.names import teacher_order
+from analysis.teacher_styles import teacher_style
 
 pytestmark = pytest.mark.slow
 
@@ -65,7 +65,7 @@ def test_colours_are_the_benchmarks_unless_a_world_has_its_own_threshold() -> No
         bar = curriculum_strip({"adr": shown}, PLANE).axes[-1]
         return bar.get_ylim()
 
-    assert limits(played()) == RETURNS
+    assert limits(played()) == RETURN_RANGE
     assert limits(replace(played(), mastery=40.0)) == pytest.approx(
         np.percentile([*range(10, 101, 10), 40], (2, 98))
     )
@@ -76,13 +76,13 @@ def test_moments_are_spread_over_the_probes_of_all_teachers() -> None:
     late, early = curriculum("random"), curriculum("adr", upto=0.5)
     steps = moments({"random": late, "adr": early})
     assert steps == [0, 4_000_000, 8_000_000, 12_000_000, 16_000_000, 20_000_000]
-    assert len(steps) == MOMENTS
+    assert len(steps) == MOST_MOMENTS
     assert moments({"adr": played()}) == [0, 100]
 
 
 def test_the_view_shows_probes_at_their_step_and_says_where_there_are_none() -> None:
     panels = film_of({"random": curriculum("random"), "adr": curriculum("adr", upto=0.5)}).axes
-    random, adr = panels[:MOMENTS], panels[MOMENTS : 2 * MOMENTS]
+    random, adr = panels[:MOST_MOMENTS], panels[MOST_MOMENTS : 2 * MOST_MOMENTS]
     np.testing.assert_array_equal(
         random[2].collections[0].get_offsets(), curriculum("random").probed_at(8_000_000)
     )
@@ -144,7 +144,7 @@ def test_bands_hold_the_quantiles_of_the_probes(teacher: str) -> None:
         for vertices, expected in ((outer, levels[[0, 4]]), (inner, levels[[1, 3]])):
             assert set(np.round(expected, 5)) <= set(np.round(vertices[vertices[:, 0] == STEPS, 1], 5))
         assert panel.lines[0].get_ydata()[-1] == pytest.approx(levels[2])
-        assert panel.lines[0].get_color() == look(teacher).colour
+        assert panel.lines[0].get_color() == teacher_style(teacher).colour
 
 
 def test_boxes_and_gaussians_are_drawn_dimension_by_dimension() -> None:
@@ -185,7 +185,7 @@ def test_scalars_have_a_chart_each_with_every_value_in_its_teachers_colour() -> 
     assert [chart.teacher for chart in charts] == ["adr", "spdl", "spdl"]
     line = figure_of(charts[2]).data[0]
     np.testing.assert_allclose(line.y, scalars_of(shown["spdl"])["kl_to_target"], rtol=1e-6)
-    assert line.line.color == look("spdl").colour
+    assert line.line.color == teacher_style("spdl").colour
     assert scalar_chart({"random": curriculum("random")}, "log", "caption") is None
 
 

@@ -17,13 +17,13 @@ from synthetic_pools import parkour
 from synthetic_results import SyntheticCampaign
 
 from analysis.charts.paper.style import png
-from analysis.comparisons.frame import pairwise
+from analysis.comparisons.pairwise import pairwise
 from analysis.data.columns import COMPARED
-from analysis.data.frames import load
+from analysis.data.loading import load
 from analysis.figures import CurvePanel, body_panels, curves_with_stars, knowledge_panels, pairwise_curves
-from analysis.looks import look
 from analysis.measures.pooling import pool_runs, pooled
 from analysis.measures.run_measures import evaluations_at, training_returns_at
+from analysis.teacher_styles import teacher_style
 
 pytestmark = pytest.mark.slow
 
@@ -67,7 +67,7 @@ def test_stars_lie_above_the_data_in_the_teachers_colours() -> None:
     for line in axes.lines:
         if line.get_gid():
             teacher = str(line.get_gid()).split("-")[1]
-            assert to_hex(line.get_color()) == look(teacher).colour
+            assert to_hex(line.get_color()) == teacher_style(teacher).colour
             assert line.get_window_extent().y0 > top
 
 
@@ -94,7 +94,7 @@ def test_case_studies_show_levels_of_a_teacher_by_two_measures_side_by_side() ->
     lines = {str(line.get_label()): line for line in left.lines if line.get_label() in names}
     assert [lines[name].get_linestyle() for name in names] == ["--", "--", "-"]
     assert len({str(line.get_markerfacecolor()) for line in lines.values()}) == 3
-    assert {to_hex(line.get_color()) for line in lines.values()} == {look("alp_gmm").colour}
+    assert {to_hex(line.get_color()) for line in lines.values()} == {teacher_style("alp_gmm").colour}
     assert shown.tests is not None
     assert stars(left)["below-alp_gmm-none"] == expected(shown.tests, "none", 5 * MILLION)
     assert set(stars(left)) == {"below-alp_gmm-none", "below-alp_gmm-low"}

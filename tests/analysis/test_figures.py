@@ -24,9 +24,9 @@ from analysis.commands.figures import write_figures
 from analysis.data.columns import GROUP
 from analysis.data.curricula import Axis
 from analysis.figures import learning_curve, mastery_map, seeds_chart
-from analysis.formatting import amount, duration, number, plus_minus
-from analysis.looks import look, shown_together
+from analysis.formatting import duration, number, plus_minus, steps_text
 from analysis.names import label, plain_name, short_labels, teacher_order
+from analysis.teacher_styles import shown_together, teacher_style
 from tma_ray.cli import main
 from tma_ray.support.texts import visible
 
@@ -42,8 +42,8 @@ def curves(*rows: tuple[str, int, float], teacher: str = "adr") -> pd.DataFrame:
 
 
 def test_known_teachers_have_colours_of_their_own() -> None:
-    assert len({look(teacher).colour for teacher in KNOWN}) == len(KNOWN)
-    assert len({look(teacher).marker for teacher in KNOWN}) == len(KNOWN)
+    assert len({teacher_style(teacher).colour for teacher in KNOWN}) == len(KNOWN)
+    assert len({teacher_style(teacher).marker for teacher in KNOWN}) == len(KNOWN)
     assert label("alp_gmm") == "ALP-GMM"
     assert sorted(["spdl", "adr", "random"], key=teacher_order) == ["random", "adr", "spdl"]
 
@@ -56,22 +56,22 @@ def test_any_other_teacher_is_called_by_its_own_name(name: str) -> None:
 
 def test_how_another_teacher_looks_follows_from_its_name_alone() -> None:
     # Pinned: figures of different reports, made on different days, must agree.
-    assert look("frontier") == LOOK_OF_FRONTIER
-    assert look("frontier") != look("horizon")
+    assert teacher_style("frontier") == LOOK_OF_FRONTIER
+    assert teacher_style("frontier") != teacher_style("horizon")
 
 
 def test_forty_teachers_shown_together_have_looks_and_short_names_of_their_own() -> None:
     teachers = [*KNOWN, *(f"a_rather_long_teacher_name_{number}_of_ours" for number in range(32))]
     with shown_together(teachers):
-        looks = {teacher: look(teacher) for teacher in teachers}
+        looks = {teacher: teacher_style(teacher) for teacher in teachers}
         with shown_together(teachers[::-1][:5]):  # a figure of a page
-            assert {teacher: look(teacher) for teacher in teachers} == looks
+            assert {teacher: teacher_style(teacher) for teacher in teachers} == looks
     assert len({(style.colour, style.marker) for style in looks.values()}) == 40
     colours = [style.colour for style in looks.values()]
     assert max(map(colours.count, colours)) == 2
-    assert look(teachers[-1]) == look(teachers[-1])
+    assert teacher_style(teachers[-1]) == teacher_style(teachers[-1])
     with shown_together(["frontier"]):
-        assert look("frontier") == LOOK_OF_FRONTIER
+        assert teacher_style("frontier") == LOOK_OF_FRONTIER
     names = short_labels(teachers)
     assert set(names) == set(teachers)
     assert len(set(names.values())) == 40
@@ -160,9 +160,9 @@ def test_a_figure_is_the_same_whatever_the_users_settings(
         (number(float("nan")), "\N{EN DASH}"),
         (plus_minus(3.0, float("nan")), "3.0"),
         (plus_minus(3.0, 0.25), "3.0 ± 0.2"),
-        (amount(20_000_000), "20 million"),
-        (amount(12_500), "12.5 thousand"),
-        (amount(500), "500"),
+        (steps_text(20_000_000), "20 million"),
+        (steps_text(12_500), "12.5 thousand"),
+        (steps_text(500), "500"),
         (duration(40), "40 s"),
         (duration(600), "10 minutes"),
         (duration(9000), "2.5 hours"),

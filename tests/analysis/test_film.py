@@ -18,7 +18,7 @@ from synthetic_logs import STEPS, axes, curriculum
 from analysis.charts.curricula import MOST_FRAMES, MOST_SHOTS, film, sheets
 from analysis.charts.paper.drawing import lay_out
 from analysis.charts.paper.style import png, styled
-from analysis.data.curricula import MOMENTS, Curriculum
+from analysis.data.curricula import MOST_MOMENTS, Curriculum
 from analysis.figures import Shot, animation, film_strip, projected
 
 PLANE = axes(2)
@@ -40,7 +40,7 @@ def test_rows_are_runs_and_columns_moments() -> None:
     dots = figure.axes[1].collections[0].get_offsets()
     np.testing.assert_array_equal(dots, shots[0].curriculum.probed_at(STEPS // 2))
     assert isinstance(figure.axes[1].patches[0], Polygon)
-    assert len(film_strip(shots, PLANE).axes) == 2 * MOMENTS
+    assert len(film_strip(shots, PLANE).axes) == 2 * MOST_MOMENTS
 
 
 def test_tasks_in_a_corner_are_drawn_at_their_own_scale() -> None:

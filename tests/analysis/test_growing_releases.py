@@ -25,7 +25,7 @@ from analysis.baselines import (
     verify,
 )
 from analysis.baselines.catalogue import BASELINES_VARIABLE
-from analysis.data.frames import load
+from analysis.data.loading import load
 from analysis.measures.run_measures import run_measures
 from tma_ray.results import LEAN, Committer, Results, ResultsRootError, Store, Table, start_from
 from tma_ray.students import load_policy, make_student

@@ -15,10 +15,11 @@ from views import printed
 
 from analysis.commands.rankings import show_ranking
 from analysis.comparisons.sentences import ranking
-from analysis.comparisons.sides import beside, named_jointly, side_of, together
+from analysis.comparisons.sources import comparable_runs, named_jointly, reference_only, result_set
 from analysis.data.columns import COMPARISON, NAMED
-from analysis.data.frames import load
-from analysis.data.identity import disambiguate_names, identity
+from analysis.data.loading import load
+from analysis.data.naming import disambiguate_names
+from analysis.data.specs import identity
 from analysis.measures.evaluations import final_evaluations
 from analysis.pages.report import write_report
 from analysis.tables.paper_tables import table_results
@@ -112,12 +113,12 @@ def test_other_runs_of_a_baseline_stand_beside_and_not_for_mine(kind: str, tmp_p
     write(mine, SPEC, 2, range(3))
     write(theirs, changed(*OTHERS[kind]), 0, range(2))
     write(theirs, changed(*OTHERS[kind]), 1, range(2), "random")
-    own, others, said = named_jointly(side_of(load(mine), "mine"), [side_of(load(theirs), "theirs")])
-    runs = together(own, others)
+    own, others, said = named_jointly(result_set(load(mine), "mine"), [result_set(load(theirs), "theirs")])
+    runs = comparable_runs(own, others)
     pooled = runs.groupby(["environment", "challenge", "pool", "test_sets", "teacher"])["source"].nunique()
     assert set(pooled) == {1}
     assert any("stand apart as" in sentence for sentence in said)
-    assert len(runs) + sum(map(len, (beside(own, side) for side in others))) > 3
+    assert len(runs) + sum(map(len, (reference_only(own, side) for side in others))) > 3
 
 
 def test_the_papers_matrices_keep_their_names() -> None:
@@ -154,9 +155,9 @@ def test_the_same_settings_are_pooled_across_roots(tmp_path: Path) -> None:
     mine, theirs = tmp_path / "mine", tmp_path / "theirs"
     write(mine, SPEC, 2, range(3))
     write(theirs, SPEC, 1, range(3), "random")
-    own, others, said = named_jointly(side_of(load(mine), "mine"), [side_of(load(theirs), "theirs")])
+    own, others, said = named_jointly(result_set(load(mine), "mine"), [result_set(load(theirs), "theirs")])
     assert said == ()
-    assert set(together(own, others)["source"]) == {"mine", "theirs"}
+    assert set(comparable_runs(own, others)["source"]) == {"mine", "theirs"}
 
 
 @pytest.mark.slow

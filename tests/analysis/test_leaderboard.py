@@ -19,20 +19,20 @@ import analysis
 from analysis.baselines import BaselineError, add_to_release, find_baseline, release
 from analysis.baselines.verification import lacking
 from analysis.charts.base import Curve
+from analysis.charts.catalogue import trained_steps_chart
 from analysis.charts.paper.drawing import draw
 from analysis.charts.paper.style import svg
 from analysis.claims.agreement import agreements
 from analysis.commands.leaderboards import difference_charts, markdown, show_leaderboards
 from analysis.commands.releases import findings
-from analysis.comparisons.boards import leaderboards
-from analysis.comparisons.frame import over_challenges
-from analysis.comparisons.measured import measure
-from analysis.data.frames import load
+from analysis.comparisons.comparison import Measurements
+from analysis.comparisons.leaderboards import leaderboards
+from analysis.comparisons.pairwise import over_challenges
+from analysis.data.loading import load
 from analysis.data.reference import paper_frame
 from analysis.measures.pooling import runs_after
 from analysis.measures.tested import FINAL
 from analysis.names import label
-from analysis.pages.sections import trained_chart
 from analysis.statistics import percent_interval
 
 CHALLENGES = ("mostly_unfeasible", "mostly_trivial")
@@ -108,16 +108,13 @@ def test_steps_that_trained_stand_beside_those_that_were_spent() -> None:
 
 
 def test_curves_against_the_steps_that_trained_end_where_these_do() -> None:
-    frames = analysis.load("lite-1")
     charts = {
-        chart.name: chart
-        for mine in measure(frames).comparisons
-        for chart in trained_chart(frames, mine, str(mine.cells["challenge"].iloc[0]))
+        str(comparison.cells["challenge"].iloc[0]): chart
+        for comparison in Measurements(analysis.load("lite-1")).comparisons
+        for chart in trained_steps_chart(comparison)
     }
-    assert set(charts) == {
-        f"{name}-trained-steps" for name in ("mostly_unfeasible", "original", "rugged_difficulty")
-    }
-    marks = charts["original-trained-steps"].panels[0][0].marks
+    assert set(charts) == {"mostly_unfeasible", "original", "rugged_difficulty"}
+    marks = charts["original"].panels[0][0].marks
     ends = {mark.teacher: mark.x[-1] / 2e6 for mark in marks if isinstance(mark, Curve)}
     assert ends["accel"] == pytest.approx(0.39, abs=0.01)
     assert ends["alp_gmm"] == pytest.approx(1.0, abs=0.002)

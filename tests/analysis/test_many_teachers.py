@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 from synthetic_results import SyntheticCampaign
 
+from analysis.comparisons.comparison import leading
 from analysis.formatting import listed
 from analysis.pages.compare import write_comparison
-from analysis.pages.page import leading
 from analysis.pages.report import write_report
 
 TEACHERS = ("random", *(f"teacher_{number:02d}" for number in range(13)))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from synthetic_results import SMALL, SyntheticCampaign
 
-from analysis.comparisons.measured import measure
-from analysis.data.frames import load
+from analysis.comparisons.comparison import Measurements
+from analysis.data.loading import load
 from analysis.data.reference import NO_BASELINE
 from analysis.measures import evaluations
 
@@ -46,7 +46,7 @@ def test_a_group_under_way_is_read_where_all_its_runs_have_been(campaign: Synthe
 def test_failed_runs_count_nowhere_but_in_the_counts(campaign: SyntheticCampaign) -> None:
     campaign.plain_run("random", 0, {0: [0], 1000: [300]})
     failed = campaign.plain_run("random", 1, {0: [0], 1000: [0]}, status="failed")
-    measured = measure(load(campaign.root))
+    measured = Measurements(load(campaign.root))
     for table in (measured.finals, measured.evaluations):
         assert failed not in set(table["run_id"])
     row = measured.summary.iloc[0]
@@ -88,7 +88,7 @@ def test_every_teacher_is_tested_against_random_once(campaign: SyntheticCampaign
     campaign.seeds("random", [1, 2, 1, 2], 4)
     campaign.seeds("alp_gmm", [3, 4, 4, 3], 4)
     campaign.seeds("spdl", [0, 0, 1, 0], 4)
-    measured = measure(load(campaign.root))
+    measured = Measurements(load(campaign.root))
     tests = measured.tests[measured.tests["measure"] == "mastered_percent"].set_index("teacher")
     assert list(tests.index) == ["alp_gmm", "spdl"]
     assert tests.loc["alp_gmm", "difference"] == pytest.approx(50)
@@ -103,7 +103,7 @@ def test_random_of_another_knowledge_level_serves_where_there_is_no_other(
 ) -> None:
     campaign.seeds("random", [1, 2, 2], 4, level="none")
     campaign.seeds("adr", [2, 3, 3], 4, level="high")
-    test = measure(load(campaign.root)).tests.iloc[0]
+    test = Measurements(load(campaign.root)).tests.iloc[0]
     assert (test["teacher"], test["expert_knowledge"], test["reason"]) == ("adr", "high", "")
     assert test["difference"] == pytest.approx(25)
 
@@ -112,7 +112,7 @@ def test_unfinished_teachers_are_set_beside_random_at_the_same_step(campaign: Sy
     for seed in range(2):
         campaign.plain_run("random", seed, {0: [0, 0], 500: [300, 0], 1000: [300, 300]})
         campaign.plain_run("adr", seed, {0: [0, 0], 500: [300, 300]}, status="running")
-    test = measure(load(campaign.root)).tests.iloc[0]
+    test = Measurements(load(campaign.root)).tests.iloc[0]
     assert (test["reason"], test["step"], test["difference"]) == ("still running", 500, 25)
     assert np.isnan(test["p"])
 
@@ -122,7 +122,7 @@ def test_other_budgets_are_not_compared(campaign: SyntheticCampaign) -> None:
         campaign.plain_run("random", seed, {1000: [300 * seed]})
         campaign.plain_run("adr", seed, {2000: [300 * seed]}, steps=2000)
     frames = load(campaign.root)
-    assert measure(frames).tests.iloc[0]["reason"] == NO_BASELINE
+    assert Measurements(frames).tests.iloc[0]["reason"] == NO_BASELINE
     assert any("stand apart: 1,000 steps" in warning for warning in frames.warnings)
 
 

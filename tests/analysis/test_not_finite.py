@@ -14,9 +14,9 @@ from analysis.commands.claims import show_claims
 from analysis.commands.figures import write_figures
 from analysis.commands.rankings import show_ranking
 from analysis.commands.tables import write_tables
-from analysis.comparisons.frame import pairwise
-from analysis.comparisons.measured import measure
-from analysis.data.frames import load
+from analysis.comparisons.comparison import Measurements
+from analysis.comparisons.pairwise import pairwise
+from analysis.data.loading import load
 from analysis.measures.evaluations import evaluation_curves, mastered_tasks
 from analysis.measures.pooling import pooled, runs_after
 from analysis.measures.run_measures import NOT_FINITE, run_measures
@@ -69,7 +69,7 @@ def test_means_and_numbers_are_of_the_same_runs(root: Path) -> None:
     assert row["missing"] == f"not counted: 2 {NOT_FINITE}"
     test = pairwise(runs_after(frames), "mastered_percent", "random").iloc[0]
     assert (test["n"], test["reference_n"], test["difference"], test["uncounted"]) == (2, 4, 0, 2)
-    measured = measure(frames)
+    measured = Measurements(frames)
     group = measured.summary.set_index("teacher").loc["riac"]
     assert (group["seeds"], group["n"], group["mastered_percent_mean"]) == (4, 2, 50)
     assert group["evaluation_return_mean"] == 150

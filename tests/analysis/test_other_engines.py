@@ -9,7 +9,13 @@ from synthetic_results import BOX2D_RUN, SyntheticCampaign
 from analysis import load
 from analysis.baselines import Baseline
 from analysis.baselines import release as pack
-from analysis.comparisons.sides import baseline_side, beside, duels, side_of, together
+from analysis.comparisons.sources import (
+    baseline_results,
+    comparable_runs,
+    head_to_head,
+    reference_only,
+    result_set,
+)
 from tma_ray.runs import RunSpec
 
 pytestmark = pytest.mark.slow
@@ -27,12 +33,12 @@ def box2d(tmp_path: Path) -> Path:
 def test_as_a_baseline_they_stand_beside_ours(box2d: Path, campaign: SyntheticCampaign) -> None:
     for teacher, counts in (("random", [2, 2, 3]), ("riac", [3, 3, 4])):
         campaign.seeds(teacher, counts)
-    mine, theirs = side_of(load(campaign.root), "ours"), baseline_side(str(box2d))
+    mine, theirs = result_set(load(campaign.root), "ours"), baseline_results(str(box2d))
     assert (mine.engine, theirs.engine) == ("Chipmunk, physics version 1", "Box2D")
-    runs = together(mine, [theirs])
+    runs = comparable_runs(mine, [theirs])
     assert set(runs["source"]) == {"ours"}
-    assert set(duels(runs, ["riac"])["second"]) == {"random"}
-    shown = beside(mine, theirs)
+    assert set(head_to_head(runs, ["riac"])["second"]) == {"random"}
+    shown = reference_only(mine, theirs)
     assert shown["teacher"].tolist() == ["random", "riac"]
     assert all("engine: Box2D" in text for text in shown["differs"])
 

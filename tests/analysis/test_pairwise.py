@@ -7,9 +7,9 @@ from scipy import stats
 from synthetic_pools import cell, cells, parkour, pool
 from synthetic_results import SyntheticCampaign
 
-from analysis.comparisons.frame import OTHER_PARTS, pairwise
+from analysis.comparisons.pairwise import OTHER_PARTS, pairwise
 from analysis.data.columns import COMPARED
-from analysis.data.frames import load
+from analysis.data.loading import load
 from analysis.data.reference import NO_BASELINE
 from analysis.measures.pooling import pool_runs, reuse_random
 from analysis.measures.run_measures import evaluations_at

@@ -9,7 +9,7 @@ from synthetic_pools import PARKOUR_POOL, cell, parkour, pool
 from synthetic_results import SyntheticCampaign
 
 from analysis.data.columns import POOLED
-from analysis.data.frames import load
+from analysis.data.loading import load
 from analysis.measures.pooling import pool_runs, pooled, reuse_random
 from analysis.measures.run_measures import evaluations_at, run_measures
 

@@ -15,11 +15,11 @@ from matplotlib.lines import Line2D
 from synthetic_pools import cell, pool
 
 from analysis.charts.paper.style import png
-from analysis.comparisons.frame import pairwise, pairwise_from_statistics
+from analysis.comparisons.pairwise import pairwise, pairwise_from_statistics
 from analysis.data.reference import paper_frame
 from analysis.figures import radar
-from analysis.looks import look
 from analysis.measures.pooling import pooled, reuse_random
+from analysis.teacher_styles import teacher_style
 from tma_ray.benchmark import STUMP_TRACKS_CHALLENGES
 
 pytestmark = pytest.mark.slow
@@ -89,9 +89,9 @@ def test_stars_are_of_those_significantly_better_in_their_colours() -> None:
     rows += [(c, "riac", 30.0 if c == "mostly_trivial" else 20.5, 1.0, 8) for c in CHALLENGES]
     figure = drawn(results(rows))
     colours = [to_hex(star.get_color()) for star in stars_of(figure)]
-    assert colours.count(look("adr").colour) == 5
-    assert colours.count(look("riac").colour) == 1
-    assert look("spdl").colour not in colours
+    assert colours.count(teacher_style("adr").colour) == 5
+    assert colours.count(teacher_style("riac").colour) == 1
+    assert teacher_style("spdl").colour not in colours
 
 
 def test_marks_are_full_where_a_teacher_differs_either_way() -> None:
@@ -99,10 +99,10 @@ def test_marks_are_full_where_a_teacher_differs_either_way() -> None:
     marks = [line for line in drawn(results(rows)).axes[0].lines if len(line.get_xdata()) == 1]
 
     def fills(teacher: str) -> set[str]:
-        mine = [mark for mark in marks if mark.get_marker() == look(teacher).marker]
+        mine = [mark for mark in marks if mark.get_marker() == teacher_style(teacher).marker]
         return {to_hex(mark.get_markerfacecolor()) for mark in mine}
 
-    assert fills("spdl") == {look("spdl").colour}
+    assert fills("spdl") == {teacher_style("spdl").colour}
     assert fills("riac") == {"#ffffff"}
 
 
@@ -130,7 +130,7 @@ def test_over_a_random_of_0_results_lie_beyond_the_rings_with_their_stars() -> N
         in notes_of(figure)
     )
     colours = [to_hex(star.get_color()) for star in stars_of(figure)]
-    assert (colours.count(look("adr").colour), colours.count(look("riac").colour)) == (5, 1)
+    assert (colours.count(teacher_style("adr").colour), colours.count(teacher_style("riac").colour)) == (5, 1)
 
 
 def test_stars_of_neighbouring_axes_stay_apart() -> None:
@@ -199,4 +199,4 @@ def test_a_radar_of_our_own_runs_lends_random_to_the_other_levels() -> None:
     none, high = lines_of(figure, 0), lines_of(figure, 1)
     assert none == {"random": [1.0] * 5, "riac": [1.0] * 5}
     assert high["adr"] == pytest.approx([41.5 / 11.5] * 5)
-    assert [to_hex(star.get_color()) for star in stars_of(figure)] == [look("adr").colour] * 5
+    assert [to_hex(star.get_color()) for star in stars_of(figure)] == [teacher_style("adr").colour] * 5

@@ -16,10 +16,10 @@ from views import printed
 from analysis.commands.rankings import show_ranking
 from analysis.comparisons.against_random import against_random, sentences_against_random
 from analysis.comparisons.aggregates import stratified_means
-from analysis.comparisons.boards import overall, overall_rows, performance_profiles
+from analysis.comparisons.leaderboards import overall, overall_rows, performance_profiles
 from analysis.comparisons.ranks import ranks
 from analysis.comparisons.sentences import ranked, ranking, ranking_sentences
-from analysis.data.frames import load
+from analysis.data.loading import load
 from analysis.measures.pooling import runs_after
 from analysis.measures.tested import PAPERS
 from analysis.statistics import percent_interval

@@ -9,7 +9,7 @@ from synthetic_results import SyntheticCampaign
 
 from analysis import load
 from analysis.baselines import add_to_release
-from analysis.comparisons.frame import pairwise
+from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.verdicts import AXES, verdict
 from analysis.data.reference import BASELINE
 from analysis.formatting import number

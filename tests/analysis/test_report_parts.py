@@ -10,7 +10,7 @@ from synthetic_results import SyntheticCampaign
 
 from analysis import load
 from analysis.commands.figures import write_latex
-from analysis.comparisons.measured import measure, titled
+from analysis.comparisons.comparison import Measurements
 from analysis.pages.report import Video, wanted_videos, write_report
 from analysis.pages.sections import distinct
 
@@ -25,8 +25,7 @@ def root(campaign: SyntheticCampaign) -> Path:
 
 
 def test_the_best_and_the_worst_seed_play_the_task_that_tells_runs_apart(root: Path) -> None:
-    frames = load(root)
-    wanted = list(wanted_videos(frames, measure(frames)))
+    wanted = list(wanted_videos(Measurements(load(root))))
     assert [(each.teacher, each.seed, each.rank) for each in wanted] == [
         ("random", 0, "only"),
         ("adr", 2, "best"),
@@ -40,11 +39,10 @@ def test_the_best_and_the_worst_seed_play_the_task_that_tells_runs_apart(root: P
 def test_videos_are_embedded_with_what_came_of_them(
     root: Path, tmp_path: Path, ending: str, element: str
 ) -> None:
-    frames = load(root)
     file = tmp_path / f"one.{ending}"
     file.write_bytes(b"moving")
     assert "Policies at work" not in write_report(root).read_text()
-    videos = [Video(each, file, 123.4) for each in wanted_videos(frames, measure(frames))]
+    videos = [Video(each, file, 123.4) for each in wanted_videos(Measurements(load(root)))]
     text = re.sub(r"\s+", " ", write_report(root, videos=videos).read_text())
     assert text.count("base64,bW92aW5n") == 3
     assert f"{element} " in text
@@ -79,7 +77,7 @@ def test_titles_name_the_place_once_and_experiments_where_titles_would_be_equal(
         campaign = SyntheticCampaign(tmp_path, steps=1000, experiment=experiment)
         campaign.seeds("riac", (1, 2), challenge="original")
     known = "Stump Tracks, original task space, classic bipedal, SAC, expert knowledge low"
-    assert sorted(title for _, title, _ in titled(measure(load(tmp_path)))) == [
+    assert sorted(comparison.title for comparison in Measurements(load(tmp_path)).comparisons) == [
         "Parkour (swinging_creepers=true), classic bipedal, SAC, expert knowledge low",
         "Parkour, classic bipedal, SAC, expert knowledge low",
         f"again, {known}",

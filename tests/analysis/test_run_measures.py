@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_results import SMALL, SyntheticCampaign, mastering
 
-from analysis.data.frames import load
+from analysis.data.loading import load
 from analysis.measures.curriculum_measures import coverage_and_entropy, curriculum_curves, curriculum_measures
 from analysis.measures.run_measures import evaluations_at, measure_names, run_measures
 from tma_ray.results import Table

@@ -17,7 +17,7 @@ from analysis.comparisons.aggregates import (
     profiles,
     stratified_means,
 )
-from analysis.comparisons.frame import over_challenges, pairwise
+from analysis.comparisons.pairwise import over_challenges, pairwise
 from analysis.comparisons.ranks import ranks
 from analysis.data.columns import ACROSS, STRATA
 from analysis.measures.tested import compared, mean_over_strata, seeds_to_pair

@@ -13,10 +13,10 @@ from views import Told
 
 from analysis.baselines import BaselineError, release
 from analysis.baselines.catalogue import read
-from analysis.comparisons.measured import measure
+from analysis.comparisons.comparison import Measurements
 from analysis.comparisons.sentences import ranking
-from analysis.comparisons.sides import baseline_side, duels, side_of, together
-from analysis.data.frames import load
+from analysis.comparisons.sources import baseline_results, comparable_runs, head_to_head, result_set
+from analysis.data.loading import load
 from analysis.tables.paper_tables import table_results
 
 STEPS = 1000
@@ -45,16 +45,16 @@ def test_random_serves_across_roots_and_levels(roots: tuple[Path, Path]) -> None
     mine = table.loc[("low", "frontier")]
     assert (mine["n"], mine["difference"], mine["reason"]) == (4, 50, "")
     assert mine["holm"] < 0.001
-    tests = measure(read(roots)).tests.set_index("measure").loc["mastered_percent"]
+    tests = Measurements(read(roots)).tests.set_index("measure").loc["mastered_percent"]
     assert (tests["experiment"], tests["difference"], tests["reason"]) == ("frontier", 50, "")
-    mine, theirs = side_of(load(roots[0]), "mine"), baseline_side(str(roots[1]))
-    runs = together(mine, [theirs])
+    mine, theirs = result_set(load(roots[0]), "mine"), baseline_results(str(roots[1]))
+    runs = comparable_runs(mine, [theirs])
     assert set(runs["expert_knowledge"]) == {"low"}
     assert set(zip(runs["source"], runs["teacher"], strict=True)) == {
         ("mine", "frontier"),
         ("theirs", "random"),
     }
-    (duel,) = duels(runs, ["frontier"]).to_dict("records")
+    (duel,) = head_to_head(runs, ["frontier"]).to_dict("records")
     assert (duel["second"], duel["difference"], duel["reason"]) == ("random", 50, "")
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from synthetic_pools import cells, pool
 
-from analysis.comparisons.frame import pairwise, pairwise_from_statistics
+from analysis.comparisons.pairwise import pairwise, pairwise_from_statistics
 from analysis.comparisons.ranks import ranks
 from analysis.comparisons.sentences import ranked
 from analysis.comparisons.verdicts import verdict

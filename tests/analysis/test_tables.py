@@ -14,7 +14,7 @@ from synthetic_pools import parkour, pool
 from synthetic_results import SyntheticCampaign
 
 from analysis.commands.tables import write_tables
-from analysis.data.frames import load
+from analysis.data.loading import load
 from analysis.measures.pooling import pooled
 from analysis.tables.paper_tables import (
     TableResults,

@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 from synthetic_results import SMALL, SyntheticCampaign
 
-from analysis.data.frames import load, with_plain_texts
+from analysis.data.frames import with_plain_texts
+from analysis.data.loading import load
 from tma_ray.cli import main
 
 TEXTS = ["alp_gmm", None, "random"]

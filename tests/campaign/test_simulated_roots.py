@@ -15,8 +15,8 @@ import pytest
 
 from analysis.baselines import release, verify
 from analysis.baselines.verification import lacking
-from analysis.comparisons.boards import leaderboards
-from analysis.data.frames import load
+from analysis.comparisons.leaderboards import leaderboards
+from analysis.data.loading import load
 from analysis.measures.pooling import runs_after
 from tma_ray.campaign.simulated import SimulatedRoot, played_runs
 from tma_ray.cli import main

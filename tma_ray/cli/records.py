@@ -43,7 +43,8 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "share": "share of the budget after which runs were read",
         "measure": "measure of the ranking: mastered_area, last_three or mastered_percent",
         "rows": "results, the best of each challenge first, with columns of analysis.comparisons.sentences",
-        "overall": "estimates over all challenges, with the columns of analysis.comparisons.boards.overall",
+        "overall": "estimates over all challenges, with the columns of "
+        "analysis.comparisons.leaderboards.overall",
         "sentences": "the rows in words",
     },
     "claims": {
@@ -143,7 +144,7 @@ def status_record(root: str | Path, found: Overview, now: float) -> dict[str, An
 def ranking_record(sources: Sequence[str | Path], share: float, measure: str) -> dict[str, Any]:
     """Return the ranking of one or several roots after a share of the budget."""
     from analysis.baselines.catalogue import read
-    from analysis.comparisons.boards import overall
+    from analysis.comparisons.leaderboards import overall
     from analysis.comparisons.sentences import ranked, ranking_sentences
     from analysis.measures.pooling import runs_after
 

@@ -93,14 +93,14 @@ def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
     from importlib.util import find_spec
 
     from analysis.baselines.catalogue import read
-    from analysis.comparisons.measured import measure
+    from analysis.comparisons.comparison import Measurements
     from analysis.pages.report import Video, wanted_videos
     from tma_ray.runs.saved_policies import find_policy
     from tma_ray.runs.spec import evaluation_seeds
     from tma_ray.viewing.rendering import EpisodeSettings, render
 
     frames, ending = read(sources), ".mp4" if find_spec("av") else ".gif"
-    for wanted in wanted_videos(frames, measure(frames)):
+    for wanted in wanted_videos(Measurements(frames)):
         folder.mkdir(parents=True, exist_ok=True)
         run, task, file = wanted.run_id, wanted.task, folder / f"{wanted.name}{ending}"
         root = str(frames.results_of(run).store)

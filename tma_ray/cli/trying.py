@@ -145,7 +145,7 @@ class _Trial:
 
     def judge(self) -> bool:
         """Tell the verdicts of a new look, and write them; return True if the trial ends."""
-        from analysis.data.frames import frames_of
+        from analysis.data.loading import frames_of
         from analysis.pages.page import page_folder
         from analysis.pages.trial import write_trial
         from analysis.trials.design import ended_runs

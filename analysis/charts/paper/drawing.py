@@ -28,8 +28,8 @@ from analysis.charts.paper.marks import (
 from analysis.charts.paper.radar import draw_radars
 from analysis.charts.paper.style import P, styled
 from analysis.charts.radars import Radar
-from analysis.formatting import amount
-from analysis.looks import MUTED
+from analysis.formatting import steps_text
+from analysis.teacher_styles import MUTED
 from tma_ray.support.gifs import gif_bytes
 
 FRAME = "#b9bec6"
@@ -88,7 +88,7 @@ def _frames(chart: Chart) -> Iterator[NDArray[np.uint8]]:
             for artist in (*axes.collections, *axes.patches, *axes.texts):
                 artist.remove()
             draw_marks(axes, panel.at(step))
-        figure.suptitle(f"{amount(step)} steps" if step else "start", fontsize=9)
+        figure.suptitle(f"{steps_text(step)} steps" if step else "start", fontsize=9)
         canvas.draw()  # type: ignore[no-untyped-call]
         figure.set_layout_engine("none")  # keeps the layout of the first frame
         yield np.array(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]

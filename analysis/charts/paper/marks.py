@@ -15,7 +15,7 @@ from matplotlib.patches import Polygon
 from matplotlib.transforms import ScaledTranslation
 
 from analysis.charts import base
-from analysis.looks import MUTED, RULE, Look
+from analysis.teacher_styles import MUTED, RULE, TeacherStyle
 
 STAR_ROW = 6.5  # height of a row of stars, points
 
@@ -233,7 +233,7 @@ def line_handle(mark: base.Mark) -> Line2D:
     return look_handle(look, mark.name, fill, line=not isinstance(mark, base.Interval))
 
 
-def look_handle(look: Look, name: str, fill: str = "", line: bool = True) -> Line2D:
+def look_handle(look: TeacherStyle, name: str, fill: str = "", line: bool = True) -> Line2D:
     """Return a legend handle in a style."""
     edge = look.colour if fill and fill != look.colour else "white"
     style: dict[str, Any] = {"color": look.colour, "marker": look.marker, "markersize": 4, "linewidth": 1.3}

@@ -15,8 +15,8 @@ from analysis.charts.base import Chart
 from analysis.charts.paper.marks import legend, legend_height, look_handle, mark_handle
 from analysis.charts.radars import BEYOND, HEIGHT, Radar
 from analysis.data.reference import BASELINE, is_baseline
-from analysis.looks import INK, MUTED, RULE, look, shown_together
 from analysis.names import teacher_order
+from analysis.teacher_styles import INK, MUTED, RULE, shown_together, teacher_style
 
 CENTRE, RADIUS = 1.36, 0.86
 """Height of a radar's centre above its lower edge, and radius of its rim, inches."""
@@ -34,7 +34,7 @@ def draw_radars(chart: Chart) -> Figure:
     rows = [dict(item for radar in row for item in radar.teachers.items()) for row in chart.panels]
     with shown_together(itertools.chain(*rows)):
         named = [
-            [look_handle(look(teacher), row[teacher]) for teacher in sorted(row, key=teacher_order)]
+            [look_handle(teacher_style(teacher), row[teacher]) for teacher in sorted(row, key=teacher_order)]
             for row in rows
         ]
         heights = [legend_height(handles, width, size) for handles in (marks, *named)]
@@ -112,12 +112,12 @@ class RadarAxes:
         if self._radar.beyond:
             self._ring(outer, linestyle=(0, (2, 2)), gid="beyond", **fine)
             self._name_ring(outer, "\N{INFINITY}")
-        random = look(BASELINE)
+        random = teacher_style(BASELINE)
         self._ring(1.0, color=random.colour, linestyle=random.dashes, linewidth=1.1, zorder=1, gid=BASELINE)
 
     def _draw_line(self, teacher: str) -> None:
         """Draw a teacher's line, with a gap where a value is missing, and its markers."""
-        radar, style = self._radar, look(teacher)
+        radar, style = self._radar, teacher_style(teacher)
         radii = [radar.radius(teacher, axis) for axis in range(len(radar.axes))]
         line: dict[str, Any] = {"linestyle": style.dashes, "linewidth": 1.1, "zorder": 2, "label": teacher}
         around = np.append(self._angles, 2 * np.pi)
@@ -160,7 +160,7 @@ class RadarAxes:
                     transform=self._figure.dpi_scale_trans,
                     marker="*",
                     markersize=6.2,
-                    color=look(teacher).colour,
+                    color=teacher_style(teacher).colour,
                     markeredgewidth=0,
                     linestyle="none",
                 )

@@ -11,7 +11,7 @@ import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from analysis.looks import INK, MUTED, RULE
+from analysis.teacher_styles import INK, MUTED, RULE
 from tma_ray.support.validation import check_type
 
 DPI = 150  # resolution of pictures on pages, in dots per inch

@@ -1,7 +1,4 @@
-"""The frame of comparisons: who against whom, where, by which measure, and what the test of their means says.
-
-Rankings, ranks, boards, pages and sentences are views of it.
-"""
+"""Tests between groups of runs, one row per pair; rankings, leaderboards, pages and sentences use them."""
 
 import itertools
 import math
@@ -45,17 +42,17 @@ from tma_ray.benchmark import TEACHERS
 from tma_ray.support.validation import check_known, check_sequence
 
 OTHER_PARTS: Final = "other bodies or students"
-"""Reason why two groups are not tested whose runs are not of the same bodies and students."""
+"""Reason for no test between groups with other bodies or students."""
 
 TEST = list(Comparison.__dataclass_fields__)
 """Columns of a test, those of `statistics.Comparison`."""
 
 FRAME = ["measure", "first", "second", "family", "challenges", "fewest", *TEST, "uncounted", "detectable"]
-"""Columns of the frame besides those that groups have in common, and those of Holm's correction."""
+"""Columns of `pairwise` besides the columns `within` and `CORRECTED`."""
 
 CORE, NEWCOMERS = "core", "newcomers"
-"""Families of tests between teachers of a core, and between teachers that joined later; those of a newcomer
-with the core are a family of its name."""
+"""Families of tests between teachers of a core, and between newcomers. Tests of a newcomer with the core are
+a family named by it."""
 
 Randoms: TypeAlias = Mapping[Any, pd.DataFrame]
 
@@ -70,26 +67,26 @@ def pairwise(
     *,
     detectable: bool = True,
 ) -> pd.DataFrame:
-    """Return the frame of comparisons between groups of runs, one row a pair.
+    """Return the tests between groups of runs, one row per pair.
 
     Tests are Welch's, over strata with least variances where there are several, or paired by seed where seeds
-    share a student. Runs without the measure do not count. Groups are not tested that share a run or that
-    have other bodies or students. Over challenges (``within=ACROSS, strata=STRATA``) the difference is
-    that of the challenges that both groups have with the same bodies and students; challenges have equal
-    weight, and within a challenge its bodies and students.
+    share a student. Runs without the measure do not count. Groups that share a run, or have other bodies or
+    students, are not tested. Over challenges (``within=ACROSS, strata=STRATA``) the difference is
+    that of the challenges that both groups have with the same bodies and students. Challenges have equal
+    weight, as have bodies and students within a challenge.
 
-    Teachers of a core (column core of the runs) are a family of their own, whose least variances are those of
-    its own runs, so that no newcomer changes a verdict on them.
+    Teachers of a core (column core of the runs) are a family of their own with least variances of its own
+    runs, so that no newcomer changes a verdict on them.
 
     Args:
         runs: rows of `pooling.pool_runs`; with a step column among `within`, the values of
             `run_measures.evaluations_at`, and so tests along learning curves.
         measure: column of `runs`.
-        reference: group that all others are tested against, such as "random", or several, which are tested
-            against each other, too; None for all pairs.
+        reference: group that all others are tested against, such as "random", or several groups, which are
+            also tested against each other; None for all pairs.
         within: columns that groups must have in common to be compared.
-        between: column that tells groups apart: teacher, or expert_knowledge (with teacher among `within`).
-        strata: columns that tell the strata of a sample apart; `STRATA` over challenges.
+        between: column of the groups: teacher, or expert_knowledge (with teacher among `within`).
+        strata: columns of the strata of a sample; `STRATA` over challenges.
         detectable: True to compute that column, which takes longer than the tests.
 
     Returns:
@@ -97,14 +94,14 @@ def pairwise(
         `statistics.Comparison` for first minus second, and
 
         - family: tests that are corrected together, `CORE`, `NEWCOMERS` or the name of a newcomer;
-        - challenges: number of those that are compared;
-        - fewest: runs that either group has of one challenge, at least;
-        - uncounted: runs of both without the measure, or not yet at the step; while there are any, the
-          test is not the last word;
-        - detectable: smallest difference that so many runs with these standard deviations within strata
+        - challenges: number of challenges that are compared;
+        - fewest: smallest number of runs of either group on a challenge;
+        - uncounted: runs of both groups without the measure, or not yet at the step; the test is provisional
+          if there are any;
+        - detectable: smallest difference that as many runs with these standard deviations within strata
           find with power 0.8; NaN without a test, over challenges, or if it is not computed;
-        - holm: p adjusted for the tests of a family that have `within` in common, step left out, so that all
-          pairs and steps of a comparison are one family;
+        - holm: p adjusted for the tests of a family that have `within` but step in common, so that all pairs
+          and steps of a comparison are one family;
         - simultaneous_low, simultaneous_high: ends of `statistics.simultaneous_intervals`.
     """
     check_sequence("within", within)
@@ -139,18 +136,18 @@ def pairwise(
 def over_challenges(
     runs: pd.DataFrame, measure: str, reference: str | Collection[str] | None = None
 ) -> pd.DataFrame:
-    """Return the frame of comparisons over all challenges that two teachers have, each of equal weight."""
+    """Return the tests over all challenges that two teachers have, with equal weights of challenges."""
     return pairwise(runs, measure, reference, ACROSS, strata=STRATA, detectable=False)
 
 
 def core_of(runs: pd.DataFrame) -> frozenset[str]:
-    """Return the teachers of the core among runs of a comparison; all of them where they have none."""
+    """Return the teachers of the core among runs of a comparison, or all teachers if there is no core."""
     core = runs["core"].to_numpy(bool) if "core" in runs else np.zeros(len(runs), bool)
     return frozenset(map(str, runs["teacher"][core if core.any() else ~core]))
 
 
 def from_both_sides(tests: pd.DataFrame) -> pd.DataFrame:
-    """Return each test of a frame and its mirror image with sides exchanged, under the same index."""
+    """Return each test and its mirror image, with first and second exchanged, under the same index."""
     exchanged = tests.assign(
         first=tests["second"],
         second=tests["first"],
@@ -172,20 +169,20 @@ def pairwise_from_statistics(
     reference: str | None = None,
     within: Sequence[str] = (*COMPARED, "embodiments", "students"),
 ) -> pd.DataFrame:
-    """Return the frame of comparisons between published results, by Welch's t-test.
+    """Return the tests between published results, by Welch's t-test.
 
-    Of our own results prefer the runs, which also tell whether two samples share some.
+    For results with runs prefer `pairwise`, which excludes pairs that share runs.
 
     Args:
-        table: one row per teacher: teacher, n, `measure` with the endings _mean and _std, and those of
-            `within` that there are.
-        measure: name of the measure that is compared.
+        table: one row per teacher: teacher, n, `measure` with the endings _mean and _std, and any of
+            `within`.
+        measure: name of the measure.
         reference: teacher that all others are tested against; None for all pairs.
-        within: columns that teachers must have in common to be compared; absent ones do not matter.
+        within: columns that teachers must have in common to be compared, if the table has them.
 
     Returns:
         `within`, measure, first, second, the columns of `statistics.Comparison` for first minus second, and
-        of all tests that have `within` in common `CORRECTED`.
+        `CORRECTED` for all tests with `within` in common.
     """
     values = ["n", f"{measure}_mean", f"{measure}_std"]
     check_columns("table", table, ["teacher", *values])
@@ -207,9 +204,13 @@ def pairwise_from_statistics(
 def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Return the test of every teacher of a report against Random, one row each.
 
-    Where Random was run at another level of expert knowledge or in another experiment only, those runs are
-    used. While runs are under way both are read at the same step, and the difference is not tested. `finals`
-    are of `final_evaluations`, `curves` of `evaluation_curves`, and `measure` is a column of both.
+    Random may have been run at another level of expert knowledge or in another experiment. Until runs have
+    ended, both groups are read at the same step, and the difference is not tested.
+
+    Args:
+        finals: rows of `final_evaluations`.
+        curves: rows of `evaluation_curves`.
+        measure: column of both.
 
     Returns:
         `GROUP`, measure, step, the columns of `statistics.Comparison`, and by comparison `CORRECTED`.
@@ -217,9 +218,9 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
     rows, randoms, seeds = [], randoms_of(finals), seeds_to_pair(finals)
     for key, teachers in finals.groupby(COMPARISON, sort=True):
         reference = reference_of(teachers, randoms)
-        for name, mine in teachers.groupby("teacher", sort=True):
+        for name, runs in teachers.groupby("teacher", sort=True):
             if not is_baseline(str(name)):
-                step, test = _at_one_step(mine, reference, curves, measure, seeds)
+                step, test = _at_one_step(runs, reference, curves, measure, seeds)
                 rows.append([*key, str(name), measure, step, *vars(test).values()])
     return corrected(pd.DataFrame(rows, columns=[*GROUP, "measure", "step", *TEST]), COMPARISON)
 
@@ -259,33 +260,33 @@ def _samples_at_steps(
     rows = curves[curves[measure].notna()].drop_duplicates(["step", "teacher", "run_id"])
     values, run_ids = rows[measure].to_numpy(float), rows["run_id"].to_numpy(object)
     groups: dict[Any, Any] = rows.groupby(["step", "teacher"]).indices
-    return {key: (values[places], run_ids[places]) for key, places in groups.items()}
+    return {key: (values[indices], run_ids[indices]) for key, indices in groups.items()}
 
 
 def _at_one_step(
-    mine: pd.DataFrame, reference: pd.DataFrame, curves: pd.DataFrame, measure: str, seeds: Seeds
+    runs: pd.DataFrame, reference: pd.DataFrame, curves: pd.DataFrame, measure: str, seeds: Seeds
 ) -> tuple[float, Comparison]:
     """Return the step at which two groups are compared, and the comparison."""
-    step, reason = min(mine["step"].max(), reference["step"].max()), ""
+    step, reason = min(runs["step"].max(), reference["step"].max()), ""
     if reference.empty:
         reason = NO_BASELINE
-    elif mine["provisional"].any() or reference["provisional"].any():
+    elif runs["provisional"].any() or reference["provisional"].any():
         reason = "still running"
         now = curves[curves["step"] == step].drop_duplicates("run_id")
-        mine, reference = (now[now["run_id"].isin(rows["run_id"])] for rows in (mine, reference))
-    elif set(mine["step"]) != set(reference["step"]):
+        runs, reference = (now[now["run_id"].isin(rows["run_id"])] for rows in (runs, reference))
+    elif set(runs["step"]) != set(reference["step"]):
         reason = "trained for other numbers of steps"
     first, second = (
         pd.Series(rows[measure].to_numpy(float), rows["run_id"].to_numpy(object))
-        for rows in (mine, reference)
+        for rows in (runs, reference)
     )
     test = compared(first, second, seeds)
     return step, Comparison(test.n, test.reference_n, test.difference, reason=reason) if reason else test
 
 
-def randoms_of(everything: pd.DataFrame) -> Randoms:
-    """Return the rows of Random by the columns `RANDOM_ALIKE`, of rows with `GROUP` and `RUN_CONDITIONS`."""
-    return dict(list(baseline_rows(everything).groupby(RANDOM_ALIKE))) if len(everything) else {}
+def randoms_of(rows: pd.DataFrame) -> Randoms:
+    """Return the rows of Random by the columns `RANDOM_ALIKE`."""
+    return dict(list(baseline_rows(rows).groupby(RANDOM_ALIKE))) if len(rows) else {}
 
 
 def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
@@ -317,10 +318,10 @@ def _check_reference(reference: str | None, table: pd.DataFrame) -> None:
 def stratified_runs(
     runs: pd.DataFrame, measure: str, by: Sequence[str], strata: Sequence[str]
 ) -> pd.DataFrame:
-    """Return `by`, run_id, the measure, and place (challenge), stratum and stratum_name of each row.
+    """Return `by`, run_id, the measure, and the numbers of challenge and stratum with the name of the latter.
 
-    Strata, told apart by the columns `strata`, are numbered here, in order, rather than in each of hundreds
-    of groups. A run that is measured counts once in each group. Columns members, core and step are kept.
+    Strata, given by the columns `strata`, are numbered once rather than in each of hundreds of groups. A run
+    with the measure counts once in each group. Columns members, core and step are kept.
     """
     numbers = _numbered(runs, strata)
     _, first = np.unique(numbers, return_index=True)
@@ -328,7 +329,7 @@ def stratified_runs(
     kept = [column for column in ("members", "core", "step") if column in runs]
     columns = list(dict.fromkeys([*by, "run_id", measure, *kept]))
     rows = runs[columns].assign(
-        place=_numbered(runs, [column for column in strata if column in CHALLENGE]),
+        challenge_number=_numbered(runs, [column for column in strata if column in CHALLENGE]),
         stratum=numbers,
         stratum_name=np.array(names, dtype=object)[numbers],
     )
@@ -337,34 +338,37 @@ def stratified_runs(
 
 
 def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
-    """Return the values of `measure` by stratum, named by what tells them apart, indexed by run id.
+    """Return the values of `measure` by the name of the stratum, indexed by run id.
 
-    Rows are some of `stratified_runs`; those without the measure do not count.
+    Args:
+        rows: rows of `stratified_runs`; those without the measure do not count.
+        measure: column of `rows`.
     """
-    return by_challenge(rows.assign(place=0), measure).get(0, {})
+    return by_challenge(rows.assign(challenge_number=0), measure).get(0, {})
 
 
 def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
-    """Return the samples of each body and student by challenge, of rows of `stratified_runs`."""
+    """Return the samples of bodies and students by challenge from rows of `stratified_runs`."""
     return _by_group(rows, measure, np.zeros(len(rows), np.int64)).get(0, {})
 
 
 def _by_group(
     rows: pd.DataFrame, measure: str, groups: NDArray[np.int64]
 ) -> dict[int, dict[Hashable, dict[str, pd.Series]]]:
-    """Return `by_challenge` of each group of rows by its number; groups without values are left out."""
-    chosen = np.flatnonzero(rows[measure].notna().to_numpy())
-    names, strata, places = (rows[column].to_numpy() for column in ("stratum_name", "stratum", "place"))
-    order = chosen[np.lexsort((strata[chosen], places[chosen], groups[chosen]))]
+    """Return `by_challenge` of each group of rows by its number, without groups that have no values."""
+    columns = ("stratum_name", "stratum", "challenge_number")
+    names, strata, challenges = (rows[column].to_numpy() for column in columns)
+    measured = np.flatnonzero(rows[measure].notna().to_numpy())
+    order = measured[np.lexsort((strata[measured], challenges[measured], groups[measured]))]
     values, run_ids = rows[measure].to_numpy(float)[order], rows["run_id"].to_numpy(object)[order]
     whole = pd.Series(values, index=pd.Index(run_ids, dtype=object))
-    changes = np.any([np.diff(each[order]) != 0 for each in (strata, places, groups)], axis=0)
+    changes = np.any([np.diff(codes[order]) != 0 for codes in (strata, challenges, groups)], axis=0)
     starts = [0, *(np.flatnonzero(changes) + 1), len(order)] if len(order) else []
     samples: dict[int, dict[Hashable, dict[str, pd.Series]]] = {}
     for start, end in itertools.pairwise(starts):
         first = order[start]
-        there = samples.setdefault(int(groups[first]), {}).setdefault(int(places[first]), {})
-        there[names[first]] = whole.iloc[start:end]
+        of_group = samples.setdefault(int(groups[first]), {})
+        of_group.setdefault(int(challenges[first]), {})[names[first]] = whole.iloc[start:end]
     return samples
 
 
@@ -375,26 +379,26 @@ def _numbered(runs: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.int64]:
 
 
 CORRECTED = ["holm", "simultaneous_low", "simultaneous_high"]
-"""Columns of Holm's correction and of the intervals that belong to it."""
+"""Columns of Holm's correction and of the simultaneous intervals."""
 
 
 def corrected(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
-    """Return a table of tests with `CORRECTED`, for those that have the columns `family` in common."""
+    """Return a table of tests with `CORRECTED`, for families with the columns `family` in common."""
     table = table.assign(**dict.fromkeys(CORRECTED, math.nan)).astype(dict.fromkeys(CORRECTED, float))
     groups = table.groupby(list(family), dropna=False).indices.values() if family else [np.arange(len(table))]
     columns = ["difference", "low", "high", "degrees_of_freedom"]
-    numbers, found = table[columns].to_numpy(float), table[CORRECTED].to_numpy(float)
+    numbers, corrections = table[columns].to_numpy(float), table[CORRECTED].to_numpy(float)
     p_values = table["p"].to_numpy(float)
     for rows in groups:
         adjusted = holm(p_values[rows])
         difference, low, high, freedom = numbers[rows].T
         intervals = simultaneous_intervals(difference, low, high, freedom, adjusted)
-        found[rows] = np.column_stack([adjusted, *intervals])
-    return table.assign(**dict(zip(CORRECTED, found.T, strict=True)))
+        corrections[rows] = np.column_stack([adjusted, *intervals])
+    return table.assign(**dict(zip(CORRECTED, corrections.T, strict=True)))
 
 
 def _family_of(first: str, second: str, core: frozenset[str]) -> str:
-    """Return the family of a test; see `CORE`."""
+    """Return the family of a test, `CORE`, `NEWCOMERS` or the name of a newcomer."""
     newcomers = [name for name in (first, second) if name not in core]
     return NEWCOMERS if len(newcomers) > 1 else newcomers[0] if newcomers else CORE
 
@@ -404,19 +408,19 @@ class _Sample:
     """A group of runs.
 
     Attributes:
-        places: values by run id, by challenge and stratum in it.
+        challenges: values by run id, by challenge and stratum.
         uncounted: number of runs without a value.
     """
 
-    places: Mapping[Hashable, Mapping[str, pd.Series]]
+    challenges: Mapping[Hashable, Mapping[str, pd.Series]]
     uncounted: int
 
     @cached_property
     def parts(self) -> dict[tuple[Hashable, str], Description]:
         """Description of each stratum, by challenge and name."""
         return {
-            (place, stratum): describe(sample)
-            for place, strata in self.places.items()
+            (challenge, stratum): describe(sample)
+            for challenge, strata in self.challenges.items()
             for stratum, sample in strata.items()
         }
 
@@ -427,26 +431,26 @@ class _Sample:
 
     @property
     def described(self) -> Description:
-        """Number of runs, and the deviation that gives the mean over strata of equal size its variance."""
+        """Number of runs, and the standard deviation within strata of equal size."""
         std = math.sqrt(sum(part.std**2 for part in self.parts.values()) / len(self.parts))
         return Description(self.n, math.nan, std)
 
 
 def _samples_of(rows: pd.DataFrame, measure: str, between: str) -> dict[str, _Sample]:
-    """Return the sample of each group by its name in the column `between`, in order."""
+    """Return the sample of each group by its name in the column `between`, sorted."""
     groups, names = pd.factorize(rows[between], sort=True)
-    places = _by_group(rows, measure, groups)
+    challenges = _by_group(rows, measure, groups)
     counts = np.bincount(groups, rows[measure].notna().to_numpy(), len(names))
     members = np.zeros(len(names), np.int64)
     np.maximum.at(members, groups, rows["members"].to_numpy())
     return {
-        str(name): _Sample(places.get(number, {}), int(members[number] - counts[number]))
+        str(name): _Sample(challenges.get(number, {}), int(members[number] - counts[number]))
         for number, name in enumerate(names)
     }
 
 
 def _detectable(row: Mapping[str, Any], first: _Sample, second: _Sample) -> float:
-    """Return the smallest difference that a test of the same runs finds; see `pairwise`."""
+    """Return the smallest detectable difference of `pairwise`."""
     if row["method"] is Method.PAIRED:
         return detectable_in_pairs(row["n"], (row["high"] - row["low"]) / 2)
     if row["method"] is Method.SIGN_FLIP:
@@ -457,36 +461,33 @@ def _detectable(row: Mapping[str, Any], first: _Sample, second: _Sample) -> floa
 def _least_variances(
     samples: Mapping[str, _Sample], core: Collection[str]
 ) -> dict[tuple[Hashable, str], float]:
-    """Return the least variance that counts in each stratum, by challenge and name.
-
-    It is that of the core's teachers, of all teachers in strata that no teacher of the core has.
-    """
+    """Return the least variance by challenge and stratum, over the core or else over all teachers."""
     values: dict[tuple[Hashable, str], dict[bool, list[Description]]] = {}
     for name, sample in samples.items():
         for stratum, part in sample.parts.items():
             values.setdefault(stratum, {}).setdefault(name in core, []).append(part)
-    return {stratum: least_variance(there.get(True) or there[False]) for stratum, there in values.items()}
+    return {stratum: least_variance(parts.get(True) or parts[False]) for stratum, parts in values.items()}
 
 
 def _compared(
     first: _Sample, second: _Sample, seeds: Seeds, least: Mapping[tuple[Hashable, str], float]
 ) -> dict[str, object]:
-    """Return the test of two groups over the strata of the challenges that both have, and its scope."""
-    mine, theirs = first.places, second.places
-    places = [place for place in mine if place in theirs and set(mine[place]) == set(theirs[place])]
-    names = [(place, stratum) for place in places for stratum in sorted(mine[place])]
-    pairs = [(mine[place][stratum], theirs[place][stratum]) for place, stratum in names]
+    """Return the test of two groups over challenges that both have with the same strata, and its scope."""
+    ours, others = first.challenges, second.challenges
+    common = [key for key in ours if key in others and set(ours[key]) == set(others[key])]
+    names = [(key, stratum) for key in common for stratum in sorted(ours[key])]
+    pairs = [(ours[key][stratum], others[key][stratum]) for key, stratum in names]
     if not pairs:
-        reason = OTHER_PARTS if mine.keys() & theirs.keys() else "nothing in common"
+        reason = OTHER_PARTS if ours.keys() & others.keys() else "nothing in common"
         test = Comparison(first.n, second.n, math.nan, reason=reason)
     elif len(pairs) == 1:
         test = compared(*pairs[0], seeds)
     else:
-        weights = stratum_weights([place for place, _ in names])
+        weights = stratum_weights([key for key, _ in names])
         described = [(first.parts[name], second.parts[name]) for name in names]
         test = compared_over_strata(pairs, weights, seeds, [least[name] for name in names], described)
-    counts = [sum(map(len, side[place].values())) for side in (mine, theirs) for place in places]
+    counts = [sum(map(len, strata[key].values())) for strata in (ours, others) for key in common]
     fewest = min(min(counts, default=0), test.n)  # pairs may be fewer than runs
     uncounted = first.uncounted + second.uncounted
-    own = {"challenges": len(places), "fewest": fewest, "uncounted": uncounted, "detectable": math.nan}
-    return own | vars(test)
+    scope = {"challenges": len(common), "fewest": fewest, "uncounted": uncounted, "detectable": math.nan}
+    return scope | vars(test)

@@ -1,4 +1,4 @@
-"""Views of the frame over all challenges at once: leaderboards, and estimates of each teacher.
+"""Leaderboards, and estimates of each teacher, over all challenges.
 
 `runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them, in per cent.
 """
@@ -13,13 +13,13 @@ import pandas as pd
 
 from analysis.comparisons.against_random import AgainstRandom, Gap, against_random
 from analysis.comparisons.aggregates import improvements, profiles, stratified_means
-from analysis.comparisons.frame import pairwise
+from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.ranks import Rank, ranks
 from analysis.comparisons.verdicts import AXES
 from analysis.data.columns import ACROSS, CHALLENGE, PARTS, STRATA
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
-from analysis.formatting import amount, caveat, estimate, listed, number
+from analysis.formatting import estimate, few_seeds_warning, listed, number, steps_text
 from analysis.measures.pooling import condition_words, levels_together, runs_after, varying
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
 from analysis.measures.trained import NEARLY_ALL, trained_shares
@@ -27,13 +27,13 @@ from analysis.names import challenge_title, distinct_labels, label, mark_of, tit
 from tma_ray.support.component_names import split_name
 
 THRESHOLDS = (25, 50, 75)
-"""Per cent of the test tasks, over which the share of runs is told in tables."""
+"""Per cent of the test tasks for the shares of runs in tables."""
 
-BLOCK = [*ACROSS, "block", "challenges", "of"]
-"""Columns that the rows of `overall` have in common that are read together."""
+BLOCK_COLUMNS = [*ACROSS, "block", "challenges", "of"]
+"""Columns of a block of rows of `overall`: the teachers of one set of challenges."""
 
 CREDIBLE = 0.95
-"""Least probability that the best teacher is one of those that `Leaderboard.best` has."""
+"""Least probability that the teachers of `Leaderboard.best` include the best one."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,10 @@ class Entry:
     """A teacher of a leaderboard.
 
     Attributes:
-        ranks: rank over all challenges by each of `AXES`, with the ranks that the tests leave open.
-        against: comparison with Random; None for Random, and where Random has no results.
-        results: headline in per cent by the title of the challenge: mean, and both ends of its 95 %
-            interval; these NaN where runs have no spread.
+        ranks: rank over all challenges by each of `AXES`.
+        against: comparison with Random; None for Random, and without results of Random.
+        results: mean of the headline in per cent and both ends of its 95 % interval by the title of the
+            challenge; ends are NaN if runs have no spread.
         trained: median share of the steps from which the student learned, in per cent; NaN if unknown.
     """
 
@@ -64,12 +64,12 @@ class Leaderboard:
     """Teachers with results on the same challenges, at one level of expert knowledge and one budget.
 
     Attributes:
-        title: level, budget and engine, environments or further conditions where these alone tell it from
-            another, and number of challenges where that is not all.
+        title: level, budget, engine and what else is needed to distinguish it: environments, conditions,
+            and the number of challenges if that is not all.
         challenges: titles, in the order of the columns.
         entries: teachers, the best in the end first.
         names: shortest distinct label of each teacher; see `names.distinct_labels`.
-        runs: rows of `pooling.pool_runs` that it is of.
+        runs: its rows of `pooling.pool_runs`.
     """
 
     title: str
@@ -85,28 +85,28 @@ class Leaderboard:
 
     @property
     def newcomers(self) -> bool:
-        """True if any teacher is none of the core."""
+        """True if any teacher is not of the core."""
         return any(entry.ranks[HEADLINE].newcomer for entry in self.entries)
 
     def best(self, axis: str) -> dict[str, float]:
-        """Return the fewest teachers that hold the best one with probability `CREDIBLE`, each with its."""
+        """Return the chances of the fewest teachers that include the best one with probability `CREDIBLE`."""
         chances = {entry.teacher: entry.ranks[axis].chance for entry in self.entries}
-        found: dict[str, float] = {}
+        best: dict[str, float] = {}
         for teacher in sorted(chances, key=lambda name: -chances[name]):
-            if sum(found.values()) < CREDIBLE:
-                found[teacher] = chances[teacher]
-        return found
+            if sum(best.values()) < CREDIBLE:
+                best[teacher] = chances[teacher]
+        return best
 
     def answer(self) -> str:
-        """Return in two sentences which teachers are the best, sooner and in the end."""
+        """Return two sentences on the best teachers, sooner and in the end."""
         if len(self.entries) < 2:
             return ""
         leaders = {axis: self.best(axis) for axis in AXES}
-        said = {axis: self._named(chances) for axis, chances in leaders.items()}
+        texts = {axis: self._named(chances) for axis, chances in leaders.items()}
         if leaders[HEADLINE].keys() == leaders[FINAL].keys():
-            first = f"The best teacher, sooner and in the end, is {said[FINAL]}"
+            first = f"The best teacher, sooner and in the end, is {texts[FINAL]}"
         else:
-            first = f"The best teacher in the end is {said[FINAL]}; the soonest is {said[HEADLINE]}"
+            first = f"The best teacher in the end is {texts[FINAL]}; the soonest is {texts[HEADLINE]}"
         by_end = {entry.teacher: number(entry.ranks[FINAL].mean) for entry in self.entries}
         others = [teacher for teacher in by_end if teacher not in leaders[FINAL]]
         shown = [*leaders[FINAL], *others[:1], *(name for name in others[1:] if is_baseline(name))]
@@ -114,15 +114,15 @@ class Leaderboard:
         return f"{first}. Mastered test tasks in the end: {', '.join(means)}."
 
     def marked(self, entry: Entry) -> str:
-        """Return the name of a teacher with the marks that `notes` explains, and that of one's own."""
+        """Return the name of a teacher with the marks of `notes` and of the reader's own teachers."""
         partly = bool(entry.against and TRAINED in entry.against.gaps)
         marks = "*" * entry.ranks[HEADLINE].newcomer + "†" * partly
         return f"{self.names[entry.teacher]}{' ' * bool(marks)}{marks}{mark_of(entry.teacher)}"
 
     def on_each_challenge(self, axis: str) -> dict[tuple[str, str], Gap]:
-        """Return the difference to Random by teacher and title of the challenge.
+        """Return the difference from Random by teacher and title of the challenge.
 
-        Tests of a challenge are a family of the core against Random, and one of each newcomer.
+        On each challenge the tests of the core against Random are a family, and so is that of each newcomer.
         """
         tests = pairwise(self.runs, axis, BASELINE, detectable=False)
         return {
@@ -138,18 +138,18 @@ class Leaderboard:
 
 
 def notes(board: Leaderboard) -> list[str]:
-    """Return sentences below a board: comparisons per trained step, settings left out of names, few seeds."""
-    found = []
+    """Return the notes below a board: comparisons per trained step, settings left out of names, few seeds."""
+    sentences = []
     gaps = [(entry, entry.against.gaps) for entry in board.entries if entry.against]
     parts = [
         f"{board.names[entry.teacher]} {gap} ({gap.verdict}; {number(entry.trained, 0)} % trained)"
-        for entry, own in gaps
-        if (gap := own.get(TRAINED))
+        for entry, by_measure in gaps
+        if (gap := by_measure.get(TRAINED))
     ]
     if parts:
-        found.append(f"† Per trained step, beside Random, over training: {'; '.join(parts)}.")
+        sentences.append(f"† Per trained step, beside Random, over training: {'; '.join(parts)}.")
     if board.newcomers:
-        found.append("* Joined later: ranked with the core by its own tests.")
+        sentences.append("* Joined later: ranked with the core by its own tests.")
     shortened = [teacher for teacher, name in board.names.items() if name != label(teacher)]
     if shortened:
         left_out: dict[str, list[str]] = {}
@@ -159,12 +159,12 @@ def notes(board: Leaderboard) -> list[str]:
             left_out.setdefault(", ".join(settings), []).append(short)
         words = "; ".join(f"{settings} of {', '.join(names)}" for settings, names in left_out.items())
         fitted = " With budget= settings fit the steps of a run; those of the core's teachers do not."
-        found.append(f"Settings left out of names: {words}.{fitted if 'budget=' in words else ''}")
+        sentences.append(f"Settings left out of names: {words}.{fitted if 'budget=' in words else ''}")
     runs = [(entry, entry.ranks[HEADLINE]) for entry in board.entries]
     usual, _ = Counter(rank.n for _, rank in runs).most_common(1)[0]
-    few = caveat(min(rank.fewest for _, rank in runs if rank.n >= usual))
+    few = few_seeds_warning(min(rank.fewest for _, rank in runs if rank.n >= usual))
     fewer = listed(board.names[entry.teacher] for entry, rank in runs if rank.n < usual)
-    return [*found, *([f"{few}{f' Fewer runs: {fewer}.' if fewer else ''}"] if few else [])]
+    return [*sentences, *([f"{few}{f' Fewer runs: {fewer}.' if fewer else ''}"] if few else [])]
 
 
 def leaderboards(
@@ -172,68 +172,67 @@ def leaderboards(
 ) -> list[Leaderboard]:
     """Return leaderboards for each level of expert knowledge and budget, those with most runs first.
 
-    Next to the leaderboard of the teachers that have results on all challenges there is one for each smaller
-    set, as `on_the_same` has them. Of runs that have not ended nothing counts. Levels at which the same runs
-    count are one.
+    Besides the leaderboard of teachers with results on all challenges there is one for each set of
+    `challenge_sets`. Only runs that have ended count. Levels with the same runs are one.
 
     Args:
         frames: results of `load`.
-        runs: rows of `pooling.runs_after`, after a share of the budget; by default at the ends of runs.
+        runs: rows of `pooling.runs_after`; those at the ends of runs by default.
         subsets: True for the smaller sets of challenges, too.
     """
-    found: dict[tuple[str, ...], list[Leaderboard]] = {}
+    boards: dict[tuple[str, ...], list[Leaderboard]] = {}
     conditions = [column for column in ACROSS if column != "expert_knowledge"]
     runs = runs_after(frames, training=False) if runs is None else runs
     runs = levels_together(runs.dropna(subset=HEADLINE), conditions)
     for where, part in _blocks(runs, HEADLINE):
         if where["block"] and not subsets:
             continue
-        board = _board(where, part, frames, _told_apart(where, part, runs))
-        found.setdefault(tuple(str(where[name]) for name in ACROSS), []).append(board)
+        board = _board(where, part, frames, _distinction(where, part, runs))
+        boards.setdefault(tuple(str(where[name]) for name in ACROSS), []).append(board)
     ordered = sorted(
-        found.values(), key=lambda boards: -sum(e.ranks[HEADLINE].n for b in boards for e in b.entries)
+        boards.values(), key=lambda group: -sum(e.ranks[HEADLINE].n for b in group for e in b.entries)
     )
-    return [board for boards in ordered for board in boards]
+    return [board for group in ordered for board in group]
 
 
 def _blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
-    """Yield the values of `BLOCK` and the runs of each set of challenges that teachers share."""
+    """Yield the values of `BLOCK_COLUMNS` and the runs of each set of challenges that teachers share."""
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
-        for block, (part, of) in enumerate(on_the_same(group)):
+        for block, (part, of) in enumerate(challenge_sets(group)):
             challenges = int(part.groupby(CHALLENGE, dropna=False).ngroups)
-            yield dict(zip(BLOCK, (*key, block, challenges, of), strict=True)), part
+            yield dict(zip(BLOCK_COLUMNS, (*key, block, challenges, of), strict=True)), part
 
 
-def on_the_same(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
+def challenge_sets(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
     """Yield the runs of each set of challenges, the largest first, and the number of all challenges.
 
-    A set is all challenges that some teacher has with all of their bodies and students; its runs are those of
-    all teachers that have these.
+    A set is all challenges that some teacher has with all of their bodies and students, and has the runs of
+    all teachers on these.
     """
-    places = runs.groupby(CHALLENGE, dropna=False, sort=True).ngroup()
+    challenges = runs.groupby(CHALLENGE, dropna=False, sort=True).ngroup()
     parts = runs.groupby([*CHALLENGE, *PARTS], dropna=False, sort=True).ngroup()
-    expected = parts.groupby(places).nunique()
+    expected = parts.groupby(challenges).nunique()
     held: dict[str, frozenset[int]] = {}
-    for teacher, mine in parts.groupby(runs["teacher"]):
-        counts = mine.groupby(places).nunique()
+    for teacher, numbers in parts.groupby(runs["teacher"]):
+        counts = numbers.groupby(challenges).nunique()
         held[str(teacher)] = frozenset(counts.index[counts == expected[counts.index]])
-    for wanted in sorted(set(held.values()) - {frozenset()}, key=lambda each: (-len(each), sorted(each))):
-        everyone = [teacher for teacher, own in held.items() if own >= wanted]
-        yield runs[places.isin(wanted) & runs["teacher"].isin(everyone)], len(expected)
+    for chosen in sorted(set(held.values()) - {frozenset()}, key=lambda some: (-len(some), sorted(some))):
+        teachers = [teacher for teacher, complete in held.items() if complete >= chosen]
+        yield runs[challenges.isin(chosen) & runs["teacher"].isin(teachers)], len(expected)
 
 
-def _told_apart(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFrame) -> list[str]:
-    """Return the environments and conditions of `part` in words, where others of `runs` differ in no more."""
+def _distinction(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFrame) -> list[str]:
+    """Return the environments and conditions that alone distinguish `part` from other `runs`, as text."""
     for name in ("expert_knowledge", "steps", "engine", "physics_version"):
         runs = runs[runs[name].astype(str) == str(where[name])]
-    places = sorted(part["environment"].unique())
-    here = runs[runs["environment"].isin(places)]
-    words = [title("environment", tuple(places))] if len(here) < len(runs) else []
-    return [*words, *condition_words(pd.Series(where), varying(here, ["mastery_threshold", "variant"]))]
+    environments = sorted(part["environment"].unique())
+    same = runs[runs["environment"].isin(environments)]
+    words = [title("environment", tuple(environments))] if len(same) < len(runs) else []
+    return [*words, *condition_words(pd.Series(where), varying(same, ["mastery_threshold", "variant"]))]
 
 
 def _board(
-    where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames, told_apart: Sequence[str]
+    where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames, distinction: Sequence[str]
 ) -> Leaderboard:
     results: dict[str, dict[str, tuple[float, float, float]]] = {}
     titles: dict[str, None] = {}
@@ -256,33 +255,32 @@ def _board(
     )
     version, challenges = where["physics_version"], where["challenges"]
     engine = f"{where['engine']} {version:g}" if version else where["engine"]
-    budget = f"{amount(where['steps'])} steps"
-    heading = ", ".join([f"expert knowledge {where['expert_knowledge']}", budget, engine, *told_apart])
+    budget = f"{steps_text(where['steps'])} steps"
+    heading = ", ".join([f"expert knowledge {where['expert_knowledge']}", budget, engine, *distinction])
     if challenges < where["of"]:
         heading += f": the {len(entries)} teachers on {challenges} of {where['of']} challenges"
     return Leaderboard(heading, tuple(titles), entries, distinct_labels(results), runs)
 
 
 def _title_of(row: Mapping[Any, Any] | pd.Series) -> str:
-    place, challenge = str(row["environment"]), str(row["challenge"])
-    return challenge_title(place, challenge, f"{place} {challenge}")
+    environment, challenge = str(row["environment"]), str(row["challenge"])
+    return challenge_title(environment, challenge, f"{environment} {challenge}")
 
 
 def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
     """Return one row for each teacher at each level and budget, on the same challenges, the best first.
 
-    Teachers are set side by side on the same challenges only: apart from those that have results on all,
-    there is a block of rows for each smaller set, as `on_the_same` has them.
+    Teachers are compared on the same challenges only, in a block of rows for each of `challenge_sets`.
 
     Returns:
-        `ACROSS`, block (number of the set of challenges), challenges (number of them), of (number that there
-        are), teacher, n, and with their 95 % intervals mean, low_mean, high_mean: mean over challenges of
-        equal weight; better, low_better, high_better: probability that a run is better than one of Random on
-        the same challenge (Agarwal et al., 2021); final: the same mean of the last three evaluations; worst:
-        result of the worst run, the mean over challenges; over_25 and so on: share of runs over so many per
-        cent.
+        `ACROSS`, block (number of the set of challenges), challenges (their number), of (number of all),
+        teacher, n, and with their 95 % intervals mean, low_mean, high_mean: mean over challenges of equal
+        weight; better, low_better, high_better: probability that a run is better than one of Random on the
+        same challenge (Agarwal et al., 2021); final: the same mean of the last three evaluations; worst:
+        result of the worst run, the mean over challenges; over_25, over_50, over_75: share of runs over that
+        percentage.
     """
-    by, found = [*ACROSS, "teacher"], []
+    by, tables = [*ACROSS, "teacher"], []
     for where, part in _blocks(runs, measure):
         means = stratified_means(part, measure)[[*by, "n", "difference", "low", "high"]]
         chances = improvements(part, measure, BASELINE, ACROSS, STRATA)
@@ -303,9 +301,9 @@ def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
             table = table.merge(columns, on=by, how="left")
         order = [*[True] * len(ACROSS), False]
         table = table.sort_values([*ACROSS, "mean"], ascending=order, ignore_index=True)
-        found.append(table.assign(**{name: where[name] for name in ("block", "challenges", "of")}))
-    table = pd.concat(found, ignore_index=True) if found else pd.DataFrame()
-    return table.reindex(columns=list(dict.fromkeys([*BLOCK, "teacher", *table])))
+        tables.append(table.assign(**{name: where[name] for name in ("block", "challenges", "of")}))
+    table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+    return table.reindex(columns=list(dict.fromkeys([*BLOCK_COLUMNS, "teacher", *table])))
 
 
 def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, Any]]:
@@ -315,14 +313,14 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
         block, place, name (of the teacher), n, mean and better (with intervals), final, worst, over (shares
         of runs over `THRESHOLDS`).
     """
-    rows, told = [], _told(runs)
+    rows, named = [], _named_conditions(runs)
     for row in overall(runs, measure).to_dict("records"):
         name = str(row["teacher"])
         better = estimate(row["better"], row["low_better"], row["high_better"], 2)
         rows.append(
             {
                 "block": row["block"],
-                "place": _place_of(pd.Series(row), told),
+                "place": _block_title(pd.Series(row), named),
                 "name": name,
                 "n": row["n"],
                 "mean": estimate(row["mean"], row["low_mean"], row["high_mean"], 1),
@@ -336,20 +334,21 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
 
 
 def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield level and budget, in words, and rows of `profiles` of all teachers there, every 2 per cent."""
+    """Yield the title and rows of `profiles`, every 2 per cent, of each block of teachers."""
+    named = _named_conditions(runs)
     for where, part in _blocks(runs, measure):
         table = profiles(part, measure, range(0, 100, 2), by=[*ACROSS, "teacher"], strata=STRATA)
-        yield _place_of(pd.Series(where), _told(runs)), table
+        yield _block_title(pd.Series(where), named), table
 
 
-def _told(runs: pd.DataFrame) -> list[str]:
-    """Return the conditions that titles name: the budget, and those that vary."""
+def _named_conditions(runs: pd.DataFrame) -> list[str]:
+    """Return the conditions in titles: the budget, and those that vary."""
     return list(dict.fromkeys(["steps", *varying(runs)])) if len(runs) else []
 
 
-def _place_of(row: pd.Series, told: Sequence[str]) -> str:
-    """Return level and conditions of a block in words, and its challenges where they are not all."""
-    words = [f"expert knowledge {row['expert_knowledge']}", *condition_words(row, told)]
+def _block_title(row: pd.Series, named: Sequence[str]) -> str:
+    """Return level and conditions of a block, and its number of challenges if that is not all."""
+    words = [f"expert knowledge {row['expert_knowledge']}", *condition_words(row, named)]
     if row["challenges"] < row["of"]:
         words.append(f"{row['challenges']} of {row['of']} challenges")
     return ", ".join(words)

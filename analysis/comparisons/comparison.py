@@ -1,0 +1,241 @@
+"""Measurements of a root, and its comparisons of teachers under the same conditions."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.comparisons.pairwise import Randoms, against_baseline, randoms_of, reference_of
+from analysis.data.columns import COMPARISON
+from analysis.data.curricula import Axis, Curriculum, curricula_of_runs, stack, task_axes
+from analysis.data.frames import Frames
+from analysis.data.reference import is_baseline
+from analysis.measures.evaluations import (
+    ceiling_percent,
+    evaluation_curves,
+    final_evaluations,
+    summarise,
+    training_curves,
+)
+from analysis.measures.tested import HEADLINE, MEASURES
+from analysis.names import challenge_title, label, teacher_order
+from tma_ray.support.component_names import base_name
+
+TABLES = ("cells", "finals", "summary", "tests", "evaluations", "training")
+"""Tables of `Measurements`, of which a `TeacherComparison` has its rows."""
+
+ALL_SHOWN = 12
+"""Number of teachers up to which a page shows all of them at first."""
+
+MOST_SHOWN = 8
+"""Number of teachers that a page with more of them shows at first, beside Random."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """Measurements of all runs of a root, in tables with the columns `COMPARISON`.
+
+    Attributes:
+        frames: results of the root.
+    """
+
+    frames: Frames
+
+    @property
+    def cells(self) -> pd.DataFrame:
+        """Cells of `Frames`."""
+        return self.frames.cells
+
+    @cached_property
+    def finals(self) -> pd.DataFrame:
+        """One row per run, of `evaluations.final_evaluations`."""
+        return final_evaluations(self.frames)
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """One row per teacher, of `evaluations.summarise`."""
+        return summarise(self.frames, self.finals)
+
+    @cached_property
+    def tests(self) -> pd.DataFrame:
+        """One row per teacher and measure, the headline first, of `pairwise.against_baseline`."""
+        tables = [against_baseline(self.finals, self.evaluations, measure) for measure in MEASURES]
+        return pd.concat(tables, ignore_index=True)
+
+    @cached_property
+    def evaluations(self) -> pd.DataFrame:
+        """One row per run and evaluation, of `evaluations.evaluation_curves`."""
+        return evaluation_curves(self.frames)
+
+    @cached_property
+    def training(self) -> pd.DataFrame:
+        """Returns in training, of `evaluations.training_curves`."""
+        return training_curves(self.frames)
+
+    @cached_property
+    def randoms(self) -> Randoms:
+        """Evaluations of Random, of `randoms_of`."""
+        return randoms_of(self.evaluations)
+
+    @cached_property
+    def shown(self) -> frozenset[str]:
+        """Teachers that a page shows at first."""
+        return leading(self.finals, HEADLINE, self.cells["teacher"], COMPARISON)
+
+    @property
+    def comparisons(self) -> tuple["TeacherComparison", ...]:
+        """The comparisons in a fixed order, as new objects, so that the curricula of each are freed."""
+        return tuple(TeacherComparison(measurements=self, **parts) for parts in self._parts)
+
+    @cached_property
+    def _parts(self) -> list[dict[str, Any]]:
+        tables: dict[str, pd.DataFrame] = {name: getattr(self, name) for name in TABLES}
+        groups = {
+            name: dict(list(table.groupby(COMPARISON))) if len(table) else {}
+            for name, table in tables.items()
+        }
+        keys = self.cells[COMPARISON].drop_duplicates().sort_values(COMPARISON)
+        parts: list[dict[str, Any]] = [
+            {name: groups[name].get(key, table.head(0)) for name, table in tables.items()}
+            for key in keys.itertuples(index=False, name=None)
+        ]
+        titles = _titles([part["cells"].iloc[0] for part in parts])
+        for number, (part, title) in enumerate(zip(parts, titles, strict=True), start=1):
+            part |= {"anchor": f"comparison-{number}", "title": title}
+        return parts
+
+
+@dataclass(frozen=True, eq=False)
+class TeacherComparison:
+    """Teachers compared under the same conditions: the rows of `Measurements` with one value of `COMPARISON`.
+
+    Attributes:
+        anchor: identifier on a page.
+        title: title that no other comparison of the root has.
+        cells: cells of `Frames`.
+        finals: one row per run.
+        summary: one row per teacher.
+        tests: one row per teacher and measure.
+        evaluations: one row per run and evaluation.
+        training: returns in training.
+        measurements: measurements of the whole root.
+    """
+
+    anchor: str
+    title: str
+    cells: pd.DataFrame
+    finals: pd.DataFrame
+    summary: pd.DataFrame
+    tests: pd.DataFrame
+    evaluations: pd.DataFrame
+    training: pd.DataFrame
+    measurements: Measurements = field(repr=False)
+
+    @property
+    def frames(self) -> Frames:
+        """Results of the root."""
+        return self.measurements.frames
+
+    @cached_property
+    def axes(self) -> tuple[Axis, ...]:
+        """Dimensions of the task space."""
+        return task_axes(self.cells)
+
+    @cached_property
+    def ceiling(self) -> float | None:
+        """Test tasks that any run ever masters in the environment, in %; see `ceiling_percent`."""
+        return ceiling_percent(self.frames, str(self.cells["environment"].iloc[0]))
+
+    @cached_property
+    def reference(self) -> pd.DataFrame:
+        """Evaluations of Random, where needed those at another level or in another experiment."""
+        return reference_of(self.evaluations, self.measurements.randoms)
+
+    @cached_property
+    def median_runs(self) -> dict[str, pd.Series]:
+        """The run of each teacher with the median headline, else its first run that has begun."""
+        cells = self.cells[self.cells["status"].isin(["done", "running"])]
+        ranked = self.finals.sort_values([HEADLINE, "evaluation_return"], kind="stable")
+        finals = {
+            str(teacher): rows.to_numpy(object) for teacher, rows in ranked.groupby("teacher")["run_id"]
+        }
+        begun = {str(teacher): runs for teacher, runs in cells.groupby("teacher")}
+        chosen = {}
+        for teacher in sorted(begun, key=teacher_order):
+            runs = begun[teacher]
+            run_ids = runs["run_id"].to_numpy(object)
+            by_headline = finals.get(teacher, run_ids[:1])
+            median = by_headline[(len(by_headline) - 1) // 2]
+            chosen[teacher] = runs.iloc[int(np.argmax(run_ids == median))]
+        return chosen
+
+    @cached_property
+    def curricula(self) -> dict[str, Curriculum]:
+        """The curriculum of each teacher's median run, if it has any episode."""
+        return self.read_curricula(self.median_runs)
+
+    def read_curricula(self, teachers: Iterable[str]) -> dict[str, Curriculum]:
+        """Return the curricula of the median runs of some teachers, of those that have any episode."""
+        runs = {teacher: self.median_runs[teacher] for teacher in teachers}
+        curricula = zip(runs, curricula_of_runs(self.frames, list(runs.values())), strict=True)
+        return {
+            teacher: curriculum
+            for teacher, curriculum in curricula
+            if len(curriculum.episodes) and stack(curriculum.episodes["task"]).shape[1] == len(self.axes)
+        }
+
+
+def _titles(cells: Sequence[pd.Series]) -> list[str]:
+    """Return a title for the cell of each comparison, with its experiment where titles would be equal."""
+    several_engines = len({cell["engine"] for cell in cells}) > 1
+    titles = []
+    for cell in cells:
+        environment, plain = label(cell["environment"]), label(base_name(cell["environment"]))
+        challenge = challenge_title(cell["environment"], cell["challenge"], cell["challenge"])
+        parts = [
+            challenge
+            if challenge.startswith(plain)
+            else f"{environment}, {challenge[:1].lower()}{challenge[1:]}",
+            cell["embodiment"].replace("_", " "),
+            label(cell["student"]),
+            f"expert knowledge {cell['expert_knowledge']}",
+            cell["engine"] if several_engines else "",
+        ]
+        titles.append(", ".join(filter(None, parts)))
+    counts = Counter(titles)
+    return [
+        f"{cell['experiment']}, {title}" if counts[title] > 1 else title
+        for cell, title in zip(cells, titles, strict=True)
+    ]
+
+
+def leading(
+    results: pd.DataFrame, measure: str, teachers: Iterable[object], within: Sequence[str] = ()
+) -> frozenset[str]:
+    """Return the teachers that a page shows at first: all, or Random and the best of many.
+
+    The best are those with the highest mean of a measure over the challenges that each has results of, and
+    the best one of each comparison that would otherwise be empty.
+
+    Args:
+        results: a row for each teacher and challenge, with the columns teacher and `measure`.
+        measure: column of `results`; NaN where there is nothing.
+        teachers: all teachers of the page, also those without results yet.
+        within: columns that the teachers of a comparison have in common.
+    """
+    everyone = frozenset(map(str, teachers))
+    if len(everyone) <= ALL_SHOWN:
+        return everyone
+    means = results.groupby("teacher")[measure].mean().sort_values(ascending=False, kind="stable")
+    others = [str(teacher) for teacher in means.index if not is_baseline(str(teacher))]
+    shown = {*others[:MOST_SHOWN], *(str(teacher) for teacher in means.index if is_baseline(str(teacher)))}
+    if within:
+        best = results.dropna(subset=[measure]).sort_values(measure, ascending=False, kind="stable")
+        for _, rows in best.groupby(list(within), dropna=False, sort=True):
+            if shown.isdisjoint(rows["teacher"]):
+                shown.add(str(rows["teacher"].iloc[0]))
+    return frozenset(shown)
