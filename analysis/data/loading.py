@@ -31,7 +31,7 @@ def frames_of(results: Results) -> Frames:
     """Return the frames of opened results; missing tables become empty frames and warnings."""
     runs = with_settings(with_plain_texts(results.table(Table.RUNS).to_pandas()))
     cells = _join(with_plain_texts(read_table(results, Table.CELLS)), runs)
-    cells, name_warnings = _named_cells(cells.assign(core=True))
+    cells, name_warnings = _named_cells(cells)
     columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
     evaluations = read_table(results, Table.EVALUATIONS, columns)
     evaluations["mastered"] = evaluations["episodic_return"] > _thresholds(evaluations, runs)
@@ -43,7 +43,7 @@ def frames_of(results: Results) -> Frames:
     )
     warnings = *_cell_warnings(cells, evaluations), *_evaluation_warnings(measured)
     return Frames(
-        cells=cells,
+        cells=cells.assign(core=True),
         evaluations=evaluations,
         measured=measured,
         test_tasks=tasks.drop_duplicates(["test_set", "task_index"]).reset_index(drop=True),
