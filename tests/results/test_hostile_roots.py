@@ -21,8 +21,7 @@ from tma_ray.results.layout import table_path
 from tma_ray.results.manifest import MOST_RUN_ROWS, Manifest, PartFile
 from tma_ray.results.parquet import MOST_ROWS, decode, opened, unpacked_sizes
 from tma_ray.results.schema import SCHEMAS
-from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning
-from tma_ray.support.npz import load_npz
+from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning, load_npz
 from tma_ray.tasks import TestSet
 
 

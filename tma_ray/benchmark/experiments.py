@@ -216,8 +216,7 @@ LONG_1_STAGES: dict[str, tuple[Matrix, ...]] = {
 seeds."""
 
 
-TEACHERS = ("random", *sorted(TEACHER_GRIDS))
-"""The teachers compared in the paper."""
+TEACHERS = ("random", *sorted(TEACHER_GRIDS))  # the teachers compared in the paper
 
 
 @dataclass(frozen=True)

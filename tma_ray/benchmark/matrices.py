@@ -200,8 +200,7 @@ def _parkour(locomotion: str, embodiment: str, first_seed: int) -> Matrix:
     )
 
 
-ORIGINAL_SPACE = Matrix("original", "stump_tracks", "original")
-"""Original space of Stump Tracks."""
+ORIGINAL_SPACE = Matrix("original", "stump_tracks", "original")  # original space of Stump Tracks
 
 STUMP_TRACKS_CHALLENGES: tuple[Matrix, ...] = (
     Matrix("mostly_unfeasible", "stump_tracks", "mostly_unfeasible"),

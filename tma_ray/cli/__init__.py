@@ -13,7 +13,7 @@ from cyclopts import App
 from tma_ray import __version__
 from tma_ray.console.command_line import description, group, run
 from tma_ray.console.exit_codes import RefusedError
-from tma_ray.support.docstrings import docstring_of
+from tma_ray.support.lazy_imports import docstring_of
 
 GARBAGE_OBJECTS: Final = 200_000
 """New objects after which Python looks for circular garbage, instead of 700: what commands read of thousands

@@ -22,8 +22,7 @@ MAIN_GUARDS = ("__name__ == '__main__'", "'__main__' == __name__")
 OUR_FOLDER = Path(__file__).resolve().parents[2]
 """Folder of `PACKAGES`. Packages of the same names elsewhere belong to the user."""
 
-INSTALLED = frozenset({"site-packages", "dist-packages"})
-"""Names of folders with installed packages."""
+INSTALLED = frozenset({"site-packages", "dist-packages"})  # names of folders with installed packages
 
 
 @dataclass(frozen=True)
@@ -113,11 +112,7 @@ class _Collector:
         self.files: dict[str, bytes] = {}
 
     def locate(self, module: str) -> tuple[Path, Path]:
-        """Return the import root and the file of `module`.
-
-        Raises:
-            FileNotFoundError: if it is not collected, or not a module.
-        """
+        """Return the import root and the file of `module`, or raise a FileNotFoundError."""
         for root in self._roots_of(module.partition(".")[0]):
             path = root.joinpath(*module.split("."))
             for file in (path / "__init__.py", path.with_name(f"{path.name}.py")):

@@ -17,7 +17,7 @@ from typing import Final, Generic, TypeVar, cast
 
 from tma_ray.components.plugin_source import OURS, PluginSource, importable_name
 from tma_ray.support.component_names import base_name, nearest
-from tma_ray.support.docstrings import docstring_of
+from tma_ray.support.lazy_imports import docstring_of
 
 T = TypeVar("T")
 C = TypeVar("C")
@@ -214,12 +214,7 @@ class Registry(Generic[T]):
         return self.base is object or (isinstance(value, type) and issubclass(value, self.base))
 
     def _import(self, name: str, module: str) -> ModuleType:
-        """Import the module of an implementation, perhaps from the current folder.
-
-        Raises:
-            UnknownNameError: if the module is missing.
-            PluginImportError: if the module raises an error.
-        """
+        """Import the module of an implementation, perhaps from the current folder."""
         sys.path.extend(folder for folder in _searched if folder not in sys.path)
         try:
             return importlib.import_module(module)

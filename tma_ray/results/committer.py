@@ -81,6 +81,7 @@ class Committer:
 
     Every method can be repeated after a crash and then leads to the same files. Readers see each evaluation
     once and whole at any time, since data becomes visible and moves by replacing the manifest of the run.
+    Publications raise a StaleAttemptError if a later attempt is accepted, or the run is done.
 
     Args:
         store: store of the root, which may not exist yet.
@@ -109,9 +110,6 @@ class Committer:
         """Start a new attempt at a run, which makes older ones stale, and return its number.
 
         Published results stay visible. A previous attempt whose driver died gets its row.
-
-        Raises:
-            StaleAttemptError: if the run is done.
         """
         published = _readable(self.store, run.run_id)
         if published is not None:
@@ -149,12 +147,7 @@ class Committer:
         return whole
 
     def publish(self, run: RunRecord, attempt: int, parts: Sequence[PartFile]) -> None:
-        """Publish all `parts` of the run so far, once a checkpoint refers to them.
-
-        Raises:
-            StaleAttemptError: if a later attempt is accepted, or the run is done.
-            FileNotFoundError: if a part is missing.
-        """
+        """Publish all `parts` of the run so far, once a checkpoint refers to them."""
         published = accepted_manifest(self.store, run.run_id, attempt)
         visible = set(published.files) if published else set()
         for part in parts:
@@ -166,7 +159,6 @@ class Committer:
         """Publish the policy and the files of `RunWriter.finish`, then remove the staging folder.
 
         Raises:
-            StaleAttemptError: if a later attempt is accepted, or another one has finished the run.
             FileNotFoundError: if a file is neither staged nor published.
             DamagedFileError: if a file is damaged.
         """
@@ -190,11 +182,7 @@ class Committer:
         self.store.delete(layout.staging_folder(run.run_id))
 
     def fail(self, run: RunRecord, attempt: int, error: str) -> None:
-        """Mark a run as failed. A later attempt may continue it.
-
-        Raises:
-            StaleAttemptError: if a later attempt is accepted, or the run is done.
-        """
+        """Mark a run as failed. A later attempt may continue it."""
         published = accepted_manifest(self.store, run.run_id, attempt)
         files = published.files if published else ()
         self._replace(published, Manifest(run, RunStatus.FAILED, attempt, files, error))

@@ -105,9 +105,6 @@ def pack(
         name: name of the new files.
         tick: function called between runs, for signs of life.
         options: tables and files to write.
-
-    Raises:
-        DamagedFileError: if rows cannot be read, or the written files differ from them.
     """
     slices: dict[str, list[PartFile]] = {manifest.run.run_id: [] for manifest in manifests}
     for table in options.tables:
@@ -323,11 +320,7 @@ def _halved(data: bytes) -> bytes:
 
 
 def intact_runs(results: Results, options: CopyOptions) -> tuple[list[Manifest], list[str]]:
-    """Return the intact runs to copy from a root, and the damage of all others.
-
-    Raises:
-        DamagedFileError: if a file of a newer version has columns that would be lost.
-    """
+    """Return the intact runs to copy from a root, and the damage of all others."""
     sound: list[Manifest] = []
     damaged: list[str] = []
     selected = [

@@ -66,12 +66,7 @@ def keep_input(store: Store, data: bytes) -> None:
 
 
 def read_input(store: Store, sha256: str) -> bytes:
-    """Return the content of a stored input file.
-
-    Raises:
-        FileNotFoundError: if it is missing.
-        DamagedFileError: if it is damaged.
-    """
+    """Return the content of a stored input file, or raise a DamagedFileError."""
     data = store.read_bytes(input_path(sha256))
     if hashlib.sha256(data).hexdigest() != sha256:
         raise DamagedFileError(f"{store.where(input_path(sha256))} is damaged: its sha256 is not its name")
@@ -89,12 +84,7 @@ def keep_plugin(store: Store, source: PluginSource) -> None:
 
 
 def read_plugin(store: Store, digest: str) -> PluginSource:
-    """Return the stored source of a plug-in.
-
-    Raises:
-        FileNotFoundError: if it is missing.
-        DamagedFileError: if it is damaged.
-    """
+    """Return the stored source of a plug-in, or raise a DamagedFileError."""
     where = store.where(plugin_path(digest))
     content = decode_json(store.read_bytes(plugin_path(digest), MOST_FILE_BYTES), _Source, where)
     try:

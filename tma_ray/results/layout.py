@@ -46,12 +46,9 @@ class RootFile:
 
 
 def check_usable(store: Store) -> None:
-    """Check that a store is a results root of this version or can become one, without writing.
+    """Check that a store is a results root of this version or can become one, and is writable.
 
-    Raises:
-        ResultsRootError: if it holds something else, or a root of another version.
-        DamagedFileError: if a link leads out of the root.
-        ObjectStoreError: if the bucket does not exist or is not writable.
+    Errors are those of `create_root` and `Store.check_access`.
     """
     store.check_access()
     _check_content(store)

@@ -33,12 +33,7 @@ MOST_RUN_ROWS: Final = 50_000_000  # rows of one run in a table; more is damage
 
 
 def read_checked(store: Store, path: str, sha256: str) -> bytes:
-    """Return the content of a file with this checksum.
-
-    Raises:
-        FileNotFoundError: if the file is missing.
-        DamagedFileError: if its checksum is another.
-    """
+    """Return the content of a file, or raise a DamagedFileError for another checksum."""
     data = store.read_bytes(path)
     if hashlib.sha256(data).hexdigest() != sha256:
         raise DamagedFileError(f"{store.where(path)} is damaged: its sha256 is not the recorded one")
@@ -145,12 +140,7 @@ class Manifest:
 
 
 def load_manifest(store: Store, path: str) -> Manifest:
-    """Return the manifest at `path`.
-
-    Raises:
-        FileNotFoundError: if it is missing.
-        DamagedFileError: if it is not a valid manifest of the run in its name.
-    """
+    """Return the manifest at `path`, or raise a DamagedFileError if it is invalid."""
     manifest = store.read_json(path, Manifest)
     try:
         manifest.check(path.rpartition("/")[2].removesuffix(".json"))
@@ -200,13 +190,7 @@ MOST_SLICES: Final = 8  # runs of a shared file read by row groups; for more it 
 
 
 def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table:
-    """Return the rows of one run by reading its row groups only, checked by page checksums.
-
-    Raises:
-        OSError: if the file is missing or not a complete Parquet file.
-        pa.ArrowException: if it is not a complete Parquet file.
-        DamagedFileError: if it has too few rows.
-    """
+    """Return the rows of one run by reading its row groups only, checked by page checksums."""
     first = file.first or 0
     try:
         return store.read_parts(

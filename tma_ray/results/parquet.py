@@ -27,16 +27,10 @@ _BOOLEANS, _BYTE, _INTEGERS, _DOUBLE, _BINARY, _STRUCTURE = (1, 2), 3, (4, 5, 6)
 def unpacked_sizes(
     file: pq.ParquetFile, source: Any, groups: Iterable[int], columns: Collection[str], kept: Collection[str]
 ) -> Iterator[int]:
-    """Yield upper bounds of the memory of each page of some columns, in bytes.
+    """Yield upper bounds of the memory of each page of some row groups and columns, in bytes.
 
-    Arrow only checks page headers while it allocates, and small forged pages may unpack to any size.
-
-    Args:
-        file: opened file.
-        source: the same file, with `read_at`.
-        groups: row groups to read.
-        columns: columns to read.
-        kept: text columns to read as dictionaries.
+    Arrow only checks page headers while it allocates, and small forged pages may unpack to any size. `source`
+    is the opened file with `read_at`, `kept` are text columns to read as dictionaries.
     """
     for group in map(file.metadata.row_group, groups):
         for chunk in map(group.column, range(group.num_columns)):
@@ -169,11 +163,7 @@ def encode_together(table: Table, parts: Iterable[pa.Table]) -> bytes:
 def decode_rows(table: Table, file: Any, first: int, count: int, columns: Sequence[str]) -> pa.Table:
     """Return `count` rows from row `first` of an open Parquet file, reading only their row groups.
 
-    Raises:
-        OSError: if it is not a complete Parquet file.
-        pa.ArrowException: if it is not a Parquet file of this table.
-        DamagedFileError: if it lacks a column.
-        IndexError: if it has too few rows.
+    Errors are those of `decode`, and an IndexError if the file has too few rows.
     """
     parquet = _opened(table, file)
     ends = list(

@@ -107,26 +107,9 @@ class ScheduleView:
 
 @dataclass(frozen=True)
 class SpecView:
-    """View of the fields of a spec that readers use, None or empty if missing.
+    """View of the fields of a spec that readers use, None or empty if missing."""
 
-    Attributes:
-        engine: simulator of imported runs.
-        environment: name of the environment.
-        challenge: name of the challenge.
-        student: name of the student.
-        teacher: name of the teacher.
-        seed: seed of the run.
-        mastery_threshold: episodic return over which a task is mastered.
-        schedule: budget.
-        plugins: sources of plug-ins, by component.
-        task_space: dimensions of the task space.
-        environment_options: options of the environment, including the embodiment.
-        student_hyperparameters: hyper-parameters of the student.
-        teacher_hyperparameters: hyper-parameters of the teacher.
-        test_set: evaluation tasks.
-    """
-
-    engine: str | None = None
+    engine: str | None = None  # simulator of imported runs
     environment: str | None = None
     challenge: str | None = None
     student: str | None = None

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from torch import nn
 
 
-Observations: TypeAlias = NDArray[np.float32]
-"""One raw observation (o,) or several (n, o), never normalised."""
+Observations: TypeAlias = NDArray[np.float32]  # one raw observation (o,) or several (n, o), never normalised
 
 Actions: TypeAlias = NDArray[np.float32]  # one action (a,) or several (n, a), inside the action space
 
@@ -166,11 +165,7 @@ class Student(ABC):
 
 
 def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> tuple[spaces.Box, spaces.Box]:
-    """Return both spaces as boxes.
-
-    Raises:
-        ValueError: if a space is not a one-dimensional float32 box, or actions are unbounded.
-    """
+    """Return both spaces if they are one-dimensional float32 boxes with bounded actions."""
     boxes = _checked_box(observation_space, "observation"), _checked_box(action_space, "action")
     if not boxes[1].is_bounded():
         raise ValueError(f"action space {boxes[1]}: expected finite bounds")
@@ -186,16 +181,9 @@ def _checked_box(space: Space[Any], kind: str) -> spaces.Box:
 
 
 class StudentStreams(NamedTuple):
-    """Independent seeds of a student, spawned in the order of the fields.
+    """Independent seeds of a student, spawned in the order of the fields."""
 
-    Attributes:
-        networks: initial weights, and actions sampled in updates.
-        exploration: actions.
-        batches: mini-batches.
-        values: state values.
-    """
-
-    networks: np.random.SeedSequence
+    networks: np.random.SeedSequence  # initial weights, and actions sampled in updates
     exploration: np.random.SeedSequence
     batches: np.random.SeedSequence
     values: np.random.SeedSequence

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from tma_ray.components.registry import Registry, UnknownNameError
 from tma_ray.components.settings import config_dict, non_defaults, parse_settings, to_json
-from tma_ray.students.base import Policy, Student
+from tma_ray.students.base import Policy, Student, checked_spaces
 from tma_ray.students.hyperparameters import ALGORITHMS, PACKAGES, PPOHyperparameters, SACHyperparameters
 from tma_ray.support.component_names import base_name, join_name, split_name
 from tma_ray.support.quantities import PROCESSES
@@ -20,6 +21,9 @@ from tma_ray.support.validation import check_type
 if TYPE_CHECKING:
     from gymnasium import Space
     from torch import nn
+
+    from tma_ray.students.rollout_workers.base import RolloutWorker
+    from tma_ray.students.rollout_workers.link import Learner
 
 STOCK = "stock:"  # prefix of students updated by stable-baselines3 instead of our equal but leaner code
 
@@ -109,6 +113,41 @@ def make_student(
     constructor: Any = STUDENTS.get(name)
     student: Student = constructor(observation_space, action_space, parsed, seed, device, threads)
     return student
+
+
+COHORT_STUDENTS: Final = {
+    "ppo": ("tma_ray.students.rollout_workers.ppo", "PPORolloutWorker"),
+    "sac": ("tma_ray.students.rollout_workers.sac", "SACRolloutWorker"),
+}
+"""Module and class of the rollout worker of each student that can learn in a cohort."""
+
+
+def make_rollout_worker(
+    name: str,
+    observation_space: Space[Any],
+    action_space: Space[Any],
+    seed: np.random.SeedSequence,
+    hyperparameters: Mapping[str, Any] | None,
+    learner: Learner,
+) -> RolloutWorker:
+    """Return a new rollout worker that has joined the cohort of `learner`.
+
+    It has the initial weights and the noise of the student that `make_student` returns for these arguments.
+
+    Raises:
+        ValueError: if the student cannot learn in a cohort, or `make_student` would raise it.
+        LearnerLostError: if no learner listens at the address.
+        LearnerError: if the learner has no free slot.
+    """
+    from tma_ray.students.rollout_workers.link import JoinRequest, LearnerLink  # deferred: imports gymnasium
+
+    if name not in COHORT_STUDENTS:
+        raise ValueError(f"student {name!r} cannot learn in a cohort: {', '.join(COHORT_STUDENTS)} can")
+    spaces = checked_spaces(observation_space, action_space)
+    request = JoinRequest(name, *spaces, check_hyperparameters(name, hyperparameters), seed)
+    module, attribute = COHORT_STUDENTS[name]
+    worker: RolloutWorker = getattr(import_module(module), attribute)(request, LearnerLink(learner))
+    return worker
 
 
 def default_hyperparameters(name: str) -> dict[str, Any]:

@@ -21,13 +21,7 @@ from tma_ray.students.policy_files import StoredPolicy
 
 
 class Standardise(nn.Module):
-    """Layer that normalises and clips observations in float64, like `Normaliser`.
-
-    Args:
-        mean: mean of observations (o,).
-        variance: variance of observations (o,).
-        clip: bound of the result.
-    """
+    """Layer that normalises observations by `mean` (o,) and `variance` (o,) in float64, and clips them."""
 
     mean: torch.Tensor
     deviation: torch.Tensor
@@ -44,20 +38,14 @@ class Standardise(nn.Module):
 
 
 class Affine(nn.Module):
-    """Layer that scales and shifts each value.
-
-    Args:
-        weight: scales (k,).
-        bias: shifts (k,).
-    """
+    """Layer that scales values by `weight` (k,) and shifts them by `bias` (k,)."""
 
     weight: torch.Tensor
     bias: torch.Tensor
 
     def __init__(self, weight: ArrayLike, bias: ArrayLike) -> None:
         super().__init__()
-        for name, values in (("weight", weight), ("bias", bias)):
-            self.register_buffer(name, torch.tensor(np.asarray(values), dtype=torch.float32))
+        _register(self, weight=weight, bias=bias)
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return the outputs (n, k) for `inputs` (n, k)."""
@@ -65,24 +53,23 @@ class Affine(nn.Module):
 
 
 class Clamp(nn.Module):
-    """Layer that clips each value to its bounds.
-
-    Args:
-        low: smallest values (k,).
-        high: largest values (k,).
-    """
+    """Layer that clips values to the bounds `low` (k,) and `high` (k,)."""
 
     low: torch.Tensor
     high: torch.Tensor
 
     def __init__(self, low: ArrayLike, high: ArrayLike) -> None:
         super().__init__()
-        for name, values in (("low", low), ("high", high)):
-            self.register_buffer(name, torch.tensor(np.asarray(values), dtype=torch.float32))
+        _register(self, low=low, high=high)
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return the outputs (n, k) for `inputs` (n, k)."""
         return torch.minimum(torch.maximum(inputs, self.low), self.high)
+
+
+def _register(module: nn.Module, **buffers: ArrayLike) -> None:
+    for name, values in buffers.items():
+        module.register_buffer(name, torch.tensor(np.asarray(values), dtype=torch.float32))
 
 
 def in_a_row(layers: Sequence[nn.Module]) -> nn.Sequential:
@@ -146,15 +133,8 @@ MEAN = "mean"  # name of the last layer; hidden ones are numbered
 class GreedyNetwork:
     """Network of the mean actions, shared by students and saved policies so that both act bit for bit alike.
 
-    Single observations use `row`, batches `forward`.
-
-    Args:
-        parameters: shared memory of the parameters (p,); call `refresh` after changing them.
-        layout: layout of the network, whose first outputs are the means.
-        action_size: number of means a.
-
-    Attributes:
-        row: network for single observations.
+    Its first outputs are the means. Single observations use `row`, a copy of `parameters` (p,) that `refresh`
+    updates, and batches the parameters themselves.
     """
 
     def __init__(self, parameters: torch.Tensor, layout: Layout, action_size: int) -> None:
@@ -199,11 +179,7 @@ class GreedyNetwork:
 
 
 def tensor_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Return shape and type of each layer's tensors, by name, as `StoredPolicy.check` expects them.
-
-    Raises:
-        PolicyFileError: if ``hidden_units`` or the activation is invalid.
-    """
+    """Return shape and type of each layer's tensors, by name, as `StoredPolicy.check` expects them."""
     units = stored.hyperparameters.get("hidden_units")
     if not isinstance(units, list) or not units or not all(type(size) is int and size > 0 for size in units):
         stored.refuse(f"hidden_units = {units!r:.80}: expected a list of sizes")

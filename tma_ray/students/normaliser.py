@@ -14,9 +14,8 @@ from tma_ray.support.jit import kernel
 EPSILON = 1e-8  # added to variances before taking the root
 INITIAL_COUNT = 1e-4  # weight of the initial mean 0 and variance 1
 
-MEAN_TENSOR, VARIANCE_TENSOR = "normaliser.mean", "normaliser.variance"
+MEAN_TENSOR, VARIANCE_TENSOR = "normaliser.mean", "normaliser.variance"  # observation statistics in a policy
 COUNT_TENSOR = "normaliser.count"
-"""Names of the observation statistics in a saved policy."""
 
 
 class Normaliser:
@@ -24,12 +23,6 @@ class Normaliser:
 
     Bit for bit equal to VecNormalize over one environment, and several times as fast. Statistics are float64,
     results float32.
-
-    Args:
-        size: length o of an observation.
-        gamma: discount factor of the returns whose variance scales the rewards.
-        observation_clip: bound of a normalised observation.
-        reward_clip: bound of a normalised reward.
     """
 
     def __init__(self, size: int, gamma: float, observation_clip: float, reward_clip: float) -> None:

@@ -58,12 +58,7 @@ class _Settings:
 
 
 class PolicyFileError(ValueError):
-    """A saved policy that cannot be read.
-
-    Attributes:
-        file: path of the file.
-        problem: the fault and its remedy.
-    """
+    """A saved policy that cannot be read, with the path of its file, the problem and a remedy."""
 
     def __init__(self, file: str | Path, problem: str) -> None:
         super().__init__(f"{file}: {problem}")

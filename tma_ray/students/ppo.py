@@ -38,11 +38,6 @@ class Trunk(BaseFeaturesExtractor):
     """Hidden layers shared by policy and value.
 
     stable-baselines3 shares features extractors only, so they are one.
-
-    Args:
-        observation_space: a one-dimensional box.
-        hidden_units: units per layer.
-        activation: activation after each layer.
     """
 
     def __init__(
@@ -175,13 +170,7 @@ def _value_error(
 
 
 class PPOUpdate:
-    """PPO's update of the networks of a stable-baselines3 model, which owns them and the optimiser's state.
-
-    Args:
-        model: a set-up stable-baselines3 PPO, whose policy and value share a `Trunk`.
-        parameters: parameters of its network and its log standard deviation.
-        hyperparameters: hyper-parameters of the student.
-    """
+    """PPO's update of a stable-baselines3 model, which owns networks and optimiser state."""
 
     def __init__(
         self, model: stable_baselines3.PPO, parameters: FlatParameters, hyperparameters: PPOHyperparameters

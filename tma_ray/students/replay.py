@@ -28,13 +28,6 @@ class ReplayBuffer:
     observations once. Memory is touched only as it fills.
 
     It replaces stable-baselines3's buffer, of which the update only calls `sample`.
-
-    Args:
-        capacity: transitions kept.
-        observation_size: length o of an observation.
-        action_size: length a of an action.
-        generator: source of the batches.
-        device: device of batches.
     """
 
     def __init__(
@@ -138,12 +131,7 @@ class ReplayBuffer:
                 yield observations, self._actions[piece], self._rewards[piece], terminated
 
     def sample(self, batch_size: int, env: None = None) -> ReplayBufferSamples:
-        """Return `batch_size` transitions drawn uniformly with replacement, as float32 tensors.
-
-        Args:
-            batch_size: number of transitions n.
-            env: normalising environment of stable-baselines3, always None.
-        """
+        """Return `batch_size` transitions drawn uniformly with replacement, as float32 tensors."""
         assert env is None, "a normalising environment of stable-baselines3 is not used"
         ages = self._generator.integers(1, self._size + 1, size=batch_size)
         rows = (self._row - ages) % self._rows

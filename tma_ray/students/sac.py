@@ -55,12 +55,7 @@ class Transitions(NamedTuple):
 
 
 class Draw(NamedTuple):
-    """Actions drawn from the policy.
-
-    Attributes:
-        actions: actions squashed to [-1, 1] (n, a).
-        log_probabilities: log probabilities of the actions (n, 1).
-    """
+    """Sampled actions in [-1, 1] (n, a) and their log probabilities (n, 1)."""
 
     actions: torch.Tensor
     log_probabilities: torch.Tensor
@@ -141,19 +136,7 @@ POLICIES: dict[LogStd, type[SACPolicy]] = {LogStd.TANH: TanhPolicy, LogStd.CLAMP
 
 
 class SACUpdate:
-    """SAC's update of the networks of a stable-baselines3 model, which owns them and the optimisers' states.
-
-    Args:
-        model: a set-up stable-baselines3 SAC with a fixed entropy coefficient.
-        actor: parameters of its actor.
-        critics: parameters of its critics.
-        hyperparameters: hyper-parameters of the student.
-
-    Attributes:
-        targets: parameters of the target critics.
-        actor_adam: optimiser of the actor.
-        critic_adam: optimiser of the critics.
-    """
+    """SAC's update of a stable-baselines3 model, which owns networks and optimiser states."""
 
     def __init__(
         self,

@@ -1,20 +1,25 @@
 """Safe reading of untrusted files: size and type checks, and JSON decoding against declared types."""
 
+from __future__ import annotations
+
 import os
 import stat
+import zipfile
 from collections.abc import Hashable
 from functools import cache
-from typing import Annotated, Any, Final, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, TypeVar, cast
 
 import msgspec
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 T = TypeVar("T")
 
 INT32_MAX: Final = 2**31 - 1
 INT64_MAX: Final = 2**63 - 1
 
-Natural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT64_MAX)]
-"""Whole number from 0 that fits 64 bits."""
+Natural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT64_MAX)]  # whole number from 0 that fits 64 bits
 
 SmallNatural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT32_MAX)]
 """Whole number from 0 that fits 32 bits."""
@@ -27,6 +32,8 @@ MOST_FILE_BYTES: Final = min(2**34, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC
 
 MOST_TEXT_BYTES: Final = 2**26
 """Size limit of JSON, TOML and CSV, which take up to twenty times as much memory."""
+
+MOST_ARRAY_BYTES: Final = 2**28  # default limit on the unpacked content of a ``.npz`` file, bytes
 
 _KINDS: Final = {
     stat.S_IFDIR: "a folder",
@@ -90,3 +97,28 @@ def decode_json(data: bytes | str, kind: type[T], where: str) -> T:
 @cache
 def _decoder(kind: Hashable) -> msgspec.json.Decoder[Any]:
     return msgspec.json.Decoder(kind)
+
+
+def load_npz(path: str | os.PathLike[str], most_bytes: int = MOST_ARRAY_BYTES) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a ``.npz`` file by name.
+
+    Raises:
+        OSError: if the file is missing.
+        zipfile.BadZipFile: if it is not an archive.
+        ValueError: if it would take more than `most_bytes`, or an array is damaged or of objects.
+    """
+    import numpy as np  # deferred: most commands read no arrays
+
+    check_file(path)
+    with zipfile.ZipFile(path) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > most_bytes:
+        raise ValueError(f"{path} would take {size:,} bytes, more than {most_bytes:,}")
+    arrays = {}
+    with np.load(path, allow_pickle=False) as content:
+        for name in content:
+            try:
+                arrays[name] = content[name]
+            except (ValueError, EOFError, MemoryError) as error:
+                raise ValueError(f"array {name!r} of {path} is damaged: {error}") from error
+    return arrays

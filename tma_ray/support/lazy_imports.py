@@ -1,8 +1,10 @@
-"""Lazy imports of the public names of packages."""
+"""Lazy imports of the public names of packages, and docstrings read without imports."""
 
 import ast
+import importlib.util
 import sys
 from collections.abc import Callable
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -34,3 +36,21 @@ def attach(package: str, source: str) -> tuple[Callable[[str], Any], Callable[[]
         return sorted({*vars(sys.modules[package]), *modules})
 
     return get, listed
+
+
+def docstring_of(module: str, name: str) -> str | None:
+    """Return the docstring of a class or function of a module, None if it is not defined there."""
+    return _docstrings(module).get(name)
+
+
+@cache
+def _docstrings(module: str) -> dict[str, str]:
+    try:
+        spec = importlib.util.find_spec(module)
+    except ImportError:
+        return {}
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return {}
+    nodes = reversed(ast.parse(Path(spec.origin).read_bytes()).body)  # the first definition counts
+    definitions = (node for node in nodes if isinstance(node, (ast.ClassDef, ast.FunctionDef)))
+    return {node.name: ast.get_docstring(node) or "" for node in definitions}

@@ -65,37 +65,19 @@ class Quantity:
 
 
 COUNT: Final = Quantity("a whole number such as 500000, 500k or 20M, from 1 to 1e12", 1, 1e12, whole=True)
-"""Number of steps, episodes or tasks."""
-
-STEP: Final = Quantity("a whole number of steps from 0 to 1e12", 0, 1e12, whole=True)  # step of a run
-
+STEP: Final = Quantity("a whole number of steps from 0 to 1e12", 0, 1e12, whole=True)
 SEED: Final = Quantity("a whole number from 0 to 2^63 - 1", 0, 2**63 - 1, whole=True)
-"""Seed of random numbers."""
-
 PROCESSES: Final = Quantity("a whole number from 1 to 65,536", 1, 65_536, whole=True)
-"""Number of processes or threads."""
-
 WIDTH: Final = Quantity("a whole number of slots from 0 to 4,096", 0, 4096, whole=True)
-"""Number of slots of a cohort."""
-
 LOSSES: Final = Quantity("a whole number from 0 to 1e6", 0, 1e6, whole=True)
-"""Maximum number of losses."""
-
 CORES: Final = Quantity("a number of cores over 0, up to 65,536, such as 1 or 0.5", 0, 65_536, positive=True)
-"""Cores of one run."""
-
 GPUS: Final = Quantity("a share of one GPU, as in 0.25, or a whole number up to 65,536", 0, 65_536)
-"""GPUs of one run."""
-
-MEMORY: Final = Quantity("a number of GiB from 0 to 1e6", 0, 1e6)  # memory, GiB
-SECONDS: Final = Quantity("a number of seconds from 0 to 1e9", 0, 1e9)  # time, s
-COORDINATE: Final = Quantity("a number from -1e9 to 1e9", -1e9, 1e9)  # value of a dimension of a task space
-
+MEMORY: Final = Quantity("a number of GiB from 0 to 1e6", 0, 1e6)
+SECONDS: Final = Quantity("a number of seconds from 0 to 1e9", 0, 1e9)
+COORDINATE: Final = Quantity("a number from -1e9 to 1e9", -1e9, 1e9)
 BODY_SIZE: Final = Quantity("a number over 0, up to 100", 0, 100, positive=True)
-"""Size of an embodiment, as a multiple of its default."""
-
-TORQUE: Final = Quantity("a number of N m over 0, up to 1e6", 0, 1e6, positive=True)  # torque of a motor, N m
-SHARE: Final = Quantity("a share over 0, up to 1", 0, 1, positive=True)  # share of a whole
+TORQUE: Final = Quantity("a number of N m over 0, up to 1e6", 0, 1e6, positive=True)
+SHARE: Final = Quantity("a share over 0, up to 1", 0, 1, positive=True)
 
 
 def expanded(path: str | Path) -> Path:

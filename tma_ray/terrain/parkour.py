@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tma_ray.support.decoding import load_npz
 from tma_ray.support.jit import kernel
-from tma_ray.support.npz import load_npz
 from tma_ray.tasks import Task
 from tma_ray.terrain.terrain import (
     CEILING,

@@ -19,8 +19,7 @@ from tma_ray.teachers import TEACHERS, check_limits, effective_level, knows_enou
 from tma_ray.testing.simulation import EVALUATIONS, SimulatedRun, simulate
 from tma_ray.testing.students import SimulatedChallenge
 
-NAMES = ("teacher", "challenge", "expert_knowledge", "seed", "effective_knowledge")
-"""Key columns."""
+NAMES = ("teacher", "challenge", "expert_knowledge", "seed", "effective_knowledge")  # key columns
 
 RECOVERY = {"before_reset": 0.0, "tenth_later": 0.1, "three_tenths_later": 0.3}
 """Columns around the first reset, with their delay as a share of all episodes."""
@@ -56,11 +55,7 @@ class SimulatedCell:
 def cells_of(
     teachers: Sequence[str], challenges: Sequence[SimulatedChallenge], levels: Sequence[KnowledgeLevel]
 ) -> list[SimulatedCell]:
-    """Return the distinct cells of a matrix, by teacher, level and challenge.
-
-    Raises:
-        ValueError: if a teacher is unknown, or a challenge exceeds its declared limits.
-    """
+    """Return the distinct cells of a matrix, by teacher, level and challenge, within declared limits."""
     for teacher, challenge in itertools.product(teachers, challenges):
         check_limits(TEACHERS.get(teacher), teacher, challenge.task_space)
     cells = []

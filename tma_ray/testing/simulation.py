@@ -152,14 +152,6 @@ def simulate(
 ) -> SimulatedRun:
     """Return the outcome of a `Simulation` over a number of episodes.
 
-    Args:
-        challenge: simulated challenge.
-        teacher: registered name, or ``module:Name``.
-        level: expert knowledge offered.
-        seed: whole number of at least 0.
-        episodes: length of the run.
-        hyperparameters: values that differ from the teacher's defaults.
-
     Raises:
         ValueError: if there are fewer episodes than evaluations, or `Simulation` raises it.
     """

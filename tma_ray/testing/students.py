@@ -74,8 +74,7 @@ def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues
 
 Array = NDArray[np.float64]
 
-SIMULATION_VERSION = 1
-"""Version of the equations and their parameters, part of every simulated run."""
+SIMULATION_VERSION = 1  # version of the equations and their parameters, part of every simulated run
 
 WORST_RETURN = -100.0  # expected return without competence: a walker that falls at once
 RETURN_RANGE = 400.0  # expected return added by full competence; mastery (230) needs a competence of 0.825

@@ -19,9 +19,9 @@ from tma_ray.envs import make_environment
 from tma_ray.results import LearnerProgress
 from tma_ray.runs.inputs import arguments, import_plugins
 from tma_ray.runs.spec import RunSpec
-from tma_ray.students import Learner
+from tma_ray.students import COHORT_STUDENTS, Learner
 from tma_ray.students.base import checked_spaces
-from tma_ray.students.rollout_workers import COHORT_STUDENTS, CohortSettings
+from tma_ray.students.rollout_workers import CohortSettings
 from tma_ray.support.component_names import base_name
 
 

@@ -29,8 +29,7 @@ from tma_ray.support.quantities import expanded
 
 T = TypeVar("T")
 
-DISK_FULL: Final = (errno.ENOSPC, errno.EDQUOT)
-"""Error numbers of a full disk or quota."""
+DISK_FULL: Final = (errno.ENOSPC, errno.EDQUOT)  # error numbers of a full disk or quota
 
 _ADVICE: Final = {
     errno.ENOSPC: "free some space there",

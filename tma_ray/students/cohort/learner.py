@@ -24,13 +24,6 @@ class StackedLearner(ABC):
     An update trains all runs with updates due, at the full width: idle slots take part in the products
     without changing. Where that does not pay, runs are updated one after the other.
 
-    Args:
-        width: number of slots k.
-        device: device of memory and updates.
-        dtype: data type of parameters, losses and optimisers.
-        precision: precision of matrix products.
-        compiled: mode of `compile_if`.
-
     Attributes:
         owed: number of updates due, by slot (k,).
         together: True if runs are updated together, not one after the other.
@@ -68,9 +61,7 @@ class StackedLearner(ABC):
     def advance(self, updates: int, slots: Sequence[int] | None = None) -> None:
         """Make up to `updates` of the updates due to each run, without waiting for a GPU.
 
-        Args:
-            updates: maximum number of updates of each run.
-            slots: slots of the runs; ignored if runs are updated together, all by default.
+        Runs that are updated one after the other can be restricted to `slots`.
         """
         if not self.together:
             for slot in range(len(self.owed)) if slots is None else slots:

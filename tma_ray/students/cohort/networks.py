@@ -16,17 +16,11 @@ HIDDEN_MULTIPLE = 16
 
 
 class PaddedLayout(NamedTuple):
-    """A layout with padded inputs and hidden layers.
-
-    Attributes:
-        plain: layout without padding.
-        padded: layout with padding.
-        others: number of parameters after those of the network.
-    """
+    """A layout with padded inputs and hidden layers."""
 
     plain: Layout
     padded: Layout
-    others: int = 0
+    others: int = 0  # number of parameters after those of the network
 
     @classmethod
     def of(cls, plain: Layout, others: int = 0) -> "PaddedLayout":
@@ -129,17 +123,7 @@ BETAS = 0.9, 0.999
 
 
 class StackedAdam:
-    """`torch.optim.Adam` with a step count for each run.
-
-    Args:
-        parameters: parameters of all runs (k, ..., p).
-        rate: step size.
-        epsilon: term added to the root of the mean square.
-
-    Attributes:
-        mean: running mean of the gradient (k, ..., p).
-        square: running mean of the squared gradient (k, ..., p).
-    """
+    """`torch.optim.Adam` over parameters of all runs (k, ..., p), with a step count for each run."""
 
     def __init__(self, parameters: torch.Tensor, rate: float, epsilon: float = 1e-8) -> None:
         self._parameters, self._rate, self._epsilon = parameters, rate, epsilon

@@ -27,14 +27,7 @@ METRICS = "policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction"
 
 
 class PPONetworks(NamedTuple):
-    """Learned state of a run in host memory, without padding.
-
-    Attributes:
-        parameters: parameters of the network and the log standard deviation (p,).
-        mean: Adam's running mean of the gradient (p,).
-        square: Adam's running mean of the squared gradient (p,).
-        step: number of steps of Adam.
-    """
+    """Learned state of a run in host memory: parameters without padding (p,), and the state of Adam."""
 
     parameters: NDArray[np.floating]
     mean: NDArray[np.floating]
@@ -45,13 +38,7 @@ class PPONetworks(NamedTuple):
 class StackedPPO(StackedLearner):
     """PPO of many runs, of which an update is one optimiser step on a mini-batch.
 
-    Args:
-        sizes: lengths o of an observation and a of an action.
-        hyper: hyper-parameters of the student.
-        width: number of slots k.
-        device: device of the learner.
-        dtype: data type of parameters, losses and optimisers.
-        compiled: mode of `compile_if`; compiling takes minutes once.
+    Compiling takes minutes once. `sizes` are the lengths of an observation and an action.
     """
 
     _values: torch.Tensor  # parameters of a single row, with their gradient and network
@@ -103,13 +90,7 @@ class StackedPPO(StackedLearner):
             memory[slot].zero_()
 
     def store(self, slot: int, columns: Sequence[NDArray[np.float32]], orders: NDArray[np.integer]) -> None:
-        """Store a rollout of the run in `slot`, which makes its updates due.
-
-        Args:
-            slot: slot of a run without updates due.
-            columns: columns of `Rollout.columns` with n steps.
-            orders: order of the steps in each epoch (epochs, n).
-        """
+        """Store `Rollout.columns` and orders (epochs, n) of a run in `slot`, which makes its updates due."""
         assert not self.owed[slot]
         rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
         self._memory[slot].copy_(upload(rows, self._device))

@@ -33,13 +33,7 @@ class StackedReplay:
     """Ring buffers of transitions for k runs, with the next observation in the following row.
 
     An episode of n transitions takes n + 1 rows. If episodes are too short for the spare rows, the memory of
-    all runs is reallocated.
-
-    Args:
-        width: number of runs k.
-        capacity: transitions kept per run.
-        sizes: lengths o of an observation and a of an action.
-        device: device of the memory, which a CPU touches only as it fills.
+    all runs is reallocated. A CPU touches memory only as it fills.
 
     Attributes:
         kept: transitions kept of each run, at least 1 for idle slots (k,).
@@ -73,15 +67,7 @@ class StackedReplay:
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Append consecutive transitions of the run in `slot`, overwriting its oldest beyond the capacity.
-
-        Args:
-            slot: slot of the run.
-            observations: observations of all transitions, and the last next one (n + 1, o).
-            actions: actions in [-1, 1] (n, a).
-            rewards: rewards (n,).
-            terminated: True if the last transition ended in a terminal state.
-        """
+        """Append transitions, as in `ReplayBuffer.extend`, to the run in `slot`."""
         length, keep = len(rewards), min(len(rewards), self._capacity)
         if not length:
             return

@@ -51,14 +51,7 @@ class SACNetworks(NamedTuple):
 class StackedSAC(StackedLearner):
     """SAC of many runs, with random draws from Philox keyed by run and update.
 
-    Args:
-        sizes: lengths o of an observation and a of an action.
-        hyper: hyper-parameters of the student.
-        width: number of slots k.
-        capacity: transitions kept per run.
-        device: device of the learner.
-        dtype: data type of parameters, losses and optimisers.
-        compiled: mode of `compile_if`; compiling takes minutes once.
+    Compiling takes minutes once. `sizes` are the lengths of an observation and an action.
     """
 
     def __init__(
@@ -191,11 +184,7 @@ class StackedSAC(StackedLearner):
     ) -> None:
         """Update critics, actor and targets of the `active` runs (k,) once, leaving all others unchanged.
 
-        Args:
-            batch: mini-batches of all runs (k, n, ...).
-            noise: noise of actions at the observations (k, n, a).
-            next_noise: noise of actions at the next observations (k, n, a).
-            active: True for each run to update (k,).
+        `noise` and `next_noise` (k, n, a) are those of actions at the observations and the next observations.
         """
         _, critic_losses, actor_losses, step_critics, step_actor = self._parts
         losses = critic_losses(batch, next_noise)

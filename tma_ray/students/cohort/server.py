@@ -26,17 +26,11 @@ def recorded() -> torch.cuda.Event:
 
 
 class Delivery(NamedTuple):
-    """Asynchronous copy of weights to the host.
-
-    Attributes:
-        receivers: connections that get one row each.
-        rows: host memory of the copy (n, ...).
-        arrival: event after the copy from a GPU, None if the copy is done.
-    """
+    """Asynchronous copy of weights to the host, one row for each receiver."""
 
     receivers: Sequence[Connection]
     rows: torch.Tensor
-    arrival: torch.cuda.Event | None
+    arrival: torch.cuda.Event | None  # None if the copy is done
 
     @classmethod
     def of(cls, receivers: Sequence[Connection], rows: torch.Tensor) -> "Delivery":

@@ -20,13 +20,7 @@ from tma_ray.students.sac import SAC
 
 
 class RunSlot(ABC):
-    """Slot of a run in a stacked learner, with a student that initialises, saves and loads its networks.
-
-    Attributes:
-        stack: stacked learner of equal students.
-        slot: index of the slot in it.
-        student: equivalent student that learns alone.
-    """
+    """Slot of a run in a stacked learner, with a student that initialises, saves and loads its networks."""
 
     student_type: ClassVar[type[SAC | PPO]]
     stack: StackedLearner
@@ -171,12 +165,7 @@ def _flat(values: NDArray[np.floating]) -> torch.Tensor:
 
 
 class LearnerPool:
-    """Stacked learners of a cohort, one for each combination of student, sizes and hyper-parameters.
-
-    Attributes:
-        settings: settings of the cohort.
-        stacks: stacked learners in order of creation.
-    """
+    """Stacked learners of a cohort, one for each combination of student, sizes and hyper-parameters."""
 
     def __init__(self, settings: CohortSettings) -> None:
         self.settings = settings

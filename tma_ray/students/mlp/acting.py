@@ -111,15 +111,7 @@ def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outp
 
 
 class ArrayNetwork:
-    """Network for single observations and batches without torch, with a copy of the parameters.
-
-    Args:
-        layout: layout of the network, whose first outputs are the mean actions.
-        action_size: number of means a.
-
-    Attributes:
-        row: network for single observations.
-    """
+    """Network without torch for batches and, by `row`, single observations; the first outputs are means."""
 
     def __init__(self, layout: Layout, action_size: int) -> None:
         self.layout, self._action_size = layout, action_size

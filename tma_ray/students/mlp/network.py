@@ -210,11 +210,6 @@ MODULES: Mapping[Activation, type[nn.Module]] = {Activation.RELU: nn.ReLU, Activ
 class FlatParameters:
     """Parameters of modules moved into one vector, with the modules' parameters as views of it.
 
-    Args:
-        networks: layers of each network.
-        others: parameters outside of layers, which come last.
-        activation: activation after each layer but the last.
-
     Attributes:
         parameters: parameters of the modules in the order of the vector.
         values: the vector (p,).
@@ -262,13 +257,7 @@ class FlatParameters:
     def backpropagate(
         self, kept: Sequence[torch.Tensor], gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
     ) -> None:
-        """Write the gradient of a loss of the only network that was differentiated by hand.
-
-        Args:
-            kept: activations of the network.
-            gradient: gradient of the loss with respect to the outputs (n, h).
-            others: gradients of `others`.
-        """
+        """Write the gradient of the only network and `others` by the gradient of the outputs (n, h)."""
         (network,) = self.networks
         network.backpropagate(kept, gradient)
         self._keep(others)
@@ -289,12 +278,7 @@ def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
 
 
 class FlatAdam:
-    """Adam on one flat vector, sharing its state with `optimiser` so that checkpoints keep their format.
-
-    Args:
-        optimiser: Adam over the same parameters in any order.
-        flat: parameters as one vector.
-    """
+    """Adam on one flat vector, sharing its state with `optimiser` so that checkpoints keep their format."""
 
     def __init__(self, optimiser: torch.optim.Optimizer, flat: FlatParameters) -> None:
         (group,) = optimiser.param_groups

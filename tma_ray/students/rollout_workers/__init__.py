@@ -1,10 +1,5 @@
 """Acting halves of students, also for networks that learn in another process, without torch."""
 
-from tma_ray.students.rollout_workers.catalogue import (
-    COHORT_STUDENTS,
-    make_rollout_worker,
-    worker_class,
-)
 from tma_ray.students.rollout_workers.link import (
     CohortFullError,
     CohortSettings,
@@ -18,7 +13,6 @@ from tma_ray.students.rollout_workers.link import (
 )
 
 __all__ = [
-    "COHORT_STUDENTS",
     "CohortFullError",
     "CohortSettings",
     "JoinRequest",
@@ -28,6 +22,4 @@ __all__ = [
     "LearnerLostError",
     "WorkerState",
     "ask_learner",
-    "make_rollout_worker",
-    "worker_class",
 ]

@@ -67,10 +67,6 @@ class RolloutWorker(ActingStudent):
 
     Runs use it like any student: `observe` returns once the updates due are made. It shares its file format
     with the student that learns alone.
-
-    Args:
-        request: description of the student for the learner.
-        link: connection to the learner, for this worker alone.
     """
 
     _acting: ArrayNetwork

@@ -30,10 +30,6 @@ class SharedBuffer:
     """Anonymous shared memory for the arrays of one message at a time, in either direction.
 
     It has no file and is freed with the last process that maps it.
-
-    Args:
-        descriptor: file descriptor of the memory, closed with the buffer.
-        size: size in bytes.
     """
 
     def __init__(self, descriptor: int, size: int) -> None:
@@ -108,27 +104,14 @@ class LearnerLostError(ConnectionError):
 
 @dataclass(frozen=True)
 class Learner:
-    """Address of a cohort's learner on this machine.
-
-    Attributes:
-        address: path of its socket.
-        key: shared secret for authentication, never shown.
-    """
+    """Path of the socket of a cohort's learner on this machine, and the secret for authentication."""
 
     address: str
     key: bytes = field(repr=False)
 
 
 class JoinRequest(NamedTuple):
-    """Request of a rollout worker to join a cohort.
-
-    Attributes:
-        student: name in the student registry.
-        observation_space: a one-dimensional box.
-        action_space: a bounded one-dimensional box.
-        hyperparameters: hyper-parameters of the student.
-        seed: source of all the student's randomness.
-    """
+    """Request of a rollout worker to join a cohort."""
 
     student: str
     observation_space: spaces.Box

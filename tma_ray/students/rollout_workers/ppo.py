@@ -51,12 +51,7 @@ def exploring_step(
 ) -> Step:
     """Return the exploring step at `observation` (o,) with standard normal `noise` (a,).
 
-    Args:
-        network: network of action means and value.
-        policy: log standard deviation (a,) and bounds of actions (2, a).
-        normaliser: statistics of the observations.
-        observation: raw observation (o,).
-        noise: standard normal noise (a,).
+    The `policy` is its log standard deviation (a,) and the bounds of actions (2, a).
     """
     return Step(*_act(network, policy, normaliser.statistics, observation, noise))
 
@@ -89,13 +84,6 @@ class Rollout:
     It replaces stable-baselines3's buffer, of which the update reads `values`, `returns` and the batches of
     `get`. Returns and advantages are bit for bit equal; shuffling uses `generator` instead of numpy's global
     one.
-
-    Args:
-        steps: number of steps n.
-        observation_size: length o of an observation.
-        action_size: length a of an action.
-        generator: source of the order of mini-batches.
-        device: device of mini-batches.
     """
 
     def __init__(

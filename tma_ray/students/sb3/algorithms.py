@@ -161,11 +161,7 @@ def _bounded() -> Iterator[None]:
 
 @cache
 def student_of(name: str) -> type[Student]:
-    """Return the student class of the algorithm called `name`.
-
-    Raises:
-        UnknownNameError: if its package is not installed.
-    """
+    """Return the student class of the algorithm called `name`, or raise an UnknownNameError."""
     module = ALGORITHMS[name]
     try:
         algorithm: type[BaseAlgorithm] = getattr(importlib.import_module(module), name)
@@ -180,13 +176,10 @@ def student_of(name: str) -> type[Student]:
 
 
 def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
-    """Return the student class of an algorithm, which may be your own.
+    """Return the student class of an algorithm for continuous actions, perhaps your own.
 
     Its hyper-parameters are the constructor's arguments, with those of base constructors that it passes
     ``**keywords`` to.
-
-    Args:
-        algorithm: algorithm for continuous actions, without memory, derived from one of stable-baselines3.
     """
     on_policy = issubclass(algorithm, OnPolicyAlgorithm)
     members = {

@@ -34,11 +34,7 @@ class TorchStream:
     """State of torch's global generator for one student, active only while stable-baselines3 runs.
 
     stable-baselines3 draws initial weights and sampled actions from the global generator, shared with other
-    students and teachers of the process.
-
-    Args:
-        seed: seed of the stream.
-        device: device of the student, whose generator is included if it is a GPU.
+    students and teachers of the process. The generator of a GPU is included.
     """
 
     def __init__(self, seed: np.random.SeedSequence, device: torch.device) -> None:
@@ -70,19 +66,7 @@ M = TypeVar("M", bound=BaseAlgorithm)
 
 
 class StableBaselinesStudent(ActingStudent, Generic[H, M]):
-    """Student with the policy and update of a stable-baselines3 model.
-
-    Args:
-        observation_space: a one-dimensional box, of size o.
-        action_space: a bounded one-dimensional box, of size a.
-        hyperparameters: hyper-parameters of the algorithm.
-        seed: source of all randomness; not changed.
-        device: torch device of the networks.
-        threads: torch threads of the whole process.
-
-    Raises:
-        ValueError: if a space is not such a box.
-    """
+    """Student with the policy and update of a stable-baselines3 model."""
 
     def __init__(
         self,
