@@ -30,10 +30,7 @@ class Challenge:
     """Variant of an environment that isolates one difficulty for teachers.
 
     Attributes:
-        environment: name in the environment registry.
         name: name of the challenge, which seeds shared randomness together with the seed of the run.
-        title: name in tables and figures.
-        task_space: tasks that the teacher may choose from.
         test_set: name of a shipped test set.
         easy_task: task easy for an untrained student, the initial mean at high expert knowledge; None if
             unknown.

@@ -14,10 +14,7 @@ class Reading:
     """Mastered tasks of one teacher on one challenge, pooled over bodies and students.
 
     Attributes:
-        teacher: name in the teacher registry.
-        challenge: name of a challenge.
         level: level of expert knowledge.
-        environment: name in the environment registry.
         embodiment: name of a single body, empty for all.
         share: share of the budget after which it is read.
     """

@@ -142,12 +142,6 @@ class Matrix:
     matrices on the same challenge.
 
     Attributes:
-        name: name in files.
-        environment: name in the environment registry.
-        challenge: name of a challenge of that environment.
-        embodiments: names of the bodies.
-        students: names in the student registry.
-        levels: expert knowledge offered.
         seeds: seeds of each combination.
         teachers: names in the teacher registry, empty if the user names them.
         steps: budget of each run, None for the default of 20 million.

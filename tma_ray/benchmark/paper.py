@@ -20,13 +20,9 @@ class PaperResult:
     """Entry of the paper's tables: mastered test tasks after 20 million steps.
 
     Attributes:
-        environment: name in the environment registry.
-        challenge: name of a challenge of that environment.
         expert_knowledge: level of expert knowledge.
         embodiments: names of the pooled bodies.
         students: names of the pooled students.
-        teacher: name in the teacher registry.
-        seeds: number of runs.
         mean: mean percentage of mastered tasks.
         std: standard deviation over the runs, in percentage points.
         doubt: reason why the entry may be an error of the paper, usually empty.

@@ -64,7 +64,6 @@ class LearnerProgress:
     """Recent progress of the learner of a cohort.
 
     Attributes:
-        host: name of the machine.
         device: torch device.
         width: number of slots.
         runs: number of runs in the slots.

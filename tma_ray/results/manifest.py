@@ -45,7 +45,6 @@ class PartFile:
     """Parquet file of a run, or the run's rows in a shared file.
 
     Attributes:
-        table: table of the rows.
         path: path of the file, from the results root.
         rows: number of rows of the run.
         sha256: checksum of the file, hexadecimal.
@@ -83,7 +82,6 @@ class Manifest:
 
     Attributes:
         run: description of the run.
-        status: status of the run.
         attempt: accepted attempt, which makes older ones stale.
         files: parts in order of a running run, one canonical file per data table of a finished one.
         error: reason of a failure.

@@ -32,15 +32,9 @@ class RunRecord:
     Attributes:
         run_id: hash of the effective spec and seed.
         spec: effective spec, JSON.
-        environment: name of the environment.
-        challenge: name of the challenge.
-        embodiment: name of the embodiment.
-        student: name of the student.
-        teacher: name of the teacher.
         expert_knowledge: level of expert knowledge that the teacher had and used.
         test_set: name of the test set.
         steps: budget, environment steps.
-        seed: seed of the run.
         physics_version: version of the physics, 0 for other engines.
         benchmark_version: version of the benchmark, 0 for older runs and other engines.
     """
@@ -74,14 +68,11 @@ class AttemptRecord:
     """One attempt at a run.
 
     Attributes:
-        run_id: id of the run.
         attempt: number of the attempt, from 0.
         started_at: start time, with a time zone.
         wall_seconds: duration, including set-up, s.
         env_steps_per_second: environment steps per second of the loop, without set-up, 1/s.
-        host: name of the machine.
         fingerprint: CPU model, vector extensions, thread count and library versions, JSON.
-        outcome: outcome of the attempt.
     """
 
     run_id: str

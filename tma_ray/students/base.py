@@ -159,10 +159,6 @@ class Student(ABC):
             f"student {cls.__name__} does not define policy_layers, which tells what it computes"
         )
 
-    def scalars(self) -> dict[str, float]:
-        """Return the metrics of the last update (losses, ...), by name."""
-        return {}
-
 
 def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> tuple[spaces.Box, spaces.Box]:
     """Return both spaces if they are one-dimensional float32 boxes with bounded actions."""

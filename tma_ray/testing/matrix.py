@@ -39,9 +39,7 @@ class SimulatedCell:
     """Cell of a matrix, with one run per seed.
 
     Attributes:
-        challenge: simulated challenge.
         teacher: registered name, or ``module:Name``.
-        level: expert knowledge offered.
         effective_level: level that the teacher uses, None if it is too little to run. Cells with the same
             effective level share runs.
     """

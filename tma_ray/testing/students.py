@@ -243,8 +243,6 @@ class SimulatedChallenge:
 
     Attributes:
         name: name in results and flags.
-        title: name in tables.
-        task_space: tasks that the teacher may choose from.
         aptitudes: parameters of the students; seed s trains the (s mod n)-th.
         resets: shares of the episodes after which the student forgets everything.
         cuts: shuffled intervals per dimension of the task space, 0 for none.

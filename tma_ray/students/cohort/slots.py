@@ -76,10 +76,6 @@ class RunSlot(ABC):
         self.student.restore_experience(state.experience)
         self.student.save_policy(folder)
 
-    def scalars(self) -> dict[str, float]:
-        """Return metrics of the last update."""
-        return self.stack.figures(self.slot)
-
 
 class SACSlot(RunSlot):
     """Slot of a SAC run, whose student keeps a copy of the replay buffer for checkpoints."""

@@ -120,10 +120,6 @@ class RolloutWorker(ActingStudent):
         """Raise an error: `tma_ray.students.load_policy` loads policies."""
         raise NotImplementedError("load the policy with tma_ray.students.load_policy")
 
-    def scalars(self) -> dict[str, float]:  # noqa: D102
-        metrics: dict[str, float] = self._link.ask("scalars")
-        return metrics
-
     def _state(self) -> WorkerState:
         states: list[dict[str, Any]] = [dict(rng.bit_generator.state) for rng in self._generators]
         return WorkerState(states, self.experience())

@@ -191,8 +191,7 @@ class LearnerLink:
         - ``reset``: weights of new networks;
         - ``save``, folder, `WorkerState`, True if incremental: names of the files left out;
         - ``load``, folder: weights and `WorkerState`;
-        - ``save_policy``, folder, `WorkerState`: None;
-        - ``scalars``: metrics of the last update.
+        - ``save_policy``, folder, `WorkerState`: None.
         """
         try:
             self._connection.send((request, *arguments))

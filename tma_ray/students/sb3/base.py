@@ -163,10 +163,6 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
         self.model._n_updates = updates
         self._refresh()
 
-    def scalars(self) -> dict[str, float]:  # noqa: D102
-        recorded = self.model.logger.name_to_value
-        return {name.removeprefix("train/"): float(value) for name, value in recorded.items()}
-
     @contextmanager
     def _updating(self) -> Iterator[None]:
         """Context of an update: the student's torch stream and precision, and fresh copies at the end."""
