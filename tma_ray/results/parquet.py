@@ -213,7 +213,7 @@ def decode(
 
 
 def opened(data: bytes) -> pq.ParquetFile:
-    """Return an opened Parquet file, of which only the metadata was read."""
+    """Return an opened Parquet file after reading its metadata only."""
     return pq.ParquetFile(pa.BufferReader(data))
 
 

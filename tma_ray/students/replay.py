@@ -27,7 +27,7 @@ class ReplayBuffer:
     bootstrap from their last observation; stable-baselines3's buffer cannot do that while storing
     observations once. Memory is touched only as it fills.
 
-    It replaces stable-baselines3's buffer, of which the update only calls `sample`.
+    It replaces stable-baselines3's buffer, whose updates only call `sample`.
     """
 
     def __init__(

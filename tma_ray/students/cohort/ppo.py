@@ -36,7 +36,7 @@ class PPONetworks(NamedTuple):
 
 
 class StackedPPO(StackedLearner):
-    """PPO of many runs, of which an update is one optimiser step on a mini-batch.
+    """PPO of many runs, with one optimiser step on a mini-batch per update.
 
     Compiling takes minutes once. `sizes` are the lengths of an observation and an action.
     """

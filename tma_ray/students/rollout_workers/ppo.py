@@ -81,7 +81,7 @@ def _act(
 class Rollout:
     """Rollout buffer of a fixed number of consecutive steps.
 
-    It replaces stable-baselines3's buffer, of which the update reads `values`, `returns` and the batches of
+    It replaces stable-baselines3's buffer, whose updates read `values`, `returns` and the batches of
     `get`. Returns and advantages are bit for bit equal; shuffling uses `generator` instead of numpy's global
     one.
     """
