@@ -12,7 +12,7 @@ from tma_ray.teachers.prioritised_replay import PrioritisedReplay
 
 @dataclass
 class ACCEL(PrioritisedReplay):
-    """Robust PLR with edits of replayed tasks as further new tasks.
+    """Robust PLR whose further new tasks are edits of those just replayed.
 
     An edit moves random coordinates up, down or not at all; the edited task is played for its score. Other
     new tasks are uniform or, at high expert knowledge, from the initial Gaussian, since the method prefers to

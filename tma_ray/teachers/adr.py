@@ -21,7 +21,7 @@ class Boundary(NamedTuple):
 
 @dataclass
 class ADR(Teacher):
-    """Box of uniform tasks that grows from a single one where the student does well on its boundary.
+    """Box of uniform tasks that grows from a single one, wherever the student does well on its boundary.
 
     With probability `boundary_share` one coordinate of a task is set to a random boundary of the box, and the
     return is queued for that boundary. The mean of a full queue moves the boundary out at `expand_at` or

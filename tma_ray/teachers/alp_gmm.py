@@ -94,9 +94,10 @@ class AbsoluteLearningProgress:
 
 @dataclass
 class ALPGMM(MixtureTeacher):
-    """Gaussian mixture of recent tasks and their absolute learning progress (ALP).
+    """Gaussian mixture that samples where the absolute learning progress of recent tasks is high.
 
-    A component is chosen in proportion to its mean ALP.
+    Absolute learning progress (ALP) is a further coordinate of each task; a component is chosen in proportion
+    to its mean ALP.
 
     Sources: Portelas et al. 2019, algorithm 1; paper, appendix A and table of hyper-parameters.
     """

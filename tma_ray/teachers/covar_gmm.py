@@ -25,10 +25,10 @@ class CovarianceProgress(StrEnum):
 
 @dataclass
 class CovarGMM(MixtureTeacher):
-    """Gaussian mixture of recent tasks, their times and their returns.
+    """Gaussian mixture that samples where the returns of recent tasks change with time.
 
-    A component is chosen in proportion to its covariance of time and return. Time is the index of the episode
-    in a fit, scaled to [0, 1).
+    Time and return are further coordinates of each task; a component is chosen in proportion to their
+    covariance. Time is the index of the episode in a fit, scaled to [0, 1).
 
     Sources: Moulin-Frier et al. 2014; Portelas et al. 2019, appendix; paper, appendix A and table of
     hyper-parameters. The paper takes the absolute value, the original release by default does not.

@@ -163,7 +163,7 @@ JITTER = 1e-3  # half width of a task's uniform noise, as a share of each range 
 
 @dataclass
 class CURROT(DistributionTeacher):
-    """Particles that move towards a target distribution as far as the student's returns allow.
+    """Particles that move towards a target distribution, as far as the student's returns allow.
 
     A task is a random particle. Every `update_every` episodes an optimal assignment gives each particle a
     uniform random target; it moves to the nearest point in a ball around it with an expected return of at

@@ -176,7 +176,7 @@ class EntropyUpdate:
 
 @dataclass
 class DORAEMON(DistributionTeacher):
-    """Independent Beta distributions that widen as long as the student masters enough tasks.
+    """Widens independent Beta distributions as long as the student masters enough of their tasks.
 
     Every update maximises the entropy within a bound on the divergence from the old distribution, such that
     the expected share of mastered tasks, estimated by importance sampling from the episodes since the last

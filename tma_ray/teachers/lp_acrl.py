@@ -24,7 +24,7 @@ def split_evenly(dimensions: int, most_cells: int) -> tuple[int, ...]:
 
 @dataclass
 class LPACRL(DistributionTeacher):
-    """Grid cells, sampled in each stage by the softmax of their learning progress in the last one.
+    """Samples the cells of a grid by the softmax of their learning progress from stage to stage.
 
     The learning progress of a cell in stage j is R_j - R_{j-1}, with R_j the mean return in the cell. The
     next stage draws cells with the probabilities softmax(progress / temperature), and a uniform task of the

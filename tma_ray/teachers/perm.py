@@ -76,7 +76,7 @@ def _most_probable(design: Array, responses: Array, precision: Array) -> Array:
 
 @dataclass
 class PERM(Teacher):
-    """Tasks whose difficulty matches the student's ability in an item-response model.
+    """Proposes tasks as difficult as the student is able, by an item-response model of both.
 
     The model explains returns, scaled to [0, 1], by the student's ability minus the difficulty of the task.
     It is fitted to the latest windows of episodes, each with its own ability. Difficulty is a sum of bumps in

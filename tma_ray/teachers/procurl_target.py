@@ -46,10 +46,10 @@ def proximity(values: Array, target_values: Array, similarities: Array) -> Array
 
 @dataclass
 class ProCuRLTarget(DistributionTeacher):
-    """Pool of uniform tasks, sampled by the softmax of their `proximity` to the student and to target tasks.
+    """Samples a pool of tasks by the softmax of their proximity to the student and to the target tasks.
 
-    The value of a task is its expected return, scaled to [0, 1] and estimated by kernel averages of the
-    returns since the last update. Before the first update all tasks of the pool are equally likely.
+    The score of a task is its `proximity`. Values are expected returns, scaled to [0, 1] and estimated by
+    kernel averages of the returns since the last update. Before the first update tasks are uniform.
 
     Sources: Tzannetos et al. 2024 (arXiv:2405.02481) for the score, read in a summary; the authors' code for
     this benchmark (``teachers_tma/proxcorl.py``) for pool, targets, kernel, softmax and intervals.

@@ -23,7 +23,7 @@ LOG_EVERY = 100  # episodes between two log rows
 
 @dataclass
 class Ramp(DistributionTeacher):
-    """Gaussian that moves from the initial to the target distribution, independently of the student.
+    """Gaussian that moves steadily from the initial to the target distribution, whatever the student masters.
 
     Mean and standard deviation change linearly until environment step `steps`; later tasks come from the
     target distribution. It is a reference for the gain of a curriculum whose difficulty lies along the axes.

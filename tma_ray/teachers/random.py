@@ -11,7 +11,7 @@ from tma_ray.teachers.base import DistributionTeacher
 
 @dataclass
 class Random(DistributionTeacher):
-    """Uniform tasks of the task space, whatever the expert knowledge (paper, appendix A)."""
+    """Uniform tasks of the task space (paper, appendix A); no expert knowledge changes them."""
 
     overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1

@@ -25,11 +25,12 @@ class Proposals:
 
 @dataclass
 class SetterSolver(Teacher):
-    """Setter network that proposes tasks of a requested feasibility, and judge network that estimates it.
+    """A setter proposes tasks of a feasibility asked for; a judge learns how feasible tasks are.
 
-    Both take one optimisation step every `update_every` episodes. The judge learns to predict successes. The
-    setter learns to propose tasks with the requested feasibility according to the judge (feasibility), to
-    assign a high likelihood to solved tasks (validity), and to maximise the entropy (coverage).
+    Both networks take one optimisation step every `update_every` episodes. The judge learns to predict
+    successes. The setter learns to propose tasks with the requested feasibility according to the judge
+    (feasibility), to assign a high likelihood to solved tasks (validity), and to maximise the entropy
+    (coverage).
 
     Sources: Racaniere et al. 2020, section 3; paper, appendix A (Setter-Solver) and table of
     hyper-parameters; details from the original release, whose judge has two hidden layers instead of the

@@ -15,7 +15,7 @@ BLOCK_SIZE = 256  # points computed at once: a power of 2, after which the seque
 
 @dataclass
 class Sobol(Teacher):
-    """Scrambled Sobol sequence of tasks: uniform, without random gaps and clusters.
+    """Scrambled Sobol sequence of tasks: uniform, without the gaps and clusters of chance.
 
     Sources: Sobol 1967; direction numbers of Joe and Kuo 2008, scrambling of Matousek 1998, as in scipy.
     """

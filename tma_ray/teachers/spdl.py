@@ -152,7 +152,7 @@ LARGEST_PENALTY = 1e5  # alpha of a distribution that equals its target (origina
 
 @dataclass
 class SPDL(DistributionTeacher):
-    """Gaussian that moves from an initial to a target distribution, depending on the student's values.
+    """Gaussian that moves from an initial to a target distribution, at the pace of the student's values.
 
     Every update maximises the mean value of the tasks' initial states minus a penalty for the divergence from
     the target, within a bound on the divergence from the old Gaussian. The weight alpha of the penalty is

@@ -125,7 +125,9 @@ def widened(gaussian: FullGaussian) -> FullGaussian:
 
 @dataclass
 class SPGL(SPDL):
-    """SPDL with closed-form updates for a quadratic model of returns, without values of the student.
+    """Gaussian that moves from an initial to a target distribution in closed form, at the pace of returns.
+
+    It is SPDL with a quadratic model of returns in place of the student's values.
 
     Sources: Ardakani and Song 2026 (arXiv:2603.23755) for the idea of closed-form updates of Gaussians; their
     formula could not be read. The one here is derived from the objective of Klink et al. 2020, with the

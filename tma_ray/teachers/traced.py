@@ -58,7 +58,7 @@ class TransitionModel:
 
 @dataclass
 class TRACED(ACCEL):
-    """ACCEL with the error of a transition model and co-learnability added to its score.
+    """ACCEL whose score adds the error of a transition model and the task's co-learnability.
 
     The difficulty of a task is its positive value loss plus alpha times the mean transition error of its
     episode under a model learned online. The co-learnability of the tasks replayed in round k is the mean
