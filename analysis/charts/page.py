@@ -44,23 +44,14 @@ Trace: TypeAlias = dict[str, Any]  # trace of plotly.js
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Panel of a chart as plain data of plotly.js, whose own classes spend half of a page's time on checks.
+    """Panel of a chart as plain data of plotly.js, whose own classes are slow to validate."""
 
-    Attributes:
-        name: identifier on the page, and name of saved pictures.
-        title: title of the chart.
-        teacher: teacher of the panel; empty for several.
-        traces: traces, whose ``meta`` has the teacher and the comparison by which the page hides them.
-        layout: axes, margins, legend.
-        frames: name of each moment and changes to the traces.
-    """
-
-    name: str
-    title: str
-    teacher: str
-    traces: tuple[Trace, ...]
-    layout: dict[str, Any]
-    frames: tuple[dict[str, Any], ...]
+    name: str  # identifier on the page, and name of saved pictures
+    title: str  # title of the chart
+    teacher: str  # teacher of the panel; empty for several
+    traces: tuple[Trace, ...]  # traces with teacher and comparison in ``meta``, for hiding
+    layout: dict[str, Any]  # axes, margins, legend
+    frames: tuple[dict[str, Any], ...]  # name of each moment and changes to the traces
 
     @property
     def json(self) -> str:

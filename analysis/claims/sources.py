@@ -44,19 +44,12 @@ from tma_ray.support.component_names import base_name
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Results for one reading.
+    """Results for one reading."""
 
-    Attributes:
-        description: n, mean and std of mastered tasks, in per cent; the mean of runs is that over strata.
-        strata: values per run of each embodiment and student, by run id; none for published results.
-        seeds: seeds of paired runs by run id.
-        least: least variance in each stratum.
-    """
-
-    description: Description
-    strata: Mapping[str, pd.Series] = field(default_factory=dict)
-    seeds: Seeds = field(default_factory=dict)
-    least: Mapping[str, float] = field(default_factory=dict)
+    description: Description  # n, mean (over strata) and std of mastered %
+    strata: Mapping[str, pd.Series] = field(default_factory=dict)  # runs' values by body and student
+    seeds: Seeds = field(default_factory=dict)  # seeds of paired runs, by id
+    least: Mapping[str, float] = field(default_factory=dict)  # least variance by stratum
 
     @property
     def runs(self) -> frozenset[object]:

@@ -99,16 +99,11 @@ class _Path:
     """Distribution of the scores S = Z sqrt(I) that crossed no boundary so far.
 
     Increments of scores are independent, N(drift dI, dI).
-
-    Attributes:
-        scores: quadrature nodes (n,).
-        density: probability at each node, weights included (n,).
-        information: information of the look.
     """
 
-    scores: Floats = field(default_factory=lambda: np.zeros(1))
-    density: Floats = field(default_factory=lambda: np.ones(1))
-    information: float = 0.0
+    scores: Floats = field(default_factory=lambda: np.zeros(1))  # quadrature nodes (n,)
+    density: Floats = field(default_factory=lambda: np.ones(1))  # probability at each node (n,)
+    information: float = 0.0  # information of the look
 
     def over(self, bound: float, information: float, drift: float = 0.0) -> float:
         """Return the probability of crossing `bound` at the next look."""

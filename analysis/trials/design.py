@@ -46,50 +46,29 @@ TRIALS = 4_000  # simulated trials behind the choice of the error
 
 @dataclass(frozen=True)
 class Spread:
-    """Spread of a measure between a release's runs in a cell, on the scale of its test.
+    """Spread of a measure between a release's runs in a cell, on the scale of its test."""
 
-    Attributes:
-        slope: points of the measure per unit of the scale, at the mean of the release.
-        deviation: standard deviation of a run, pooled over the release's teachers.
-        least: `statistics.least_variance` of the release's teachers.
-    """
-
-    slope: float
-    deviation: float
-    least: float
+    slope: float  # points of the measure per unit of the scale, at the mean of the release
+    deviation: float  # standard deviation of a run, pooled over the release's teachers
+    least: float  # `statistics.least_variance` of the release's teachers
 
 
 @dataclass(frozen=True)
 class TrialCell:
-    """A cell of a trial.
+    """A cell of a trial."""
 
-    Attributes:
-        name: name of the challenge, with the embodiment where the release has several.
-        environment: environment.
-        challenge: challenge.
-        embodiment: embodiment.
-        student: student.
-        expert_knowledge: level of expert knowledge.
-        slope: points of `HEADLINE` per radian of its arcsine, at the mean of the release.
-        deviation: standard deviation of a run, pooled over the release's teachers, rad.
-        hours: median hours of a run in the release; 0 if unknown.
-        weight: weight in the mean over cells; None in older designs, whose cells have equal weights.
-        least: least variance of a teacher's runs, rad².
-        end: spread of `FINAL`; None in older designs, which report `HEADLINE` alone.
-    """
-
-    name: str
+    name: str  # name of the challenge, with the embodiment where the release has several
     environment: str
     challenge: str
     embodiment: str
     student: str
     expert_knowledge: str
-    slope: float
-    deviation: float
-    hours: float
-    weight: float | None = None
-    least: float = 0.0
-    end: Spread | None = None
+    slope: float  # points of `HEADLINE` per radian of its arcsine, at the mean of the release
+    deviation: float  # standard deviation of a run, pooled over the release's teachers, rad
+    hours: float  # median hours of a run in the release; 0 if unknown
+    weight: float | None = None  # weight in the mean over cells; None in older designs, for equal ones
+    least: float = 0.0  # least variance of a teacher's runs, rad²
+    end: Spread | None = None  # spread of `FINAL`; None in older designs, which report `HEADLINE` alone
 
     def spread(self, measure: str) -> Spread:
         """Return the spread of a measure of the design."""
@@ -106,38 +85,21 @@ class TrialCell:
 
 @dataclass(frozen=True)
 class Design:
-    """Design of a trial, fixed before its first run.
+    """Design of a trial, fixed before its first run."""
 
-    Attributes:
-        teacher: canonical name of the new teacher.
-        release: name of the release it is compared with.
-        release_digest: SHA-256 of the runs of the references and their results.
-        best: teacher of the release with the highest mean of `HEADLINE`, other than Random.
-        candidates: number of teachers among which `best` was selected.
-        cells: cells, in the order in which they are run.
-        seeds: seeds of the new teacher, disjoint from those of the references.
-        margin: equivalence margin of `HEADLINE`, in points; see `margin_of`.
-        error: error to spend, of both comparisons together; below `ERROR` where simulated trials with the
-            release's residuals need it.
-        simulated_error: share of those trials with a wrong verdict, the largest over true differences.
-        looks: seeds of every cell at each look.
-        measure: column of `run_measures`.
-        runs: SHA-256 of the ids of all runs, which depend on the teacher's source and settings.
-    """
-
-    teacher: str
-    release: str
-    release_digest: str
-    best: str
-    candidates: int
-    cells: tuple[TrialCell, ...]
-    seeds: tuple[int, ...]
-    margin: float = AREA_MARGIN
-    error: float = rules.ERROR
-    simulated_error: float = 0.0
-    looks: tuple[int, ...] = rules.LOOKS
-    measure: str = HEADLINE
-    runs: str = ""
+    teacher: str  # canonical name of the new teacher
+    release: str  # name of the release it is compared with
+    release_digest: str  # SHA-256 of the runs of the references and their results
+    best: str  # teacher of the release with the highest mean of `HEADLINE`, other than Random
+    candidates: int  # number of teachers among which `best` was selected
+    cells: tuple[TrialCell, ...]  # in the order in which they are run
+    seeds: tuple[int, ...]  # seeds of the new teacher, disjoint from those of the references
+    margin: float = AREA_MARGIN  # equivalence margin of `HEADLINE`, in points; see `margin_of`
+    error: float = rules.ERROR  # error to spend, of both comparisons together, at most `ERROR`
+    simulated_error: float = 0.0  # largest share of simulated trials with a wrong verdict
+    looks: tuple[int, ...] = rules.LOOKS  # seeds of every cell at each look
+    measure: str = HEADLINE  # column of `run_measures`
+    runs: str = ""  # SHA-256 of the ids of all runs, which depend on the teacher's source and settings
 
     @classmethod
     def of(cls, content: Mapping[str, Any], where: str) -> "Design":

@@ -28,34 +28,21 @@ Floats = NDArray[np.float64]
 
 
 class TrialVerdict(StrEnum):
-    """Verdict of a comparison at a look.
+    """Verdict of a comparison at a look."""
 
-    Attributes:
-        BETTER: interval over 0.
-        WORSE: interval under 0.
-        ALIKE: interval within the margin.
-        OPEN: none of these.
-    """
-
-    BETTER = "better"
-    WORSE = "worse"
-    ALIKE = "alike"
-    OPEN = "open"
+    BETTER = "better"  # interval over 0
+    WORSE = "worse"  # interval under 0
+    ALIKE = "alike"  # interval within the margin
+    OPEN = "open"  # none of these
 
 
 @dataclass(frozen=True)
 class Moments:
-    """Moments of a teacher's runs in each cell, on the scale of the test.
+    """Moments of a teacher's runs in each cell, on the scale of the test."""
 
-    Attributes:
-        mean: means (..., cells).
-        variance: sample variances (..., cells); 0 in place of rounding errors of the means.
-        runs: number of runs (cells,).
-    """
-
-    mean: Floats
-    variance: Floats
-    runs: Floats
+    mean: Floats  # means (..., cells)
+    variance: Floats  # sample variances (..., cells); 0 in place of rounding errors of the means
+    runs: Floats  # number of runs (cells,)
 
     def __post_init__(self) -> None:
         spread = ~negligible(np.sqrt(self.variance), self.mean)
@@ -70,17 +57,11 @@ class Moments:
 
 @dataclass(frozen=True, eq=False)
 class Estimand:
-    """Estimand of a trial: the weighted mean of the cells' differences, in points.
+    """Estimand of a trial: the weighted mean of the cells' differences, in points."""
 
-    Attributes:
-        weights: weight of each cell (cells,), with sum 1.
-        slopes: points per unit of the moments' scale (cells,).
-        least: `statistics.least_variance` of each cell (cells,), on the moments' scale.
-    """
-
-    weights: Floats
-    slopes: Floats
-    least: Floats
+    weights: Floats  # weight of each cell (cells,), with sum 1
+    slopes: Floats  # points per unit of the moments' scale (cells,)
+    least: Floats  # `statistics.least_variance` of each cell (cells,), on the moments' scale
 
     @property
     def factors(self) -> Floats:
@@ -94,17 +75,11 @@ class Estimand:
 
 @dataclass(frozen=True)
 class DifferenceEstimate:
-    """Estimate of the difference between a teacher and a reference over all cells, in points.
+    """Estimate of the difference between a teacher and a reference over all cells, in points."""
 
-    Attributes:
-        value: weighted mean over cells (...).
-        error: standard error (...).
-        freedom: Welch-Satterthwaite degrees of freedom (...); NaN where no sample has a spread.
-    """
-
-    value: Floats
-    error: Floats
-    freedom: Floats
+    value: Floats  # weighted mean over cells (...)
+    error: Floats  # standard error (...)
+    freedom: Floats  # Welch-Satterthwaite degrees of freedom (...); NaN where no sample has a spread
 
 
 def difference(teacher: Moments, reference: Moments, estimand: Estimand) -> DifferenceEstimate:
@@ -126,21 +101,13 @@ def difference(teacher: Moments, reference: Moments, estimand: Estimand) -> Diff
 
 @dataclass(frozen=True)
 class DecisionRule:
-    """Group-sequential decision rule of one comparison.
+    """Group-sequential decision rule of one comparison."""
 
-    Attributes:
-        looks: seeds of every cell at each look.
-        fractions: planned information of each look as a share of the last one's.
-        margin: equivalence margin, points.
-        candidates: number of teachers that the reference is the best of; 1 if it was not selected.
-        error: probability of a wrong verdict over all looks.
-    """
-
-    looks: tuple[int, ...]
-    fractions: tuple[float, ...]
-    margin: float
-    candidates: int = 1
-    error: float = ERROR / COMPARISONS
+    looks: tuple[int, ...]  # seeds of every cell at each look
+    fractions: tuple[float, ...]  # planned information of each look as a share of the last one's
+    margin: float  # equivalence margin, points
+    candidates: int = 1  # number of teachers that the reference is the best of; 1 if it was not selected
+    error: float = ERROR / COMPARISONS  # probability of a wrong verdict over all looks
 
     @cached_property
     def lower(self) -> tuple[float, ...]:
@@ -238,41 +205,24 @@ SIMULATION_SEED = 41  # seed of simulated trials, fixed so that designs are repr
 
 @dataclass(frozen=True)
 class SimulatedOutcomes:
-    """Outcomes of simulated trials, whose two comparisons are with Random and with the best teacher.
+    """Outcomes of simulated trials, whose two comparisons are with Random and with the best teacher."""
 
-    Attributes:
-        verdicts: `TrialVerdict` of each comparison (2, trials).
-        seeds: seeds of every cell that were run (trials,).
-        estimates: difference at the look of the verdict, or at the last one (2, trials), in points.
-        errors: standard error of the estimate (2, trials).
-        looks: index of that look (2, trials).
-        wrong: True where either verdict is wrong (trials,).
-    """
-
-    verdicts: NDArray[np.str_]
-    seeds: NDArray[np.int64]
-    estimates: Floats
-    errors: Floats
-    looks: NDArray[np.int64]
-    wrong: NDArray[np.bool_]
+    verdicts: NDArray[np.str_]  # `TrialVerdict` of each comparison (2, trials)
+    seeds: NDArray[np.int64]  # seeds of every cell that were run (trials,)
+    estimates: Floats  # difference at the look of the verdict, or at the last one (2, trials), in points
+    errors: Floats  # standard error of the estimate (2, trials)
+    looks: NDArray[np.int64]  # index of that look (2, trials)
+    wrong: NDArray[np.bool_]  # True where either verdict is wrong (trials,)
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Parameters of simulated trials.
+    """Parameters of simulated trials."""
 
-    Attributes:
-        rules: rules of the comparisons with Random and with the best teacher.
-        estimand: estimand of both comparisons.
-        residuals: residuals of released runs by cell and teacher, Random first and then the candidates for
-            the best (cells, teachers, (n,)), on the scale of the moments.
-        runs: number of runs of each reference in each cell (cells,).
-    """
-
-    rules: tuple[DecisionRule, ...]
-    estimand: Estimand
-    residuals: tuple[tuple[Floats, ...], ...]
-    runs: Floats
+    rules: tuple[DecisionRule, ...]  # rules of the comparisons with Random and with the best teacher
+    estimand: Estimand  # estimand of both comparisons
+    residuals: tuple[tuple[Floats, ...], ...]  # residuals by cell and teacher, Random first, (n,) each
+    runs: Floats  # number of runs of each reference in each cell (cells,)
 
 
 def simulate(setting: Setting, true: float, trials: int, seed: int = SIMULATION_SEED) -> SimulatedOutcomes:

@@ -36,67 +36,39 @@ from tma_ray.support.texts import counted
 
 
 class TrialEnding(StrEnum):
-    """Reason why a trial ends, or that it goes on.
+    """Reason why a trial ends, or that it goes on."""
 
-    Attributes:
-        DECIDED: both comparisons have a verdict.
-        FUTILE: no open comparison is likely to get a verdict.
-        LAST: all looks are completed.
-        GOES_ON: the trial does not end yet.
-    """
-
-    DECIDED = "decided"
-    FUTILE = "futile"
-    LAST = "last look"
-    GOES_ON = ""
+    DECIDED = "decided"  # both comparisons have a verdict
+    FUTILE = "futile"  # no open comparison is likely to get a verdict
+    LAST = "last look"  # all looks are completed
+    GOES_ON = ""  # the trial does not end yet
 
 
 @dataclass(frozen=True)
 class LookComparison:
-    """Comparison with a reference at an interim look, in points.
+    """Comparison with a reference at an interim look, in points."""
 
-    Attributes:
-        measure: measure that is compared, of `design.AXES`.
-        reference: teacher that the new one is compared with.
-        seeds: seeds of every cell of the new teacher.
-        value: observed difference.
-        unbiased: median-unbiased estimate, which allows for earlier looks; NaN after a verdict.
-        low: lower end of the repeated confidence interval.
-        high: upper end of the interval.
-        verdict: verdict by the interval.
-        power: predictive power at the last look; 1 after a verdict.
-        within_budget: predictive power at the last look within the budget.
-    """
-
-    measure: str
-    reference: str
-    seeds: int
-    value: float
-    unbiased: float
-    low: float
-    high: float
-    verdict: TrialVerdict
-    power: float
-    within_budget: float
+    measure: str  # measure that is compared, of `design.AXES`
+    reference: str  # teacher that the new one is compared with
+    seeds: int  # seeds of every cell of the new teacher
+    value: float  # observed difference
+    unbiased: float  # median-unbiased estimate, which allows for earlier looks; NaN after a verdict
+    low: float  # lower end of the repeated confidence interval
+    high: float  # upper end of the interval
+    verdict: TrialVerdict  # verdict by the interval
+    power: float  # predictive power at the last look; 1 after a verdict
+    within_budget: float  # predictive power at the last look within the budget
 
 
 @dataclass(frozen=True)
 class InterimLook:
-    """Interim look of a trial.
+    """Interim look of a trial."""
 
-    Attributes:
-        seeds: seeds of every cell.
-        comparisons: comparisons at this look, of the measure that ends trials first.
-        settled: comparisons at the look of their verdict, or at this one while open, in the same order.
-        ending: reason why the trial ends here, or `GOES_ON`.
-        excluded: number of runs excluded for non-finite returns.
-    """
-
-    seeds: int
-    comparisons: tuple[LookComparison, ...]
-    settled: tuple[LookComparison, ...]
-    ending: TrialEnding
-    excluded: int = 0
+    seeds: int  # seeds of every cell
+    comparisons: tuple[LookComparison, ...]  # comparisons at this look, of the measure that ends trials first
+    settled: tuple[LookComparison, ...]  # comparisons at the look of their verdict, else at this one
+    ending: TrialEnding  # reason why the trial ends here, or `GOES_ON`
+    excluded: int = 0  # number of runs excluded for non-finite returns
 
     def pairs(self) -> Iterator[tuple[LookComparison, ...]]:
         """Yield the settled comparisons of each reference, `HEADLINE` first and then `FINAL`, if any."""
