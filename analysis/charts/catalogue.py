@@ -9,11 +9,19 @@ from typing import NamedTuple
 import pandas as pd
 
 from analysis.charts.base import END, MASTERED, Chart
-from analysis.charts.curricula import Shot, curriculum_strip, dimension_bands, film, film_strip, sheets
+from analysis.charts.curricula import (
+    Shot,
+    curriculum_strip,
+    dimension_bands,
+    film,
+    film_strip,
+    hidden_scalars,
+    scalar_chart,
+    sheets,
+)
 from analysis.charts.curves import learning_curves
 from analysis.charts.intervals import seeds_chart
 from analysis.charts.mastery import mastery_chart, mastery_map
-from analysis.charts.profiles import hidden_scalars, scalar_chart
 from analysis.charts.tasks import PAGE_EPISODES, probed_tasks, projected, training_tasks
 from analysis.comparisons.comparison import TeacherComparison
 from analysis.data.curricula import Axis, Curriculum, curriculum_of, moments

@@ -1,4 +1,4 @@
-"""Charts of curricula: film strips and animations of task distributions, training tasks, dimensions.
+"""Charts of curricula: film strips and animations of tasks, training tasks, dimensions, teachers' scalars.
 
 Arguments in common: `curricula` has one run per teacher, and `plane` the two task dimensions.
 """
@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import pandas as pd
 
 from analysis.charts import base
 from analysis.charts.tasks import PAPER_EPISODES, TaskView, episodes, return_colours, state, task_axis
@@ -228,3 +229,54 @@ def _regions(curriculum: Curriculum, dimension: int) -> Iterator[base.Mark]:
     if means:
         steps, values, shares = np.array(means, dtype=np.float64).T
         yield base.Scatter(x=steps, y=values, size=1.8 * np.sqrt(1 + 8 * shares), opacity=0.55)
+
+
+MOST_PER_TEACHER = 8  # largest number of scalars per teacher
+BINS = 150  # number of equal parts of a longer series, drawn as their medians and ranges
+
+
+def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
+    """Return the finite values of each scalar by name, indexed by step."""
+    rows = [
+        (int(step), str(name), float(value))
+        for step, scalars in zip(curriculum.updates["step"], curriculum.updates["scalars"], strict=True)
+        for name, value in (scalars or ())
+        if math.isfinite(value)
+    ]
+    table = pd.DataFrame(rows, columns=["step", "name", "value"])
+    return {str(name): rows.set_index("step")["value"] for name, rows in table.groupby("name")}
+
+
+def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -> base.Chart | None:
+    """Return a panel per scalar, at most `MOST_PER_TEACHER` per teacher."""
+    panels = []
+    for teacher, label in short_labels(curricula, base.LONGEST_NAME).items():
+        for scalar, values in list(scalars_of(curricula[teacher]).items())[:MOST_PER_TEACHER]:
+            whole = bool(values.max() - values.min() < 5 and (values % 1 == 0).all())
+            axes = (
+                base.PanelAxis(base.STEPS, base.AxisKind.STEPS),
+                base.PanelAxis(whole=whole, grid=True),
+            )
+            heading = label, scalar.replace("_", " ")
+            panels.append(base.Panel(*axes, [_series(teacher, values)], *heading, teacher=teacher))
+    rows = base.grid(panels, 4)
+    size = 10.2, 0.4 + 1.8 * len(rows)
+    return base.Chart(name, rows, "Teachers' logs", caption, size=size, pixels=230) if panels else None
+
+
+def hidden_scalars(curricula: Mapping[str, Curriculum]) -> int:
+    """Return the number of scalars that are not drawn."""
+    counts = (len(scalars_of(curriculum)) for curriculum in curricula.values())
+    return sum(max(0, count - MOST_PER_TEACHER) for count in counts)
+
+
+def _series(teacher: str, values: pd.Series) -> base.Curve:
+    line, hover = teacher_style(teacher)._replace(marker="", dashes="-"), "{y:.4g} at step {x:,d}"
+    style: dict[str, Any] = {"look": line, "teacher": teacher, "width": 1.5, "hover": hover}
+    if len(values) <= BINS:
+        return base.Curve(x=values.index.to_numpy(np.float64), y=values.to_numpy(np.float64), **style)
+    part = np.arange(len(values)) * BINS // len(values)
+    binned = pd.DataFrame({"step": values.index, "value": values.to_numpy()}).groupby(part)
+    low, median, high = (binned["value"].agg(name).to_numpy(np.float64) for name in ("min", "median", "max"))
+    steps = binned["step"].median().to_numpy(np.float64)
+    return base.Curve(x=steps, y=median, low=low, high=high, opacity=0.2, **style)

@@ -1,4 +1,4 @@
-"""Charts of means, ranks and differences with their intervals."""
+"""Charts of means, ranks, differences and performance profiles with their intervals."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -225,3 +225,42 @@ def difference_chart(
         panels.append(base.Panel(x, teachers, [base.ReferenceLine(x=0.0), *marks], AXES[axis].capitalize()))
     size = 7.4, 1.0 + 0.21 * len(rows)
     return base.Chart(name, [panels], heading, DIFFERENCES, size=size, letters=7.5)
+
+
+FEWEST_WITH_BAND = 5  # least number of runs of a line with a band, which would else fill the panel
+
+
+def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
+    """Return the share of runs over each threshold, as a line per teacher.
+
+    Args:
+        table: teacher, threshold, share, low, high and n, of `aggregates.profiles`.
+        quantity: title of the axis of thresholds.
+        name: identifier of the chart.
+        heading: title of the chart.
+        caption: content and number of runs.
+    """
+    marks: list[base.Mark] = []
+    for teacher, label in short_labels(table["teacher"].astype(str), base.LONGEST_NAME).items():
+        rows = table[table["teacher"] == teacher].sort_values("threshold")
+        share, low, high = (100 * rows[column].to_numpy(np.float64) for column in ("share", "low", "high"))
+        band: dict[str, Any] = {"low": low, "high": high} if rows["n"].min() >= FEWEST_WITH_BAND else {}
+        words = [f"{y:.0f} % [{a:.0f}, {b:.0f}]" for y, a, b in zip(share, low, high, strict=True)]
+        marks.append(
+            base.Curve(
+                x=rows["threshold"].to_numpy(np.float64),
+                y=share,
+                **band,
+                look=teacher_style(teacher)._replace(marker=""),
+                name=label,
+                teacher=teacher,
+                words=words,
+                hover="{text}",
+                opacity=0.1,
+            )
+        )
+    axes = (
+        base.PanelAxis(quantity, low=0.0, high=100.0),
+        base.PanelAxis("Runs over it (%)", low=-2.0, high=102.0, grid=True),
+    )
+    return base.Chart(name, [[base.Panel(*axes, marks)]], heading, caption)

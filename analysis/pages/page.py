@@ -11,8 +11,8 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from analysis.charts.intervals import FEWEST_WITH_BAND, profile_chart
 from analysis.charts.page import on_page, packed, plotly_library
-from analysis.charts.profiles import FEWEST, profile_chart
 from analysis.comparisons.leaderboards import THRESHOLDS, overall_rows, performance_profiles
 from analysis.data.columns import COMPARED, FILTERS
 from analysis.formatting import few_seeds_warning, plus_minus, steps_text
@@ -138,7 +138,7 @@ def _name(column: str, value: str, environments: Iterable[str]) -> str:
 
 CAPTION = (
     "Share of runs that master more of the test tasks than the horizontal axis says; bands are exact 95 % "
-    f"intervals, threshold by threshold, of {FEWEST} runs and more; all challenges together."
+    f"intervals, threshold by threshold, of {FEWEST_WITH_BAND} runs and more; all challenges together."
 )
 
 

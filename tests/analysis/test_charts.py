@@ -13,10 +13,9 @@ from views import figure_of, plot_of
 
 from analysis.charts.base import END
 from analysis.charts.curves import learning_curves
-from analysis.charts.intervals import overview_chart, rank_chart, seeds_chart
+from analysis.charts.intervals import overview_chart, profile_chart, rank_chart, seeds_chart
 from analysis.charts.mastery import SHARES, mastery_chart
 from analysis.charts.page import Plot, colour_scale, packed
-from analysis.charts.profiles import profile_chart
 from analysis.charts.tasks import probed_tasks, training_tasks
 from analysis.comparisons.ranks import Rank
 from analysis.data.curricula import Axis, Curriculum

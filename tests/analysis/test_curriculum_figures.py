@@ -14,9 +14,15 @@ from synthetic_logs import KINDS, STEPS, axes, curriculum
 from views import figure_of, plot_of
 
 from analysis.charts.base import PAGE_WIDTH
-from analysis.charts.curricula import QUANTILES
+from analysis.charts.curricula import (
+    BINS,
+    MOST_PER_TEACHER,
+    QUANTILES,
+    hidden_scalars,
+    scalar_chart,
+    scalars_of,
+)
 from analysis.charts.page import on_page
-from analysis.charts.profiles import BINS, MOST_PER_TEACHER, hidden_scalars, scalar_chart, scalars_of
 from analysis.charts.tasks import ellipse
 from analysis.data.curricula import MOST_MOMENTS, PANELS, RETURN_RANGE, Curriculum, moments
 from analysis.figures import Shot, curriculum_strip, dimension_bands, film_strip
