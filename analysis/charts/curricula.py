@@ -13,7 +13,14 @@ import numpy as np
 import pandas as pd
 
 from analysis.charts import base
-from analysis.charts.tasks import PAPER_EPISODES, TaskView, episodes, return_colours, state, task_axis
+from analysis.charts.tasks import (
+    PAPER_EPISODES,
+    TaskView,
+    episode_marks,
+    return_colours,
+    state_marks,
+    task_axis,
+)
 from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, moments
 from analysis.formatting import steps_text
 from analysis.names import short_labels
@@ -126,7 +133,7 @@ def _animated(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> bas
     frame = teacher_style(shot.teacher).colour if zoomed else ""
 
     def at(step: Any) -> base.Panel:
-        marks = state(shot.curriculum, shot.teacher, step, view, colours, None)
+        marks = state_marks(shot.curriculum, shot.teacher, step, view, colours, None)
         reached = len(shot.curriculum.probed_at(step))
         return base.Panel(x, y, marks, shot.name, frame=frame, remark="" if reached else "not reached")
 
@@ -160,7 +167,7 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
         for number in range(PANELS):
             part = curricula[teacher].during(number)
             name = f"{100 * number // PANELS}\N{EN DASH}{100 * (number + 1) // PANELS} %"
-            dots = [episodes(part, teacher, view, colours, PAPER_EPISODES)]
+            dots = [episode_marks(part, teacher, view, colours, PAPER_EPISODES)]
             remark = "no episodes" if part.episodes.empty else ""
             row.append(base.Panel(*view.scales(), dots, "" if rows else name, side=side, remark=remark))
         rows.append(row)

@@ -119,7 +119,7 @@ def _rectangle(low: base.Array, high: base.Array) -> tuple[base.Array, base.Arra
     return np.array([left, right, right, left, left]), np.array([bottom, bottom, top, top, bottom])
 
 
-def state(
+def state_marks(
     curriculum: Curriculum,
     teacher: str,
     step: int,
@@ -154,7 +154,9 @@ def probed_tasks(
         steps = sorted({int(step) for step in curricula[teacher].probes["step"]})
         chosen = [steps[index] for index in base.spaced_indices(len(steps), MOMENTS)]
         if chosen and view.varied:
-            marks = {step: state(curricula[teacher], teacher, step, view, None, DOTS) for step in chosen}
+            marks = {
+                step: state_marks(curricula[teacher], teacher, step, view, None, DOTS) for step in chosen
+            }
             panels.append(_animated(marks, view, label, teacher))
     return _grid(panels, name, "Probed tasks", caption)
 
@@ -188,7 +190,7 @@ def training_tasks(
         for number in range(PANELS):
             part, end = shown[teacher].during(number), round(shown[teacher].steps * (number + 1) / PANELS)
             if len(part.episodes):
-                marks[end] = [episodes(part, teacher, view, colours, PAGE_EPISODES)]
+                marks[end] = [episode_marks(part, teacher, view, colours, PAGE_EPISODES)]
         if marks:
             panels.append(_animated(marks, view, label, teacher))
     return _grid(panels, name, "Training tasks", caption)
@@ -201,7 +203,7 @@ def return_colours(curricula: Mapping[str, Curriculum]) -> base.ColourScale:
     return base.ColourScale(RETURN_COLOURS, low, high, "Return of the episode", open=True, mark=mastery)
 
 
-def episodes(
+def episode_marks(
     part: Curriculum, teacher: str, view: TaskView, colours: base.ColourScale, most: int
 ) -> base.Scatter:
     """Return at most `most` evenly spaced training tasks of a part of a run, coloured by return."""

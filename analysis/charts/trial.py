@@ -25,7 +25,7 @@ def course_chart(
     """Return a panel per comparison with boundaries, margin, and differences with their intervals.
 
     Args:
-        courses: rows of `trials.standing.course` by measure and reference, with a row of panels per measure.
+        courses: rows of `trials.interim.course` by measure and reference, with a row of panels per measure.
         teacher: new teacher.
         margins: equivalence margin of each measure, in points.
         name: identifier of the chart.

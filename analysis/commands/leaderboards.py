@@ -32,7 +32,7 @@ from tma_ray.console.terminal import terminal
 
 if TYPE_CHECKING:
     from analysis.trials.design import Design
-    from analysis.trials.standing import InterimLook
+    from analysis.trials.interim import InterimLook
 
 EXPLANATION = (
     "Mastered test tasks, %: mean over seeds and the challenges of a table, of equal weight, on two axes: "
@@ -171,7 +171,7 @@ def markdown(name: str, pictures: str = ".") -> str:
 
 def _joined(place: str) -> list[tuple[Design, InterimLook]]:
     """Return the trials of the teachers that joined a release by one; none of other results."""
-    from analysis.trials.standing import joined_trials  # deferred: scipy.optimize
+    from analysis.trials.interim import joined_trials  # deferred: scipy.optimize
 
     baseline = as_baseline(place)
     return joined_trials(baseline) if baseline else []
@@ -179,7 +179,7 @@ def _joined(place: str) -> list[tuple[Design, InterimLook]]:
 
 def _trial_lines(place: str) -> Iterator[str]:
     """Yield the verdicts of each trial by which a teacher joined a release in a line."""
-    from analysis.trials.standing import look_line  # deferred, as above
+    from analysis.trials.interim import look_line  # deferred, as above
 
     for design, look in _joined(place):
         yield f"{label(design.teacher)}, {look_line(look)}"

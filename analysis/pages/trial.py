@@ -14,7 +14,7 @@ from analysis.formatting import interval_text, number
 from analysis.names import label, own_first
 from analysis.pages.page import page, write_page
 from analysis.teacher_styles import shown_together
-from analysis.trials import standing
+from analysis.trials import interim
 from analysis.trials.design import Design
 from tma_ray.console.exit_codes import installed_version
 from tma_ray.support.texts import counted
@@ -24,7 +24,7 @@ def write_trial(
     folder: Path,
     design: Design,
     released: pd.DataFrame,
-    looks: list[standing.InterimLook],
+    looks: list[interim.InterimLook],
     frames: Frames,
     trial: Frames,
 ) -> Path:
@@ -34,7 +34,7 @@ def write_trial(
         The page, ``index.html``.
     """
     courses = {
-        (measure, name): standing.course(design, released, looks, name, measure)
+        (measure, name): interim.course(design, released, looks, name, measure)
         for measure in design.axes
         for name in design.references
     }
@@ -43,12 +43,12 @@ def write_trial(
     with shown_together([design.teacher, *design.references]), own_first([design.teacher]):
         if looks:
             files["verdicts.csv"] = (
-                standing.verdict_table(design, looks).to_csv(index=False, float_format="%.3f").encode()
+                interim.verdict_table(design, looks).to_csv(index=False, float_format="%.3f").encode()
             )
-            files["row.tex"] = standing.latex_row(design, looks[-1]).encode()
-            files["methods.txt"] = (standing.methods(design, looks[-1], _versions()) + "\n").encode()
+            files["row.tex"] = interim.latex_row(design, looks[-1]).encode()
+            files["methods.txt"] = (interim.methods(design, looks[-1], _versions()) + "\n").encode()
             save(draw(course_chart(courses, design.teacher, margins)), folder / "trial")
-        text = _render(design, released, looks, courses, standing.curves(design, frames, trial), trial)
+        text = _render(design, released, looks, courses, interim.curves(design, frames, trial), trial)
     return write_page(folder, text, files)
 
 
@@ -60,7 +60,7 @@ def _versions() -> str:
 def _render(
     design: Design,
     released: pd.DataFrame,
-    looks: list[standing.InterimLook],
+    looks: list[interim.InterimLook],
     courses: dict[tuple[str, str], pd.DataFrame],
     lines: pd.DataFrame,
     trial: Frames,
@@ -80,19 +80,19 @@ def _render(
         "trial.html.j2",
         teacher=label(design.teacher),
         release=design.release,
-        verdict=standing.sentence(design, looks[-1]) if looks else "No look is complete yet.",
-        ended=standing.REASONS.get(looks[-1].ending, "") if looks else "",
-        lines=[standing.look_line(look) for look in looks],
-        plan=[text.strip() for text in standing.plan_lines(design, released)],
+        verdict=interim.sentence(design, looks[-1]) if looks else "No look is complete yet.",
+        ended=interim.REASONS.get(looks[-1].ending, "") if looks else "",
+        lines=[interim.look_line(look) for look in looks],
+        plan=[text.strip() for text in interim.plan_lines(design, released)],
         rows=[
             row
             | {"interval": interval_text(row["low"], row["high"])}
             | {name: number(row[name]) for name in ("difference", "estimate")}
-            for row in standing.verdict_table(design, looks).to_dict("records")
+            for row in interim.verdict_table(design, looks).to_dict("records")
         ],
         charts=list(map(on_page, charts)),
         cost=f"{runs} of at most {most} runs" + (f", {hours:.1f} hours of runs" if hours else ""),
-        methods=standing.methods(design, looks[-1], _versions()) if looks else "",
+        methods=interim.methods(design, looks[-1], _versions()) if looks else "",
         warnings=list(trial.notes) if looks else [],
         controls=None,
     )

@@ -21,8 +21,7 @@ from analysis.trials.design import (
     moments_of,
     released_runs,
 )
-from analysis.trials.rules import LOOKS, TrialVerdict
-from analysis.trials.standing import (
+from analysis.trials.interim import (
     InterimLook,
     TrialEnding,
     completed_looks,
@@ -34,6 +33,7 @@ from analysis.trials.standing import (
     sentence,
     verdict_table,
 )
+from analysis.trials.rules import LOOKS, TrialVerdict
 
 
 class Trial(NamedTuple):

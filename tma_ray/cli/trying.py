@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from analysis.data.frames import Frames
     from analysis.trials.design import Design
-    from analysis.trials.standing import InterimLook
+    from analysis.trials.interim import InterimLook
     from tma_ray.campaign.plan import Plan
 
 REHEARSED, REHEARSED_CELLS = "simulated-1", ("original", "mostly_unfeasible")
@@ -49,7 +49,7 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     from analysis.baselines import find_baseline, newest_release
     from analysis.measures.tested import AREA_MARGIN
     from analysis.trials.design import Design, make_design, released_runs
-    from analysis.trials.standing import plan_lines
+    from analysis.trials.interim import plan_lines
     from tma_ray.campaign.repeating import trial_plan
     from tma_ray.campaign.trials import campaign_of, simulated_cells
     from tma_ray.teachers import TEACHERS, canonical_teacher
@@ -149,7 +149,7 @@ class _Trial:
         from analysis.pages.page import page_folder
         from analysis.pages.trial import write_trial
         from analysis.trials.design import ended_runs
-        from analysis.trials.standing import completed_looks, look_line
+        from analysis.trials.interim import completed_looks, look_line
 
         told = len(self.looks)
         own = frames_of(Results(self.store))
@@ -169,7 +169,7 @@ class _Trial:
 
     def conclude(self) -> None:
         """Print the verdict of a trial that has ended, and what comes next."""
-        from analysis.trials.standing import sentence
+        from analysis.trials.interim import sentence
 
         if not (self.looks and self.looks[-1].ending):
             return
