@@ -109,7 +109,7 @@ def bars_with_pairs(
             [*_bars(result, teachers, start), *(mark for _, mark in marks)],
             result.titles[0] if single else result.titles[1] if index < len(columns) else "",
             side="" if single else result.titles[0],
-            remark="no results" if result.rows.empty else "",
+            empty_text="no results" if result.rows.empty else "",
         )
         for index, (result, marks) in enumerate(zip(results, lane_marks, strict=True))
     ]
@@ -164,7 +164,7 @@ def _bars(results: PanelResults, teachers: Sequence[str], start: float) -> Itera
             style: dict[str, Any] = {"size": 0.0, "width": 0.95, "cap": 2.0}
             yield base.Interval(x=mean, y=y, look=line, teacher=teacher, **ends, **style)
         if rows["doubt"][teacher]:
-            yield base.Label(x=mean + whisker, y=y, text=DOUBT, beside=True, about=f"doubt-{teacher}")
+            yield base.Label(x=mean + whisker, y=y, text=DOUBT, beside=True, svg_id=f"doubt-{teacher}")
 
 
 def _brackets(
@@ -174,10 +174,10 @@ def _brackets(
     ys = {teacher: y for y, teacher in enumerate(teachers)}
     spans = lanes({(min(s), max(s)) for s in ((ys[a], ys[b]) for a, b in results.different)})
     for (low, high), number in spans.items():
-        about = f"{teachers[low]} differs from {teachers[high]}"
+        svg_id = f"{teachers[low]} differs from {teachers[high]}"
         xs = start + lane * number + lane * np.array([0.3, 0.75, 0.75, 0.3])
         heights = np.array([low + 0.16, low + 0.16, high - 0.16, high - 0.16])
-        yield number, base.Curve(x=xs, y=heights, look=TeacherStyle(INK, "", "-"), width=0.95, about=about)
+        yield number, base.Curve(x=xs, y=heights, look=TeacherStyle(INK, "", "-"), width=0.95, svg_id=svg_id)
 
 
 def _letters(

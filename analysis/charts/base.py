@@ -127,19 +127,19 @@ class Mark:
         name: entry of the legend; empty for none.
         teacher: teacher of the mark, by which pages hide it; empty for none.
         comparison: anchor of the comparison of the mark, by which pages hide it; empty for none.
-        words: text of each point, or of all.
+        texts: text of each point, or one for all.
         hover: template of the text under the pointer, with the fields ``{x}``, ``{y}``, ``{value}`` and
             ``{text}`` of a point and formats as in ``{y:.1f}``; empty for none.
-        about: identifier in vector files.
+        svg_id: identifier in SVG files; empty for none.
     """
 
     look: TeacherStyle = PLAIN
     name: str = ""
     teacher: str = ""
     comparison: str = ""
-    words: Sequence[str] = ()
+    texts: Sequence[str] = ()
     hover: str = ""
-    about: str = ""
+    svg_id: str = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -297,14 +297,14 @@ class StarRow:
         fill: colour inside the line's markers.
         above: steps at which the line is above the reference.
         below: steps at which the line is below the reference.
-        about: identifier in vector files.
+        svg_id: identifier in SVG files; empty for none.
     """
 
     look: TeacherStyle
     fill: str
     above: Sequence[float]
     below: Sequence[float]
-    about: str
+    svg_id: str
 
 
 @dataclass(frozen=True)
@@ -331,7 +331,7 @@ class Panel:
         side: title of the row of panels, shown by the first panel of a row.
         teacher: teacher of the panel; empty for several.
         stars: rows of stars above the panel, the uppermost first.
-        remark: text of an empty panel.
+        empty_text: text of an empty panel.
         frame: colour of a frame; empty for none.
         moments: steps and `END` of an animated panel, in order; empty for a still one.
         moment: function that returns the panel at a moment, with the same number and types of marks.
@@ -345,7 +345,7 @@ class Panel:
     side: str = ""
     teacher: str = ""
     stars: Sequence[StarRow] = ()
-    remark: str = ""
+    empty_text: str = ""
     frame: str = ""
     moments: Sequence[Any] = ()
     moment: Callable[[Any], "Panel"] | None = None

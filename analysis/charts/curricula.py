@@ -135,7 +135,7 @@ def _animated(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> bas
     def at(step: Any) -> base.Panel:
         marks = state_marks(shot.curriculum, shot.teacher, step, view, colours, None)
         reached = len(shot.curriculum.probed_at(step))
-        return base.Panel(x, y, marks, shot.name, frame=frame, remark="" if reached else "not reached")
+        return base.Panel(x, y, marks, shot.name, frame=frame, empty_text="" if reached else "not reached")
 
     return base.animated(at, steps, steps[-1])
 
@@ -169,7 +169,7 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
             name = f"{100 * number // PANELS}\N{EN DASH}{100 * (number + 1) // PANELS} %"
             dots = [episode_marks(part, teacher, view, colours, PAPER_EPISODES)]
             remark = "no episodes" if part.episodes.empty else ""
-            row.append(base.Panel(*view.scales(), dots, "" if rows else name, side=side, remark=remark))
+            row.append(base.Panel(*view.scales(), dots, "" if rows else name, side=side, empty_text=remark))
         rows.append(row)
     size = base.PAGE_WIDTH, 0.9 + 1.75 * len(rows)
     return base.Chart("training-tasks", rows, legend=base.Legend.NONE, size=size)

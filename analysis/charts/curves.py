@@ -105,7 +105,7 @@ def _curves(
         name=name,
         teacher=teacher,
         width=width,
-        words=words,
+        texts=words,
         hover="{text}",
     )
 
@@ -236,7 +236,7 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = STAR_STEPS, col
                 [*marks, *_ceiling(part.ceiling, marks)],
                 part.title,
                 stars=rows,
-                remark="no results" if table.empty else "",
+                empty_text="no results" if table.empty else "",
             )
         )
     lines = base.grid(drawn, 1 if split else columns)
@@ -436,7 +436,7 @@ def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> It
         if len(steps):
             style = teacher_style(above)._replace(marker="*")
             heights = np.full(len(steps), height)
-            yield base.Scatter(x=steps, y=heights, look=style, size=7.0, about=f"{above}-above-{below}")
+            yield base.Scatter(x=steps, y=heights, look=style, size=7.0, svg_id=f"{above}-above-{below}")
 
 
 def _difference_matrix(
@@ -453,7 +453,7 @@ def _difference_matrix(
     centres = np.arange(len(teachers), dtype=np.float64)
     marks = [
         base.Heatmap(xs=centres, ys=centres, values=differences, colours=colours),
-        base.Scatter(x=np.concatenate(ends), y=np.concatenate(ends[::-1]), size=3.5, about="significant"),
+        base.Scatter(x=np.concatenate(ends), y=np.concatenate(ends[::-1]), size=3.5, svg_id="significant"),
     ]
     rows = base.PanelAxis(kind=base.AxisKind.TEACHERS, rows=short_labels(teachers, 18))
     heading = f"Row minus column after {steps_text(last)} steps; dots: p < 0.05 after Holm"

@@ -128,7 +128,7 @@ def _heatmap(points: base.Array, words: Sequence[str]) -> Callable[[base.Array],
         texts = [words[index] for index in order.ravel()] if words else []
         hover = "task {text}<br>{value} % of seeds"
         return base.Heatmap(
-            xs=xs.round(4), ys=ys.round(4), values=table, colours=SHARES, words=texts, hover=hover
+            xs=xs.round(4), ys=ys.round(4), values=table, colours=SHARES, texts=texts, hover=hover
         )
 
     return draw
@@ -147,7 +147,7 @@ def _squares(points: base.Array, words: Sequence[str]) -> Callable[[base.Array],
             size=size,
             look=base.PLAIN._replace(marker="s"),
             edge="#c3c9d1",
-            words=words,
+            texts=words,
             hover="task {text}<br>{value} % of seeds",
         )
 

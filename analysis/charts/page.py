@@ -215,7 +215,7 @@ def _(mark: base.Bar, _: base.Panel) -> Iterator[Trace]:
 
 @_traces_of.register
 def _(mark: base.Heatmap, _: base.Panel) -> Iterator[Trace]:
-    texts = [_shown(text) for text in mark.words]
+    texts = [_shown(text) for text in mark.texts]
     columns, colours = len(mark.xs), mark.colours
     yield {
         "type": "heatmap",
@@ -383,7 +383,7 @@ def _heading(panel: base.Panel) -> str:
 def _hover(mark: base.Mark, extra: str = "<extra></extra>") -> dict[str, Any]:
     if not mark.hover:
         return {"hoverinfo": "skip"}
-    words = {"text": [_shown(text) for text in mark.words]} if mark.words else {}
+    words = {"text": [_shown(text) for text in mark.texts]} if mark.texts else {}
     return words | {"hovertemplate": _template(mark.hover, "marker.color") + extra}
 
 

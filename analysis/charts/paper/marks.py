@@ -24,10 +24,10 @@ DIAMETER, THICKNESS = 0.55, 0.75
 
 
 def draw_marks(axes: Axes, panel: base.Panel) -> None:
-    """Draw the marks of a panel in its axes, or its remark."""
-    if panel.remark:
+    """Draw the marks of a panel in its axes, or its text if it is empty."""
+    if panel.empty_text:
         style: dict[str, Any] = {"ha": "center", "va": "center", "color": MUTED}
-        axes.text(0.5, 0.5, panel.remark, transform=axes.transAxes, **style)
+        axes.text(0.5, 0.5, panel.empty_text, transform=axes.transAxes, **style)
         return
     for mark in panel.marks:
         _draw(mark, axes, panel)
@@ -75,7 +75,7 @@ def _(mark: base.Curve, axes: Axes, panel: base.Panel) -> None:
         clip_on=clipped,
         zorder=3,
         label=mark.name or None,
-        gid=mark.about or None,
+        gid=mark.svg_id or None,
     )
 
 
@@ -100,7 +100,7 @@ def _(mark: base.Scatter, axes: Axes, panel: base.Panel) -> None:
         alpha=mark.opacity,
         clip_on=not within,
         zorder=3,
-        gid=mark.about or None,
+        gid=mark.svg_id or None,
         **style,
     )
 
@@ -166,7 +166,7 @@ def _(mark: base.ReferenceLine, axes: Axes, _: base.Panel) -> None:
 
 @_draw.register
 def _(mark: base.Label, axes: Axes, _: base.Panel) -> None:
-    style: dict[str, Any] = {"color": mark.look.colour, "va": "center", "gid": mark.about or None}
+    style: dict[str, Any] = {"color": mark.look.colour, "va": "center", "gid": mark.svg_id or None}
     if mark.beside:
         axes.annotate(mark.text, (mark.x, mark.y), xytext=(2, 0), textcoords="offset points", **style)
     else:
@@ -179,9 +179,9 @@ def _draw_stars(row: base.StarRow, axes: Axes, level: int) -> None:
     rise = ScaledTranslation(0, (5 + STAR_ROW * level) / 72, axes.figure.dpi_scale_trans)
     along = axes.get_xaxis_transform() + rise
     end = axes.transAxes + rise + ScaledTranslation(9 / 72, 0, axes.figure.dpi_scale_trans)
-    for steps, marker, size, inside, transform, about in (
-        (row.above, "*", 5.5, colour, along, f"above-{row.about}"),
-        (row.below, "*", 5.5, "white", along, f"below-{row.about}"),
+    for steps, marker, size, inside, transform, svg_id in (
+        (row.above, "*", 5.5, colour, along, f"above-{row.svg_id}"),
+        (row.below, "*", 5.5, "white", along, f"below-{row.svg_id}"),
         ([1], row.look.marker, 3.5, row.fill, end, None),
     ):
         if len(steps):  # constrained layout counts empty lines
@@ -196,7 +196,7 @@ def _draw_stars(row: base.StarRow, axes: Axes, level: int) -> None:
                 markerfacecolor=inside,
                 markeredgewidth=0.6,
                 clip_on=False,
-                gid=about,
+                gid=svg_id,
             )
 
 
