@@ -260,10 +260,7 @@ def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -
     for teacher, label in short_labels(curricula, base.LONGEST_NAME).items():
         for scalar, values in list(scalars_of(curricula[teacher]).items())[:MOST_PER_TEACHER]:
             whole = bool(values.max() - values.min() < 5 and (values % 1 == 0).all())
-            axes = (
-                base.PanelAxis(base.STEPS, base.AxisKind.STEPS),
-                base.PanelAxis(whole=whole, grid=True),
-            )
+            axes = (base.PanelAxis(base.STEPS, base.AxisKind.STEPS), base.PanelAxis(whole=whole, grid=True))
             heading = label, scalar.replace("_", " ")
             panels.append(base.Panel(*axes, [_series(teacher, values)], *heading, teacher=teacher))
     rows = base.grid(panels, 4)

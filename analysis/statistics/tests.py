@@ -16,15 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.statistics.samples import (
-    EQUAL,
-    SIGNIFICANCE,
-    TAIL,
-    Description,
-    describe,
-    finite,
-    negligible,
-)
+from analysis.statistics.samples import EQUAL, SIGNIFICANCE, TAIL, Description, describe, finite, negligible
 from tma_ray.support.validation import check_type
 
 MOST_ARRANGEMENTS = 20_000
