@@ -67,7 +67,7 @@ def release(
     Checkpoints, logs, and files of policies other than JSON and safetensors are left out.
 
     Args:
-        root: a folder, or an ``s3://`` or ``gs://`` address, without a running campaign.
+        root: folder, or ``s3://`` or ``gs://`` address, without a running campaign.
         name: name of the release and its folder.
         output: parent folder; the current one by default.
         licence: SPDX identifier, such as ``CC-BY-4.0``.
@@ -269,7 +269,7 @@ def add_to_release(
     An interruption leaves the release unchanged.
 
     Args:
-        root: a folder, or an ``s3://`` or ``gs://`` address.
+        root: folder, or ``s3://`` or ``gs://`` address.
         name: name of the release and its folder.
         shard: name of the new files: letters, digits, "_" and "-".
         output: parent folder of the release; the current one by default.
@@ -340,7 +340,7 @@ def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.CopyO
     The weights are float16.
 
     Args:
-        root: a folder, or an ``s3://`` or ``gs://`` address.
+        root: folder, or ``s3://`` or ``gs://`` address.
         core: campaigns whose cells have a policy; all by default.
 
     Raises:

@@ -62,7 +62,7 @@ def film_strip(
     Args:
         shots: runs of several teachers, or of several seeds of one, with two task dimensions (see
             `analysis.charts.tasks.projected`).
-        plane: the two task dimensions.
+        plane: two task dimensions.
         steps: steps to draw; by default `data.curricula.moments` of the runs.
         width: width of the figure, inches.
 
@@ -94,7 +94,7 @@ def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> b
 
     Args:
         shots: runs as in `film_strip`, at most `MOST_SHOTS`.
-        plane: the two task dimensions.
+        plane: two task dimensions.
         frames: largest number of frames, one per step with probes.
 
     Raises:

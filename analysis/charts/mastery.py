@@ -94,7 +94,7 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
     Args:
         shares: teacher, task_index and share, of one comparison and one test set.
         tasks: task_index and task (float32 (d,)) of the test set.
-        plane: the two dimensions of the tasks; None for others.
+        plane: two dimensions of the tasks; None for others.
     """
     points = stack(tasks["task"]).astype(np.float64)
     if plane is not None and points.shape[1:] == (2,) and _heatmap(points, ()) is not None:

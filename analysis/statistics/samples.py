@@ -191,10 +191,10 @@ class Standing(StrEnum):
     """Result of testing a statement against data.
 
     Attributes:
-        SUPPORTED: the interval excludes the contrary.
-        REFUTED: the interval excludes the statement, under the statement's own conditions.
-        NOT_SEEN: the interval excludes the statement, under other conditions.
-        UNDECIDED: the interval excludes neither.
+        SUPPORTED: interval excludes the contrary.
+        REFUTED: interval excludes the statement, under the statement's own conditions.
+        NOT_SEEN: interval excludes the statement, under other conditions.
+        UNDECIDED: interval excludes neither.
         NO_DATA: complete results are missing.
     """
 

@@ -134,7 +134,7 @@ class EventFolder(Tracker):
     Files of an earlier tracker are continued, or replaced if they contradict the root.
 
     Args:
-        root: a folder, or an ``s3://`` or ``gs://`` address.
+        root: folder, or ``s3://`` or ``gs://`` address.
         folder: TensorBoard's ``--logdir``, created if missing.
 
     Raises:

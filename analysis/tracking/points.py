@@ -35,7 +35,7 @@ class Tracker(ABC):
     """Experiment tracker to which the published points of a root's runs are written once.
 
     Args:
-        root: a folder, or an ``s3://`` or ``gs://`` address.
+        root: folder, or ``s3://`` or ``gs://`` address.
 
     Raises:
         ResultsRootError: if the results root is missing or of another version.

@@ -24,7 +24,7 @@ class WandbProject(Tracker):
     since the run reproduces them.
 
     Args:
-        root: a folder, or an ``s3://`` or ``gs://`` address.
+        root: folder, or ``s3://`` or ``gs://`` address.
         project: name of the project.
         entity: user or team of the project; None for the one who is logged in.
         folder: folder of the library's files and of `LEDGER`.

@@ -226,7 +226,7 @@ def make_design(
 
     Args:
         teacher: canonical name of the new teacher.
-        baseline: the release.
+        baseline: release.
         frames: frames of the release.
         margin: equivalence margin, in points.
         cells: names of cells, as in `TrialCell`; all by default.
