@@ -175,7 +175,7 @@ def speed(options: argparse.Namespace, student: str, width: int, *variant: Any) 
         "update_ms": round(milliseconds, 3),
         "bound_steps_s": round(1000 * width * STEPS[student] / milliseconds),
         **alone,
-        "losses": stack.figures(0),
+        "losses": stack.metrics(0),
     }
 
 

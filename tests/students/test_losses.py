@@ -13,7 +13,7 @@ from tma_ray.students.rollout_workers.sac import LOG_STD_RANGE
 from tma_ray.students.sac import (
     SQUASH_EPSILON,
     SACUpdate,
-    in_range,
+    log_std_of,
     squashed_draw,
 )
 
@@ -176,6 +176,6 @@ def test_the_log_deviation_of_a_new_policy_is_about_minus_nine_and_within_its_ra
     seen = random(100, OBSERVATION, dtype=torch.float32)
     with torch.no_grad():
         log_deviations = model.actor.get_action_dist_params(seen)[1]
-        extreme = in_range(torch.tensor([-1e9, 0.0, 1e9]), LogStd.TANH)
+        extreme = log_std_of(torch.tensor([-1e9, 0.0, 1e9]), LogStd.TANH)
     assert (log_deviations + 9).abs().mean() < 1
     torch.testing.assert_close(extreme, torch.tensor([-20.0, -9.0, 2.0]))

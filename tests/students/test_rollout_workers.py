@@ -20,7 +20,7 @@ from tma_ray.students.cohort.server import LearnerServer
 from tma_ray.students.ppo import PPO
 from tma_ray.students.rollout_workers import CohortSettings, LearnerError, LearnerLostError, ask_learner
 from tma_ray.students.rollout_workers.base import RolloutWorker
-from tma_ray.students.rollout_workers.link import SharedBuffer, room_for
+from tma_ray.students.rollout_workers.link import SharedBuffer, buffer_size
 
 
 @contextmanager
@@ -207,7 +207,9 @@ def test_shared_memory_changes_no_bit(tmp_path, monkeypatch, name):
     played = []
     for shared in (True, False):
         with monkeypatch.context() as patch, serving(tmp_path / str(shared)) as (learner, server):
-            patch.setattr("tma_ray.students.rollout_workers.link.can_share", lambda shared=shared: shared)
+            patch.setattr(
+                "tma_ray.students.rollout_workers.link.has_shared_memory", lambda shared=shared: shared
+            )
             player = player_of(learner, name)
             played.append(actions_of(train(player, Drift(seed=5), 160)))
             assert len(server._buffers) == shared
@@ -216,7 +218,7 @@ def test_shared_memory_changes_no_bit(tmp_path, monkeypatch, name):
 
 def test_a_buffer_returns_what_was_posted_and_larger_ones_replace_it():
     parts = np.arange(5, dtype=np.float32), True, np.zeros((0, 3)), np.arange(6).reshape(2, 3)
-    box = SharedBuffer.create(room_for(parts))
+    box = SharedBuffer.create(buffer_size(parts))
     found = box.collect(box.post(parts))
     for one, other in zip(parts, found, strict=True):
         np.testing.assert_array_equal(one, other)

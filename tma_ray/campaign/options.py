@@ -144,7 +144,7 @@ def parse_device(text: str) -> str:
 def parse_results(text: str) -> str:
     """Return a results root to write to: a folder, there or to be made, or an address."""
     if "://" not in root(text):
-        Store.open(text).check_place()
+        Store.open(text).check_location()
     return text
 
 

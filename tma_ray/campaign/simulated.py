@@ -16,8 +16,8 @@ from tma_ray.results import (
     RunStatus,
     RunWriter,
     Table,
-    keep_plugin,
     spec_digest,
+    store_plugin,
 )
 from tma_ray.support.component_names import base_name
 from tma_ray.tasks import MASTERY_RETURN, KnowledgeLevel
@@ -82,7 +82,7 @@ class SimulatedRoot:
         record = _record(run, self._episodes)
         plugin = TEACHERS.plugin(run.teacher)
         if plugin is not None:
-            keep_plugin(self._committer.store, plugin)
+            store_plugin(self._committer.store, plugin)
         if not self._committer.done([record.run_id]):
             attempt = self._committer.start(record)
             writer = RunWriter(self._committer.store, record.run_id, attempt)

@@ -18,7 +18,7 @@ from tma_ray.results.compaction import (
     copy_merged,
     start_from,
 )
-from tma_ray.results.inputs import input_path, keep_input, keep_plugin, read_input, read_plugin
+from tma_ray.results.inputs import input_path, read_input, read_plugin, store_input, store_plugin
 from tma_ray.results.layout import (
     CHECKPOINTS,
     INPUTS,
@@ -142,8 +142,6 @@ __all__ = [
     "explained_disk",
     "holder_of",
     "input_path",
-    "keep_input",
-    "keep_plugin",
     "log_path",
     "policy_folder",
     "read_checked",
@@ -154,6 +152,8 @@ __all__ = [
     "spec_digest",
     "staged_policy",
     "start_from",
+    "store_input",
+    "store_plugin",
     "verify_root",
     "write_progress",
     "write_published",

@@ -17,7 +17,7 @@ from safetensors.numpy import load as parse_tensors
 from safetensors.numpy import save as serialise_tensors
 
 import tma_ray.results.layout as layout  # noqa: PLR0402 - this module is imported by the package
-from tma_ray.results.inputs import kept_files
+from tma_ray.results.inputs import stored_inputs
 from tma_ray.results.lease import Lease
 from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile, write_index
 from tma_ray.results.parquet import decode, decode_rows, encode, encode_together, same_rows
@@ -293,7 +293,7 @@ def copy_extras(
     results: Results, target: Store, manifests: Sequence[Manifest], options: CopyOptions
 ) -> tuple[str, ...]:
     """Copy inputs and policies of runs, and return the policy files left out as unsafe."""
-    for path in kept_files(results.store, (manifest.run for manifest in manifests)):
+    for path in stored_inputs(results.store, (manifest.run for manifest in manifests)):
         target.write_bytes(path, results.store.read_bytes(path))
     if not options.policies:
         return ()

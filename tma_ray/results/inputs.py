@@ -58,7 +58,7 @@ def plugin_path(digest: str) -> str:
     return f"{INPUTS}/plugin-{digest}.json"
 
 
-def keep_input(store: Store, data: bytes) -> None:
+def store_input(store: Store, data: bytes) -> None:
     """Store the content of an input file, unless it exists."""
     path = input_path(hashlib.sha256(data).hexdigest())
     if not store.exists(path):
@@ -73,7 +73,7 @@ def read_input(store: Store, sha256: str) -> bytes:
     return data
 
 
-def keep_plugin(store: Store, source: PluginSource) -> None:
+def store_plugin(store: Store, source: PluginSource) -> None:
     """Store the source of a plug-in for readers. It is never run from there."""
     path = plugin_path(source.digest)
     if store.exists(path):
@@ -98,7 +98,7 @@ def read_plugin(store: Store, digest: str) -> PluginSource:
     return source
 
 
-def kept_files(store: Store, runs: Iterable[RunRecord]) -> list[str]:
+def stored_inputs(store: Store, runs: Iterable[RunRecord]) -> list[str]:
     """Return the paths of stored inputs and plug-ins of `runs`."""
     paths: set[str] = set()
     for run in runs:

@@ -55,7 +55,7 @@ def check_usable(store: Store) -> None:
 
 
 def _check_content(store: Store) -> None:
-    store.check_place(*FOLDERS)
+    store.check_location(*FOLDERS)
     if store.exists(ROOT_FILE) or _version_of_tables(store) is not None:
         check_root(store)
         return

@@ -255,7 +255,7 @@ class Lease:
             RootInUseError: if another campaign holds it.
             ResultsRootError: if the store cannot be a results root.
         """
-        self.store.check_place()
+        self.store.check_location()
         silent = _readable(self.store)
         if silent is not None and silent.is_ahead(self._clock(), self.seconds):
             logger.warning(

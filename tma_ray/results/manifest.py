@@ -216,7 +216,7 @@ def read_slices(
             for file in files
         }
     hit = damaged_rows(store, files[0])
-    return {file: damage if is_hit(file, hit) else _tried(store, file, columns) for file in files}
+    return {file: damage if overlaps(file, hit) else _tried(store, file, columns) for file in files}
 
 
 def damaged_rows(store: Store, file: PartFile) -> tuple[tuple[int, int], ...]:
@@ -228,7 +228,7 @@ def damaged_rows(store: Store, file: PartFile) -> tuple[tuple[int, int], ...]:
     return ranges or ((0, INT64_MAX),)  # all: the damage is outside of the pages
 
 
-def is_hit(file: PartFile, damaged: Sequence[tuple[int, int]]) -> bool:
+def overlaps(file: PartFile, damaged: Sequence[tuple[int, int]]) -> bool:
     """Return True if rows of a run are in the ranges of `damaged_rows`."""
     first = file.first or 0
     return any(first < end and start < first + file.rows for start, end in damaged)

@@ -18,8 +18,8 @@ from tma_ray.results.manifest import (
     Manifest,
     PartFile,
     damaged_rows,
-    is_hit,
     load_manifest,
+    overlaps,
     read_index,
 )
 from tma_ray.results.parquet import decode, opened
@@ -102,7 +102,7 @@ class Inspector:
                         rows = damaged_rows(self._store, file) if problem else ()
                         self._shared[file.path] = problem, has_more, rows
                 problem, has_more, rows = self._shared[file.path]
-                hit = is_hit(file, rows)
+                hit = overlaps(file, rows)
             if problem and hit:
                 damage.append(Damage(file.path, problem, manifest.run.run_id))
             if has_more:

@@ -16,7 +16,7 @@ from uuid import uuid4
 from tma_ray.components.plugin_source import PluginSource
 from tma_ray.components.registry import Registry
 from tma_ray.envs import ENVIRONMENTS
-from tma_ray.results import Store, keep_input, keep_plugin, read_input
+from tma_ray.results import Store, read_input, store_input, store_plugin
 from tma_ray.runs.spec import InputFile, Plugin, RunSpec
 from tma_ray.students import STUDENTS
 from tma_ray.support.component_names import base_name, join_name, split_name
@@ -176,9 +176,9 @@ def keep(store: Store, specs: Iterable[RunSpec]) -> None:
     """Write the inputs of `specs` and the sources of their plug-ins into a results root."""
     planned = list(specs)
     for data in contents(planned).values():
-        keep_input(store, data)
+        store_input(store, data)
     for source in plugin_sources(planned):
-        keep_plugin(store, source)
+        store_plugin(store, source)
 
 
 def fetch(store: Store, spec: RunSpec) -> None:

@@ -72,7 +72,7 @@ def _register(module: nn.Module, **buffers: ArrayLike) -> None:
         module.register_buffer(name, torch.tensor(np.asarray(values), dtype=torch.float32))
 
 
-def in_a_row(layers: Sequence[nn.Module]) -> nn.Sequential:
+def as_sequential(layers: Sequence[nn.Module]) -> nn.Sequential:
     """Return `layers` as one frozen module in evaluation mode."""
     return nn.Sequential(*layers).eval().requires_grad_(False)
 
@@ -104,7 +104,7 @@ def acting_layers(model: BaseAlgorithm) -> nn.Sequential:
         modules.append(nn.Tanh())
     space: Any = model.action_space
     modules.append(unscale(space) if policy.squash_output else Clamp(space.low, space.high))
-    return in_a_row([_without_batch_norm(layer) for module in modules for layer in _leaves(module)])
+    return as_sequential([_without_batch_norm(layer) for module in modules for layer in _leaves(module)])
 
 
 def _leaves(module: nn.Module) -> Iterator[nn.Module]:
@@ -178,7 +178,7 @@ class GreedyNetwork:
         }
 
 
-def tensor_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]:
+def tensor_specs(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]:
     """Return shape and type of each layer's tensors, by name, as `StoredPolicy.check` expects them."""
     units = stored.hyperparameters.get("hidden_units")
     if not isinstance(units, list) or not units or not all(type(size) is int and size > 0 for size in units):

@@ -54,7 +54,7 @@ class Normaliser:
         """Reset the discounted return for the next episode."""
         self._discounted_return = 0.0
 
-    def count_in(self, transition: Transition, value: Callable[[Observations], float]) -> float:
+    def update_step(self, transition: Transition, value: Callable[[Observations], float]) -> float:
         """Update all statistics with a step and return its normalised reward.
 
         The last reward of a truncated episode includes the discounted `value` of its last observation.
@@ -115,7 +115,7 @@ class Normaliser:
         }
 
     @staticmethod
-    def tensor_kinds(size: int) -> dict[str, tuple[tuple[int, ...], str]]:
+    def tensor_specs(size: int) -> dict[str, tuple[tuple[int, ...], str]]:
         """Return shape and type of each of `tensors`, for observations of length `size`."""
         shapes = {MEAN_TENSOR: (size,), VARIANCE_TENSOR: (size,), COUNT_TENSOR: ()}
         return {name: (shape, "float64") for name, shape in shapes.items()}

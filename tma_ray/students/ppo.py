@@ -20,11 +20,11 @@ from tma_ray.students.layers import (
     Clamp,
     GreedyNetwork,
     Standardise,
+    as_sequential,
     check_rows,
-    in_a_row,
     stored_network,
     stored_parameters,
-    tensor_kinds,
+    tensor_specs,
 )
 from tma_ray.students.mlp.layout import Activation
 from tma_ray.students.mlp.network import MODULES, FlatAdam, FlatParameters, as_batch, as_modules, blocks_of
@@ -57,7 +57,7 @@ class Trunk(BaseFeaturesExtractor):
 
 
 @torch.no_grad()
-def separate(trunk: Trunk, means: nn.Linear, value: nn.Linear) -> None:
+def init_separate_trunks(trunk: Trunk, means: nn.Linear, value: nn.Linear) -> None:
     """Initialise `trunk` as two separate networks, as stable-baselines3 initialises them.
 
     The first half of each hidden layer leads to the `means`, the second to the `value`; weights between the
@@ -268,7 +268,7 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
         policy: Any = self.model.policy
         if hyper.separate_trunks:
             with self._torch_stream.active():
-                separate(policy.features_extractor, policy.action_net, policy.value_net)
+                init_separate_trunks(policy.features_extractor, policy.action_net, policy.value_net)
         self.model.rollout_buffer = self.rollout  # type: ignore[assignment]
         self.rollout.clear()
         blocks = blocks_of(policy.features_extractor, policy.action_net, policy.value_net)
@@ -346,7 +346,7 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
         statistics = stored.tensors[MEAN_TENSOR], stored.tensors[VARIANCE_TENSOR]
         first = Standardise(*statistics, stored.hyperparameters["observation_clip"])
         last = Clamp(stored.action_space.low, stored.action_space.high)
-        return in_a_row([first, *as_modules(*stored_parameters(stored)), last])
+        return as_sequential([first, *as_modules(*stored_parameters(stored)), last])
 
     def _save_experience(self, folder: Path, _incremental: bool) -> tuple[dict[str, Any], tuple[str, ...]]:
         self.normaliser.save(folder / NORMALISER_FILE)
@@ -393,7 +393,7 @@ class StockPPO(PPO):
 def _stored(folder: Path) -> StoredPolicy:
     """Return the checked policy in `folder`."""
     stored = read_policy(folder, POLICY)
-    stored.check({**tensor_kinds(stored), **Normaliser.tensor_kinds(*stored.observation_space.shape)})
+    stored.check({**tensor_specs(stored), **Normaliser.tensor_specs(*stored.observation_space.shape)})
     clip = stored.hyperparameters.get("observation_clip")
     if not isinstance(clip, float) or not clip > 0:
         stored.refuse(f"observation_clip = {clip!r:.80}: expected a number over 0")

@@ -18,17 +18,17 @@ from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import LogStd, SACHyperparameters
 from tma_ray.students.layers import (
     GreedyNetwork,
+    as_sequential,
     check_rows,
-    in_a_row,
     stored_network,
     stored_parameters,
-    tensor_kinds,
+    tensor_specs,
     unscale,
 )
 from tma_ray.students.mlp.network import FlatAdam, FlatParameters, as_batch, as_modules, blocks_of
 from tma_ray.students.policy_files import read_policy, write_policy
 from tma_ray.students.replay import ReplayBuffer
-from tma_ray.students.rollout_workers.sac import LOG_STD_RANGE, SQUASH_EPSILON, SACActing, between
+from tma_ray.students.rollout_workers.sac import LOG_STD_RANGE, SQUASH_EPSILON, SACActing, rescale
 from tma_ray.students.sb3.base import StableBaselinesStudent
 
 _HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
@@ -61,7 +61,7 @@ class Draw(NamedTuple):
     log_probabilities: torch.Tensor
 
 
-def in_range(outputs: torch.Tensor, log_std: LogStd) -> torch.Tensor:
+def log_std_of(outputs: torch.Tensor, log_std: LogStd) -> torch.Tensor:
     """Return an actor's `outputs` mapped to log standard deviations within `LOG_STD_RANGE`."""
     low, high = LOG_STD_RANGE
     if log_std is LogStd.CLAMP:
@@ -78,14 +78,14 @@ def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor, log_std: LogStd) -
         log_std: map from outputs to log standard deviations.
     """
     mean, log_deviation = outputs.chunk(2, dim=-1)
-    log_deviation = in_range(log_deviation, log_std)
+    log_deviation = log_std_of(log_deviation, log_std)
     actions = (mean + log_deviation.exp() * noise).tanh()
     log_density = -0.5 * noise.square() - log_deviation - _HALF_LOG_2PI
     log_squashing = (1 - actions.square() + SQUASH_EPSILON).log()
     return Draw(actions, (log_density - log_squashing).sum(dim=-1, keepdim=True))
 
 
-def joined(critics: Sequence[Pass]) -> Pass:
+def joint_pass(critics: Sequence[Pass]) -> Pass:
     """Return the joint forward pass of all `critics`, with outputs (n, c)."""
     return lambda inputs: torch.cat([critic(inputs) for critic in critics], dim=-1)
 
@@ -119,7 +119,7 @@ class TanhActor(Actor):
         """Return means and log standard deviations (n, a) of the actions before squashing."""
         latent = self.latent_pi(self.extract_features(obs, self.features_extractor))
         log_std: Any = self.log_std
-        return self.mu(latent), in_range(log_std(latent), LogStd.TANH), {}
+        return self.mu(latent), log_std_of(log_std(latent), LogStd.TANH), {}
 
 
 class TanhPolicy(SACPolicy):
@@ -158,13 +158,13 @@ class SACUpdate:
         hyper, (actor,) = self._hyper, self.actor.networks
         with torch.no_grad():
             draw = squashed_draw(actor(batch.next_observations), next_noise, hyper.log_std)
-            targets = joined([network.frozen for network in self.targets.networks])
+            targets = joint_pass([network.frozen for network in self.targets.networks])
             values = soft_values(targets, batch.next_observations, draw, hyper.entropy_coefficient)
             goals = batch.rewards + (1 - batch.dones) * hyper.gamma * values
-        critics_loss = critic_loss(joined(self.critics.networks), batch, goals)
+        critics_loss = critic_loss(joint_pass(self.critics.networks), batch, goals)
         self.critics.differentiate(critics_loss)
         self.critic_adam.step()
-        critics = joined([network.frozen for network in self.critics.networks])
+        critics = joint_pass([network.frozen for network in self.critics.networks])
         draw = squashed_draw(actor(batch.observations), noise, hyper.log_std)
         policy_loss = actor_loss(critics, batch.observations, draw, hyper.entropy_coefficient)
         self.actor.differentiate(policy_loss)
@@ -250,7 +250,7 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
             outputs = self._actor.networks[0].frozen(inputs)
             for noise in self.value_noise(len(inputs)):
                 draw = squashed_draw(outputs, torch.from_numpy(noise).to(self.device), hyper.log_std)
-                critics = joined([critic.frozen for critic in self._critics.networks])
+                critics = joint_pass([critic.frozen for critic in self._critics.networks])
                 total += soft_values(critics, inputs, draw, hyper.entropy_coefficient)
         values: NDArray[np.float64] = (total[:, 0] / hyper.value_samples).numpy(force=True)
         return values
@@ -274,7 +274,7 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
         stored = read_policy(folder, POLICY)
-        stored.check(tensor_kinds(stored))
+        stored.check(tensor_specs(stored))
         network = stored_network(stored, device)
         (size,) = stored.observation_space.shape
         bounds = stored.action_space.low, stored.action_space.high
@@ -282,16 +282,16 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
 
         def act(observations: Observations) -> Actions:
             check_rows(observations, size)
-            return between(low, high, network(observations, squash=True))
+            return rescale(low, high, network(observations, squash=True))
 
         return act
 
     @classmethod
     def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: D102
         stored = read_policy(folder, POLICY)
-        stored.check(tensor_kinds(stored))
+        stored.check(tensor_specs(stored))
         layers = as_modules(*stored_parameters(stored))
-        return in_a_row([*layers, nn.Tanh(), unscale(stored.action_space)])
+        return as_sequential([*layers, nn.Tanh(), unscale(stored.action_space)])
 
     def _save_experience(self, folder: Path, incremental: bool) -> tuple[dict[str, Any], tuple[str, ...]]:
         return self.experience(), self.replay.save(folder, incremental)

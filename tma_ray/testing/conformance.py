@@ -18,14 +18,14 @@ from tma_ray.tasks import KnowledgeLevel, TeacherUpdate
 from tma_ray.teachers import Teacher, effective_level, hyperparameters_of, make_teacher
 from tma_ray.testing.scenarios import (
     SCENARIOS,
-    Saved,
+    SavedTeacher,
     Scenario,
     ScriptedStudent,
     check_tasks,
     check_update,
-    continued,
     first_difference,
     play,
+    resume_in_new_process,
 )
 
 SAVED_AFTER = (0, 1, 149, 150, 211)
@@ -210,10 +210,10 @@ class TeacherConformance:
         plays = [self._undisturbed(scenario) for scenario in scenarios]
         after = [SAVED_AFTER[index % len(SAVED_AFTER)] for index in range(len(plays))]
         saved = tuple(
-            Saved(scenario, reference.states[episodes], episodes, self.episodes)
+            SavedTeacher(scenario, reference.states[episodes], episodes, self.episodes)
             for scenario, reference, episodes in zip(scenarios, plays, after, strict=True)
         )
-        resumed = continued(self.teacher, self.hyperparameters, self._level, saved)
+        resumed = resume_in_new_process(self.teacher, self.hyperparameters, self._level, saved)
         for start, reference, tasks in zip(saved, plays, resumed, strict=True):
             difference = first_difference(tasks, reference.tasks[start.episodes :])
             assert difference is None, (

@@ -200,7 +200,7 @@ def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class Saved:
+class SavedTeacher:
     """Pickled state of a teacher after `episodes` of a scenario, to be resumed up to episode `last`."""
 
     scenario: Scenario
@@ -213,11 +213,11 @@ START = "import sys; sys.path[:] = sys.argv[1:]; from tma_ray.testing.scenarios 
 """Code of the new process, which gets the import path of this one."""
 
 
-def continued(
+def resume_in_new_process(
     teacher: type[Teacher],
     hyperparameters: Mapping[str, Any],
     level: KnowledgeLevel,
-    saved: tuple[Saved, ...],
+    saved: tuple[SavedTeacher, ...],
 ) -> list[Task]:
     """Return the tasks (n, d) of a new process that resumes each of `saved`.
 

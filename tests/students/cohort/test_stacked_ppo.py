@@ -50,7 +50,7 @@ def test_every_slot_equals_stock_after_ten_updates(values):
         assert np.abs(ours.parameters - PPO.networks(slot).parameters).max() > 1e-3
         assert ours.step == 10
         logged = model.logger.name_to_value
-        figures = stacked.figures(slot)
+        figures = stacked.metrics(slot)
         assert figures.pop("approx_kl") > 0  # theirs is of the last epoch only
         for name, value in figures.items():
             np.testing.assert_allclose(value, logged[f"train/{name}"], rtol=1e-5, atol=1e-7)

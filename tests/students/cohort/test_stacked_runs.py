@@ -73,7 +73,7 @@ def test_padding_stays_zero_and_a_run_goes_on_elsewhere(kind):
     enter(kind, stacked, 0, run=1)
     kind.learn(stacked, 0, 5)
     stacked.advance(100)
-    for memory, places in stacked._stacks():
+    for memory, places in stacked._parameter_groups():
         rows = memory.detach().clone()
         assert rows[..., places].any()
         rows[..., places] = 0

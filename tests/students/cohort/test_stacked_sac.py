@@ -57,7 +57,7 @@ def test_every_slot_equals_stock_after_ten_updates(log_std, monkeypatch):
             assert np.abs(own - first).max() > 1e-5
         assert ours.step == 10
         logged = model.logger.name_to_value
-        for name, value in stacked.figures(slot).items():
+        for name, value in stacked.metrics(slot).items():
             np.testing.assert_allclose(value, logged[f"train/{name}"], rtol=1e-6)
 
 

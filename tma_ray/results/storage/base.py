@@ -185,7 +185,7 @@ class Store(ABC):
         """Return True if there is a file or anything else at `path`."""
         return self.exists(path)
 
-    def check_place(self, *folders: str) -> None:  # noqa: B027 - a bucket has nothing to check
+    def check_location(self, *folders: str) -> None:  # noqa: B027 - a bucket has nothing to check
         """Check that a local folder can be a results root, and that no link leads out of it.
 
         Raises:

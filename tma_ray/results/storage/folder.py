@@ -84,13 +84,13 @@ class FolderStore(Store, schemes=("", "file")):
         return data, hashlib.sha256(data).hexdigest()
 
     def write_bytes(self, path: str, data: bytes) -> None:
-        target = self._own_path(path)
+        target = self._checked_path(path)
         with explained_disk(self.where(path)):
             write_file(target, self._aside(), data)
 
     def create(self, path: str, data: bytes) -> bool:
         """Write a new file by an exclusive link, or return False if it exists."""
-        target = self._own_path(path)
+        target = self._checked_path(path)
         with explained_disk(self.where(path)):
             return write_file(target, self._aside(), data, exclusive=True)
 
@@ -125,7 +125,7 @@ class FolderStore(Store, schemes=("", "file")):
         return set()
 
     def move(self, source: str, destination: str) -> None:
-        old, new = self._own_path(source), self._own_path(destination)
+        old, new = self._checked_path(source), self._checked_path(destination)
         with explained_disk(self.where(source)):
             make_folder(new.parent)
             old.replace(new)
@@ -134,13 +134,13 @@ class FolderStore(Store, schemes=("", "file")):
 
     def delete(self, path: str) -> None:
         """Delete a file, a link (not its target), or a folder, even while it is written to."""
-        target = self._own_path(path)
+        target = self._checked_path(path)
         with explained_disk(self.where(path)):
             if target.is_dir() and not target.is_symlink():
                 target = target.replace(self._aside())
             delete(target)
 
-    def check_place(self, *folders: str) -> None:
+    def check_location(self, *folders: str) -> None:
         with explained_disk(self.where("")):
             folder = Path(os.path.realpath(self.base))  # no error for circular links
             problem = ""
@@ -158,7 +158,7 @@ class FolderStore(Store, schemes=("", "file")):
             self._refuse_links_out(name)
 
     def check_access(self) -> None:
-        self.check_place()
+        self.check_location()
 
     def clear_temporaries(self, older_than: float) -> None:
         self._refuse_links_out(TEMPORARY)
@@ -185,7 +185,7 @@ class FolderStore(Store, schemes=("", "file")):
                 f"{self.where(path)} is damaged: a symbolic link leads out of the root or nowhere"
             )
 
-    def _own_path(self, path: str) -> Path:
+    def _checked_path(self, path: str) -> Path:
         """Return the full path, after checking that its folder is inside of the root."""
         full = self.full_path(path)
         self._refuse_links_out(str(PurePosixPath(path).parent))

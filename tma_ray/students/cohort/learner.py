@@ -48,7 +48,7 @@ class StackedLearner(ABC):
         """Clear `slot`: no updates due, no experience, all parameters 0."""
         self.owed[slot] = 0
         self._owed[slot].fill_(0)
-        for memory, _ in self._stacks():
+        for memory, _ in self._parameter_groups():
             memory.detach()[slot].zero_()
         for counts in self._counters():
             counts[slot].fill_(0)
@@ -85,13 +85,13 @@ class StackedLearner(ABC):
 
     def actors(self, slots: Sequence[int]) -> torch.Tensor:
         """Return the acting parameters of the runs in `slots`, without padding, on the device (n, p)."""
-        memory, columns = self._stacks()[0]
+        memory, columns = self._parameter_groups()[0]
         rows = upload(np.array(slots, dtype=np.int64), self._device)
         return memory.detach().index_select(0, rows).index_select(1, columns)
 
     def _write(self, slot: int, networks: Sequence[Any]) -> None:
         """Load arrays of the stacks, without padding, and counters into a slot."""
-        stacks, counters = self._stacks(), self._counters()
+        stacks, counters = self._parameter_groups(), self._counters()
         for (memory, columns), values in zip(stacks, networks[: len(stacks)], strict=True):
             memory.detach()[slot][..., columns] = upload(values, self._device).to(self._dtype)
         for counts, number in zip(counters, networks[len(stacks) :], strict=True):
@@ -99,7 +99,9 @@ class StackedLearner(ABC):
 
     def _read(self, slot: int) -> list[Any]:
         """Return arrays and counters as `_write` loads them."""
-        arrays = [memory.detach()[slot][..., columns].cpu().numpy() for memory, columns in self._stacks()]
+        arrays = [
+            memory.detach()[slot][..., columns].cpu().numpy() for memory, columns in self._parameter_groups()
+        ]
         return [*arrays, *(int(counts[slot]) for counts in self._counters())]
 
     def _on_device(self, values: NDArray[np.floating]) -> torch.Tensor:
@@ -107,11 +109,11 @@ class StackedLearner(ABC):
         return upload(values, self._device).to(self._dtype)
 
     @abstractmethod
-    def _stacks(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    def _parameter_groups(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         """Return memory (k, ..., p) and unpadded columns of each parameter group, the actor first."""
 
     @abstractmethod
-    def figures(self, slot: int) -> dict[str, float]:
+    def metrics(self, slot: int) -> dict[str, float]:
         """Return metrics of the last updates of the run in `slot`."""
 
     @abstractmethod

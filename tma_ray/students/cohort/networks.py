@@ -142,9 +142,9 @@ class StackedAdam:
         mean = torch.lerp(self.mean, gradient, 1 - BETAS[0])
         square = torch.addcmul(self.square * BETAS[1], gradient, gradient, value=1 - BETAS[1])
         change = mean / (square.sqrt() / root + self._epsilon) * rate
-        keep(self.mean, mean, mask)
-        keep(self.square, square, mask)
-        keep(self._parameters, self._parameters - change, mask)
+        write_masked(self.mean, mean, mask)
+        write_masked(self.square, square, mask)
+        write_masked(self._parameters, self._parameters - change, mask)
 
     def row(self, slot: int, parameters: torch.Tensor) -> "RowAdam":
         """Return the optimiser of the run in `slot` alone, on the same memory.
@@ -173,7 +173,7 @@ class RowAdam(StackedAdam):
         take_step(self._optimiser)
 
 
-def keep(memory: torch.Tensor, values: torch.Tensor, mask: torch.Tensor) -> None:
+def write_masked(memory: torch.Tensor, values: torch.Tensor, mask: torch.Tensor) -> None:
     """Write `values` to `memory` where the broadcast `mask` is True."""
     memory.copy_(torch.where(mask, values, memory))
 

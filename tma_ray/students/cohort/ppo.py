@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tma_ray.students.cohort.device import compile_if, hidden_type, upload
 from tma_ray.students.cohort.learner import StackedLearner, leaf, narrowed
-from tma_ray.students.cohort.networks import PaddedLayout, StackedAdam, keep, stacked_pass
+from tma_ray.students.cohort.networks import PaddedLayout, StackedAdam, stacked_pass, write_masked
 from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.mlp.network import Network
 from tma_ray.students.ppo import Losses, Steps, losses
@@ -103,12 +103,12 @@ class StackedPPO(StackedLearner):
         """Return the networks of the run in `slot`."""
         return PPONetworks._make(self._read(slot))
 
-    def figures(self, slot: int) -> dict[str, float]:
+    def metrics(self, slot: int) -> dict[str, float]:
         """Return mean metrics of the updates on the last rollout of the run in `slot`."""
         means = (self._sums[slot] / self._positions[slot].clamp(min=1)).tolist()
         return dict(zip(METRICS, means, strict=True))
 
-    def _stacks(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    def _parameter_groups(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         memories = self._parameters, self._adam.mean, self._adam.square
         return [(memory, self._columns) for memory in memories]
 
@@ -131,8 +131,8 @@ class StackedPPO(StackedLearner):
         packed = self._memory.flatten(0, 1).index_select(0, (rows + base).flatten())
         columns = torch.split(packed.view(width, size, -1).to(self._dtype), self._split, dim=-1)
         active = self._owed > 0
-        figures = self._train(Steps(*columns[:2], *(column[..., 0] for column in columns[2:])), active)
-        keep(self._sums, self._sums + figures, active[:, None])
+        metrics = self._train(Steps(*columns[:2], *(column[..., 0] for column in columns[2:])), active)
+        write_masked(self._sums, self._sums + metrics, active[:, None])
         self._positions.add_(active.long())
         self._owed.sub_(active.long())
 

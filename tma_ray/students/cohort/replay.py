@@ -68,25 +68,25 @@ class StackedReplay:
         terminated: bool,
     ) -> None:
         """Append transitions, as in `ReplayBuffer.extend`, to the run in `slot`."""
-        length, keep = len(rewards), min(len(rewards), self._capacity)
+        length, stored = len(rewards), min(len(rewards), self._capacity)
         if not length:
             return
-        packed = np.zeros((keep + 1, self._memory.shape[2]), dtype=np.float32)
-        packed[:, : self._o] = observations[length - keep :]
-        packed[:-1, self._o : -2], packed[:-1, -2] = actions[length - keep :], rewards[length - keep :]
+        packed = np.zeros((stored + 1, self._memory.shape[2]), dtype=np.float32)
+        packed[:, : self._o] = observations[length - stored :]
+        packed[:-1, self._o : -2], packed[:-1, -2] = actions[length - stored :], rewards[length - stored :]
         packed[-2, -1] = terminated
         track = self._tracks[slot]
-        needed = track.tail + keep + 1 - track.head(max(0, self._capacity - keep))
+        needed = track.tail + stored + 1 - track.head(max(0, self._capacity - stored))
         if needed > self._rows:
             self._grow(max(needed, self._rows + self._rows // 4))
             track = self._tracks[slot]
         first, row = track.count, track.tail
-        track.pieces.append((first, row, keep))
-        track.count, track.tail = first + keep, row + keep + 1
+        track.pieces.append((first, row, stored))
+        track.count, track.tail = first + stored, row + stored + 1
         while track.pieces[0][0] + track.pieces[0][2] <= track.count - self._capacity:
             track.pieces.popleft()
         self._write(self._memory[slot], row, upload(packed, self._device))
-        rows = torch.arange(row, row + keep, device=self._device) % self._rows
+        rows = torch.arange(row, row + stored, device=self._device) % self._rows
         self._write(self._table[slot], first, rows.to(torch.int32))
         self.counts[slot].fill_(track.count)
         self.kept[slot].fill_(min(track.count, self._capacity))

@@ -19,7 +19,7 @@ from tma_ray.students.cohort.device import (
     words_of,
 )
 from tma_ray.students.cohort.learner import StackedLearner, leaf, narrowed
-from tma_ray.students.cohort.networks import PaddedLayout, StackedAdam, keep, stacked_pass, twin_pass
+from tma_ray.students.cohort.networks import PaddedLayout, StackedAdam, stacked_pass, twin_pass, write_masked
 from tma_ray.students.cohort.replay import StackedReplay
 from tma_ray.students.hyperparameters import MatmulPrecision, SACHyperparameters
 from tma_ray.students.mlp.layout import Layout
@@ -142,12 +142,12 @@ class StackedSAC(StackedLearner):
         values: NDArray[np.float64] = (total / len(noise)).cpu().numpy()
         return values
 
-    def figures(self, slot: int) -> dict[str, float]:
+    def metrics(self, slot: int) -> dict[str, float]:
         """Return the losses at the last update of the run in `slot`."""
         critics, actor = self._losses[slot].tolist()
         return {"critic_loss": critics, "actor_loss": actor}
 
-    def _stacks(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    def _parameter_groups(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         actors, critics = (self._actor,), (self._critics, self._targets)
         moments = [(adam.mean, adam.square) for adam in (self._actor_adam, self._critic_adam)]
         kinds = zip((actors, critics, *moments), (*self._columns, *self._columns), strict=True)
@@ -211,15 +211,15 @@ class StackedSAC(StackedLearner):
     def _step_critics(self, gradient: torch.Tensor, losses: torch.Tensor, active: torch.Tensor) -> None:
         with torch.no_grad():
             self._critic_adam.step(gradient, self._steps, active)
-            keep(self._losses[:, 0], losses, active)
+            write_masked(self._losses[:, 0], losses, active)
 
     def _step_actor(self, gradient: torch.Tensor, losses: torch.Tensor, active: torch.Tensor) -> None:
         """Step the actor, then update targets and counts."""
         with torch.no_grad():
             self._actor_adam.step(gradient, self._steps, active)
-            keep(self._losses[:, 1], losses, active)
+            write_masked(self._losses[:, 1], losses, active)
             moved = torch.lerp(self._targets, self._critics, self._hyper.target_rate)
-            keep(self._targets, moved, active[:, None, None])
+            write_masked(self._targets, moved, active[:, None, None])
             self._steps.add_(active.long())
 
     def _pair(self, parameters: torch.Tensor) -> Pass:

@@ -18,7 +18,7 @@ from tma_ray.students.rollout_workers import CohortFullError, JoinRequest, Learn
 from tma_ray.students.rollout_workers.link import CohortSettings, SharedBuffer
 
 
-def recorded() -> torch.cuda.Event:
+def recorded_event() -> torch.cuda.Event:
     """Return an event recorded on the GPU's stream, which can be awaited without spinning."""
     event = torch.cuda.Event(blocking=True)  # type: ignore[no-untyped-call]
     event.record()
@@ -39,7 +39,7 @@ class Delivery(NamedTuple):
             return cls(receivers, rows.to("cpu"), None)
         memory = torch.empty(rows.shape, dtype=rows.dtype, pin_memory=True)
         memory.copy_(rows, non_blocking=True)
-        return cls(receivers, memory, recorded())
+        return cls(receivers, memory, recorded_event())
 
 
 FILE_THREADS = 2  # threads that read and write checkpoints
@@ -154,7 +154,9 @@ class LearnerServer:
             if reply is not _LATER:
                 self._send(connection, (True, reply))
 
-    def _aside(self, connection: Connection, work: Callable[[], Any], then: Callable[[Any], Any]) -> Any:
+    def _run_in_thread(
+        self, connection: Connection, work: Callable[[], Any], then: Callable[[Any], Any]
+    ) -> Any:
         """Run `work` on files in a thread, then `then` on its result in this thread to make the reply."""
 
         def done(future: Future[Any]) -> None:
@@ -201,7 +203,7 @@ class LearnerServer:
                 receivers = [self._learning.pop((id(stack), slot)) for slot in finished]
                 self._deliveries.append(Delivery.of(receivers, stack.actors(finished)))
             if self._pool.settings.device.startswith("cuda"):
-                self._work.append(recorded())
+                self._work.append(recorded_event())
                 if len(self._work) > MOST_QUEUED:
                     self._work.popleft().synchronize()
 
@@ -234,11 +236,11 @@ class LearnerServer:
 
     def _save_for(self, connection: Connection, folder: Path, state: WorkerState, incremental: bool) -> Any:
         write = self._slots[connection].save(folder, state, incremental)
-        return self._aside(connection, write, lambda unchanged: unchanged)
+        return self._run_in_thread(connection, write, lambda unchanged: unchanged)
 
     def _load_for(self, connection: Connection, folder: Path) -> Any:
         run = self._slots[connection]
-        return self._aside(connection, lambda: run.student.load(folder), lambda _: run.load_state())
+        return self._run_in_thread(connection, lambda: run.student.load(folder), lambda _: run.load_state())
 
     def _hardware_for(self, _: Connection) -> Any:
         settings = self._pool.settings

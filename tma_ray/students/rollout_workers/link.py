@@ -59,7 +59,7 @@ class SharedBuffer:
             if isinstance(value, np.ndarray):
                 message[index] = reference = ArrayRef(offset, value.dtype.str, value.shape)
                 self._view(reference)[...] = value
-                offset += room_for([value])
+                offset += buffer_size([value])
         return tuple(message)
 
     def collect(self, message: Iterable[Any]) -> tuple[Any, ...]:
@@ -76,13 +76,13 @@ class SharedBuffer:
         return self._memory[start : start + size].view(dtype).reshape(reference.shape)
 
 
-def room_for(values: Iterable[Any]) -> int:
+def buffer_size(values: Iterable[Any]) -> int:
     """Return the size of a buffer for the arrays of a message, in bytes."""
     sizes = (value.nbytes for value in values if isinstance(value, np.ndarray))
     return sum(-(-size // ALIGNMENT) * ALIGNMENT for size in sizes)
 
 
-def can_share() -> bool:
+def has_shared_memory() -> bool:
     """Return True if this system has anonymous shared memory (Linux)."""
     return hasattr(os, "memfd_create")
 
@@ -164,16 +164,16 @@ class LearnerLink:
     def join(self, request: JoinRequest) -> Weights:
         """Take a slot of the cohort and return the initial weights."""
         weights: Weights = self.ask("join", request)
-        self._weights_size = room_for([weights])
+        self._weights_size = buffer_size([weights])
         return weights
 
     def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:
         """Send experience, wait for the updates due, and return new weights, None without updates."""
         weights: Weights | None
-        if not can_share():
+        if not has_shared_memory():
             weights = self.ask("learn", experience, updates)
             return weights
-        size = max(room_for(experience), self._weights_size)
+        size = max(buffer_size(experience), self._weights_size)
         if self._buffer is None or self._buffer.size < size:
             self._drop_buffer()
             self._buffer = SharedBuffer.create(size + size // 2)

@@ -236,7 +236,7 @@ class PPOActing(ActingStudent):
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
         ended = transition.terminated or transition.truncated
-        reward = self.normaliser.count_in(transition, self._value)
+        reward = self.normaliser.update_step(transition, self._value)
         step = self._step
         self.rollout.add(step.observation, step.sampled, reward, ended, step.evaluation)
         self._episode_starts = ended

@@ -56,12 +56,12 @@ def sampled_actions(
     outputs: FloatArray, bounds: tuple[Actions, Actions], rng: np.random.Generator, clamp: bool
 ) -> Actions:
     """Return actions (n, a) between `bounds` (a,), sampled as in `squashed_action` from `outputs` (n, 2a)."""
-    means, log_deviations = normal_of(outputs, clamp)
+    means, log_deviations = normal_parameters(outputs, clamp)
     noise = rng.standard_normal(means.shape, dtype=np.float32)
-    return between(*bounds, np.tanh(means + np.exp(log_deviations) * noise))
+    return rescale(*bounds, np.tanh(means + np.exp(log_deviations) * noise))
 
 
-def normal_of(outputs: FloatArray, clamp: bool) -> tuple[FloatArray, FloatArray]:
+def normal_parameters(outputs: FloatArray, clamp: bool) -> tuple[FloatArray, FloatArray]:
     """Return means and log standard deviations (n, a) of the actions before squashing."""
     low, high = (np.float32(bound) for bound in LOG_STD_RANGE)
     means, spreads = np.split(outputs, 2, axis=1)
@@ -71,7 +71,7 @@ def normal_of(outputs: FloatArray, clamp: bool) -> tuple[FloatArray, FloatArray]
 
 def entropies(outputs: FloatArray, clamp: bool) -> NDArray[np.float64]:
     """Return the entropy (n,) of the squashed actions in nats."""
-    means, log_deviations = normal_of(outputs.astype(np.float64), clamp)
+    means, log_deviations = normal_parameters(outputs.astype(np.float64), clamp)
     actions = np.tanh(means[..., None] + np.exp(log_deviations)[..., None] * NODES)
     squashing = np.log(1 - actions**2 + SQUASH_EPSILON) @ NODE_WEIGHTS / math.sqrt(2 * math.pi)
     normal = log_deviations + 0.5 * math.log(2 * math.pi * math.e)
@@ -79,7 +79,7 @@ def entropies(outputs: FloatArray, clamp: bool) -> NDArray[np.float64]:
     return total
 
 
-def between(low: Actions, high: Actions, actions: Actions) -> Actions:
+def rescale(low: Actions, high: Actions, actions: Actions) -> Actions:
     """Return `actions` mapped from [-1, 1] to [low, high]."""
     return low + np.float32(0.5) * (actions + 1) * (high - low)
 
@@ -99,10 +99,10 @@ class SACActing(ActingStudent):
             return self._exploration.uniform(self._low, self._high).astype(np.float32)
         network, clamp = self._acting.row.arrays, self.hyperparameters.log_std is LogStd.CLAMP
         action = squashed_action(network, observation, self._noise(), LOG_STD_RANGE, clamp)
-        return between(self._low, self._high, action)
+        return rescale(self._low, self._high, action)
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
-        return between(self._low, self._high, self._acting(observations, squash=True))
+        return rescale(self._low, self._high, self._acting(observations, squash=True))
 
     def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
         bounds = self._low, self._high
