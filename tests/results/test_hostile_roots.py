@@ -19,7 +19,7 @@ from tma_ray.embodiments import load_embodiment
 from tma_ray.results import Committer, Results, RunStatus, Store, Table
 from tma_ray.results.layout import table_path
 from tma_ray.results.manifest import MOST_RUN_ROWS, Manifest, PartFile
-from tma_ray.results.parquet import MOST_ROWS, decode, opened, unpacked_sizes
+from tma_ray.results.parquet import MOST_TABLE_ROWS, decode, opened, unpacked_sizes
 from tma_ray.results.schema import SCHEMAS
 from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning, load_npz
 from tma_ray.tasks import TestSet
@@ -61,7 +61,7 @@ def test_an_archive_that_inflates_is_refused(tmp_path: Path) -> None:
 def test_a_table_of_repeated_rows_is_named_and_left_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(MOST_ROWS, Table.CELLS, 100_000)
+    monkeypatch.setitem(MOST_TABLE_ROWS, Table.CELLS, 100_000)
     root = Committer.open(tmp_path / "root").store
     root.write_bytes(table_path(Table.CELLS, "bomb"), repeated(Table.CELLS, 100_001))
     with pytest.warns(DamagedFileWarning, match=r"cells/bomb\.parquet was left out: it claims 100,001 rows"):

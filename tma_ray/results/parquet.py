@@ -116,7 +116,7 @@ def _unsigned(data: bytes, offset: int) -> tuple[int, int]:
 
 ROW_GROUP_ROWS: Final = 1 << 17  # a few megabytes of episodes
 
-MOST_ROWS: Final = {
+MOST_TABLE_ROWS: Final = {
     table: 2_000_000 if table in (Table.RUNS, Table.ATTEMPTS, Table.CELLS) else 500_000_000 for table in Table
 }
 """Limit on the rows of a file (repeated rows take next to nothing on disk)."""
@@ -193,7 +193,7 @@ def decode(
         table: table of the rows.
         data: content of the file.
         columns: columns to read, in this order; all if None.
-        count: expected number of rows; any number up to `MOST_ROWS` if None.
+        count: expected number of rows; any number up to `MOST_TABLE_ROWS` if None.
         checked: True if the checksum of `data` was verified, so that page checksums are skipped.
 
     Raises:
@@ -208,7 +208,7 @@ def decode(
         raise DamagedFileError(f"it has {rows} rows, but its manifest says {count}")
     names = SCHEMAS[table].names if columns is None else columns
     present = _present(file, names)
-    _check_size(table, file, source, range(file.num_row_groups), present, MOST_ROWS[table])
+    _check_size(table, file, source, range(file.num_row_groups), present, MOST_TABLE_ROWS[table])
     return _completed(table, names, file.read(present, use_threads=False))
 
 
@@ -224,7 +224,7 @@ def unreadable_rows(table: Table, data: bytes) -> Iterator[tuple[int, int]]:
     for group in range(file.num_row_groups):
         count = file.metadata.row_group(group).num_rows
         try:
-            _check_size(table, file, source, [group], file.schema_arrow.names, MOST_ROWS[table])
+            _check_size(table, file, source, [group], file.schema_arrow.names, MOST_TABLE_ROWS[table])
             file.read_row_group(group, use_threads=False)
         except (OSError, pa.ArrowException, DamagedFileError):
             yield first, first + count

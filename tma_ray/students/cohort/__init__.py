@@ -1,1 +1,1 @@
-"""Learners of many runs at once, stacked along a leading axis; on a GPU, mostly."""
+"""Stacked learners, which update many runs at once."""

@@ -1,1 +1,1 @@
-"""The multilayer perceptron of all students' networks. Importing this package imports no torch."""
+"""Multilayer perceptrons of all students, imported without torch."""
