@@ -22,7 +22,7 @@ from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import estimate, few_seeds_warning, listed, number, steps_text
 from analysis.measures.pooling import condition_words, levels_together, runs_after, varying
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
-from analysis.measures.trained import NEARLY_ALL, trained_shares
+from analysis.measures.trained import trained_shares
 from analysis.names import challenge_title, distinct_labels, label, mark_of, title
 from tma_ray.support.component_names import split_name
 
@@ -77,11 +77,6 @@ class Leaderboard:
     entries: tuple[Entry, ...]
     names: Mapping[str, str]
     runs: pd.DataFrame = field(repr=False, compare=False)
-
-    @property
-    def partly_trained(self) -> bool:
-        """True if the student of any teacher learns from under `NEARLY_ALL` % of its steps."""
-        return any(entry.trained < NEARLY_ALL for entry in self.entries)
 
     @property
     def newcomers(self) -> bool:
