@@ -33,19 +33,12 @@ class Whisker(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class PanelResults:
-    """Results of one panel.
+    """Results of one panel."""
 
-    Attributes:
-        titles: titles of the row and the column of panels.
-        rows: mean, whisker and doubt by teacher.
-        different: pairs that differ significantly.
-        untested: pairs without a test.
-    """
-
-    titles: tuple[str, str]
-    rows: pd.DataFrame
-    different: list[Pair]
-    untested: list[Pair]
+    titles: tuple[str, str]  # titles of the row and the column of panels
+    rows: pd.DataFrame  # mean, whisker and doubt by teacher
+    different: list[Pair]  # pairs that differ significantly
+    untested: list[Pair]  # pairs without a test
 
 
 def bars_with_pairs(

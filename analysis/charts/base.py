@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from analysis.statistics import SIGNIFICANCE
 from analysis.teacher_styles import INK, TeacherStyle
 
-END = "end"
-"""Moment of the ends of runs; other moments are steps."""
+END = "end"  # moment of the ends of runs; other moments are steps
 
 ONE_COLUMN, TWO_COLUMNS, PAGE_WIDTH = 3.3, 6.9, 10.2
 """Widths of a paper's column, of both columns, and of a page on the screen, inches."""
@@ -28,17 +27,10 @@ ONE_COLUMN, TWO_COLUMNS, PAGE_WIDTH = 3.3, 6.9, 10.2
 LEAST_PERCENT = 5.0
 """Least upper bound of axes of mastered %, so that one task of a hundred never looks like a triumph."""
 
-TEACHERS_PER_PANEL = 8
-"""Largest number of teachers in one panel, besides Random."""
-
-LONGEST_NAME = 38
-"""Characters of a teacher's name in a chart."""
-
-STEPS, MASTERED = "Environment steps", "Mastered test tasks (%)"
-"""Titles of axes."""
-
-PLAIN = TeacherStyle(INK, "o", "-")
-"""Style of marks without a teacher."""
+TEACHERS_PER_PANEL = 8  # largest number of teachers in one panel, besides Random
+LONGEST_NAME = 38  # characters of a teacher's name in a chart
+STEPS, MASTERED = "Environment steps", "Mastered test tasks (%)"  # titles of axes
+PLAIN = TeacherStyle(INK, "o", "-")  # style of marks without a teacher
 
 Array = NDArray[np.float64]
 
@@ -56,35 +48,22 @@ class AxisKind(StrEnum):
     COMPARISONS = "comparisons"
 
 
-MOST_TICKS = 12
-"""Largest range of whole numbers with a tick for each."""
+MOST_TICKS = 12  # largest range of whole numbers with a tick for each
 
 
 @dataclass(frozen=True)
 class PanelAxis:
-    """Axis of a panel.
+    """Axis of a panel."""
 
-    Attributes:
-        title: name of the quantity with its unit; empty for none.
-        kind: quantity of the axis.
-        low: lower bound; None to fit the marks.
-        high: upper bound; None to fit the marks.
-        rows: titles of rows by key, at 0, 1, …, and downwards on a vertical axis.
-        last_tick: largest value with a tick; None for all.
-        whole: True if only whole numbers have ticks.
-        grid: True for grid lines at the ticks.
-        shown: False for an axis without line and ticks.
-    """
-
-    title: str = ""
-    kind: AxisKind = AxisKind.NUMBER
-    low: float | None = None
-    high: float | None = None
-    rows: Mapping[str, str] = field(default_factory=dict)
-    last_tick: float | None = None
-    whole: bool = False
-    grid: bool = False
-    shown: bool = True
+    title: str = ""  # name of the quantity with its unit; empty for none
+    kind: AxisKind = AxisKind.NUMBER  # quantity of the axis
+    low: float | None = None  # lower bound; None to fit the marks
+    high: float | None = None  # upper bound; None to fit the marks
+    rows: Mapping[str, str] = field(default_factory=dict)  # titles by key, at 0, 1, …
+    last_tick: float | None = None  # largest value with a tick; None for all
+    whole: bool = False  # True if only whole numbers have ticks
+    grid: bool = False  # True for grid lines at the ticks
+    shown: bool = True  # False for an axis without line and ticks
 
     @property
     def bounded(self) -> bool:
@@ -99,120 +78,68 @@ class PanelAxis:
 
 @dataclass(frozen=True)
 class ColourScale:
-    """Colour scale of values.
+    """Colour scale of values."""
 
-    Attributes:
-        name: name of the scale in matplotlib and plotly.
-        low: value of the first colour.
-        high: value of the last colour.
-        title: name of the quantity.
-        open: True if values lie beyond the ends.
-        mark: value with a mark; None for none.
-    """
-
-    name: str
-    low: float
-    high: float
-    title: str = ""
-    open: bool = False
-    mark: float | None = None
+    name: str  # name of the scale in matplotlib and plotly
+    low: float  # value of the first colour
+    high: float  # value of the last colour
+    title: str = ""  # name of the quantity
+    open: bool = False  # True if values lie beyond the ends
+    mark: float | None = None  # value with a mark; None for none
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mark:
-    """Element of a panel.
+    """Element of a panel."""
 
-    Attributes:
-        look: colour, marker and dashes.
-        name: entry of the legend; empty for none.
-        teacher: teacher of the mark, by which pages hide it; empty for none.
-        comparison: anchor of the comparison of the mark, by which pages hide it; empty for none.
-        texts: text of each point, or one for all.
-        hover: template of the text under the pointer, with the fields ``{x}``, ``{y}``, ``{value}`` and
-            ``{text}`` of a point and formats as in ``{y:.1f}``; empty for none.
-        svg_id: identifier in SVG files; empty for none.
-    """
-
-    look: TeacherStyle = PLAIN
-    name: str = ""
-    teacher: str = ""
-    comparison: str = ""
-    texts: Sequence[str] = ()
-    hover: str = ""
-    svg_id: str = ""
+    look: TeacherStyle = PLAIN  # colour, marker and dashes
+    name: str = ""  # entry of the legend; empty for none
+    teacher: str = ""  # teacher of the mark, by which pages hide it; empty for none
+    comparison: str = ""  # anchor of the comparison of the mark, by which pages hide it; empty for none
+    texts: Sequence[str] = ()  # text of each point, or one for all
+    hover: str = ""  # template of the text under the pointer, as ``{x}, {y:.1f}, {value}, {text}``
+    svg_id: str = ""  # identifier in SVG files; empty for none
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Curve(Mark):
-    """Line with its band.
+    """Line with its band."""
 
-    Attributes:
-        x: positions (n,).
-        y: heights (n,); None for a band alone.
-        low: lower ends of the band (n,); None for none.
-        high: upper ends of the band (n,); None for none.
-        n: number of runs behind each point (n,); the line is faint where some are missing.
-        fill: colour inside markers; empty for that of the line.
-        width: width of the line, CSS pixels; lines under 1.5 have no markers.
-        opacity: opacity of the band, in [0, 1].
-    """
-
-    x: Array
-    y: Array | None = None
-    low: Array | None = None
-    high: Array | None = None
-    n: NDArray[Any] | None = None
-    fill: str = ""
-    width: float = 2.0
-    opacity: float = 0.17
+    x: Array  # positions (n,)
+    y: Array | None = None  # heights (n,); None for a band alone
+    low: Array | None = None  # lower ends of the band (n,); None for none
+    high: Array | None = None  # upper ends of the band (n,); None for none
+    n: NDArray[Any] | None = None  # number of runs (n,); the line is thin if some are missing
+    fill: str = ""  # colour inside markers; empty for that of the line
+    width: float = 2.0  # width of the line, CSS pixels; lines under 1.5 have no markers
+    opacity: float = 0.17  # opacity of the band, in [0, 1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scatter(Mark):
-    """Points.
+    """Points."""
 
-    Attributes:
-        x: positions (n,).
-        y: heights (n,).
-        values: values on the colour scale (n,); None for the colour of `look`.
-        colours: colour scale of `values`.
-        size: diameters, of each point or of all, CSS pixels.
-        hollow: True for rings.
-        opacity: opacity in [0, 1].
-        edge: colour of a fine outline; empty for none.
-    """
-
-    x: Sequence[float] | Array
-    y: Sequence[float] | Array
-    values: Sequence[float] | Array | None = None
-    colours: ColourScale | None = None
-    size: float | Array = 5.0
-    hollow: bool = False
-    opacity: float = 1.0
-    edge: str = ""
+    x: Sequence[float] | Array  # positions (n,)
+    y: Sequence[float] | Array  # heights (n,)
+    values: Sequence[float] | Array | None = None  # on the colour scale (n,)
+    colours: ColourScale | None = None  # colour scale of `values`
+    size: float | Array = 5.0  # diameters, of each point or of all, CSS pixels
+    hollow: bool = False  # True for rings
+    opacity: float = 1.0  # opacity in [0, 1]
+    edge: str = ""  # colour of a fine outline; empty for none
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Interval(Mark):
-    """Mean with its interval along the horizontal axis.
+    """Mean with its interval along the horizontal axis."""
 
-    Attributes:
-        x: mean; NaN for none.
-        y: height.
-        low: lower end; NaN for none.
-        high: upper end; NaN for none.
-        size: diameter of the mean's marker, CSS pixels; 0 for none.
-        width: width of the line, CSS pixels.
-        cap: length of the caps, CSS pixels.
-    """
-
-    x: float
-    y: float
-    low: float
-    high: float
-    size: float = 8.0
-    width: float = 1.6
-    cap: float = 0.0
+    x: float  # mean; NaN for none
+    y: float  # height
+    low: float  # lower end; NaN for none
+    high: float  # upper end; NaN for none
+    size: float = 8.0  # diameter of the mean's marker, CSS pixels; 0 for none
+    width: float = 1.6  # width of the line, CSS pixels
+    cap: float = 0.0  # length of the caps, CSS pixels
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -227,36 +154,22 @@ class Bar(Mark):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Heatmap(Mark):
-    """Grid of coloured cells.
+    """Grid of coloured cells."""
 
-    Attributes:
-        xs: centres of the columns (c,).
-        ys: centres of the rows (r,).
-        values: values by row and column (r, c); NaN for none.
-        colours: colour scale of `values`.
-    """
-
-    xs: Array
-    ys: Array
-    values: Array
-    colours: ColourScale
+    xs: Array  # centres of the columns (c,)
+    ys: Array  # centres of the rows (r,)
+    values: Array  # values by row and column (r, c); NaN for none
+    colours: ColourScale  # colour scale of `values`
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """Outline of a polygon.
+    """Outline of a polygon."""
 
-    Attributes:
-        xs: corners (n,), the first repeated at the end.
-        ys: corners (n,).
-        weight: opacity of its filling, in [0, 1].
-        score: value on the colour scale; None for the colour of the mark.
-    """
-
-    xs: Array
-    ys: Array
-    weight: float = 0.5
-    score: float | None = None
+    xs: Array  # corners (n,), the first repeated at the end
+    ys: Array  # corners (n,)
+    weight: float = 0.5  # opacity of its filling, in [0, 1]
+    score: float | None = None  # value on the colour scale; None for the colour of the mark
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -290,21 +203,13 @@ class Label(Mark):
 
 @dataclass(frozen=True, eq=False)
 class StarRow:
-    """Row of stars above a panel, at the steps where a line differs from its reference.
+    """Row of stars above a panel, at the steps where a line differs from its reference."""
 
-    Attributes:
-        look: style of the line.
-        fill: colour inside the line's markers.
-        above: steps at which the line is above the reference.
-        below: steps at which the line is below the reference.
-        svg_id: identifier in SVG files; empty for none.
-    """
-
-    look: TeacherStyle
-    fill: str
-    above: Sequence[float]
-    below: Sequence[float]
-    svg_id: str
+    look: TeacherStyle  # style of the line
+    fill: str  # colour inside the line's markers
+    above: Sequence[float]  # steps at which the line is above the reference
+    below: Sequence[float]  # steps at which the line is below the reference
+    svg_id: str  # identifier in SVG files; empty for none
 
 
 @dataclass(frozen=True)
@@ -320,35 +225,20 @@ class LegendEntry:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Axes with marks.
+    """Axes with marks."""
 
-    Attributes:
-        x: horizontal axis.
-        y: vertical axis.
-        marks: marks, the lowest first.
-        title: heading.
-        subtitle: second line of the heading, smaller.
-        side: title of the row of panels, shown by the first panel of a row.
-        teacher: teacher of the panel; empty for several.
-        stars: rows of stars above the panel, the uppermost first.
-        empty_text: text of an empty panel.
-        frame: colour of a frame; empty for none.
-        moments: steps and `END` of an animated panel, in order; empty for a still one.
-        moment: function that returns the panel at a moment, with the same number and types of marks.
-    """
-
-    x: PanelAxis
-    y: PanelAxis
-    marks: Sequence[Mark] = ()
-    title: str = ""
-    subtitle: str = ""
-    side: str = ""
-    teacher: str = ""
-    stars: Sequence[StarRow] = ()
-    empty_text: str = ""
-    frame: str = ""
-    moments: Sequence[Any] = ()
-    moment: Callable[[Any], "Panel"] | None = None
+    x: PanelAxis  # horizontal axis
+    y: PanelAxis  # vertical axis
+    marks: Sequence[Mark] = ()  # marks, the lowest first
+    title: str = ""  # heading
+    subtitle: str = ""  # second line of the heading, smaller
+    side: str = ""  # title of the row of panels, shown by the first panel of a row
+    teacher: str = ""  # teacher of the panel; empty for several
+    stars: Sequence[StarRow] = ()  # rows of stars above the panel, the uppermost first
+    empty_text: str = ""  # text of an empty panel
+    frame: str = ""  # colour of a frame; empty for none
+    moments: Sequence[Any] = ()  # steps and `END` of an animated panel, in order; empty for a still one
+    moment: Callable[[Any], "Panel"] | None = None  # panel at a moment, with the same marks
 
     def at(self, moment: object) -> "Panel":
         """Return the panel at a moment."""
@@ -366,33 +256,19 @@ class Legend(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Figure of a paper, or one or several plots of a page.
+    """Figure of a paper, or one or several plots of a page."""
 
-    Attributes:
-        name: name of the files, and identifier on a page.
-        panels: panels by row; None for a gap.
-        title: title on a page.
-        caption: content and number of runs, for a page.
-        heading: text above all panels on paper.
-        note: text below all panels on paper.
-        keys: entries of the legend for markers.
-        legend: position of the legend.
-        size: width and height on paper without the legend, inches.
-        letters: font size on paper, points.
-        pixels: height of a panel without rows on a page, CSS pixels.
-    """
-
-    name: str
-    panels: Sequence[Sequence[Any]]
-    title: str = ""
-    caption: str = ""
-    heading: str = ""
-    note: str = ""
-    keys: Sequence[LegendEntry] = ()
-    legend: Legend = Legend.TOP
-    size: tuple[float, float] = (5.2, 3.5)
-    letters: float = 8.5
-    pixels: int = 330
+    name: str  # name of the files, and identifier on a page
+    panels: Sequence[Sequence[Any]]  # panels by row; None for a gap
+    title: str = ""  # title on a page
+    caption: str = ""  # content and number of runs, for a page
+    heading: str = ""  # text above all panels on paper
+    note: str = ""  # text below all panels on paper
+    keys: Sequence[LegendEntry] = ()  # entries of the legend for markers
+    legend: Legend = Legend.TOP  # position of the legend
+    size: tuple[float, float] = (5.2, 3.5)  # width and height on paper without the legend, inches
+    letters: float = 8.5  # font size on paper, points
+    pixels: int = 330  # height of a panel without rows on a page, CSS pixels
 
     @property
     def all_panels(self) -> list[Any]:

@@ -42,22 +42,15 @@ MOST_DIMENSIONS = 20
 """Largest number of varied dimensions of a space that is drawn dimension by dimension."""
 
 
-FILM_NAME_CHARS = 16
-"""Characters of a teacher's name beside the row of a film strip."""
+FILM_NAME_CHARS = 16  # characters of a teacher's name beside the row of a film strip
 
 
 class PaperChart(NamedTuple):
-    """A chart for papers that is made on demand.
+    """A chart for papers that is made on demand."""
 
-    Attributes:
-        name: name of its files among those of the comparison.
-        chart: function that returns the chart.
-        animated: True for a GIF.
-    """
-
-    name: str
-    chart: Callable[[], Chart]
-    animated: bool = False
+    name: str  # name of its files among those of the comparison
+    chart: Callable[[], Chart]  # function that returns the chart
+    animated: bool = False  # True for a GIF
 
 
 def page_charts(comparison: TeacherComparison) -> Iterator[Chart]:

@@ -21,46 +21,27 @@ HEIGHT = 3.08  # height of a radar on paper without notes, inches
 
 
 class Ratios(NamedTuple):
-    """Results at one level of expert knowledge as ratios of Random's.
+    """Results at one level of expert knowledge as ratios of Random's."""
 
-    Attributes:
-        ratios: ratios on all axes by teacher; NaN if missing, infinite if Random alone is at 0.
-        shares: share of the axis's best result where ratios are infinite, by teacher and axis.
-        upper: best result on the original space as a ratio on each axis; NaN if not comparable.
-        differ: significant differences from Random, by teacher and axis.
-        doubts: teachers and axes of doubtful published results.
-        missing: sentences on results that are not drawn.
-    """
-
-    ratios: dict[str, list[float]]
-    shares: dict[tuple[str, int], float]
-    upper: list[float]
-    differ: dict[tuple[str, int], float]
-    doubts: set[tuple[str, int]]
-    missing: list[str]
+    ratios: dict[str, list[float]]  # by teacher and axis; infinite if Random alone is at 0
+    shares: dict[tuple[str, int], float]  # share of the best result where ratios are infinite
+    upper: list[float]  # best result on the original space as a ratio on each axis; NaN if not comparable
+    differ: dict[tuple[str, int], float]  # significant differences from Random, by teacher and axis
+    doubts: set[tuple[str, int]]  # teachers and axes of doubtful published results
+    missing: list[str]  # sentences on results that are not drawn
 
 
 @dataclass(frozen=True, eq=False)
 class Radar:
-    """Radar in a chart.
+    """Radar in a chart."""
 
-    Attributes:
-        title: heading.
-        axes: titles of the axes, clockwise from the top.
-        rim: ratio of Random at the outermost ring.
-        beyond: True for a band outside the rim, for infinite ratios.
-        teachers: entries of the legend by teacher, for those that are drawn.
-        results: results of these and other teachers.
-        note: lines of text below the radar.
-    """
-
-    title: str
-    axes: Sequence[str]
-    rim: float
-    beyond: bool
-    teachers: Mapping[str, str]
-    results: Ratios
-    note: Sequence[str]
+    title: str  # heading
+    axes: Sequence[str]  # titles of the axes, clockwise from the top
+    rim: float  # ratio of Random at the outermost ring
+    beyond: bool  # True for a band outside the rim, for infinite ratios
+    teachers: Mapping[str, str]  # entries of the legend by teacher, for those that are drawn
+    results: Ratios  # results of these and other teachers
+    note: Sequence[str]  # lines of text below the radar
 
     def radius(self, teacher: str, axis: int) -> float:
         """Return the radius of a result, beyond the rim for an infinite ratio."""
