@@ -201,7 +201,7 @@ ANCHOR_TOLERANCE = 0.02  # distance of an anchor outside its parts, in m: drawin
 
 
 class EmbodimentError(ValueError):
-    """Error of a body that cannot be built."""
+    """Error if a body cannot be built."""
 
 
 def _check_parts(parts: Sequence[Part], grip_sensors: Sequence[GripSensor]) -> None:

@@ -18,7 +18,7 @@ Environment = gymnasium.Env[Any, Any]
 ``options={"task": …}``. Optional attributes are `mastery_return`, the episodic return over which a task is
 mastered, and `observation_signals` and `action_signals` (sequences of `Signal`)."""
 
-JSON_TYPES = (str, int, float, list, dict)  # of the options of a run, whatever their annotations
+JSON_TYPES = (str, int, float, list, dict)  # types of options in the spec of a run
 
 GYMNASIUM_IDS = {
     "tma_ray/StumpTracks-v0": ("tma_ray.envs.stump_tracks:StumpTracks", "tma_ray.envs.vector:stump_tracks"),

@@ -26,7 +26,7 @@ from tma_ray.support.component_names import base_name
 from tma_ray.support.decoding import DamagedFileError, decode_json
 from tma_ray.tasks import TaskSpace
 
-SHOWN_EVALUATIONS: Final = 11  # at most, on a card
+SHOWN_EVALUATIONS: Final = 11  # largest number on a card
 CARD_FILE: Final = "README.md"
 
 

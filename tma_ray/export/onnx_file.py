@@ -27,7 +27,7 @@ TOLERANCE: Final = 1e-4  # largest difference between actions, as a share of the
 
 
 class NotExpressibleError(ValueError):
-    """Error of a policy that ONNX cannot express, or not accurately enough."""
+    """Error if ONNX cannot express a policy, or not accurately enough."""
 
 
 def require_onnx() -> None:

@@ -77,7 +77,7 @@ def _try_compiled() -> None:
     Raises:
         RuntimeError: if the trajectories differ, or Chipmunk cannot be called on this machine.
     """
-    from tma_ray.terrain.stump_tracks import stump_tracks  # here, since it loads numba
+    from tma_ray.terrain.stump_tracks import stump_tracks  # deferred: loads numba
 
     body = load_embodiment("classic_bipedal")
     rules = Rules("stump_tracks", LidarLayout.DOWN, observes_medium=True)

@@ -41,7 +41,7 @@ EXTREMES(double) EXTREMES(float) EXTREMES(i64)
 
 
 class TranslationError(ValueError):
-    """Error in a kernel whose code is outside the supported subset."""
+    """Error if a kernel is outside the supported subset of Python."""
 
 
 @dataclass(frozen=True)

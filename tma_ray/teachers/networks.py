@@ -65,13 +65,8 @@ class LeastSquaresGAN:
 
     Source: Florensa et al. 2018, section 4.2, after Mao et al. 2017: the discriminator is trained towards +1
     on positive, and -1 on negative and generated points, the generator towards an output of +1. Layers are
-    those of the paper, appendix A; initial weights, leaky units and optimisers those of its release.
-
-    Args:
-        size: dimensions d of points and of noise.
-        learning_rate: learning rate of both RMSProp optimisers.
-        batch_size: number of points, and of generated points, per step.
-        rng: source of the initial weights.
+    those of the paper, appendix A; initial weights, leaky units and optimisers those of its release. A batch
+    has `batch_size` points and as many generated ones.
     """
 
     def __init__(self, size: int, learning_rate: float, batch_size: int, rng: np.random.Generator) -> None:
@@ -169,12 +164,7 @@ class AffineCoupling(nn.Module):
     """Coupling that scales and shifts some coordinates by functions of the others and of a condition.
 
     Untrained, it is the identity: with usual initial weights, each coupling would scale by a third, and all
-    of them map to nearly a point.
-
-    Args:
-        moved: mask (d,) of the coordinates that change.
-        hidden: units of each layer of both networks.
-        generator: source of the initial weights.
+    of them map to nearly a point. `moved` is a mask (d,) of the coordinates that change.
     """
 
     def __init__(self, moved: torch.Tensor, hidden: int, generator: torch.Generator) -> None:
@@ -212,12 +202,8 @@ class RealNVP(nn.Module):
 
     Sources: Dinh et al. 2017 (couplings), Racaniere et al. 2020, appendix (three blocks of three couplings:
     by halves, by the other halves, interlaced); scales, highway networks and precision from the original
-    release. The sigmoid is clipped as in the paper, and so is the density.
-
-    Args:
-        size: dimensions d; a single one depends on the condition only.
-        hidden: units of each hidden layer (paper: n_HIDDEN).
-        generator: source of the initial weights.
+    release. The sigmoid is clipped as in the paper, and so is the density. A single coordinate depends on the
+    condition only.
     """
 
     def __init__(self, size: int, hidden: int, generator: torch.Generator) -> None:
@@ -276,7 +262,7 @@ def new_networks(
 ) -> tuple[nn.Sequential, RealNVP, torch.optim.Optimizer, torch.optim.Optimizer]:
     """Return an untrained judge and setter for `size` dimensions, and their optimisers."""
     seeded = torch_generator(rng)
-    layers: list[nn.Module] = []  # three hidden ones (paper, appendix A) and the logit of success
+    layers: list[nn.Module] = []  # three hidden layers (paper, appendix A)
     for inputs in (size, JUDGE_UNITS, JUDGE_UNITS):
         layers += [linear(inputs, JUDGE_UNITS, DTYPE, seeded), nn.ReLU()]
     judge = nn.Sequential(*layers, linear(JUDGE_UNITS, 1, DTYPE, seeded))

@@ -164,8 +164,8 @@ def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
 
 
 # divisors of the capacity of a region (original release)
-KEPT_BY_PARTS = 20  # gives the fewest episodes in each part of a cut
-FORGOTTEN = 4  # gives the episodes that a full region without a valid cut forgets
+KEPT_BY_PARTS = 20  # for the smallest number of episodes in a part
+FORGOTTEN = 4  # for the episodes that a full region without a valid cut drops
 
 
 @dataclass

@@ -18,7 +18,7 @@ RIDGE = 1.0  # weight of the prior of unchanged observations, in steps
 class TransitionModel:
     """Online ridge regression of changes of observations on observations and actions."""
 
-    memory: float  # factor in (0, 1] of the weights of all episodes after each further one
+    memory: float  # discount of earlier episodes, in (0, 1]
     steps: float = 0.0  # weighted number of steps
     # second moments of the inputs (p, p); None before the first episode
     gram: Array | None = field(init=False, default=None)

@@ -47,7 +47,7 @@ Singles = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class CPPN:
-    """A compositional pattern-producing network with fixed weights.
+    """Compositional pattern-producing network with fixed weights.
 
     Four hidden layers with tanh and softplus in turn, a linear output and no biases, in float32. The outputs
     are heights before scaling and alignment with the start.
@@ -214,7 +214,7 @@ def _points_over(width: float) -> int:
 def _cut(
     tops: Floats, heights: Floats, width: float, part_height: float, first_holder: int
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Cut creepers of `heights` (n,) under `tops` (n,) into parts; return the parts and their holders.
+    """Cut creepers of `heights` (n,) under `tops` (n,) into parts, and return these and their holders.
 
     A last part has at least the minimum height of a creeper.
     """
