@@ -33,12 +33,11 @@ if TYPE_CHECKING:
 MAX_EPISODE_STEPS = 2000  # before truncation, which the original release leaves to its students
 PUSH = 5.0  # largest random push on the head in the first step, in N
 
+NOT_RUNNING = "the episode has ended or not begun; call reset()"
 NO_COPY = (
     "an environment in an episode cannot be copied or pickled, since the state of its world cannot: copy it "
     "before reset() or after the episode, or play the same seed, task and actions in another one"
 )
-"""Error message of copies during an episode."""
-
 Observation = NDArray[np.float32]
 
 
@@ -135,7 +134,8 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
             ValueError: if the action has another shape or is not finite.
             gymnasium.error.ResetNeeded: if the episode has ended or not begun.
         """
-        self._check_running()
+        if not self._running:
+            raise gymnasium.error.ResetNeeded(NOT_RUNNING)
         observation, reward, terminated = self._engine.step(action)
         self._observation = observation
         self._episode.add(reward)
@@ -155,7 +155,8 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         Raises:
             gymnasium.error.ResetNeeded: if the episode has ended or not begun.
         """
-        self._check_running()
+        if not self._running:
+            raise gymnasium.error.ResetNeeded(NOT_RUNNING)
         self._running = False
         return self._engine
 
@@ -182,10 +183,6 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self._running:
             raise TypeError(NO_COPY)
         return {name: value for name, value in vars(self).items() if name != "_engine"} | {"_renderer": None}
-
-    def _check_running(self) -> None:
-        if not self._running:
-            raise gymnasium.error.ResetNeeded("the episode has ended or not begun; call reset()")
 
     def _chosen_task(self, options: dict[str, Any]) -> Task:
         unknown = sorted(options.keys() - {"task"})
