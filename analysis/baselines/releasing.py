@@ -28,7 +28,7 @@ from analysis.baselines.croissant import CROISSANT_FILE, croissant
 from analysis.baselines.verification import verify
 from analysis.data.frames import STATUSES, Frames
 from analysis.data.loading import load
-from analysis.measures.evaluations import ceilings_in_words
+from analysis.measures.evaluations import ceiling_sentences
 from analysis.measures.run_measures import run_measures
 from analysis.measures.tested import HEADLINE
 from analysis.tables.paper_tables import result_tables, table_results
@@ -157,7 +157,7 @@ def _complete(draft: BaselineManifest, folder: Path, copied: results.Copy | resu
     made = origin(frames, manifest.physics_versions)
     tables = (table for group in table_results(frames) for table in result_tables(group))
     filled = [path for path in store.files(results.TABLES) if pq.read_metadata(folder / path).num_rows]
-    text = card(manifest, made, tables, ceilings=ceilings_in_words(frames), paths=filled)
+    text = card(manifest, made, tables, ceilings=ceiling_sentences(frames), paths=filled)
     (folder / CARD_FILE).write_text(text, encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
     metadata = json.dumps(croissant(manifest, files, made), indent=1, ensure_ascii=False)

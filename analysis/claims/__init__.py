@@ -1,1 +1,1 @@
-"""The paper's claims, held against results."""
+"""Standings of the paper's claims by results, and agreement of rankings."""

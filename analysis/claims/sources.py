@@ -120,7 +120,7 @@ USUAL = "the paper's bodies, students and test tasks"
 
 
 class PaperSource:
-    """The paper's tables: final results, and of single bodies those of Parkour."""
+    """The paper's tables, with final results only, and single bodies in Parkour only."""
 
     def sample(self, reading: Reading) -> Sample | None:
         """Return the entry of a reading; None if the tables have none."""

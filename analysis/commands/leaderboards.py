@@ -23,7 +23,7 @@ from analysis.comparisons.leaderboards import Entry, Leaderboard, leaderboards, 
 from analysis.comparisons.verdicts import AXES
 from analysis.data.reference import is_baseline
 from analysis.formatting import estimate, interval_text, number
-from analysis.measures.evaluations import ceilings_in_words
+from analysis.measures.evaluations import ceiling_sentences
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES
 from analysis.measures.trained import NEARLY_ALL
 from analysis.names import label, short_title
@@ -94,7 +94,7 @@ def show_leaderboards(
             tell(console, "")
         for line in _trial_lines(place) if trials else ():
             tell(console, line)
-        ceilings = ceilings_in_words(frames) if explain else ()
+        ceilings = ceiling_sentences(frames) if explain else ()
         for sentence in [*([f"{name} is partial: {partial}"] if partial else []), *ceilings]:
             tell(console, sentence, "dim")
     for paragraph in EXPLANATION if explain else ():
@@ -165,7 +165,7 @@ def markdown(name: str, pictures: str = ".") -> str:
         parts.append(
             folded("On each challenge, over training", pipe_table(head, results, range(1, len(head))))
         )
-    parts.append(folded("Ceilings", "\n\n".join(ceilings_in_words(frames))))
+    parts.append(folded("Ceilings", "\n\n".join(ceiling_sentences(frames))))
     return "\n\n".join(parts) if len(parts) > 1 else "No run has been evaluated here."
 
 

@@ -1,1 +1,1 @@
-"""Measures of runs, computed from their evaluations and training, and the pools that runs make up."""
+"""Measures of runs, and pools of runs behind results."""

@@ -182,7 +182,7 @@ def ceiling_percent(frames: Frames, environment: str) -> float | None:
     return float(100 * rows["ever"].iloc[0] / rows["tasks"].iloc[0]) if len(rows) == 1 else None
 
 
-def ceilings_in_words(frames: Frames) -> list[str]:
+def ceiling_sentences(frames: Frames) -> list[str]:
     """Return a sentence for each row of `ceilings`."""
     return [
         f"Ceiling: of the {row['tasks']} tasks of test set {row['test_set']}, {row['ever']} are mastered by "

@@ -133,7 +133,7 @@ def _until(table: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _reached(frames: Frames, curves: pd.DataFrame) -> pd.Series:
-    """Return the step of the last evaluation of each run, by run_id; NaN for a run without."""
+    """Return the step of the last evaluation of each run, or NaN, by run_id."""
     runs = sorted(frames.cells["run_id"].unique())
     return curves.groupby("run_id")["step"].max().reindex(runs).astype(float)
 

@@ -16,7 +16,7 @@ from analysis.data.columns import COMPARISON, GROUP
 from analysis.data.frames import STATUSES, Frames
 from analysis.data.specs import parsed
 from analysis.formatting import duration, listed, number, steps_text
-from analysis.measures.evaluations import aggregate, ceilings_in_words, mastered_tasks
+from analysis.measures.evaluations import aggregate, ceiling_sentences, mastered_tasks
 from analysis.measures.pooling import runs_after
 from analysis.measures.run_measures import run_measures
 from analysis.measures.tested import HEADLINE, QUANTITIES, how_tested
@@ -330,6 +330,6 @@ def _root_content(measurements: Measurements) -> dict[str, Any]:
         "settings": settings(cells),
         "machines": machines(frames.attempts),
         "mastery": thresholds(cells) or number(MASTERY_RETURN, 0),
-        "ceilings": ceilings_in_words(frames),
+        "ceilings": ceiling_sentences(frames),
         "how_tested": how_tested("all teachers of a comparison against Random"),
     }
