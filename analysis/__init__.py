@@ -81,7 +81,7 @@ def load(root: str | Path) -> Frames:
         root: a folder, an ``s3://`` or ``gs://`` address, or the name of a release.
 
     Raises:
-        ResultsRootError: if there are no such results.
+        ResultsRootError: if `root` has none of these.
         BaselineError: if a baseline is damaged, or has published means without runs.
     """
     from analysis.baselines.catalogue import read_source  # deferred: slow to import

@@ -18,7 +18,7 @@ def number(value: float, digits: int = 1) -> str:
 
 
 def plus_minus(mean: float, std: float, digits: int = 1) -> str:
-    """Return ``mean ± standard deviation``, or the mean alone if there is no deviation."""
+    """Return ``mean ± standard deviation``, or the mean alone without a deviation."""
     if not math.isfinite(std):
         return number(mean, digits)
     return f"{number(mean, digits)} ± {number(std, digits)}"

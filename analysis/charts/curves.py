@@ -59,10 +59,11 @@ def learning_curves(
         against: title of the horizontal axis.
     """
     width = 1.4 if len(table) and table.groupby("teacher")["step"].size().max() > MOST_MARKED else 2.0
+    rows = _rows_by_teacher(table)
     marks = [
         curve
         for teacher, text in short_labels(table["teacher"].astype(str), base.LONGEST_NAME).items()
-        for curve in _curves(table, teacher, teacher_style(teacher), text, width)
+        for curve in _curves(rows, teacher, teacher_style(teacher), text, width)
     ]
     y = base.PanelAxis(
         quantity, base.AxisKind.PERCENT if "%" in quantity else base.AxisKind.NUMBER, grid=True
@@ -82,16 +83,22 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
     return learning_curves(aggregate(curves, value), ylabel)
 
 
+def _rows_by_teacher(table: pd.DataFrame) -> dict[str, base.Array]:
+    """Return step, mean, standard_error and n (n, 4) by teacher, of the rows with a mean."""
+    columns = ("step", "mean", "standard_error", "n")
+    rows = np.column_stack([table[column].to_numpy(np.float64) for column in columns])
+    teachers, known = table["teacher"].to_numpy(object), ~np.isnan(rows[:, 1])
+    return {teacher: rows[known & (teachers == teacher)] for teacher in dict.fromkeys(teachers)}
+
+
 def _curves(
-    table: pd.DataFrame, teacher: str, style: TeacherStyle, name: str, width: float, fill: str = ""
+    rows: Mapping[str, base.Array], teacher: str, style: TeacherStyle, name: str, width: float, fill: str = ""
 ) -> Iterator[base.Curve]:
     """Yield the curve of a teacher's mean and standard_error, if there are any."""
-    columns = ("step", "mean", "standard_error", "n")
-    chosen = ((table["teacher"] == teacher) & table["mean"].notna()).to_numpy()
-    rows = np.column_stack([table[column].to_numpy(np.float64)[chosen] for column in columns])
-    if not len(rows):
+    chosen = rows.get(teacher, np.empty((0, 4)))
+    if not len(chosen):
         return
-    step, mean, error, n = rows[np.argsort(rows[:, 0])].T
+    step, mean, error, n = chosen[np.argsort(chosen[:, 0])].T
     error = np.nan_to_num(error)
     words = [f"{m:.1f} ± {e:.1f}, n = {count:.0f}" for m, e, count in zip(mean, error, n, strict=True)]
     yield base.Curve(
@@ -219,7 +226,9 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = STAR_STEPS, col
         marks = [
             curve
             for (teacher, level), (style, name, fill) in looks.items()
-            for curve in _curves(table[table[LEVEL] == level], teacher, style, name, 1.7, fill)
+            for curve in _curves(
+                _rows_by_teacher(table[table[LEVEL] == level]), teacher, style, name, 1.7, fill
+            )
         ]
         rows = []
         for line in starred:
@@ -406,10 +415,13 @@ def pairwise_curves(
         base.PanelAxis(name, _kind(measure), low, top + 0.16 * (top - low)),
     )
     rows: list[list[base.Panel | None]] = [[None] * size for _ in range(size)]
+    curve_rows = _rows_by_teacher(table)
     for column, row in itertools.combinations_with_replacement(range(size), 2):
         pair = teachers[column], teachers[row + 1]
         lines = [
-            curve for name in pair for curve in _curves(table, name, teacher_style(name), legend[name], 1.2)
+            curve
+            for name in pair
+            for curve in _curves(curve_rows, name, teacher_style(name), legend[name], 1.2)
         ]
         stars = _pair_stars(tests, pair, top + 0.1 * (top - low))
         heading = names[pair[0]] if row == column else ""

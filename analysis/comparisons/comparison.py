@@ -63,8 +63,7 @@ class Measurements:
     @cached_property
     def tests(self) -> pd.DataFrame:
         """One row per teacher and measure, the headline first, of `pairwise.against_baseline`."""
-        tables = [against_baseline(self.finals, self.evaluations, measure) for measure in MEASURES]
-        return pd.concat(tables, ignore_index=True)
+        return against_baseline(self.finals, self.evaluations, MEASURES)
 
     @cached_property
     def evaluations(self) -> pd.DataFrame:

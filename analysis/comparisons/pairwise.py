@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final, TypeAlias
@@ -20,6 +20,7 @@ from analysis.data.columns import (
     PARTS,
     RANDOM_ALIKE,
     RANDOM_APART,
+    RUN_CONDITIONS,
     STRATA,
 )
 from analysis.data.frames import check_columns, check_measure
@@ -141,7 +142,7 @@ def over_challenges(
 
 
 def core_of(runs: pd.DataFrame) -> frozenset[str]:
-    """Return the teachers of the core among runs of a comparison, or all teachers if there is no core."""
+    """Return the teachers of the core among runs of a comparison, or all teachers without a core."""
     core = runs["core"].to_numpy(bool) if "core" in runs else np.zeros(len(runs), bool)
     return frozenset(map(str, runs["teacher"][core if core.any() else ~core]))
 
@@ -201,8 +202,8 @@ def pairwise_from_statistics(
     return corrected(pd.DataFrame(rows, columns=[*within, "measure", "first", "second", *TEST]), within)
 
 
-def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Return the test of every teacher of a report against Random, one row each.
+def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measures: Iterable[str]) -> pd.DataFrame:
+    """Return the tests of every teacher of a report against Random, one row per teacher and measure.
 
     Random may have been run at another level of expert knowledge or in another experiment. Until runs have
     ended, both groups are read at the same step, and the difference is not tested.
@@ -210,19 +211,28 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
     Args:
         finals: rows of `final_evaluations`.
         curves: rows of `evaluation_curves`.
-        measure: column of both.
+        measures: columns of both.
 
     Returns:
         `GROUP`, measure, step, the columns of `statistics.Comparison`, and by comparison `CORRECTED`.
     """
-    rows, randoms, seeds = [], randoms_of(finals), seeds_to_pair(finals)
+    rows: dict[str, list[list[Any]]] = {measure: [] for measure in measures}
+    seeds = seeds_to_pair(finals)
+    finals = finals[[*GROUP, *RUN_CONDITIONS, "run_id", "step", "provisional", *rows]]
+    randoms = randoms_of(finals)
     for key, teachers in finals.groupby(COMPARISON, sort=True):
         reference = reference_of(teachers, randoms)
         for name, runs in teachers.groupby("teacher", sort=True):
             if not is_baseline(str(name)):
-                step, test = _at_one_step(runs, reference, curves, measure, seeds)
-                rows.append([*key, str(name), measure, step, *vars(test).values()])
-    return corrected(pd.DataFrame(rows, columns=[*GROUP, "measure", "step", *TEST]), COMPARISON)
+                step, reason, groups = _at_one_step(runs, reference, curves)
+                for measure, tests in rows.items():
+                    test = compared(*(_sample_of(group, measure) for group in groups), seeds)
+                    if reason:
+                        test = Comparison(test.n, test.reference_n, test.difference, reason=reason)
+                    tests.append([*key, str(name), measure, step, *vars(test).values()])
+    columns = [*GROUP, "measure", "step", *TEST]
+    tables = [corrected(pd.DataFrame(tests, columns=columns), COMPARISON) for tests in rows.values()]
+    return pd.concat(tables, ignore_index=True)
 
 
 def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
@@ -264,24 +274,25 @@ def _samples_at_steps(
 
 
 def _at_one_step(
-    runs: pd.DataFrame, reference: pd.DataFrame, curves: pd.DataFrame, measure: str, seeds: Seeds
-) -> tuple[float, Comparison]:
-    """Return the step at which two groups are compared, and the comparison."""
-    step, reason = min(runs["step"].max(), reference["step"].max()), ""
+    runs: pd.DataFrame, reference: pd.DataFrame, curves: pd.DataFrame
+) -> tuple[float, str, tuple[pd.DataFrame, pd.DataFrame]]:
+    """Return the step at which two groups are compared, the reason for no test, and their rows there."""
+    step = min(runs["step"].max(), reference["step"].max())
     if reference.empty:
-        reason = NO_BASELINE
-    elif runs["provisional"].any() or reference["provisional"].any():
-        reason = "still running"
+        return step, NO_BASELINE, (runs, reference)
+    if runs["provisional"].any() or reference["provisional"].any():
         now = curves[curves["step"] == step].drop_duplicates("run_id")
-        runs, reference = (now[now["run_id"].isin(rows["run_id"])] for rows in (runs, reference))
-    elif set(runs["step"]) != set(reference["step"]):
-        reason = "trained for other numbers of steps"
-    first, second = (
-        pd.Series(rows[measure].to_numpy(float), rows["run_id"].to_numpy(object))
-        for rows in (runs, reference)
-    )
-    test = compared(first, second, seeds)
-    return step, Comparison(test.n, test.reference_n, test.difference, reason=reason) if reason else test
+        first, second = (now[now["run_id"].isin(rows["run_id"])] for rows in (runs, reference))
+        return step, "still running", (first, second)
+    same = set(runs["step"]) == set(reference["step"])
+    return step, "" if same else "trained for other numbers of steps", (runs, reference)
+
+
+def _sample_of(rows: pd.DataFrame, measure: str) -> pd.Series:
+    """Return the values of `measure` by run id."""
+    # of objects, since pandas would convert strings to Arrow's
+    run_ids = pd.Index(rows["run_id"].to_numpy(object), dtype=object)
+    return pd.Series(rows[measure].to_numpy(float), run_ids)
 
 
 def randoms_of(rows: pd.DataFrame) -> Randoms:
@@ -384,11 +395,10 @@ CORRECTED = ["holm", "simultaneous_low", "simultaneous_high"]
 
 def corrected(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
     """Return a table of tests with `CORRECTED`, for families with the columns `family` in common."""
-    table = table.assign(**dict.fromkeys(CORRECTED, math.nan)).astype(dict.fromkeys(CORRECTED, float))
     groups = table.groupby(list(family), dropna=False).indices.values() if family else [np.arange(len(table))]
     columns = ["difference", "low", "high", "degrees_of_freedom"]
-    numbers, corrections = table[columns].to_numpy(float), table[CORRECTED].to_numpy(float)
-    p_values = table["p"].to_numpy(float)
+    numbers, p_values = table[columns].to_numpy(float), table["p"].to_numpy(float)
+    corrections = np.full((len(table), len(CORRECTED)), math.nan)
     for rows in groups:
         adjusted = holm(p_values[rows])
         difference, low, high, freedom = numbers[rows].T

@@ -134,6 +134,7 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
         family = tests[tests["ranked"]]
         family = family[~family.index.duplicated()]  # the index of a pair is the same from both sides
         tests["holm"] = corrected(family, ["family"])["holm"].reindex(tests.index).to_numpy(float)
+        by_teacher = dict(list(tests.groupby("first")))
         across = dict(zip(ACROSS, key, strict=True))
         ranked = [
             Rank(
@@ -142,7 +143,7 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
                 newcomer=name not in core,
                 across=across,
                 chance=chances[name],
-                **_standing(means[name], tests[tests["first"] == name]),
+                **_standing(means[name], by_teacher.get(name, tests.head(0))),
             )
             for name in requested
         ]
@@ -152,14 +153,14 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
 
 def _standing(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
     """Return the attributes of a `Rank` from a teacher's mean and its tests with the core."""
-    ranked = tests[tests["ranked"]]
-    decided = ranked["holm"] < SIGNIFICANCE
-    higher = ranked["difference"] > 0
+    ranked, others = tests["ranked"].to_numpy(bool), tests["second"].to_numpy(object)
+    decided = ranked & (tests["holm"].to_numpy(float) < SIGNIFICANCE)
+    differences = tests["difference"].to_numpy(float)
     names = {
-        "better": ranked.loc[decided & higher, "second"],
-        "worse": ranked.loc[decided & ~higher, "second"],
-        "undecided": ranked.loc[~decided, "second"],
-        "left_out": tests.loc[~tests["ranked"], "second"],
+        "better": others[decided & (differences > 0)],
+        "worse": others[decided & ~(differences > 0)],
+        "undecided": others[ranked & ~decided],
+        "left_out": others[~ranked],
     }
     return {
         "challenges": int(mean["challenges"]),
@@ -167,9 +168,9 @@ def _standing(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
         "low": float(mean["low"]),
         "high": float(mean["high"]),
         "n": int(mean["n"]),
-        "fewest": int(ranked["fewest"].min()) if len(ranked) else int(mean["n"]),
-        "rank": 1 + int((ranked["difference"] < -EQUAL).sum()),
-        "of": 1 + len(ranked),
+        "fewest": int(tests["fewest"].to_numpy()[ranked].min()) if ranked.any() else int(mean["n"]),
+        "rank": 1 + int((differences[ranked] < -EQUAL).sum()),
+        "of": 1 + int(ranked.sum()),
         **{
             name: tuple(sorted(map(str, teachers), key=lambda teacher: (not is_baseline(teacher), teacher)))
             for name, teachers in names.items()

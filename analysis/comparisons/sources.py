@@ -78,7 +78,7 @@ def baseline_results(name_or_root: str) -> ResultSet:
 
     Raises:
         BaselineError: if the baseline is damaged.
-        ResultsRootError: if there are no such results.
+        ResultsRootError: if it has none of these.
     """
     baseline = as_baseline(name_or_root)
     name = Path(name_or_root).name if baseline is None else baseline.manifest.name

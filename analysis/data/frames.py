@@ -2,7 +2,9 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Collection, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any, Concatenate, ParamSpec
 
@@ -266,3 +268,17 @@ def named_runs(run_ids: pd.Series) -> str:
     runs = sorted(set(run_ids))
     more = f" and {len(runs) - SHOWN_RUNS} more" if len(runs) > SHOWN_RUNS else ""
     return f"{counted(len(runs), 'run')}: {', '.join(runs[:SHOWN_RUNS])}{more}"
+
+
+@contextmanager
+def object_strings() -> Iterator[None]:
+    """Context manager in which pandas keeps strings as objects: Arrow's take a third of the time of a page."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        try:
+            pd.get_option("future.infer_string")
+        except KeyError:  # removed from later versions of pandas
+            yield
+            return
+        with pd.option_context("future.infer_string", False):
+            yield

@@ -22,7 +22,7 @@ def load(root: str | Path) -> Frames:
         root: a folder, or an ``s3://`` or ``gs://`` address.
 
     Raises:
-        ResultsRootError: if there is no results root.
+        ResultsRootError: if `root` is not a results root.
     """
     return frames_of(Results.open(root))
 

@@ -26,7 +26,7 @@ from analysis.comparisons.ranks import Rank, ranks
 from analysis.comparisons.sentences import challenge_titles, sentences
 from analysis.comparisons.verdicts import AXES
 from analysis.data.columns import CHALLENGE_LEVEL, COMPARED, SETTINGS
-from analysis.data.frames import Frames
+from analysis.data.frames import Frames, object_strings
 from analysis.data.reference import PAPER
 from analysis.formatting import listed, number, p_value, plus_minus, steps_text
 from analysis.measures.evaluations import aggregate
@@ -125,6 +125,7 @@ def _ranked(row: pd.Series, tests: pd.DataFrame, measure: str) -> dict[str, Any]
     }
 
 
+@object_strings()
 def write_comparison(
     sources: Sources,
     baselines: Sequence[str],
@@ -145,7 +146,7 @@ def write_comparison(
 
     Raises:
         ResultsRootError: if one of `sources` or a baseline is not a results root.
-        ValueError: if there is no baseline, or an object store and no `output`.
+        ValueError: without a baseline, or for an object store without `output`.
     """
     if not baselines:
         raise ValueError(f"compare with what? Name a baseline, as in --baseline {PAPER}")

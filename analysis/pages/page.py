@@ -63,7 +63,7 @@ def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> 
         what: kind of page, for messages.
 
     Raises:
-        ValueError: if there is no `output`, and `root` is an object store or has links.
+        ValueError: without `output`, if `root` is an object store or has links.
     """
     if output is not None:
         return output

@@ -13,7 +13,7 @@ from analysis.charts.catalogue import threshold, thresholds
 from analysis.claims.judging import decided, root_verdicts
 from analysis.comparisons.comparison import Measurements
 from analysis.data.columns import COMPARISON, GROUP
-from analysis.data.frames import STATUSES, Frames
+from analysis.data.frames import STATUSES, Frames, object_strings
 from analysis.data.specs import parsed
 from analysis.formatting import duration, listed, number, steps_text
 from analysis.measures.evaluations import aggregate, ceiling_sentences, mastered_tasks
@@ -250,6 +250,7 @@ def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
     return sections
 
 
+@object_strings()
 def write_report(
     sources: Sources, output: Path | None = None, videos: Sequence[Video] = (), reload: int = 0
 ) -> Path:
@@ -266,7 +267,7 @@ def write_report(
 
     Raises:
         ResultsRootError: if one of `sources` is not a results root.
-        ValueError: if the first source is an object store and there is no `output`.
+        ValueError: if the first source is an object store, without `output`.
     """
     folder, measurements = report_folder(sources, output), Measurements(read(sources))
     with shown_together(measurements.cells["teacher"]):
@@ -290,7 +291,7 @@ def report_folder(sources: Sources, output: Path | None) -> Path:
     """Return the folder of the report of `sources`.
 
     Raises:
-        ValueError: if the first source is an object store and there is no `output`.
+        ValueError: if the first source is an object store, without `output`.
     """
     return page_folder(source_list(sources)[0], output, "report", "report")
 
