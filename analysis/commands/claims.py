@@ -1,4 +1,4 @@
-"""The paper's claims at the terminal, held against results."""
+"""The paper's claims at the terminal, tested on results."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from tma_ray.console.terminal import terminal
 from tma_ray.support.texts import counted
 
 WIDTH = 100
-"""Most characters of a line."""
+"""Largest number of characters of a line."""
 
 STYLES = {
     Standing.SUPPORTED: "green",
@@ -34,7 +34,7 @@ EXPLAINED = (
     "Tests compare teachers within each body and student, which count equally.",
     "Statements that come to the same runs, as at levels of knowledge that a teacher does not use, are one.",
 )
-"""What the words of the table mean."""
+"""Definitions of the words in the table."""
 
 
 def show_claims(
@@ -44,12 +44,12 @@ def show_claims(
 
     Args:
         sources: results roots and baselines.
-        details: True for every single statement, with its numbers.
-        explain: True for what the words mean.
+        details: True to add every statement with its numbers.
+        explain: True to add definitions.
         console: console to print on; the terminal by default.
 
     Raises:
-        ResultsRootError: no results root at that place.
+        ResultsRootError: if one of `sources` is not a results root.
     """
     console, frames = terminal(console), read(sources)
     verdicts, notes = root_verdicts(frames)
@@ -79,17 +79,17 @@ def show_claims(
 
 
 def _notes(verdicts: list[ClaimVerdict]) -> Iterator[str]:
-    """Yield how many claims lack data, and the conditions under which others were not seen."""
+    """Yield the number of claims without data, and the conditions of claims that were not seen."""
     missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
     if missing:
         papers = ", ".join(dict.fromkeys(verdict.claim.source for verdict in missing))
         yield f"{Standing.NO_DATA}: {len(missing)} of {counted(len(verdicts), 'claim')} ({papers})"
-    for each in dict.fromkeys(v.conditions for v in verdicts if v.standing is Standing.NOT_SEEN):
-        yield f"{Standing.NOT_SEEN}: under {each}, not the paper's conditions"
+    for conditions in dict.fromkeys(v.conditions for v in verdicts if v.standing is Standing.NOT_SEEN):
+        yield f"{Standing.NOT_SEEN}: under {conditions}, not the paper's conditions"
 
 
 def _table(verdicts: list[ClaimVerdict]) -> Table:
-    """Return a row for each claim: standing, text, statements that hold and that are needed."""
+    """Return a row per claim: standing, text, numbers of supported and needed statements."""
     table = Table("standing", "claim of the paper", box=None, pad_edge=False, header_style="bold")
     for heading in ("holds", "needs", "of"):
         table.add_column(heading, justify="right", no_wrap=True)

@@ -15,18 +15,17 @@ from tma_ray.support.component_names import nearest
 def write_figures(
     sources: Sources, output: Path, vector: Vector | str = Vector.PDF, only: str = ""
 ) -> Written:
-    """Write the figures of the paper for which a root or a baseline has the data.
+    """Write the figures of the paper that the data of a root or a baseline allows.
 
     Args:
         sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021`` only alone.
         output: folder to write to; made if missing.
         vector: pdf or svg; each figure is written as PNG, too.
-        only: beginning of the names of the figures to write, or of the part after a hyphen in them;
-            empty for all.
+        only: prefix of the names of figures, or of a part after a hyphen; empty for all figures.
 
     Raises:
-        ResultsRootError: no results root at that place.
-        ValueError: an unknown format, or no figure of such a name.
+        ResultsRootError: if one of `sources` is not a results root.
+        ValueError: if the format is unknown, or no figure has such a name.
     """
     kind, baseline = Vector(vector), published(sources)
     if baseline is not None:
@@ -36,19 +35,21 @@ def write_figures(
         return _write(list(drawings(Measurements(frames))), output, kind, only, frames.notes)
 
 
-def _write(found: list[Drawing], output: Path, kind: Vector, only: str, warnings: tuple[str, ...]) -> Written:
+def _write(
+    figures: list[Drawing], output: Path, kind: Vector, only: str, warnings: tuple[str, ...]
+) -> Written:
     files: list[Path] = []
     left_out = []
-    chosen = [drawing for drawing in found if f"-{only}" in f"-{drawing.name}"]
+    chosen = [drawing for drawing in figures if f"-{only}" in f"-{drawing.name}"]
     if only and not chosen:
-        names = [drawing.name for drawing in found]
+        names = [drawing.name for drawing in figures]
         hint = nearest(only, names)
         raise ValueError(f"no figure's name begins with {only!r:.60}: {hint}known: {', '.join(names)}")
     output.mkdir(parents=True, exist_ok=True)
     for drawing in chosen:
         try:
             figure = drawing.draw()
-        except ValueError as error:  # not enough data for this one: said, and the others are drawn
+        except ValueError as error:  # not enough data for this figure
             left_out.append(f"{drawing.name}: {error}")
             continue
         if isinstance(figure, bytes):
@@ -71,11 +72,11 @@ PREAMBLE = r"""\documentclass{article}
 END = r"\end{document}" + "\n"
 
 
-# A table may be wider than the page of this document; in a paper its author decides.
+# Tables may be wider than the page.
 TABLE = r"""\input{tables/%s}
 \clearpage"""
 
-# Without the ending: names have points of their own, as in "after-0.5", which braces keep together.
+# Braces keep names with a point, such as "after-0.5", apart from the suffix.
 FIGURE = r"""\begin{figure}[p]
 \centering
 \includegraphics[width=\linewidth,height=.85\textheight,keepaspectratio]{{figures/%s}.pdf}
@@ -85,14 +86,17 @@ FIGURE = r"""\begin{figure}[p]
 
 
 def write_latex(sources: Sources, folder: Path) -> Written:
-    """Write the paper's tables and figures of a root, and a document with all of them; return the document.
+    """Write the paper's tables and figures of a root, and a document with all of them.
 
     Args:
         sources: results roots and baselines with runs.
         folder: folder of ``report.tex``, ``tables/*.tex`` and ``figures/*.pdf``, each with a PNG.
 
+    Returns:
+        The document.
+
     Raises:
-        ResultsRootError: one of `sources` is not a results root.
+        ResultsRootError: if one of `sources` is not a results root.
     """
     tables = write_tables(sources, kind=TableFormat.LATEX, output=folder / "tables")
     figures = write_figures(sources, folder / "figures")

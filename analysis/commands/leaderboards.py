@@ -1,7 +1,7 @@
-"""Leaderboards at the terminal and as Markdown: the answer, the table, and on demand what it rests on.
+"""Leaderboards at the terminal and as Markdown: the answer, the table, and details on demand.
 
 `names` are names of releases, folders or addresses of results; all known releases by default, the newest
-first. A release that does not exist, or is damaged, raises `BaselineError`, and an address without results
+first. An unknown or damaged release raises `BaselineError`, and an address without results
 `ResultsRootError`.
 """
 
@@ -48,18 +48,18 @@ EXPLANATION = (
     f"Marked †: the student learns from under {NEARLY_ALL:g} % of the steps, since other episodes only score "
     "or try tasks; its mean over training is compared for the same number of trained steps, too.",
 )
-"""Definitions, one a paragraph."""
+"""Definitions, one per paragraph."""
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
-SHOWN = (FINAL, HEADLINE)
+COLUMN_AXES = (FINAL, HEADLINE)
 """Axes in the order of the columns."""
 
-SHORT = 18
-"""Width of the column of teachers at the terminal, in characters, of a board of at most 100."""
+TEACHER_WIDTH = 18
+"""Width of the column of teachers at the terminal, in characters, for a board of at most 100."""
 
 CHALLENGE_WIDTH = 11
-"""Width of the column of a challenge, in characters, of which six fit beside that of teachers."""
+"""Width of the column of a challenge, in characters; six fit beside that of teachers."""
 
 
 def show_leaderboards(
@@ -76,14 +76,14 @@ def show_leaderboards(
     Args:
         names: releases or results.
         console: console to print on; the terminal by default.
-        explain: True for the tasks that no run masters and the definitions, behind the tables.
-        challenges: True for the results on each challenge, too.
-        subsets: True for the tables of teachers on some of the challenges, too.
-        trials: True for the verdicts of the trials by which teachers joined, too, which take seconds.
+        explain: True to add the tasks that no run masters, and definitions.
+        challenges: True to add the results on each challenge.
+        subsets: True to add the tables of teachers on some of the challenges.
+        trials: True to add the verdicts of trials by which teachers joined, which take seconds.
     """
     console = terminal(console)
-    for name, place, partial in places_of_releases(names):
-        boards = leaderboards(frames := read(place), subsets=subsets)
+    for name, location, gaps in release_locations(names):
+        boards = leaderboards(frames := read(location), subsets=subsets)
         if not boards:
             tell(console, f"{name}: no run has been evaluated here.")
         for board in boards:
@@ -92,10 +92,10 @@ def show_leaderboards(
             if challenges:
                 console.print(_challenges(board))
             tell(console, "")
-        for line in _trial_lines(place) if trials else ():
+        for line in _trial_lines(location) if trials else ():
             tell(console, line)
         ceilings = ceiling_sentences(frames) if explain else ()
-        for sentence in [*([f"{name} is partial: {partial}"] if partial else []), *ceilings]:
+        for sentence in [*([f"{name} is partial: {gaps}"] if gaps else []), *ceilings]:
             tell(console, sentence, "dim")
     for paragraph in EXPLANATION if explain else ():
         tell(console, paragraph, "dim")
@@ -115,13 +115,13 @@ def tell(console: Console, text: str, style: str | None = None) -> None:
     console.print(text, style=style, highlight=False, markup=False)
 
 
-def places_of_releases(names: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Return name, place and gaps of releases with runs, by default of all known ones, the newest first."""
+def release_locations(names: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Return name, location and gaps of releases with runs, by default of all, the newest first."""
     if not names:
-        known = [each for each in baselines() if each.manifest.kind is BaselineKind.RUNS]
-        return [_described(each) for each in sorted(known, key=lambda each: each.manifest.created)[::-1]]
-    found = ((name, as_baseline(name)) for name in names)
-    return [_described(each) if each else (name, name, "") for name, each in found]
+        releases = [release for release in baselines() if release.manifest.kind is BaselineKind.RUNS]
+        return list(map(_described, sorted(releases, key=lambda release: release.manifest.created)[::-1]))
+    named = ((name, as_baseline(name)) for name in names)
+    return [_described(release) if release else (name, name, "") for name, release in named]
 
 
 def _described(baseline: Baseline) -> tuple[str, str, str]:
@@ -134,8 +134,8 @@ def difference_charts(name: str) -> Iterator[tuple[str, Chart]]:
     """Yield file name and chart of each picture of `markdown`."""
     for position, board in enumerate(leaderboards(read(name)), start=1):
         if any(entry.against for entry in board.entries):
-            beside = [entry.against for entry in board.entries if entry.against]
-            yield _picture(name, position), difference_chart(beside, board.names, board.title)
+            compared = [entry.against for entry in board.entries if entry.against]
+            yield _picture(name, position), difference_chart(compared, board.names, board.title)
 
 
 def _picture(release: str, position: int) -> str:
@@ -149,9 +149,9 @@ def markdown(name: str, pictures: str = ".") -> str:
         name: name, folder or address of the release.
         pictures: folder of the charts of `difference_charts`, from the folder of the page.
     """
-    ((_, place, partial),) = places_of_releases([name])
-    parts = [f"*This release is not complete: {partial}.*"] if partial else []
-    for position, board in enumerate(leaderboards(frames := read(place)), start=1):
+    ((_, location, gaps),) = release_locations([name])
+    parts = [f"*This release is not complete: {gaps}.*"] if gaps else []
+    for position, board in enumerate(leaderboards(frames := read(location)), start=1):
         parts.append(f"## {board.title[0].upper()}{board.title[1:]}")
         parts += [text] if (text := board.answer()) else []
         if any(entry.against for entry in board.entries):
@@ -159,7 +159,7 @@ def markdown(name: str, pictures: str = ".") -> str:
             parts.append(f"*{DIFFERENCES}*")
         parts.append(pipe_table(HEADS, (_row(board, entry) for entry in board.entries), range(1, 7)))
         parts += notes(board)
-        parts += joined_trials(place) if position == 1 else ()
+        parts += trials_markdown(location) if position == 1 else ()
         results = [[board.marked(entry), *_results(board, entry)] for entry in board.entries]
         head = ["teacher", *map(short_title, board.challenges)]
         parts.append(
@@ -169,32 +169,32 @@ def markdown(name: str, pictures: str = ".") -> str:
     return "\n\n".join(parts) if len(parts) > 1 else "No run has been evaluated here."
 
 
-def _joined(place: str) -> list[tuple[Design, InterimLook]]:
-    """Return the trials of the teachers that joined a release by one; none of other results."""
+def _joined(location: str) -> list[tuple[Design, InterimLook]]:
+    """Return the trials by which teachers joined a release; none for other results."""
     from analysis.trials.interim import joined_trials  # deferred: scipy.optimize
 
-    baseline = as_baseline(place)
+    baseline = as_baseline(location)
     return joined_trials(baseline) if baseline else []
 
 
-def _trial_lines(place: str) -> Iterator[str]:
-    """Yield the verdicts of each trial by which a teacher joined a release in a line."""
+def _trial_lines(location: str) -> Iterator[str]:
+    """Yield a line with the verdicts of each trial by which a teacher joined a release."""
     from analysis.trials.interim import look_line  # deferred, as above
 
-    for design, look in _joined(place):
+    for design, look in _joined(location):
         yield f"{label(design.teacher)}, {look_line(look)}"
 
 
-def joined_trials(place: str) -> Iterator[str]:
+def trials_markdown(location: str) -> Iterator[str]:
     """Yield Markdown of the trials by which teachers joined a release, if any did."""
     rows, head = [], list[str]()
-    for design, look in _joined(place):
+    for design, look in _joined(location):
         head = ["teacher", "seeds"]
         row = [label(design.teacher), str(look.seeds)]
-        for each in look.settled:
-            best = "" if is_baseline(each.reference) else ", the best of the core"
-            head.append(f"{AXES[each.measure]}, against {label(each.reference)}{best}")
-            row.append(f"{number(each.value)} {interval_text(each.low, each.high)}, {each.verdict}")
+        for result in look.settled:
+            best = "" if is_baseline(result.reference) else ", the best of the core"
+            head.append(f"{AXES[result.measure]}, against {label(result.reference)}{best}")
+            row.append(f"{number(result.value)} {interval_text(result.low, result.high)}, {result.verdict}")
         rows.append(row)
     if rows:
         yield "Of teachers that joined by a [trial](trials.md) its verdicts count, against two opponents:"
@@ -202,7 +202,7 @@ def joined_trials(place: str) -> Iterator[str]:
 
 
 def folded(summary: str, text: str) -> str:
-    """Return Markdown that is shown at a click on `summary`."""
+    """Return Markdown that a click on `summary` unfolds."""
     return f'<details markdown="1"><summary>{summary}</summary>\n\n{text}\n\n</details>'
 
 
@@ -215,14 +215,14 @@ def _cells(entry: Entry, axis: str) -> list[str]:
 
 HEADS = [
     "teacher",
-    *(head for axis in SHOWN for head in (f"{MEASURES[axis]}, %", "beside Random", "rank")),
+    *(head for axis in COLUMN_AXES for head in (f"{MEASURES[axis]}, %", "beside Random", "rank")),
     *("beside Random, both axes", "runs"),
 ]
 
 
 def _row(board: Leaderboard, entry: Entry) -> list[str]:
     numbers: list[str] = []
-    for axis in SHOWN:
+    for axis in COLUMN_AXES:
         chance = number(100 * entry.ranks[axis].chance, 0)
         mean, gap, rank = _cells(entry, axis)
         numbers += [mean, gap, rank if chance == "0" else f"{rank}, {chance} %"]
@@ -234,12 +234,12 @@ def _row(board: Leaderboard, entry: Entry) -> list[str]:
 
 def _table(board: Leaderboard) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("teacher", width=SHORT, overflow="fold")
-    for axis in SHOWN:
+    table.add_column("teacher", width=TEACHER_WIDTH, overflow="fold")
+    for axis in COLUMN_AXES:
         for heading in (AXES[axis], "beside Random", "rank"):
             table.add_column(heading, justify="right")
     for entry in board.entries:
-        cells = (text.replace(" to ", "\N{EN DASH}") for axis in SHOWN for text in _cells(entry, axis))
+        cells = (text.replace(" to ", "\N{EN DASH}") for axis in COLUMN_AXES for text in _cells(entry, axis))
         table.add_row(board.marked(entry), *cells)
     return table
 
@@ -247,15 +247,15 @@ def _table(board: Leaderboard) -> Table:
 def _challenges(board: Leaderboard) -> Table:
     """Return results of teachers by challenge, without decimals so that six fit a line."""
     table = Table(box=None, pad_edge=False, padding=(0, 0, 0, 1))
-    table.add_column("teacher", width=SHORT, overflow="fold")
+    table.add_column("teacher", width=TEACHER_WIDTH, overflow="fold")
     for title in board.challenges:
         table.add_column(short_title(title), justify="right", max_width=CHALLENGE_WIDTH, overflow="fold")
     for entry in board.entries:
-        results = (each.replace(", ", ",") for each in _results(board, entry))
+        results = (text.replace(", ", ",") for text in _results(board, entry))
         table.add_row(board.marked(entry), *results)
     return table
 
 
 def _results(board: Leaderboard, entry: Entry) -> list[str]:
-    known = (entry.results.get(title) for title in board.challenges)
-    return [estimate(*each, 0) if each else "" for each in known]
+    results = (entry.results.get(title) for title in board.challenges)
+    return [estimate(*result, 0) if result else "" for result in results]

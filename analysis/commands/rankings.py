@@ -47,13 +47,13 @@ def show_ranking(
 
     Args:
         sources: results roots and baselines.
-        share: share of the budget after which runs are read.
+        share: share of the budget at which runs are read.
         console: console to print on; the terminal by default.
         measure: name in `MEASURES`, by which teachers are ranked on each challenge.
-        explain: True for tables of teachers on some of the challenges, conclusions and definitions.
+        explain: True to add tables of teachers on some of the challenges, conclusions and definitions.
 
     Raises:
-        ResultsRootError: no results root at that place.
+        ResultsRootError: if one of `sources` is not a results root.
     """
     console, frames = terminal(console), read(sources)
     runs = runs_after(frames, share, training=False)
@@ -66,10 +66,10 @@ def show_ranking(
             if len(board.challenges) > 1:
                 tell(console, f"Over {len(board.challenges)} challenges: {board.title}", "bold")
                 show_board(board, console)
-        for (place, level), rows in table.groupby(
+        for (title, level), rows in table.groupby(
             [pd.Series(challenge_titles(table)), "expert_knowledge"], sort=False
         ):
-            tell(console, f"{place}, expert knowledge {level}", "bold")
+            tell(console, f"{title}, expert knowledge {level}", "bold")
             _show_challenge(console, rows, measure)
         gaps = table[table["missing"] != ""].groupby(["environment", "challenge"], sort=False)["missing"]
         notes = [f"* {challenge}: {'; '.join(dict.fromkeys(texts))}" for (_, challenge), texts in gaps]
@@ -113,10 +113,10 @@ def _table(heads: Sequence[tuple[str, int]]) -> Table:
 
 
 def _add(table: Table, teacher: str, cells: Sequence[str], style: str | None = None) -> None:
-    """Add a row; the name is in lines as wide as its column, broken before settings if possible."""
+    """Add a row with the name wrapped to its column, before settings if possible."""
     lines: list[str] = []
-    for place, part in enumerate(re.split(r"(?<=.)(?=:)", label(teacher))):
-        indented = f"{'  ' if place else ''}{part}"
+    for index, part in enumerate(re.split(r"(?<=.)(?=:)", label(teacher))):
+        indented = f"{'  ' if index else ''}{part}"
         lines += textwrap.wrap(indented, NAMES, subsequent_indent="   ", drop_whitespace=False)
     first, *settings = [*lines, *filter(None, [mark_of(teacher)])]
     table.add_row(first, *cells, style=style)
@@ -132,18 +132,18 @@ def show_search(sources: Sources, console: Console | None = None) -> None:
         console: console to print on; the terminal by default.
 
     Raises:
-        ResultsRootError: no results root at that place.
+        ResultsRootError: if one of `sources` is not a results root.
     """
     frames, console = read(sources), terminal(console)
-    found = search_results(frames)
-    if found.empty:
+    results = search_results(frames)
+    if results.empty:
         console.print("No point of a search has been run to its end here.")
         return
     table = Table("searched", "points", "best by mean", "mastered %", box=None, pad_edge=False)
     for heading in ("the paper's choice", "mastered %", "Welch"):
         table.add_column(heading)
     finals = final_evaluations(frames)
-    for name, points in found.groupby("searched", sort=True):
+    for name, points in results.groupby("searched", sort=True):
         best, chosen = points.iloc[0], points[points["chosen"]]
         cells = [label(str(name)), str(len(points)), *_result(best)]
         if chosen.empty:

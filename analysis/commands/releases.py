@@ -1,7 +1,7 @@
 """Releases at the terminal, and their findings as Markdown.
 
-What is shown goes to `console`, by default the terminal. A release that does not exist, or is damaged, raises
-`BaselineError`, and an address without results `ResultsRootError`.
+`console` is the terminal by default. An unknown or damaged release raises `BaselineError`, and an address
+without results `ResultsRootError`.
 """
 
 from collections import Counter
@@ -23,20 +23,20 @@ from tma_ray.console.terminal import terminal
 
 
 def show_baselines(console: Console | None = None) -> None:
-    """Print the known baselines with their contents, licence and place.
+    """Print the known baselines with contents, licence and location.
 
     Raises:
-        BaselineError: a damaged baseline.
+        BaselineError: if a baseline is damaged.
     """
     table = Table("baseline", "engine", "runs", "teachers", "licence", box=None, pad_edge=False)
     table.add_column("where", overflow="fold")
     for baseline in baselines():
-        manifest, place = baseline.manifest, baseline.location
+        manifest, location = baseline.manifest, baseline.location
         runs = f"{manifest.holds.get('runs', 0):,}{', partial' if manifest.partial else ''}"
         teachers = str(len(manifest.holds.get("teachers", ())))
         row = manifest.name, manifest.engine, runs, teachers, manifest.licence or "none given"
-        shipped = "://" not in place and Path(place).is_relative_to(SHIPPED)
-        table.add_row(*row, "in the package" if shipped else place)
+        shipped = "://" not in location and Path(location).is_relative_to(SHIPPED)
+        table.add_row(*row, "in the package" if shipped else location)
     terminal(console).print(table)
 
 
@@ -44,7 +44,7 @@ def show_verification(name: str | Path, console: Console | None = None) -> bool:
     """Print the verification of a baseline; return True if it is undamaged.
 
     Raises:
-        BaselineError: no baseline of that name or place.
+        BaselineError: if `name` is not a baseline.
     """
     console = terminal(console)
     found = verify(name)
@@ -71,7 +71,7 @@ def findings(name: str) -> str:
     """Return the findings of a release as Markdown.
 
     Raises:
-        BaselineError: the release does not exist, or it has no runs.
+        BaselineError: if the release does not exist, or has no runs.
     """
     baseline = find_baseline(name)
     manifest, holds, frames = baseline.manifest, baseline.manifest.holds, baseline.frames()

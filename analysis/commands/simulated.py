@@ -21,10 +21,10 @@ RECOVERY = {"before_reset": "before", "tenth_later": "10 % later", "three_tenths
 
 
 def check_file(path: Path) -> None:
-    """Refuse a file that `write` could not write.
+    """Check that `write` can write a file.
 
     Raises:
-        ValueError: another ending than .csv and .parquet, or no such folder.
+        ValueError: if the suffix is neither .csv nor .parquet, or the folder does not exist.
     """
     if path.suffix not in (".csv", ".parquet"):
         raise ValueError(f"{path}: expected a file that ends in .csv or .parquet")
@@ -33,7 +33,7 @@ def check_file(path: Path) -> None:
 
 
 def write(frame: pd.DataFrame, path: Path) -> None:
-    """Write `frame` as CSV or Parquet, by the ending of `path`."""
+    """Write `frame` as CSV or Parquet, by the suffix of `path`."""
     if path.suffix == ".csv":
         frame.to_csv(path, index=False, float_format="%.10g")
     else:
@@ -57,8 +57,8 @@ def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
         frame: rows of `tma_ray.testing.matrix.tabulate`.
 
     Returns:
-        Columns teacher, expert knowledge, and one per challenge. Levels with the same runs are one row;
-        a level that a teacher does not support is a row of dashes.
+        teacher, expert knowledge, and a column per challenge. Levels with the same runs are one row; an
+        unsupported level is a row of dashes.
     """
     groups = list(_rows(frame))
     table = pd.DataFrame(
@@ -107,11 +107,11 @@ def rich_table(table: pd.DataFrame, title: str) -> Table:
 def _rows(frame: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
     """Yield a teacher, levels with the same runs or the same refusal, and the rows of the first level."""
     for teacher in dict.fromkeys(frame["teacher"]):
-        own = frame[frame["teacher"] == teacher]
-        used = own.drop_duplicates("expert_knowledge").set_index("expert_knowledge")["effective_knowledge"]
+        rows = frame[frame["teacher"] == teacher]
+        used = rows.drop_duplicates("expert_knowledge").set_index("expert_knowledge")["effective_knowledge"]
         levels = used.fillna("").loc[[level.value for level in KnowledgeLevel if level.value in used.index]]
         for effective, sharing in levels.groupby(levels, sort=False):
-            runs = own[own["expert_knowledge"] == sharing.index[0]]
+            runs = rows[rows["expert_knowledge"] == sharing.index[0]]
             yield teacher, (" = " if effective else ", ").join(sharing.index), runs
 
 
@@ -126,5 +126,5 @@ def _against(cell: pd.DataFrame, baseline: pd.DataFrame) -> Comparison:
     if cell.empty or is_baseline(str(cell["teacher"].iloc[0])):
         return Comparison(len(cell), len(baseline), math.nan, reason="the baseline, or no results")
     played = (rows[rows["mastered_percent"].notna()] for rows in (cell, baseline))
-    mine, theirs = (rows.set_index("seed")["mastered_percent"] for rows in played)
-    return paired(mine, theirs)  # all teachers of a seed train the same student
+    # All teachers of a seed train the same student.
+    return paired(*(rows.set_index("seed")["mastered_percent"] for rows in played))

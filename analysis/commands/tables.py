@@ -18,12 +18,12 @@ from analysis.tables.table import SUFFIXES, ResultTable, TableFormat, render
 
 
 class Written(NamedTuple):
-    """Files that were written.
+    """Written files.
 
     Attributes:
-        files: files of tables; vector and PNG files, and GIFs, of figures.
-        warnings: limits of the data, in sentences.
-        text: all tables, one after the other.
+        files: files of tables; vector, PNG and GIF files of figures.
+        warnings: sentences on limits of the data.
+        text: all tables.
         left_out: figures without enough data, with the reason.
     """
 
@@ -49,9 +49,9 @@ def write_tables(
         output: folder to write to; made if missing.
 
     Raises:
-        ResultsRootError: no results root at that place.
-        BaselineError: a damaged baseline.
-        ValueError: a step under 1, or published results at another step than their last.
+        ResultsRootError: if one of `sources` is not a results root.
+        BaselineError: if a baseline is damaged.
+        ValueError: if the step is under 1, or is given for published results.
     """
     if step is not None and step < 1:
         raise ValueError(f"step {step}: expected at least 1, or none for the ends of the runs")
@@ -64,8 +64,8 @@ def write_tables(
     else:
         frames = read(sources)
         tables, warnings = list(tables_of(frames, step)), frames.notes
-        known = {table.name for table in result_tables(published_table_results())}
-        absent = [name for name in sorted(known) if not any(each.name.startswith(name) for each in tables)]
+        names = sorted({table.name for table in result_tables(published_table_results())})
+        absent = [name for name in names if not any(table.name.startswith(name) for table in tables)]
         if absent:
             warnings = (*warnings, f"Nothing of these tables was run: {', '.join(absent)}.")
     texts = {f"{table.name}.{SUFFIXES[kind]}": render(table, kind) for table in tables}
@@ -77,7 +77,7 @@ def write_tables(
 
 
 def tables_of(frames: Frames, step: int | None = None) -> Iterator[ResultTable]:
-    """Yield the tables of a root that have a cell, then hyper-parameters and needed knowledge."""
+    """Yield the non-empty tables of a root, then hyper-parameters and needed knowledge."""
     for results in table_results(frames, step):
         yield from result_tables(results)
     yield hyperparameters(search_results(frames))

@@ -87,7 +87,7 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
         runs: rows of `pooling.pool_runs`.
     """
     shares = trained_shares(frames)
-    found: list[AgainstRandom] = []
+    comparisons: list[AgainstRandom] = []
     for key, group in runs.groupby(ACROSS, dropna=False, sort=True):
         core, across = core_of(group), dict(zip(ACROSS, key, strict=True))
         tests: dict[str, dict[str, Any]] = {
@@ -107,8 +107,8 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
                 )
             sizes = int(test["challenges"]), int(test["fewest"])
             compared.append(AgainstRandom(str(teacher), teacher not in core, across, *sizes, gaps))
-        found += sorted(compared, key=lambda each: -each.gaps[HEADLINE].value)
-    return found
+        comparisons += sorted(compared, key=lambda entry: -entry.gaps[HEADLINE].value)
+    return comparisons
 
 
 def _per_trained_step(curves: Curves, runs: pd.DataFrame, teacher: str) -> Gap:
@@ -122,18 +122,20 @@ def sentences_against_random(
 ) -> Iterator[str]:
     """Yield a sentence for each verdict over several challenges, on `teachers` or all."""
     chosen = [
-        each for each in comparisons if each.challenges > 1 and (teachers is None or each.teacher in teachers)
+        entry
+        for entry in comparisons
+        if entry.challenges > 1 and (teachers is None or entry.teacher in teachers)
     ]
     if not chosen:
         return
-    conditions = pd.DataFrame([each.across for each in chosen])
+    conditions = pd.DataFrame([entry.across for entry in chosen])
     named = ["steps", *varying(conditions), *(["variant"] if (conditions["variant"] != "").any() else [])]
     groups: dict[str, list[str]] = {}
-    for each in chosen:
-        words = condition_words(pd.Series(each.across), [name for name in CONDITIONS if name in named])
-        where = ", ".join([f"expert knowledge {each.across['expert_knowledge']}", *words])
-        lead = f"Over {each.challenges} challenges ({where}), beside Random: {each.verdict}"
-        gaps = ", ".join(f"{each.gaps[axis]} {words}" for axis, words in AXES.items())
-        few = few_seeds_suffix(each.fewest).replace("; ", ", ")
-        groups.setdefault(lead, []).append(f"{label(each.teacher)} ({gaps}{few})")
+    for entry in chosen:
+        words = condition_words(pd.Series(entry.across), [name for name in CONDITIONS if name in named])
+        where = ", ".join([f"expert knowledge {entry.across['expert_knowledge']}", *words])
+        lead = f"Over {entry.challenges} challenges ({where}), beside Random: {entry.verdict}"
+        gaps = ", ".join(f"{entry.gaps[axis]} {words}" for axis, words in AXES.items())
+        few = few_seeds_suffix(entry.fewest).replace("; ", ", ")
+        groups.setdefault(lead, []).append(f"{label(entry.teacher)} ({gaps}{few})")
     yield from (f"{lead}, in points: {'; '.join(gaps)}." for lead, gaps in groups.items())

@@ -238,11 +238,11 @@ def _board(
         results.setdefault(str(row["teacher"]), {})[name] = result
     shares = runs["run_id"].map(trained_shares(frames)).groupby(runs["teacher"]).median()
     ranked = {axis: {rank.teacher: rank for rank in ranks(runs, measure=axis)} for axis in AXES}
-    beside = {each.teacher: each for each in against_random(frames, runs)}
+    compared = {gaps.teacher: gaps for gaps in against_random(frames, runs)}
     entries = tuple(
         Entry(
             ranks={axis: by_name[teacher] for axis, by_name in ranked.items()},
-            against=beside.get(teacher),
+            against=compared.get(teacher),
             results=results[teacher],
             trained=float(shares[teacher]),
         )

@@ -102,9 +102,9 @@ class Rank:
         lacking = f"; not ranked, lacking challenges: {_listed(self.left_out)}" if self.left_out else ""
         axis = f" ({AXES[self.measure]})" if self.measure in AXES else ""
         family = "its own tests against them" if self.newcomer else "all pairs of the core"
-        place = f"ranks {self.rank} of {self.of} by mean{axis}, {certain}"
+        standing = f"ranks {self.rank} of {self.of} by mean{axis}, {certain}"
         return (
-            f"{over} {label(self.teacher)} {place}: {verdicts} "
+            f"{over} {label(self.teacher)} {standing}: {verdicts} "
             f"(p < {SIGNIFICANCE} after Holm for {family}{few_seeds_suffix(self.fewest)}){lacking}."
         )
 
@@ -120,7 +120,7 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
     ranked with the core by a family of its own. Families have the pairs of a requested teacher with the
     teachers that have results on all of its challenges.
     """
-    found: list[Rank] = []
+    ranking: list[Rank] = []
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
         core = core_of(group)
         rows: list[Any] = stratified_means(group, measure).to_dict("records")
@@ -147,8 +147,8 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
             )
             for name in requested
         ]
-        found += sorted(ranked, key=lambda rank: (-rank.mean, rank.teacher))
-    return found
+        ranking += sorted(ranked, key=lambda rank: (-rank.mean, rank.teacher))
+    return ranking
 
 
 def _standing(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:

@@ -64,10 +64,10 @@ def named_jointly(
     """
     sources = [yours, *baselines]
     frames = {index: source.frames for index, source in enumerate(sources) if source.frames is not None}
-    named, sentences = disambiguate_names([each.cells for each in frames.values()])
-    for (index, each), cells in zip(frames.items(), named, strict=True):
-        if not cells[NAMED].equals(each.cells[NAMED]):
-            sources[index] = result_set(replace(each, cells=cells), sources[index].name)
+    named, sentences = disambiguate_names([root.cells for root in frames.values()])
+    for (index, root), cells in zip(frames.items(), named, strict=True):
+        if not cells[NAMED].equals(root.cells[NAMED]):
+            sources[index] = result_set(replace(root, cells=cells), sources[index].name)
     return sources[0], sources[1:], sentences
 
 
@@ -115,7 +115,7 @@ def comparable_runs(
     frames = joined_frames(yours, baselines) if frames is None else frames
     steps = sorted(frames.evaluations["step"].unique())
     runs = result_runs(frames, evaluations_at(frames, steps) if along else run_measures(frames))
-    names = {run_id: name for name, each in reversed(sources) for run_id in each.cells["run_id"]}
+    names = {run_id: name for name, root in reversed(sources) for run_id in root.cells["run_id"]}
     runs = runs.assign(source=runs["run_id"].map(names))
     is_yours = (runs["source"] == yours.name).to_numpy(bool)
     added = _among(runs, runs[is_yours], COMPARED) & ~_among(runs, runs[is_yours], POOLED)
@@ -165,7 +165,7 @@ def _differing_conditions(yours: ResultSet, baseline: ResultSet) -> str:
     for column in dict.fromkeys(["challenge", "expert_knowledge", *CONDITION_LABELS]):
         name = CONDITION_LABELS.get(column, "expert knowledge")
         text_of: Callable[[Any], str] = steps_text if column == "steps" else str
-        values, others = (dict.fromkeys(map(text_of, each.table[column])) for each in (yours, baseline))
+        values, others = (dict.fromkeys(map(text_of, results.table[column])) for results in (yours, baseline))
         if not set(values) & set(others):
             differing.append(f"{name} {listed(others)}, yours {listed(values)}")
     reasons = "; ".join(differing) or "no result has all of its conditions in common with one of yours"

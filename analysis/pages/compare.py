@@ -173,8 +173,8 @@ def _render(
         *result_sets.incomparable(yours, baselines, runs),
         *(rank.describe() for rank in ranked),
     ]
-    all_frames = [frames, *(each.frames for each in baselines if each.frames is not None)]
-    hours = pd.concat([each.run_hours for each in all_frames])
+    all_frames = [frames, *(baseline.frames for baseline in baselines if baseline.frames is not None)]
+    hours = pd.concat([root.run_hours for root in all_frames])
     plans = plans_against_random(runs, teachers, hours[~hours.index.duplicated()], measure)
     for sentence in [*standings, *plans]:
         tell(sentence)
@@ -202,7 +202,8 @@ def _render(
             ),
             controls=controls(chosen, runs["teacher"], curves["step"].dropna(), shown),
             reference_only=[
-                (each, _reference_rows(result_sets.reference_only(yours, each))) for each in baselines
+                (baseline, _reference_rows(result_sets.reference_only(yours, baseline)))
+                for baseline in baselines
             ],
             pictures=pictures,
             tables=list(_tables(runs)),
@@ -242,11 +243,13 @@ def _radars(runs: pd.DataFrame, baselines: Sequence[result_sets.ResultSet]) -> I
         table, tests = pooled(group, [PAPERS]), pairwise(group, PAPERS, "random", detectable=False)
         caption = "Your results and what may be compared with them, as ratios of Random."
         yield from _radar(f"radar-{count}", table, tests, "Yours among comparable baselines", caption)
-    for each in baselines:
-        if each.runs is None:
-            tests = pairwise_from_statistics(each.table, PAPERS, "random")
-            caption = f"The tables of {each.name} ({each.engine}), set beside: ratios of its own Random."
-            yield from _radar(f"radar-{each.name}", each.table, tests, each.name, caption)
+    for baseline in baselines:
+        if baseline.runs is None:
+            tests = pairwise_from_statistics(baseline.table, PAPERS, "random")
+            caption = (
+                f"The tables of {baseline.name} ({baseline.engine}), set beside: ratios of its own Random."
+            )
+            yield from _radar(f"radar-{baseline.name}", baseline.table, tests, baseline.name, caption)
 
 
 def _tables(runs: pd.DataFrame) -> Iterator[ResultTable]:

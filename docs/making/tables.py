@@ -27,7 +27,7 @@ from release_tables import (
 )
 
 from analysis.baselines import BaselineKind, baselines, newest_release
-from analysis.commands.leaderboards import joined_trials
+from analysis.commands.leaderboards import trials_markdown
 from analysis.commands.releases import findings
 from tma_ray import cli
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
@@ -335,7 +335,7 @@ GENERATED: dict[str, Callable[[], str]] = {
         if each.manifest.kind is BaselineKind.RUNS
     },
     "trials": trials,
-    "joined trials": lambda: "\n\n".join(joined_trials("lite-2")),
+    "joined trials": lambda: "\n\n".join(trials_markdown("lite-2")),
     "sensitivity": sensitivity,
     "simulated students": simulated_students,
     "simulated and paper": simulated_and_paper,
