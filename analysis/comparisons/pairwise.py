@@ -226,7 +226,8 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measures: Itera
             if not is_baseline(str(name)):
                 step, reason, groups = _at_one_step(runs, reference, curves)
                 for measure, tests in rows.items():
-                    test = compared(*(_sample_of(group, measure) for group in groups), seeds)
+                    first, second = (_sample_of(group, measure) for group in groups)
+                    test = compared(first, second, seeds)
                     if reason:
                         test = Comparison(test.n, test.reference_n, test.difference, reason=reason)
                     tests.append([*key, str(name), measure, step, *vars(test).values()])
