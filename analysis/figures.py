@@ -98,15 +98,10 @@ STARS = 4
 
 @dataclass(frozen=True)
 class Drawing:
-    """Figure that is drawn on demand.
+    """Figure that is drawn on demand."""
 
-    Attributes:
-        name: name of its files without suffix.
-        draw: function that returns the figure, or a GIF.
-    """
-
-    name: str
-    draw: Callable[[], Figure | bytes]
+    name: str  # name of its files without suffix
+    draw: Callable[[], Figure | bytes]  # function that returns the figure, or a GIF
 
 
 def published_drawings(table: pd.DataFrame) -> Iterator[Drawing]:

@@ -18,19 +18,12 @@ from analysis.tables.table import SUFFIXES, ResultTable, TableFormat, render
 
 
 class Written(NamedTuple):
-    """Written files.
+    """Written files."""
 
-    Attributes:
-        files: files of tables; vector, PNG and GIF files of figures.
-        warnings: sentences on limits of the data.
-        text: all tables.
-        left_out: figures without enough data, with the reason.
-    """
-
-    files: tuple[Path, ...]
-    warnings: tuple[str, ...]
-    text: str = ""
-    left_out: tuple[str, ...] = ()
+    files: tuple[Path, ...]  # files of tables; vector, PNG and GIF files of figures
+    warnings: tuple[str, ...]  # sentences on limits of the data
+    text: str = ""  # all tables
+    left_out: tuple[str, ...] = ()  # figures without enough data, with the reason
 
 
 def write_tables(

@@ -27,19 +27,12 @@ FAMILY = "the core against Random; a newcomer is tested alone"
 
 @dataclass(frozen=True)
 class Gap:
-    """Difference between two teachers, in points.
+    """Difference between two teachers, in points."""
 
-    Attributes:
-        value: difference of the means.
-        low: lower end of the interval, simultaneous for the family of the test.
-        high: upper end of the interval.
-        verdict: `Verdict`, or the reason for no test.
-    """
-
-    value: float
-    low: float
-    high: float
-    verdict: str
+    value: float  # difference of the means
+    low: float  # lower end of the interval, simultaneous for the family of the test
+    high: float  # upper end of the interval
+    verdict: str  # `Verdict`, or the reason for no test
 
     @classmethod
     def of(cls, test: pd.Series | Mapping[str, Any]) -> "Gap":
@@ -53,24 +46,14 @@ class Gap:
 
 @dataclass(frozen=True)
 class AgainstRandom:
-    """Comparison of a teacher with Random over all challenges that both have.
+    """Comparison of a teacher with Random over all challenges that both have."""
 
-    Attributes:
-        teacher: name of the teacher.
-        newcomer: True if the teacher joined later, and is a family of its own.
-        across: values of `ACROSS`.
-        challenges: number of challenges.
-        fewest: smallest number of runs of either on a challenge.
-        gaps: difference by measure: `HEADLINE`, `FINAL`, and `TRAINED` for a teacher that trains on under
-            `NEARLY_ALL` % of its steps.
-    """
-
-    teacher: str
-    newcomer: bool
-    across: Mapping[str, Any]
-    challenges: int
-    fewest: int
-    gaps: Mapping[str, Gap]
+    teacher: str  # name of the teacher
+    newcomer: bool  # True if the teacher joined later, and is a family of its own
+    across: Mapping[str, Any]  # values of `ACROSS`
+    challenges: int  # number of challenges
+    fewest: int  # smallest number of runs of either on a challenge
+    gaps: Mapping[str, Gap]  # by measure; `TRAINED` if it trains on under `NEARLY_ALL` % of its steps
 
     @property
     def verdict(self) -> str:

@@ -37,13 +37,9 @@ MOST_SHOWN = 8
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """Measurements of all runs of a root, in tables with the columns `COMPARISON`.
+    """Measurements of all runs of a root, in tables with the columns `COMPARISON`."""
 
-    Attributes:
-        frames: results of the root.
-    """
-
-    frames: Frames
+    frames: Frames  # results of the root
 
     @property
     def cells(self) -> pd.DataFrame:
@@ -110,29 +106,17 @@ class Measurements:
 
 @dataclass(frozen=True, eq=False)
 class TeacherComparison:
-    """Teachers compared under the same conditions: the rows of `Measurements` with one value of `COMPARISON`.
+    """Teachers compared under the same conditions: rows of `Measurements` with one value of `COMPARISON`."""
 
-    Attributes:
-        anchor: identifier on a page.
-        title: title that no other comparison of the root has.
-        cells: cells of `Frames`.
-        finals: one row per run.
-        summary: one row per teacher.
-        tests: one row per teacher and measure.
-        evaluations: one row per run and evaluation.
-        training: returns in training.
-        measurements: measurements of the whole root.
-    """
-
-    anchor: str
-    title: str
-    cells: pd.DataFrame
-    finals: pd.DataFrame
-    summary: pd.DataFrame
-    tests: pd.DataFrame
-    evaluations: pd.DataFrame
-    training: pd.DataFrame
-    measurements: Measurements = field(repr=False)
+    anchor: str  # identifier on a page
+    title: str  # title that no other comparison of the root has
+    cells: pd.DataFrame  # cells of `Frames`
+    finals: pd.DataFrame  # one row per run
+    summary: pd.DataFrame  # one row per teacher
+    tests: pd.DataFrame  # one row per teacher and measure
+    evaluations: pd.DataFrame  # one row per run and evaluation
+    training: pd.DataFrame  # returns in training
+    measurements: Measurements = field(repr=False)  # measurements of the whole root
 
     @property
     def frames(self) -> Frames:

@@ -416,15 +416,10 @@ def _family_of(first: str, second: str, core: frozenset[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """A group of runs.
+    """A group of runs."""
 
-    Attributes:
-        challenges: values by run id, by challenge and stratum.
-        uncounted: number of runs without a value.
-    """
-
-    challenges: Mapping[Hashable, Mapping[str, pd.Series]]
-    uncounted: int
+    challenges: Mapping[Hashable, Mapping[str, pd.Series]]  # values by run id, by challenge and stratum
+    uncounted: int  # number of runs without a value
 
     @cached_property
     def parts(self) -> dict[tuple[Hashable, str], Description]:

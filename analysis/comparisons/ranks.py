@@ -29,45 +29,25 @@ DRAWS = 20_000
 
 @dataclass(frozen=True)
 class Rank:
-    """A teacher's rank among those of the core that have results on all of its challenges.
+    """A teacher's rank among those of the core that have results on all of its challenges."""
 
-    Attributes:
-        teacher: name of the teacher.
-        measure: measure of the ranks.
-        newcomer: True if the teacher joined later; the core is ranked without it.
-        across: values of `ACROSS` that all ranked teachers have in common.
-        challenges: number of challenges.
-        mean: mastered test tasks in per cent, the mean over challenges of equal weight.
-        low: lower end of the 95 % interval; NaN with one run on a challenge.
-        high: upper end of the interval.
-        n: number of runs.
-        fewest: smallest number of runs of a ranked teacher on a challenge.
-        rank: 1 for the highest mean.
-        of: number of ranked teachers.
-        better: teachers with a lower mean, p < 0.05 after Holm's correction.
-        worse: teachers with a higher mean, p < 0.05 after Holm's correction.
-        undecided: other ranked teachers.
-        left_out: teachers without results on all of its challenges.
-        chance: probability of the highest true mean among teachers on as many challenges.
-    """
-
-    teacher: str
-    measure: str
-    newcomer: bool
-    across: dict[str, Any]
-    challenges: int
-    mean: float
-    low: float
-    high: float
-    n: int
-    fewest: int
-    rank: int
-    of: int
-    better: tuple[str, ...]
-    worse: tuple[str, ...]
-    undecided: tuple[str, ...]
-    left_out: tuple[str, ...]
-    chance: float
+    teacher: str  # name of the teacher
+    measure: str  # measure of the ranks
+    newcomer: bool  # True if the teacher joined later; the core is ranked without it
+    across: dict[str, Any]  # values of `ACROSS` that all ranked teachers have in common
+    challenges: int  # number of challenges
+    mean: float  # mastered test tasks in per cent, the mean over challenges of equal weight
+    low: float  # lower end of the 95 % interval; NaN with one run on a challenge
+    high: float  # upper end of the interval
+    n: int  # number of runs
+    fewest: int  # smallest number of runs of a ranked teacher on a challenge
+    rank: int  # 1 for the highest mean
+    of: int  # number of ranked teachers
+    better: tuple[str, ...]  # teachers with a lower mean, p < 0.05 after Holm's correction
+    worse: tuple[str, ...]  # teachers with a higher mean, p < 0.05 after Holm's correction
+    undecided: tuple[str, ...]  # other ranked teachers
+    left_out: tuple[str, ...]  # teachers without results on all of its challenges
+    chance: float  # probability of the highest true mean among teachers on as many challenges
 
     @property
     def best(self) -> int:

@@ -28,21 +28,13 @@ from tma_ray.support.component_names import base_name
 
 @dataclass(frozen=True)
 class ResultSet:
-    """Results of one source.
+    """Results of one source."""
 
-    Attributes:
-        name: name on pages.
-        engine: simulator of the worlds.
-        table: results of `pooling.pooled`, or of `reference.paper_frame`.
-        runs: rows of `pooling.pool_runs`, Random at every level; None for published tables.
-        frames: results of the root; None for published tables.
-    """
-
-    name: str
-    engine: str
-    table: pd.DataFrame
-    runs: pd.DataFrame | None = None
-    frames: Frames | None = None
+    name: str  # name on pages
+    engine: str  # simulator of the worlds
+    table: pd.DataFrame  # results of `pooling.pooled`, or of `reference.paper_frame`
+    runs: pd.DataFrame | None = None  # rows of `pooling.pool_runs`; None for published tables
+    frames: Frames | None = None  # results of the root; None for published tables
 
 
 def result_set(frames: Frames, name: str) -> ResultSet:

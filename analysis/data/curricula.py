@@ -24,23 +24,14 @@ Worlds with another mastery threshold are coloured from the 2nd to the 98th perc
 
 @dataclass(frozen=True, eq=False)
 class Curriculum:
-    """Curriculum of one run.
+    """Curriculum of one run."""
 
-    Attributes:
-        episodes: step, task, world_task and episodic_return.
-        probes: step and task.
-        updates: step, gaussians, boxes and scalars of the teacher.
-        steps: length of the run.
-        mastery: mastery threshold, an episodic return.
-        seed: seed of the run.
-    """
-
-    episodes: pd.DataFrame
-    probes: pd.DataFrame
-    updates: pd.DataFrame
-    steps: int
-    mastery: float = MASTERY_RETURN
-    seed: int = 0
+    episodes: pd.DataFrame  # step, task, world_task and episodic_return
+    probes: pd.DataFrame  # step and task
+    updates: pd.DataFrame  # step, gaussians, boxes and scalars of the teacher
+    steps: int  # length of the run
+    mastery: float = MASTERY_RETURN  # mastery threshold, an episodic return
+    seed: int = 0  # seed of the run
 
     @property
     def shuffled(self) -> bool:

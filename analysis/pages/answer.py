@@ -40,23 +40,14 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class Answer:
-    """Leaderboard at the top of a page.
+    """Leaderboard at the top of a page."""
 
-    Attributes:
-        title: level, budget and engine.
-        sentence: answer on the best teachers.
-        chart: differences from Random over all challenges.
-        challenges: heads of the columns of challenges.
-        rows: teachers, the best in the end first.
-        notes: meanings of the marks of teachers.
-    """
-
-    title: str
-    sentence: str
-    chart: PageChart
-    challenges: list[str]
-    rows: list[Row]
-    notes: list[str]
+    title: str  # level, budget and engine
+    sentence: str  # answer on the best teachers
+    chart: PageChart  # differences from Random over all challenges
+    challenges: list[str]  # heads of the columns of challenges
+    rows: list[Row]  # teachers, the best in the end first
+    notes: list[str]  # meanings of the marks of teachers
 
 
 def answers(frames: Frames) -> Iterator[Answer]:

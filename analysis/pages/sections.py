@@ -27,31 +27,18 @@ from analysis.statistics import describe
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Comparison on a page.
+    """Comparison on a page."""
 
-    Attributes:
-        anchor: identifier on the page.
-        title: title of the comparison.
-        chosen_by: values by the columns `FILTERS`.
-        rows: rows of the table at the ends of runs, one per teacher.
-        step_rows: changed cells at every evaluation, by step, teacher and column.
-        points: teacher, seed, step (or `END`) and value of every run.
-        charts: charts with all teachers.
-        sentences: findings.
-        panels: charts with a panel per teacher.
-        pictures: static figures.
-    """
-
-    anchor: str
-    title: str
-    chosen_by: Mapping[str, str]
-    rows: Sequence[Mapping[str, Any]]
-    step_rows: Mapping[str, Mapping[str, Mapping[str, str]]]
-    points: pd.DataFrame
-    charts: Sequence[PageChart]
-    sentences: Sequence[str] = ()
-    panels: Sequence[PageChart] = ()
-    pictures: Sequence[Picture] = ()
+    anchor: str  # identifier on the page
+    title: str  # title of the comparison
+    chosen_by: Mapping[str, str]  # values by the columns `FILTERS`
+    rows: Sequence[Mapping[str, Any]]  # rows of the table at the ends of runs, one per teacher
+    step_rows: Mapping[str, Mapping[str, Mapping[str, str]]]  # by step, teacher and column
+    points: pd.DataFrame  # teacher, seed, step (or `END`) and value of every run
+    charts: Sequence[PageChart]  # charts with all teachers
+    sentences: Sequence[str] = ()  # findings
+    panels: Sequence[PageChart] = ()  # charts with a panel per teacher
+    pictures: Sequence[Picture] = ()  # static figures
 
 
 def overview(
