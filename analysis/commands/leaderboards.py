@@ -207,7 +207,7 @@ def folded(summary: str, text: str) -> str:
 
 
 def _cells(entry: Entry, axis: str) -> list[str]:
-    """Return mean, difference to Random and rank of a teacher on an axis."""
+    """Return mean, difference from Random and rank of a teacher on an axis."""
     rank, against = entry.ranks[axis], entry.against
     open_ranks = f" [{rank.best} to {rank.worst}]" if rank.best < rank.worst else ""
     return [number(rank.mean), str(against.gaps[axis]) if against else "", f"{rank.rank}{open_ranks}"]

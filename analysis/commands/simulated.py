@@ -105,7 +105,7 @@ def rich_table(table: pd.DataFrame, title: str) -> Table:
 
 
 def _rows(frame: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Yield a teacher, levels with the same runs or the same refusal, and the rows of the first level."""
+    """Yield a teacher, levels with the same runs or none, and the rows of the first of these levels."""
     for teacher in dict.fromkeys(frame["teacher"]):
         rows = frame[frame["teacher"] == teacher]
         used = rows.drop_duplicates("expert_knowledge").set_index("expert_knowledge")["effective_knowledge"]
@@ -116,7 +116,7 @@ def _rows(frame: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
 
 
 def _mean(values: pd.Series) -> str:
-    """Return the mean and half the width of its 95 % interval, the mean alone of a single value."""
+    """Return the mean and half the width of its 95 % interval, or the mean of a single value."""
     sample = describe(values)
     low, high = mean_interval(sample)
     return plus_minus(sample.mean, (high - low) / 2)

@@ -1,1 +1,1 @@
-"""Comparisons of teachers: tests over pooled runs, rankings, findings, and results set side by side."""
+"""Comparisons of teachers: tests over pooled runs, rankings, findings, and several sources of results."""

@@ -317,12 +317,12 @@ def pairs_of(names: Sequence[str], reference: str | Collection[str] | None) -> I
 
 
 def nobody(reference: str) -> str:
-    """Return the message that `reference` was not run and nothing was compared with it."""
+    """Return the reason for no test against `reference` if it was not run."""
     return NO_BASELINE if is_baseline(reference) else f"no {reference} to compare with"
 
 
 def _check_reference(reference: str | None, table: pd.DataFrame) -> None:
-    """Refuse a reference that is neither a teacher of the table, nor one of the benchmark's."""
+    """Check that a reference is a teacher of the table or of the benchmark."""
     if reference is not None and len(table) and not is_baseline(reference):
         check_known("teacher", reference, {*table["teacher"].astype(str), *TEACHERS}, "there are")
 

@@ -1,1 +1,1 @@
-"""Results as frames: of roots, of published tables, and of single curricula."""
+"""Results as frames: of roots, published tables and single curricula."""

@@ -1,4 +1,4 @@
-"""Loading of results from one root or several: tables, settings of specs, joined cells, names, warnings."""
+"""Loading of results: tables, settings of specs, joined cells, names, warnings."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -65,7 +65,7 @@ def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def joined(frames: Sequence[Frames]) -> Frames:
-    """Return the runs of several roots as those of one, each run once, with names that are unambiguous.
+    """Return the runs of several roots as those of one, each run once, with unambiguous names.
 
     A run of several roots is read from the one in which it got furthest, or else from the first of them. If
     any root has a core, cells of roots without one are not of the core.
@@ -106,7 +106,7 @@ def joined(frames: Sequence[Frames]) -> Frames:
 
 
 def _joined_cells(frames: Sequence[Frames], roots: Mapping[str, int]) -> pd.DataFrame:
-    """Return the cells of all frames, each with the state of its run in the root from which that is read."""
+    """Return the cells of all frames, each with the state of its run in the root that is read."""
     any_core = any(each.core for each in frames)
     parts = [
         each.cells.assign(root=root, core=each.cells["core"] & (bool(each.core) or not any_core))

@@ -80,7 +80,7 @@ def paper_frame() -> pd.DataFrame:
 
 
 def published_frame(store: Store) -> pd.DataFrame:
-    """Return published results that lie in a folder or object store, in the columns of `paper_frame`."""
+    """Return the published results of a store, in the columns of `paper_frame`."""
     frame: pd.DataFrame = read_published(store).to_pandas()
     for column in ("embodiments", "students"):
         frame[column] = pd.Series([tuple(names) for names in frame[column]], index=frame.index, dtype=object)

@@ -1,1 +1,1 @@
-"""Interactive pages that need nothing but themselves."""
+"""Self-contained interactive pages."""
