@@ -8,15 +8,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import PurePosixPath
 from textwrap import shorten
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final, cast
 
 import pyarrow as pa
 from pyarrow import fs
 
-from tma_ray.results.storage.base import ObjectStoreError, Stamp, Store, Version, opened_ranges
+from tma_ray.results.storage.base import ObjectStoreError, Stamp, Store, T, Version, opened_ranges
 from tma_ray.support.decoding import MOST_TEXT_BYTES, check_size
-
-T = TypeVar("T")
 
 _USAGE_ERRORS: Final = (
     NotImplementedError,

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from textwrap import shorten
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 from urllib.parse import parse_qsl, unquote, urlencode, urlsplit
 
 from tma_ray.results.storage.base import (
@@ -20,12 +20,11 @@ from tma_ray.results.storage.base import (
     Stamp,
     StorageError,
     Store,
+    T,
     Version,
     opened_ranges,
 )
 from tma_ray.support.decoding import MOST_TEXT_BYTES, check_size
-
-T = TypeVar("T")
 
 ATTEMPTS: Final = 10  # attempts at one request, with growing random pauses: about a minute in all
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 from urllib.parse import unquote, urlsplit
 
 import pyarrow as pa
@@ -22,12 +22,11 @@ from tma_ray.results.storage.base import (
     Stamp,
     StorageError,
     Store,
+    T,
     Version,
 )
 from tma_ray.support.decoding import MOST_TEXT_BYTES, DamagedFileError, check_file, read_file
 from tma_ray.support.quantities import expanded
-
-T = TypeVar("T")
 
 DISK_FULL: Final = (errno.ENOSPC, errno.EDQUOT)  # error numbers of a full disk or quota
 
