@@ -15,7 +15,7 @@ from analysis.baselines.catalogue import (
     BaselineManifest,
     find_baseline,
 )
-from analysis.data.columns import CELL
+from analysis.data.columns import CELL_COLUMNS
 from analysis.data.frames import Frames
 from tma_ray import results
 
@@ -103,7 +103,7 @@ def _damaged_runs(store: results.Store, baseline: Baseline) -> Iterator[results.
 MOST_RELEASED_BYTES = 15_000_000  # largest size of a release that ships with the package
 FEWEST_SEEDS = 3  # least number of seeds of every cell
 
-COMBINATION = ["campaign", "experiment", *CELL]
+COMBINATION = ["campaign", "experiment", *CELL_COLUMNS]
 """Columns of cells within which teachers have the same seeds."""
 
 

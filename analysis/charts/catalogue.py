@@ -24,7 +24,7 @@ from analysis.charts.intervals import seeds_chart
 from analysis.charts.mastery import mastery_chart, mastery_map
 from analysis.charts.tasks import PAGE_EPISODES, probed_tasks, projected, training_tasks
 from analysis.comparisons.comparison import TeacherComparison
-from analysis.data.curricula import Axis, Curriculum, curriculum_of, moments
+from analysis.data.curricula import Axis, RunCurriculum, curriculum_of, moments
 from analysis.formatting import listed, number
 from analysis.measures.evaluations import RECENT, aggregate, mastered_tasks
 from analysis.measures.tested import HEADLINE, PAPERS, QUANTITIES
@@ -246,13 +246,13 @@ def threshold(value: float) -> str:
     return number(value, 0 if value == round(value) else 2)
 
 
-def _which_runs(curricula: Mapping[str, Curriculum]) -> str:
+def _which_runs(curricula: Mapping[str, RunCurriculum]) -> str:
     """Return the seed of each teacher's median run as text."""
     named = listed(f"{label(teacher)}: seed {curriculum.seed}" for teacher, curriculum in curricula.items())
     return f"One run of each teacher, the median one by mastered tasks over training ({named})"
 
 
-def _whose_space(curricula: Mapping[str, Curriculum]) -> str:
+def _whose_space(curricula: Mapping[str, RunCurriculum]) -> str:
     """Return a sentence on the axes if the task space is shuffled, else nothing."""
     shuffled = any(curriculum.shuffled for curriculum in curricula.values())
     return " The task space is shuffled: axes are the teacher's, not the world's." if shuffled else ""

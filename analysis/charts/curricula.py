@@ -21,7 +21,7 @@ from analysis.charts.tasks import (
     state_marks,
     task_axis,
 )
-from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, moments
+from analysis.data.curricula import PANELS, Axis, RunCurriculum, boxes_of, gaussians_of, moments
 from analysis.formatting import steps_text
 from analysis.names import short_labels
 from analysis.teacher_styles import TeacherStyle, teacher_style
@@ -44,7 +44,7 @@ class Shot(NamedTuple):
 
     name: str
     teacher: str
-    curriculum: Curriculum
+    curriculum: RunCurriculum
 
 
 def film_strip(
@@ -158,7 +158,7 @@ def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
     return list(steps)
 
 
-def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> base.Chart:
+def curriculum_strip(curricula: Mapping[str, RunCurriculum], plane: tuple[Axis, Axis]) -> base.Chart:
     """Return training tasks, coloured by return: a row per teacher, a column per part of the run."""
     view, colours = TaskView(plane), return_colours(curricula)
     rows: list[list[base.Panel]] = []
@@ -175,7 +175,7 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
     return base.Chart("training-tasks", rows, legend=base.Legend.NONE, size=size)
 
 
-def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -> base.Chart:
+def dimension_bands(curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis]) -> base.Chart:
     """Return quantiles of probed tasks against steps: a row per dimension, a column per teacher.
 
     Dark lines are the bounds of a single box, or two standard deviations of a single Gaussian; dots are the
@@ -207,7 +207,7 @@ def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -
     return base.Chart("dimensions", rows, legend=base.Legend.NONE, size=size)
 
 
-def _bands(curriculum: Curriculum, dimension: int, teacher: str) -> Iterator[base.Mark]:
+def _bands(curriculum: RunCurriculum, dimension: int, teacher: str) -> Iterator[base.Mark]:
     steps = np.unique(curriculum.probes["step"])
     levels = np.array([np.quantile(curriculum.probed_at(step)[:, dimension], QUANTILES) for step in steps]).T
     style, x = teacher_style(teacher)._replace(marker="", dashes="-"), steps.astype(np.float64)
@@ -215,7 +215,7 @@ def _bands(curriculum: Curriculum, dimension: int, teacher: str) -> Iterator[bas
     yield base.Curve(x=x, y=levels[2], low=levels[1], high=levels[3], look=style, opacity=0.38, width=1.6)
 
 
-def _regions(curriculum: Curriculum, dimension: int) -> Iterator[base.Mark]:
+def _regions(curriculum: RunCurriculum, dimension: int) -> Iterator[base.Mark]:
     updates = curriculum.updates.sort_values("step", kind="stable")
     bounds, means = [], []
     for _, update in updates.iloc[base.spaced_indices(len(updates), UPDATES)].iterrows():
@@ -242,7 +242,7 @@ MOST_PER_TEACHER = 8  # largest number of scalars per teacher
 BINS = 150  # number of equal parts of a longer series, drawn as their medians and ranges
 
 
-def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
+def scalars_of(curriculum: RunCurriculum) -> dict[str, pd.Series]:
     """Return the finite values of each scalar by name, indexed by step."""
     rows = [
         (int(step), str(name), float(value))
@@ -254,7 +254,7 @@ def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
     return {str(name): rows.set_index("step")["value"] for name, rows in table.groupby("name")}
 
 
-def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -> base.Chart | None:
+def scalar_chart(curricula: Mapping[str, RunCurriculum], name: str, caption: str) -> base.Chart | None:
     """Return a panel per scalar, at most `MOST_PER_TEACHER` per teacher."""
     panels = []
     for teacher, label in short_labels(curricula, base.LONGEST_NAME).items():
@@ -268,7 +268,7 @@ def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -
     return base.Chart(name, rows, "Teachers' logs", caption, size=size, pixels=230) if panels else None
 
 
-def hidden_scalars(curricula: Mapping[str, Curriculum]) -> int:
+def hidden_scalars(curricula: Mapping[str, RunCurriculum]) -> int:
     """Return the number of scalars that are not drawn."""
     counts = (len(scalars_of(curriculum)) for curriculum in curricula.values())
     return sum(max(0, count - MOST_PER_TEACHER) for count in counts)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.charts import base
-from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, return_range
+from analysis.data.curricula import PANELS, Axis, RunCurriculum, boxes_of, gaussians_of, return_range
 from analysis.names import short_labels
 from analysis.teacher_styles import INK, RETURN_COLOURS, teacher_style
 
@@ -120,7 +120,7 @@ def _rectangle(low: base.Array, high: base.Array) -> tuple[base.Array, base.Arra
 
 
 def state_marks(
-    curriculum: Curriculum,
+    curriculum: RunCurriculum,
     teacher: str,
     step: int,
     view: TaskView,
@@ -146,7 +146,7 @@ def state_marks(
 
 
 def probed_tasks(
-    curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
+    curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> base.Chart | None:
     """Return the probed tasks of each teacher over the steps; None without probes."""
     view, panels = TaskView(axes), []
@@ -177,7 +177,7 @@ def _grid(panels: Sequence[base.Panel], name: str, heading: str, caption: str) -
 
 
 def training_tasks(
-    curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
+    curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> base.Chart | None:
     """Return the training tasks in each part of a run, coloured by return; None without episodes."""
     view, panels = TaskView(axes), []
@@ -196,7 +196,7 @@ def training_tasks(
     return _grid(panels, name, "Training tasks", caption)
 
 
-def return_colours(curricula: Mapping[str, Curriculum]) -> base.ColourScale:
+def return_colours(curricula: Mapping[str, RunCurriculum]) -> base.ColourScale:
     """Return the colours of returns for all runs, with the mastery threshold marked."""
     mastery = next(iter(curricula.values())).mastery
     low, high = return_range(curricula, mastery)
@@ -204,7 +204,7 @@ def return_colours(curricula: Mapping[str, Curriculum]) -> base.ColourScale:
 
 
 def episode_marks(
-    part: Curriculum, teacher: str, view: TaskView, colours: base.ColourScale, most: int
+    part: RunCurriculum, teacher: str, view: TaskView, colours: base.ColourScale, most: int
 ) -> base.Scatter:
     """Return at most `most` evenly spaced training tasks of a part of a run, coloured by return."""
     chosen = base.spaced_indices(len(part.episodes), most)
@@ -222,7 +222,7 @@ def episode_marks(
     )
 
 
-def projected(curriculum: Curriculum, dimensions: tuple[int, int]) -> Curriculum:
+def projected(curriculum: RunCurriculum, dimensions: tuple[int, int]) -> RunCurriculum:
     """Return the projection of a curriculum onto two task dimensions, with marginals of Gaussians.
 
     Args:

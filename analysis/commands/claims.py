@@ -13,7 +13,7 @@ from analysis.statistics.samples import DEFAULT_MARGIN, Standing
 from tma_ray.console.terminal import terminal
 from tma_ray.support.texts import counted
 
-WIDTH = 100
+MAX_WIDTH = 100
 """Largest number of characters of a line."""
 
 STYLES = {
@@ -53,7 +53,7 @@ def show_claims(
     """
     console, frames = terminal(console), read(sources)
     verdicts, notes = root_verdicts(frames)
-    width = min(console.width, WIDTH)
+    width = min(console.width, MAX_WIDTH)
 
     def tell(text: str | Text, style: str | None = None) -> None:
         console.print(text, style=style, highlight=False, markup=False, width=width)

@@ -69,7 +69,7 @@ PREAMBLE = r"""\documentclass{article}
 \begin{document}
 """
 
-END = r"\end{document}" + "\n"
+DOCUMENT_END = r"\end{document}" + "\n"
 
 
 # Tables may be wider than the page.
@@ -103,6 +103,6 @@ def write_latex(sources: Sources, folder: Path) -> Written:
     drawn = [file.stem for file in figures.files if file.suffix == ".pdf"]
     parts = [TABLE % file.name for file in tables.files] + [FIGURE % (stem, stem) for stem in drawn]
     document = folder / "report.tex"
-    document.write_text("\n".join([PREAMBLE, *parts, END]), encoding="utf-8")
+    document.write_text("\n".join([PREAMBLE, *parts, DOCUMENT_END]), encoding="utf-8")
     left_out = [f"left out: {text}" for text in figures.left_out]
     return Written((document,), tuple(dict.fromkeys([*tables.warnings, *figures.warnings, *left_out])))

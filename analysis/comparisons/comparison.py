@@ -11,7 +11,7 @@ import pandas as pd
 
 from analysis.comparisons.pairwise import Randoms, against_baseline, randoms_of, reference_of
 from analysis.data.columns import COMPARISON
-from analysis.data.curricula import Axis, Curriculum, curricula_of_runs, stack, task_axes
+from analysis.data.curricula import Axis, RunCurriculum, curricula_of_runs, stack, task_axes
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
 from analysis.measures.evaluations import (
@@ -24,9 +24,6 @@ from analysis.measures.evaluations import (
 from analysis.measures.tested import HEADLINE, MEASURES
 from analysis.names import challenge_title, label, teacher_order
 from tma_ray.support.component_names import base_name
-
-TABLES = ("cells", "finals", "summary", "tests", "evaluations", "training")
-"""Tables of `Measurements`, of which a `TeacherComparison` has its rows."""
 
 ALL_SHOWN = 12
 """Number of teachers up to which a page shows all of them at first."""
@@ -88,7 +85,8 @@ class Measurements:
 
     @cached_property
     def _parts(self) -> list[dict[str, Any]]:
-        tables: dict[str, pd.DataFrame] = {name: getattr(self, name) for name in TABLES}
+        names = ("cells", "finals", "summary", "tests", "evaluations", "training")
+        tables: dict[str, pd.DataFrame] = {name: getattr(self, name) for name in names}
         groups = {
             name: dict(list(table.groupby(COMPARISON))) if len(table) else {}
             for name, table in tables.items()
@@ -157,11 +155,11 @@ class TeacherComparison:
         return chosen
 
     @cached_property
-    def curricula(self) -> dict[str, Curriculum]:
+    def curricula(self) -> dict[str, RunCurriculum]:
         """The curriculum of each teacher's median run, if it has any episode."""
         return self.read_curricula(self.median_runs)
 
-    def read_curricula(self, teachers: Iterable[str]) -> dict[str, Curriculum]:
+    def read_curricula(self, teachers: Iterable[str]) -> dict[str, RunCurriculum]:
         """Return the curricula of the median runs of some teachers, of those that have any episode."""
         runs = {teacher: self.median_runs[teacher] for teacher in teachers}
         curricula = zip(runs, curricula_of_runs(self.frames, list(runs.values())), strict=True)

@@ -2,10 +2,10 @@
 
 from typing import Final
 
-CELL = ["environment", "challenge", "embodiment", "student", "expert_knowledge"]
+CELL_COLUMNS = ["environment", "challenge", "embodiment", "student", "expert_knowledge"]
 """Columns of a cell without its teacher."""
 
-COMPARISON = ["engine", "experiment", *CELL]
+COMPARISON = ["engine", "experiment", *CELL_COLUMNS]
 """Columns that teachers of a report must have in common to be compared."""
 
 GROUP = [*COMPARISON, "teacher"]

@@ -23,7 +23,7 @@ Worlds with another mastery threshold are coloured from the 2nd to the 98th perc
 
 
 @dataclass(frozen=True, eq=False)
-class Curriculum:
+class RunCurriculum:
     """Curriculum of one run."""
 
     episodes: pd.DataFrame  # step, task, world_task and episodic_return
@@ -44,7 +44,7 @@ class Curriculum:
         column = self.episodes["world_task" if self.shuffled else "task"]
         return stack(column)
 
-    def during(self, part: int) -> "Curriculum":
+    def during(self, part: int) -> "RunCurriculum":
         """Return the curriculum during one of the `PANELS` equal parts of the run."""
         low, high = self.steps * part / PANELS, self.steps * (part + 1) / PANELS
 
@@ -70,7 +70,7 @@ def stack(tasks: pd.Series) -> NDArray[np.float32]:
     return np.stack(tasks.to_list()).astype(np.float32) if len(tasks) else np.empty((0, 0), np.float32)
 
 
-def return_range(curricula: Mapping[str, Curriculum], mastery: float) -> tuple[float, float]:
+def return_range(curricula: Mapping[str, RunCurriculum], mastery: float) -> tuple[float, float]:
     """Return the returns at the ends of the colours, `RETURN_RANGE` in worlds of the benchmark."""
     if mastery == MASTERY_RETURN:
         return RETURN_RANGE
@@ -85,7 +85,7 @@ MOST_MOMENTS = 6
 """Largest number of moments from the start to the end of a run."""
 
 
-def moments(curricula: Mapping[str, Curriculum], count: int = MOST_MOMENTS) -> list[int]:
+def moments(curricula: Mapping[str, RunCurriculum], count: int = MOST_MOMENTS) -> list[int]:
     """Return at most `count` steps at which any teacher was probed, evenly spaced."""
     probes = [curriculum.probes["step"].unique() for curriculum in curricula.values()]
     steps = sorted({int(step) for unique in probes for step in unique})
@@ -109,21 +109,21 @@ def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
     return sorted(boxes, key=height)
 
 
-def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
+def curriculum_of(frames: Frames, run: pd.Series) -> RunCurriculum:
     """Return the curriculum of one run, a row of `Frames.cells`."""
     check_type("run", run, pd.Series, "a row of frames.cells")
     (curriculum,) = curricula_of_runs(frames, [run])
     return curriculum
 
 
-def curricula_of_runs(frames: Frames, runs: Sequence[pd.Series]) -> list[Curriculum]:
+def curricula_of_runs(frames: Frames, runs: Sequence[pd.Series]) -> list[RunCurriculum]:
     """Return the curricula of several runs, rows of `Frames.cells`, read in one pass."""
     run_ids = [run["run_id"] for run in runs]
     episodes, probes, updates = (
         frames.of_runs(table, run_ids) for table in (Table.EPISODES, Table.CURRICULUM, Table.TEACHER_LOG)
     )
     return [
-        Curriculum(
+        RunCurriculum(
             episodes=episodes[run["run_id"]],
             probes=probes[run["run_id"]],
             updates=updates[run["run_id"]],

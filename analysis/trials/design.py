@@ -12,7 +12,7 @@ import pandas as pd
 from scipy import optimize
 
 from analysis.baselines.catalogue import Baseline
-from analysis.data.columns import CELL
+from analysis.data.columns import CELL_COLUMNS
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.measures.run_measures import NOT_FINITE, run_measures
@@ -36,7 +36,9 @@ AXES = tuple(SCALES)  # measures of a trial
 SCALED = {HEADLINE: "angle", FINAL: "end"}
 """Columns of `ended_runs` with the measures on the scales of their tests."""
 
-CHALLENGE = 2  # number of the columns of `CELL` that name a challenge; its cells share the weight of one
+CHALLENGE = (
+    2  # number of the columns of `CELL_COLUMNS` that name a challenge; its cells share the weight of one
+)
 
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
 """Errors to spend, of which a design has the largest with wrong verdicts in at most `ERROR` of trials."""
@@ -79,8 +81,8 @@ class TrialCell:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Values of `CELL`."""
-        return tuple(getattr(self, name) for name in CELL)
+        """Values of `CELL_COLUMNS`."""
+        return tuple(getattr(self, name) for name in CELL_COLUMNS)
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ class Design:
 
     @property
     def keys(self) -> list[tuple[str, ...]]:
-        """Values of `CELL` of each cell."""
+        """Values of `CELL_COLUMNS` of each cell."""
         return [cell.key for cell in self.cells]
 
     def rule(self, reference: str, runs: rules.Floats, measure: str = HEADLINE) -> rules.DecisionRule:
@@ -184,19 +186,19 @@ def ended_runs(frames: Frames) -> pd.DataFrame:
     """Return the ended runs, with NaN in place of the measures of runs with non-finite returns.
 
     Returns:
-        `CELL`, teacher, run_id, seed, the measures of `AXES` and the columns of `SCALED`.
+        `CELL_COLUMNS`, teacher, run_id, seed, the measures of `AXES` and the columns of `SCALED`.
     """
-    cells = frames.cells[[*CELL, "teacher", "seed", "run_id"]].drop_duplicates()
+    cells = frames.cells[[*CELL_COLUMNS, "teacher", "seed", "run_id"]].drop_duplicates()
     measures = run_measures(frames, training=False)
     ended = measures["reason"].isin(["", NOT_FINITE])
     rows = cells.merge(measures.loc[ended, ["run_id", *AXES]], on="run_id")
     scaled = {column: SCALES[measure].of(rows[measure]) for measure, column in SCALED.items()}
-    return rows.assign(**scaled).astype(dict.fromkeys([*CELL, "teacher"], str))
+    return rows.assign(**scaled).astype(dict.fromkeys([*CELL_COLUMNS, "teacher"], str))
 
 
 def in_cell(runs: pd.DataFrame, key: tuple[str, ...]) -> pd.DataFrame:
-    """Return the runs of the cell with these values of `CELL`."""
-    return runs[(runs[CELL] == list(key)).all(axis=1)]
+    """Return the runs of the cell with these values of `CELL_COLUMNS`."""
+    return runs[(runs[CELL_COLUMNS] == list(key)).all(axis=1)]
 
 
 def moments_of(
@@ -262,9 +264,9 @@ def make_design(
 
 
 def _cell_keys(cells: pd.DataFrame, names: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return the cells of Random at their highest level of knowledge, as values of `CELL` by name."""
+    """Return the cells of Random at their highest level of knowledge, as values of `CELL_COLUMNS` by name."""
     rows = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
-    keys = {tuple(map(str, row)) for row in rows[CELL].itertuples(index=False)}
+    keys = {tuple(map(str, row)) for row in rows[CELL_COLUMNS].itertuples(index=False)}
     rising = sorted(keys, key=lambda key: (key[:-1], KnowledgeLevel(key[-1]).rank))
     highest = {key[:-1]: key for key in rising}.values()
     challenges = [key[:2] for key in highest]
@@ -296,7 +298,7 @@ def _cells(
         signal = max(float(groups.mean().var()) - noise * float((1 / groups.size()).mean()), 0.0)
         cell = TrialCell(
             name,
-            **dict(zip(CELL, key, strict=True)),
+            **dict(zip(CELL_COLUMNS, key, strict=True)),
             slope=area.slope,
             deviation=area.deviation,
             hours=hours,
@@ -342,7 +344,7 @@ def _best(released: pd.DataFrame, keys: Sequence[tuple[str, ...]], name: str) ->
     if needed.min() < 3:
         runs = counted(int(needed.min()), "run")
         raise ValueError(f"{name} has {runs} of Random in a cell: a trial needs 3")
-    areas, weights = released.groupby(["teacher", *CELL])[HEADLINE].mean(), _weights(keys)
+    areas, weights = released.groupby(["teacher", *CELL_COLUMNS])[HEADLINE].mean(), _weights(keys)
     means = {
         teacher: float(np.dot(weights, [areas[teacher, *key] for key in keys]))
         for teacher in _candidates(released, keys)

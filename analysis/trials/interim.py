@@ -13,7 +13,7 @@ import pandas as pd
 from analysis.baselines.catalogue import Baseline
 from analysis.comparisons.against_random import LARGEST
 from analysis.comparisons.verdicts import AXES, on_both_axes
-from analysis.data.columns import CELL
+from analysis.data.columns import CELL_COLUMNS
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
 from analysis.formatting import interval_text, number
@@ -195,11 +195,11 @@ def curves(design: Design, frames: Frames, trial_frames: Frames) -> pd.DataFrame
     Returns:
         teacher, step, n, mean, std and standard_error of the mastered test tasks, in per cent.
     """
-    keys = pd.DataFrame(design.keys, columns=CELL)
+    keys = pd.DataFrame(design.keys, columns=CELL_COLUMNS)
     tables = []
     for source, names in ((frames, design.references), (trial_frames, (design.teacher,))):
-        cells = source.cells[source.cells["teacher"].isin(names)].astype(dict.fromkeys(CELL, str))
-        runs = cells.merge(keys, on=CELL)[["teacher", "run_id"]].drop_duplicates()
+        cells = source.cells[source.cells["teacher"].isin(names)].astype(dict.fromkeys(CELL_COLUMNS, str))
+        runs = cells.merge(keys, on=CELL_COLUMNS)[["teacher", "run_id"]].drop_duplicates()
         rows = source.measured[["run_id", "step", "mastered_percent"]].astype({"run_id": object})
         tables.append(runs.astype(object).merge(rows, on="run_id"))
     return aggregate(pd.concat(tables, ignore_index=True), "mastered_percent", ["teacher"])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.data.curricula import Axis, Curriculum
+from analysis.data.curricula import Axis, RunCurriculum
 
 STEPS = 20_000_000
 PROBE_EVERY = 250_000
@@ -23,7 +23,7 @@ def axes(size: int) -> tuple[Axis, ...]:
     return tuple(Axis(name, -i, -i if i == 3 else 3.0 + i) for i, name in enumerate(named))
 
 
-def curriculum(teacher: str, size: int = 2, upto: float = 1.0) -> Curriculum:
+def curriculum(teacher: str, size: int = 2, upto: float = 1.0) -> RunCurriculum:
     """Return what a run of `teacher` shows after a share `upto` of its steps."""
     rng = np.random.default_rng([*teacher.encode(), size])
     low, high = (np.array([getattr(axis, name) for axis in axes(size)]) for name in ("low", "high"))
@@ -37,7 +37,7 @@ def curriculum(teacher: str, size: int = 2, upto: float = 1.0) -> Curriculum:
     episodes = pd.DataFrame({"step": np.linspace(1, upto * STEPS, 400), "task": list(tasks)})
     episodes = episodes.assign(world_task=None, episodic_return=np.linspace(-150, 320, 400))
     columns = ["step", *EMPTY]
-    return Curriculum(episodes, pd.DataFrame(probes), pd.DataFrame(updates, columns=columns), STEPS)
+    return RunCurriculum(episodes, pd.DataFrame(probes), pd.DataFrame(updates, columns=columns), STEPS)
 
 
 def _frontier(time: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from analysis.charts.mastery import SHARES, mastery_chart
 from analysis.charts.page import Plot, colour_scale, packed
 from analysis.charts.tasks import probed_tasks, training_tasks
 from analysis.comparisons.ranks import Rank
-from analysis.data.curricula import Axis, Curriculum
+from analysis.data.curricula import Axis, RunCurriculum
 from analysis.statistics import percent_interval
 
 PLANE = (Axis("Stump height", 0.0, 3.0), Axis("Obstacle spacing (m)", 0.0, 6.0))
@@ -134,14 +134,14 @@ def test_tasks_of_many_dimensions_lie_in_rows_the_easiest_first() -> None:
     assert list(zip(trace.x, trace.y, strict=True)) == [(0, -1), (0, 0), (1, 0), (2, 0)]
 
 
-def curriculum(size: int, gaussians: list[dict[str, Any]], boxes: list[dict[str, Any]]) -> Curriculum:
+def curriculum(size: int, gaussians: list[dict[str, Any]], boxes: list[dict[str, Any]]) -> RunCurriculum:
     tasks = [np.full(size, value, np.float32) for value in (0.5, 1.0)]
     episodes = pd.DataFrame(
         {"step": [10, 90], "task": tasks, "world_task": None, "episodic_return": [-50.0, 250]}
     )
     probes = pd.DataFrame({"step": [0, 100], "task": tasks})
     updates = pd.DataFrame({"step": [50], "gaussians": [gaussians], "boxes": [boxes], "scalars": [[]]})
-    return Curriculum(episodes, probes, updates, steps=100)
+    return RunCurriculum(episodes, probes, updates, steps=100)
 
 
 def test_a_gaussian_is_outlined_at_two_standard_deviations() -> None:

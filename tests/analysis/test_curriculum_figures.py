@@ -24,7 +24,7 @@ from analysis.charts.curricula import (
 )
 from analysis.charts.page import on_page
 from analysis.charts.tasks import ellipse
-from analysis.data.curricula import MOST_MOMENTS, PANELS, RETURN_RANGE, Curriculum, moments
+from analysis.data.curricula import MOST_MOMENTS, PANELS, RETURN_RANGE, RunCurriculum, moments
 from analysis.figures import Shot, curriculum_strip, dimension_bands, film_strip
 from analysis.names import teacher_order
 from analysis.teacher_styles import teacher_style
@@ -34,13 +34,13 @@ pytestmark = pytest.mark.slow
 PLANE = axes(2)
 
 
-def film_of(curricula: dict[str, Curriculum]) -> Figure:
+def film_of(curricula: dict[str, RunCurriculum]) -> Figure:
     """The film strip of one run of each teacher."""
     teachers = sorted(curricula, key=teacher_order)
     return film_strip([Shot(name, name, curricula[name]) for name in teachers], PLANE, width=PAGE_WIDTH)
 
 
-def played(world_task: np.ndarray | None = None) -> Curriculum:
+def played(world_task: np.ndarray | None = None) -> RunCurriculum:
     """A run of ten episodes."""
     steps = np.arange(10, 101, 10)
     tasks = [np.array([s / 50, s / 20], np.float32) for s in steps]
@@ -48,10 +48,10 @@ def played(world_task: np.ndarray | None = None) -> Curriculum:
     episodes["world_task"] = [world_task] * len(episodes)
     probes = pd.DataFrame({"step": [0, 0, 100], "task": [tasks[0], tasks[1], tasks[9]]})
     updates = pd.DataFrame(columns=["step", "gaussians", "boxes", "scalars"])
-    return Curriculum(episodes, probes, updates, 100)
+    return RunCurriculum(episodes, probes, updates, 100)
 
 
-def with_update(step: int, **content: object) -> Curriculum:
+def with_update(step: int, **content: object) -> RunCurriculum:
     row = {"step": step, "gaussians": [], "boxes": [], "scalars": []} | content
     return replace(played(), updates=pd.DataFrame([row]))
 
@@ -67,7 +67,7 @@ def test_the_strip_shows_the_worlds_of_each_part_of_the_run(
 
 
 def test_colours_are_the_benchmarks_unless_a_world_has_its_own_threshold() -> None:
-    def limits(shown: Curriculum) -> tuple[float, float]:
+    def limits(shown: RunCurriculum) -> tuple[float, float]:
         bar = curriculum_strip({"adr": shown}, PLANE).axes[-1]
         return bar.get_ylim()
 
@@ -195,7 +195,7 @@ def test_scalars_have_a_chart_each_with_every_value_in_its_teachers_colour() -> 
     assert scalar_chart({"random": curriculum("random")}, "log", "caption") is None
 
 
-def logged(name: str, values: Sequence[float]) -> Curriculum:
+def logged(name: str, values: Sequence[float]) -> RunCurriculum:
     rows = {"step": range(len(values)), "gaussians": None, "boxes": None}
     return replace(played(), updates=pd.DataFrame(rows | {"scalars": [[(name, each)] for each in values]}))
 

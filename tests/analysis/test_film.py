@@ -18,13 +18,13 @@ from synthetic_logs import STEPS, axes, curriculum
 from analysis.charts.curricula import MOST_FRAMES, MOST_SHOTS, film, sheets
 from analysis.charts.paper.drawing import lay_out
 from analysis.charts.paper.style import png, styled
-from analysis.data.curricula import MOST_MOMENTS, Curriculum
+from analysis.data.curricula import MOST_MOMENTS, RunCurriculum
 from analysis.figures import Shot, animation, film_strip, projected
 
 PLANE = axes(2)
 
 
-def in_a_corner(log: Curriculum) -> Curriculum:
+def in_a_corner(log: RunCurriculum) -> RunCurriculum:
     """Return a curriculum with all probed tasks near the lowest corner of the plane."""
     low = np.array([axis.low for axis in PLANE])
     tasks = [np.float32(low + 0.01 * (task - low)) for task in log.probes["task"]]

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from analysis.baselines import find_baseline
-from analysis.data.columns import CELL
+from analysis.data.columns import CELL_COLUMNS
 from analysis.data.frames import Frames
 from analysis.measures.tested import FINAL, HEADLINE
 from analysis.statistics import describe, least_variance, stratified
@@ -48,7 +48,7 @@ class Trial(NamedTuple):
         rows = ended_runs(self.frames)
         found = []
         for cell in self.design.cells:
-            own = rows[(rows[CELL] == list(cell.key)).all(axis=1) & (rows["teacher"] == teacher)]
+            own = rows[(rows[CELL_COLUMNS] == list(cell.key)).all(axis=1) & (rows["teacher"] == teacher)]
             own = pd.concat([own] * 10, ignore_index=True).head(seeds)
             changes = {"teacher": self.design.teacher, "seed": list(self.design.seeds[:seeds])}
             shifted = {"angle": own["angle"] + points / cell.slope, "end": own["end"] + points}
@@ -73,7 +73,7 @@ def test_the_design_says_whom_where_and_with_which_seeds(trial: Trial) -> None:
     design = trial.design
     assert design.release == "lite-1"
     assert design.references[0] == "random"
-    means = ended_runs(trial.frames).groupby(["teacher", *CELL])[HEADLINE].mean()
+    means = ended_runs(trial.frames).groupby(["teacher", *CELL_COLUMNS])[HEADLINE].mean()
     assert design.best == max(
         ("alp_gmm", "goal_gan:preset=release", "riac"),
         key=lambda teacher: sum(means[(teacher, *cell.key)] for cell in design.cells),
