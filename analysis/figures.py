@@ -86,14 +86,12 @@ def animation(
 
 MEASURE = "mastered_percent"
 
-EARLY = 0.25
-"""Share of the budget of the second radar (paper, sample efficiency)."""
+EARLY = 0.25  # share of the budget of the second radar (paper, sample efficiency)
 
 FILE_NAME = ("experiment", "embodiment", "student", "expert_knowledge")
 """Columns whose values name the files of a comparison, unless another one has the same values."""
 
-STARS = 4
-"""Number of rows of stars along a budget: every 5 of 20 million steps."""
+STARS = 4  # number of rows of stars along a budget: every 5 of 20 million steps
 
 
 @dataclass(frozen=True)

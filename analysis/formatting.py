@@ -3,11 +3,9 @@
 import math
 from collections.abc import Iterable
 
-LISTED, FIRST = 12, 6
-"""Largest number of names that are all listed, and number of names of a longer list."""
+LISTED, FIRST = 12, 6  # largest number of names that are all listed, and number of names of a longer list
 
-FEW_SEEDS = 10
-"""Number of seeds under which a sentence warns the reader; the paper used 16 to 48."""
+FEW_SEEDS = 10  # number of seeds under which a sentence warns the reader; the paper used 16 to 48
 
 
 def number(value: float, digits: int = 1) -> str:

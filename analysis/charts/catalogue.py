@@ -38,8 +38,7 @@ CURVES = (
 )
 """Column, label of the axis and title of each learning curve."""
 
-MOST_DIMENSIONS = 20
-"""Largest number of varied dimensions of a space that is drawn dimension by dimension."""
+MOST_DIMENSIONS = 20  # largest number of varied dimensions of a space that is drawn dimension by dimension
 
 
 FILM_NAME_CHARS = 16  # characters of a teacher's name beside the row of a film strip

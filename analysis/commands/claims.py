@@ -13,8 +13,7 @@ from analysis.statistics.samples import DEFAULT_MARGIN, Standing
 from tma_ray.console.terminal import terminal
 from tma_ray.support.texts import counted
 
-MAX_WIDTH = 100
-"""Largest number of characters of a line."""
+MAX_WIDTH = 100  # largest number of characters of a line
 
 STYLES = {
     Standing.SUPPORTED: "green",

@@ -52,14 +52,12 @@ EXPLANATION = (
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
-COLUMN_AXES = (FINAL, HEADLINE)
-"""Axes in the order of the columns."""
+COLUMN_AXES = (FINAL, HEADLINE)  # axes in the order of the columns
 
 TEACHER_WIDTH = 18
 """Width of the column of teachers at the terminal, in characters, for a board of at most 100."""
 
-CHALLENGE_WIDTH = 11
-"""Width of the column of a challenge, in characters; six fit beside that of teachers."""
+CHALLENGE_WIDTH = 11  # width of the column of a challenge, in characters; six fit beside that of teachers
 
 
 def show_leaderboards(

@@ -29,8 +29,7 @@ from analysis.statistics import SIGNIFICANCE, welch
 from analysis.statistics.power import POWER
 from tma_ray.console.terminal import terminal
 
-NAMES = 14
-"""Width of the column of teachers, in characters."""
+NAME_WIDTH = 14  # width of the column of teachers, in characters
 
 FAMILIES = "on each challenge the core against Random, and a newcomer alone"
 
@@ -84,7 +83,7 @@ def show_ranking(
 
 def _show_challenge(console: Console, rows: pd.DataFrame, measure: str) -> None:
     """Print the results of one challenge at one level, at most 100 columns wide."""
-    heads = [("teacher", NAMES), (MEASURES[measure], 15), (MEASURES[FINAL], 10), ("runs", 4)]
+    heads = [("teacher", NAME_WIDTH), (MEASURES[measure], 15), (MEASURES[FINAL], 10), ("runs", 4)]
     shown = _table([*heads, ("beside Random", 23), ("Holm p", 7)])
     untested: dict[str, list[str]] = {}
     for _, row in rows.iterrows():
@@ -117,7 +116,7 @@ def _add(table: Table, teacher: str, cells: Sequence[str], style: str | None = N
     lines: list[str] = []
     for index, part in enumerate(re.split(r"(?<=.)(?=:)", label(teacher))):
         indented = f"{'  ' if index else ''}{part}"
-        lines += textwrap.wrap(indented, NAMES, subsequent_indent="   ", drop_whitespace=False)
+        lines += textwrap.wrap(indented, NAME_WIDTH, subsequent_indent="   ", drop_whitespace=False)
     first, *settings = [*lines, *filter(None, [mark_of(teacher)])]
     table.add_row(first, *cells, style=style)
     for setting in settings:

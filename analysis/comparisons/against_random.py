@@ -18,11 +18,9 @@ from analysis.measures.tested import FINAL, HEADLINE, TRAINED
 from analysis.measures.trained import NEARLY_ALL, Curves, trained_areas, trained_curves, trained_shares
 from analysis.names import label
 
-LARGEST = 100.0
-"""Largest possible difference, in points."""
+LARGEST = 100.0  # largest possible difference, in points
 
-FAMILY = "the core against Random; a newcomer is tested alone"
-"""Family of the tests of `against_random`."""
+FAMILY = "the core against Random; a newcomer is tested alone"  # family of the tests of `against_random`
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,9 @@ from analysis.measures.tested import HEADLINE, MEASURES
 from analysis.names import challenge_title, label, teacher_order
 from tma_ray.support.component_names import base_name
 
-ALL_SHOWN = 12
-"""Number of teachers up to which a page shows all of them at first."""
+ALL_SHOWN = 12  # number of teachers up to which a page shows all of them at first
 
-MOST_SHOWN = 8
-"""Number of teachers that a page with more of them shows at first, beside Random."""
+MOST_SHOWN = 8  # number of teachers that a page with more of them shows at first, beside Random
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,7 @@ PAPER, LITE = "paper", ("lite-1", "lite-2")
 """Sources of standard deviations: the paper's last evaluations, or the headline of the first release with a
 student of the plan."""
 
-FLOOR = 5.0
-"""Mastered tasks of the best teacher in % below which a challenge has no usable deviations."""
+FLOOR = 5.0  # mastered tasks of the best teacher in % below which a challenge has no usable deviations
 
 LITE_BUDGET = 6_000_000
 """Largest budget in steps that is nearer, as a ratio, to the 2 million of `LITE` than to the paper's 20."""

@@ -20,11 +20,9 @@ from analysis.measures.tested import HEADLINE
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE
 
-EQUAL = 1e-9
-"""Difference of means, in points, below which two teachers share a rank."""
+EQUAL = 1e-9  # difference of means, in points, below which two teachers share a rank
 
-DRAWS = 20_000
-"""Draws of true means for the probability of being the best."""
+DRAWS = 20_000  # draws of true means for the probability of being the best
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from tma_ray.results import Table
 from tma_ray.support.validation import check_type
 from tma_ray.tasks import MASTERY_RETURN
 
-PANELS = 5
-"""Number of equal parts of a run, with a panel each."""
+PANELS = 5  # number of equal parts of a run, with a panel each
 
 RETURN_RANGE = (-100.0, 300.0)
 """Returns at the ends of the colours in worlds of the benchmark: falling at once, and crossing the track.
@@ -81,8 +80,7 @@ def return_range(curricula: Mapping[str, RunCurriculum], mastery: float) -> tupl
     return min(low, mastery), max(high, mastery)
 
 
-MOST_MOMENTS = 6
-"""Largest number of moments from the start to the end of a run."""
+MOST_MOMENTS = 6  # largest number of moments from the start to the end of a run
 
 
 def moments(curricula: Mapping[str, RunCurriculum], count: int = MOST_MOMENTS) -> list[int]:

@@ -20,8 +20,7 @@ from analysis.data.specs import digest_of
 from tma_ray.benchmark import EXPERIMENTS, Matrix
 from tma_ray.support.component_names import join_name, split_name
 
-MOST_SETTINGS = 4
-"""Largest number of settings in a name; more are replaced by their hash."""
+MOST_SETTINGS = 4  # largest number of settings in a name; more are replaced by their hash
 
 
 def disambiguate_names(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tuple[str, ...]]:

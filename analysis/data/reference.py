@@ -10,11 +10,9 @@ from tma_ray.benchmark import paper_results
 from tma_ray.results import BOX2D, Store, read_published
 from tma_ray.tasks import KnowledgeLevel
 
-BASELINE = "random"
-"""Teacher that all others are tested against (paper, section 5)."""
+BASELINE = "random"  # teacher that all others are tested against (paper, section 5)
 
-NO_BASELINE = "no Random to compare with"
-"""Reason for no test without runs of Random."""
+NO_BASELINE = "no Random to compare with"  # reason for no test without runs of Random
 
 
 def is_baseline(teacher: str) -> bool:
@@ -56,14 +54,11 @@ def baseline_runs(
     return randoms[(randoms[columns] == list(nearest)).all(axis=1)]
 
 
-PAPER = "paper-2021"
-"""Name of the tables of the paper among the baselines."""
+PAPER = "paper-2021"  # name of the tables of the paper among the baselines
 
-PAPER_ENGINE = BOX2D
-"""Simulator of the paper's worlds; ours is Chipmunk."""
+PAPER_ENGINE = BOX2D  # simulator of the paper's worlds; ours is Chipmunk
 
-PAPER_STEPS = 20_000_000
-"""Training steps behind the paper's tables."""
+PAPER_STEPS = 20_000_000  # training steps behind the paper's tables
 
 
 def paper_frame() -> pd.DataFrame:

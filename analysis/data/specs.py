@@ -16,8 +16,7 @@ from tma_ray.tasks import MASTERY_RETURN
 OF_BODIES = ("embodiment", "original_embodiment")
 """Options of environments that repeat the column of the body; the second is of imported runs."""
 
-BEFORE_VERSIONS = "before 1"
-"""Version of algorithms in specs that are older than versions."""
+BEFORE_VERSIONS = "before 1"  # version of algorithms in specs that are older than versions
 
 
 SEED = re.compile(r'"seed": \d+, "student":')

@@ -15,11 +15,9 @@ from analysis.formatting import number
 from analysis.measures.tested import FINAL, HEADLINE
 from analysis.names import short_title
 
-CELL_AXES = (FINAL, HEADLINE)
-"""Axes in the order of a cell."""
+CELL_AXES = (FINAL, HEADLINE)  # axes in the order of a cell
 
-MOST_ROWS = 8
-"""Largest number of rows of the chart, so that the matrix fits the screen, too."""
+MOST_ROWS = 8  # largest number of rows of the chart, so that the matrix fits the screen, too
 
 
 class DifferenceCell(NamedTuple):

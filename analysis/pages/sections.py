@@ -111,8 +111,7 @@ def step_rows(comparison: TeacherComparison) -> dict[str, dict[str, dict[str, st
     return by_step(curves[["step", "teacher", "run_id", *columns.values()]], row)
 
 
-Columns: TypeAlias = Mapping[str, NDArray[Any]]
-"""Rows of a table by column."""
+Columns: TypeAlias = Mapping[str, NDArray[Any]]  # rows of a table by column
 
 
 def by_step(
