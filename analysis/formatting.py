@@ -49,13 +49,6 @@ def steps_text(steps: float) -> str:
     return f"{steps:.0f}"
 
 
-def duration(seconds: float) -> str:
-    """Return a duration in a suitable unit: ``12 s``, ``34 minutes``, ``5.6 hours``."""
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
-
-
 def listed(names: Iterable[str]) -> str:
     """Return names separated by commas; a long list is cut to its first names and the number of others."""
     texts = list(names)

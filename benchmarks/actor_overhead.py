@@ -23,11 +23,11 @@ import numpy as np
 from rich.console import Console
 
 from tma_ray.campaign import Campaign
-from tma_ray.campaign.cluster.heads import connect
+from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.execution import execute_plan
 from tma_ray.campaign.executors.actors import RemoteTeacher
 from tma_ray.campaign.progress import ProgressView
-from tma_ray.campaign.settings import Settings, TeacherPlacement
+from tma_ray.campaign.settings import ExecutionConfig, TeacherPlacement
 from tma_ray.results import Committer, Results, Table
 from tma_ray.runs import Cell, InlineTeacher, Schedule, TeacherLink, run_locally
 from tma_ray.support.quantities import COUNT
@@ -61,7 +61,10 @@ def steps_per_second(student: str, steps: int, where: str) -> tuple[float, int]:
         else:
             view = ProgressView(Console(file=io.StringIO()))
             execute_plan(
-                one.plan(), root, Settings(teachers=TeacherPlacement(where), poll_seconds=0.1), view=view
+                one.plan(),
+                root,
+                ExecutionConfig(teachers=TeacherPlacement(where), poll_seconds=0.1),
+                view=view,
             )
         results = Results.open(root)
         (attempt,) = results.table(Table.ATTEMPTS).to_pylist()

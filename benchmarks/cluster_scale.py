@@ -27,8 +27,8 @@ from ray.cluster_utils import Cluster
 from rich.console import Console
 from scheduler import SETTINGS, Method, RayWithoutDeath, Substitute
 
-from tma_ray.campaign.cluster.base import Head
-from tma_ray.campaign.cluster.heads import connect
+from tma_ray.campaign.cluster.connection import connect
+from tma_ray.campaign.cluster.protocols import Head
 from tma_ray.campaign.executors import ray_executor
 from tma_ray.campaign.progress import ProgressView, Snapshot
 from tma_ray.campaign.scheduler import Scheduler

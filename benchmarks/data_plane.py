@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import ray
 
-from tma_ray.campaign.cluster.heads import connect
+from tma_ray.campaign.cluster.connection import connect
 from tma_ray.students import Learner
 from tma_ray.students.cohort.server import LearnerServer
 from tma_ray.students.rollout_workers import CohortSettings

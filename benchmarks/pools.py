@@ -7,11 +7,12 @@ import signal
 import threading
 import time
 
-from tma_ray.campaign.executors.processes import LocalExecutor
+from processes import LocalExecutor
+
 from tma_ray.campaign.plan import Plan, lease_holder
 from tma_ray.campaign.progress import ProgressView
 from tma_ray.campaign.scheduler import Scheduler
-from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.settings import ExecutionConfig
 from tma_ray.results import Committer, Lease, Store, start_from
 from tma_ray.runs import Placement
 from tma_ray.students.rollout_workers import CohortSettings
@@ -56,7 +57,9 @@ def execute(plan: Plan, options: argparse.Namespace) -> None:
         committer.write_cells(plan.name, plan.cell_rows)
         executor = LocalExecutor(committer.store, placement, options.processes, settings)
         view = ProgressView(line_seconds=REPORT_SECONDS)
-        scheduler = Scheduler(committer, executor, Settings(grace_seconds=GRACE_SECONDS), view, lease.keep)
+        scheduler = Scheduler(
+            committer, executor, ExecutionConfig(grace_seconds=GRACE_SECONDS), view, lease.keep
+        )
 
         def stop() -> bool:
             return terminated.is_set() or time.monotonic() > deadline or lease.asked_to_stop()

@@ -23,17 +23,19 @@ from unittest import mock
 import ray
 from rich.console import Console
 
-from tma_ray.campaign.cluster.heads import connect
+from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.executors import ray_executor
 from tma_ray.campaign.executors.actors import SeedActor
 from tma_ray.campaign.progress import ProgressView
 from tma_ray.campaign.scheduler import Scheduler
-from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
+from tma_ray.campaign.settings import ExecutionConfig, Resources, TeacherPlacement
 from tma_ray.results import Committer, PartFile, RunWriter, Store
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 
 PLAYERS = 2
-SETTINGS = Settings(resources=Resources(memory_gib=0.2), teachers=TeacherPlacement.INLINE, poll_seconds=0.1)
+SETTINGS = ExecutionConfig(
+    resources=Resources(memory_gib=0.2), teachers=TeacherPlacement.INLINE, poll_seconds=0.1
+)
 
 
 class Player:

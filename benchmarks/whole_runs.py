@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import psutil
+from processes import LocalExecutor, cohort
 
-from tma_ray.campaign.executors.processes import LocalExecutor, cohort
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.campaign.scheduler import Scheduler
-from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.settings import ExecutionConfig
 from tma_ray.envs import make_environment
 from tma_ray.results import Committer
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule
@@ -124,7 +124,9 @@ def pool(student: str, count: int, width: int, device: str, seconds: float) -> d
         placement = stack.enter_context(_placed(width, device))
         meter = Meter(count, seconds, placement.learner, set(_processor_seconds()))
         executor = LocalExecutor(committer.store, placement, count)
-        Scheduler(committer, executor, Settings(), meter).execute(runs_of(student, count), meter.enough)
+        Scheduler(committer, executor, ExecutionConfig(), meter).execute(
+            runs_of(student, count), meter.enough
+        )
         return meter.result()
 
 

@@ -24,7 +24,7 @@ import tma_ray.teachers
 import tma_ray.testing
 from analysis import baselines, statistics
 from tma_ray.campaign import Campaign
-from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.campaign.settings import ExecutionConfig, Resources
 from tma_ray.embodiments import load_embodiment
 from tma_ray.export import export
 from tma_ray.runs import Cell, Placement, Schedule
@@ -51,10 +51,10 @@ MODULES = (
 
 CONFIGURATIONS = (
     *(Campaign, Cell, CohortSettings, Dimension, EpisodeSettings, Placement, PlaySettings, Resources),
-    *(Schedule, Settings, StudentParameters, TaskSpace),
+    *(Schedule, ExecutionConfig, StudentParameters, TaskSpace),
 )
 
-OTHERS = (Resources, Settings, load_embodiment, export, analysis, baselines, gym, np, Series)
+OTHERS = (Resources, ExecutionConfig, load_embodiment, export, analysis, baselines, gym, np, Series)
 
 
 @pytest.fixture(scope="module")

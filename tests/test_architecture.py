@@ -90,6 +90,12 @@ def test_modules_and_functions_are_short() -> None:
     assert not {name for name, count in lines.items() if count > MOST_LINES}
 
 
+def test_one_module_uses_the_private_api_of_ray() -> None:
+    private = re.compile(r"\bray\._(private|raylet)\b")
+    users = [name for name, path in _modules().items() if private.search(path.read_text(encoding="utf-8"))]
+    assert users == ["tma_ray.campaign.cluster.ray_private"]
+
+
 def test_docstrings_of_modules_say_what_they_are() -> None:
     docstrings = {name: ast.get_docstring(_tree(path)) or "" for name, path in _modules().items()}
     assert not {name for name, docstring in docstrings.items() if not docstring}

@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "benchmarks"
-SHARED = ("campaigns", "pools", "seed_statistics", "whole_runs")
+SHARED = ("campaigns", "pools", "processes", "seed_statistics", "whole_runs")
 """Modules of several scripts."""
 
 SCRIPTS = {path.stem for path in FOLDER.glob("*.py")} - set(SHARED)

@@ -8,10 +8,11 @@ from typing import Any, Final
 from analysis.baselines.catalogue import BaselineKind, BaselineManifest
 from analysis.data.frames import Frames
 from analysis.data.specs import parsed
-from analysis.formatting import duration, steps_text
+from analysis.formatting import steps_text
 from analysis.names import label, teacher_order
 from analysis.tables.table import ResultTable, TableFormat, render
 from tma_ray.results import CHIPMUNK, SIMULATED
+from tma_ray.support.texts import rounded_duration
 
 CARD_FILE = "README.md"
 
@@ -121,7 +122,9 @@ def _made_on(frames: Frames) -> list[str]:
     hosts = attempts["host"].astype(str)
     machines = f", on machines: {hosts[hosts != ''].nunique()}" if (hosts != "").any() else ""
     median = float(3600 * frames.run_hours.median())  # stalled runs would dominate a mean
-    sentences = [f"Attempts: {len(attempts):,}{machines}; a run takes {duration(median)} in the median."]
+    sentences = [
+        f"Attempts: {len(attempts):,}{machines}; a run takes {rounded_duration(median)} in the median."
+    ]
     texts = attempts["fingerprint"].astype(str)
     fingerprints = {text: parsed(text) for text in texts.unique()}
     seeds = run_ids.map(frames.cells.drop_duplicates("run_id").set_index("run_id")["seed"])

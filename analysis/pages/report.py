@@ -15,7 +15,7 @@ from analysis.comparisons.comparison import Measurements
 from analysis.data.columns import COMPARISON, GROUP
 from analysis.data.frames import STATUSES, Frames, object_strings
 from analysis.data.specs import parsed
-from analysis.formatting import duration, listed, number, steps_text
+from analysis.formatting import listed, number, steps_text
 from analysis.measures.evaluations import aggregate, ceiling_sentences, mastered_tasks
 from analysis.measures.pooling import runs_after
 from analysis.measures.run_measures import run_measures
@@ -25,6 +25,7 @@ from analysis.pages.answer import answers
 from analysis.pages.page import controls, overall_section, page, page_folder, write_page
 from analysis.pages.sections import Section, best_of, distinct, overview, sections
 from analysis.teacher_styles import shown_together
+from tma_ray.support.texts import rounded_duration
 from tma_ray.tasks import MASTERY_RETURN
 
 
@@ -86,7 +87,7 @@ def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
         {
             "hosts": sorted(rows["host"].unique()),
             "attempts": len(rows),
-            "time": duration(rows["wall_seconds"].sum()),
+            "time": rounded_duration(rows["wall_seconds"].sum()),
             "speed": number(rows["env_steps_per_second"].median(), 0),
             "content": parsed(fingerprint) or {"fingerprint": fingerprint},
         }

@@ -31,7 +31,7 @@ from analysis.commands.leaderboards import trials_markdown
 from analysis.commands.releases import findings
 from tma_ray import cli
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
-from tma_ray.cli.records import KEYS
+from tma_ray.cli.json_output import KEYS
 from tma_ray.console import command_line
 from tma_ray.curriculum import teacher_needs
 from tma_ray.embodiments import embodiment_names, load_embodiment

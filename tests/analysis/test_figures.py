@@ -24,11 +24,11 @@ from analysis.commands.figures import write_figures
 from analysis.data.columns import GROUP
 from analysis.data.curricula import Axis
 from analysis.figures import learning_curve, mastery_map, seeds_chart
-from analysis.formatting import duration, number, plus_minus, steps_text
+from analysis.formatting import number, plus_minus, steps_text
 from analysis.names import label, plain_name, short_labels, teacher_order
 from analysis.teacher_styles import shown_together, teacher_style
 from tma_ray.cli import main
-from tma_ray.support.texts import visible
+from tma_ray.support.texts import rounded_duration, visible
 
 LOOK_OF_FRONTIER = ("#cc8866", ">", (0, (6, 2)))
 PLANE = (Axis("Height", 0, 3), Axis("Spacing", 0, 6))
@@ -163,9 +163,9 @@ def test_a_figure_is_the_same_whatever_the_users_settings(
         (steps_text(20_000_000), "20 million"),
         (steps_text(12_500), "12.5 thousand"),
         (steps_text(500), "500"),
-        (duration(40), "40 s"),
-        (duration(600), "10 minutes"),
-        (duration(9000), "2.5 hours"),
+        (rounded_duration(40), "40 s"),
+        (rounded_duration(600), "10 minutes"),
+        (rounded_duration(9000), "2.5 hours"),
     ],
 )
 def test_numbers_as_text(text: str, expected: str) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign.cluster.heads import connect
+from tma_ray.campaign.cluster.connection import connect
 
 HELPERS = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "runs")]
 """Where workers find what tests import; this process is told in pyproject.toml."""

@@ -13,12 +13,12 @@ from rich.console import Console
 from small_runs import SCHEDULE, STUDENTS, data_files, rows
 
 from tma_ray.campaign import Campaign
-from tma_ray.campaign.cluster.heads import connect
+from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.execution import execute_plan
 from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.progress import ProgressView, Snapshot, overview
 from tma_ray.campaign.scheduler import Scheduler
-from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
+from tma_ray.campaign.settings import ExecutionConfig, Resources, TeacherPlacement
 from tma_ray.results import Committer, Lease, Results, RootInUseError, Store, Table
 from tma_ray.runs import Cell, run_locally
 from tma_ray.tasks import KnowledgeLevel
@@ -53,8 +53,8 @@ def campaign(*cells: Cell, seeds: tuple[int, ...] = (0,)) -> Campaign:
     return Campaign("short", cells, seeds, SCHEDULE)
 
 
-def settings(**changes: Any) -> Settings:
-    return Settings(**{"resources": Resources(memory_gib=0.5), "poll_seconds": 0.1, **changes})
+def settings(**changes: Any) -> ExecutionConfig:
+    return ExecutionConfig(**{"resources": Resources(memory_gib=0.5), "poll_seconds": 0.1, **changes})
 
 
 def quiet() -> ProgressView:

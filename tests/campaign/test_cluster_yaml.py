@@ -17,8 +17,8 @@ from suite.locked import locked
 import tma_ray
 from tma_ray import cli
 from tma_ray.campaign import Campaign, cells_of
-from tma_ray.campaign.executors.cohorts import kinds_of, learner_resources, room_of
-from tma_ray.campaign.settings import GIB, Resources, Settings
+from tma_ray.campaign.executors.cohorts import learner_resources, room_of, stack_keys
+from tma_ray.campaign.settings import GIB, ExecutionConfig, Resources
 from tma_ray.console.command_line import read
 from tma_ray.envs import ENVIRONMENTS
 
@@ -51,9 +51,9 @@ def test_nodes_hold_runs_and_the_head_holds_none() -> None:
 
 
 def test_a_gpu_node_holds_a_full_cohort_of_sac() -> None:
-    settings = Settings(device="cuda")
+    settings = ExecutionConfig(device="cuda")
     runs = Campaign("full", cells_of(("random",)), (0,)).plan().runs
-    learner = learner_resources(settings, runs, kinds_of(runs))
+    learner = learner_resources(settings, runs, stack_keys(runs))
     rooms = {name: room_of(each["resources"], settings, learner) for name, each in TYPES.items()}
     assert rooms == {"head": (0, 0), "cpu_worker": (0, 0), "gpu_worker": (1, settings.width)}
 

@@ -19,19 +19,19 @@ from small_runs import SCHEDULE, STUDENTS, data_files, rows
 from test_campaign import campaign, corridor, execute, idle, lingering, quiet, settings
 
 from tma_ray.campaign import execution
-from tma_ray.campaign.cluster.heads import connect
+from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.executors import actors
 from tma_ray.campaign.executors.cohorts import (
     Cohorts,
     compilation,
-    kinds_of,
     learner_resources,
     room_of,
+    stack_keys,
 )
 from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.options import parse_cohort
 from tma_ray.campaign.scheduler import Scheduler
-from tma_ray.campaign.settings import GIB, PLAYER, Resources, Settings, TeacherPlacement
+from tma_ray.campaign.settings import GIB, PLAYER, ExecutionConfig, Resources, TeacherPlacement
 from tma_ray.results import Committer, Store, Table
 from tma_ray.runs import Cell, Placement, run_locally
 
@@ -116,7 +116,7 @@ def test_a_stopped_cohort_leaves_checkpoints_and_continues(tmp_path: Path) -> No
     chosen = settings(cohort=WIDTH, player=SMALL, resources=Resources(), teachers=TeacherPlacement.INLINE)
     checkpoints = root / "checkpoints"
     runs, head = what.plan().runs, connect(None).head
-    executor = RayExecutor(committer.store, chosen, head, Cohorts(chosen, head, runs, kinds_of(runs)))
+    executor = RayExecutor(committer.store, chosen, head, Cohorts(chosen, head, runs, stack_keys(runs)))
     ended = Scheduler(committer, executor, chosen, quiet()).execute(
         runs, lambda: len(list(checkpoints.glob("*/*/index.json"))) >= 2
     )
@@ -196,11 +196,16 @@ def test_a_student_without_a_stacked_learner_is_refused_before_anything_starts(t
 
 def test_the_width_follows_the_device_unless_it_is_given() -> None:
     shared = Resources(gpus=0.25)
-    assert [Settings(device=device).width for device in ("cpu", "cuda", "cuda:0", "mps")] == [0, 48, 48, 0]
-    assert Settings(shared, "cuda").width == 0
-    assert Settings(shared, "cuda", cohort=0).each == shared
-    assert Settings(device="cuda").each == PLAYER
-    assert Settings(device="cuda").placement.device == "cpu", "players act without torch"
+    assert [ExecutionConfig(device=device).width for device in ("cpu", "cuda", "cuda:0", "mps")] == [
+        0,
+        48,
+        48,
+        0,
+    ]
+    assert ExecutionConfig(shared, "cuda").width == 0
+    assert ExecutionConfig(shared, "cuda", cohort=0).per_run == shared
+    assert ExecutionConfig(device="cuda").per_run == PLAYER
+    assert ExecutionConfig(device="cuda").placement.device == "cpu", "players act without torch"
     assert [parse_cohort(text) for text in ("16", "off")] == [16, 0]
     for changes, message in (
         ({"device": "cuda", "cohort": 0}, "no GPU is reserved"),
@@ -209,11 +214,11 @@ def test_the_width_follows_the_device_unless_it_is_given() -> None:
         ({"cohort": -1}, "expected a whole number of slots"),
     ):
         with pytest.raises(ValueError, match=message):
-            Settings(**changes)
+            ExecutionConfig(**changes)
 
 
 def test_nodes_hold_full_cohorts_or_fewer_players() -> None:
-    gpu, cpu = Settings(device="cuda"), Settings(cohort=4)
+    gpu, cpu = ExecutionConfig(device="cuda"), ExecutionConfig(cohort=4)
     shared = Resources(1.0, 1.0, 20.0)
     node = {"CPU": 16.0, "GPU": 1.0, "memory": 100.0 * GIB}
     assert room_of(node, gpu, shared) == (1, 48)
@@ -232,10 +237,10 @@ def test_runs_of_equal_shapes_and_settings_are_of_one_kind() -> None:
     cells = [Cell(student="ppo"), Cell(student="ppo", teacher="riac", challenge="easy"), Cell(student="sac")]
     cells += [Cell(student="ppo:epochs=3"), Cell(student="ppo", embodiment="spider")]
     runs = campaign(*cells).plan().runs
-    first, second, *others = (kinds_of(runs)[spec.run_id] for spec in runs)
+    first, second, *others = (stack_keys(runs)[spec.run_id] for spec in runs)
     assert first == second
     assert len({first, *others}) == 4
-    memory = learner_resources(Settings(cohort=48, device="cuda"), runs, kinds_of(runs)).memory_gib
+    memory = learner_resources(ExecutionConfig(cohort=48, device="cuda"), runs, stack_keys(runs)).memory_gib
     assert 4 < memory < 20
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import psutil
 import pytest
+from processes import LocalExecutor
 from small_runs import data_files, rows
 
-from tma_ray.campaign.executors.processes import LocalExecutor
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.campaign.scheduler import Scheduler
-from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.settings import ExecutionConfig
 from tma_ray.results import Committer, Results, RunStatus, Table
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule, run_locally
 from tma_ray.runs.placement import PLAYER_NICENESS
@@ -33,7 +33,7 @@ def specs(seeds: int, steps: int = 2_000) -> tuple[RunSpec, ...]:
 
 
 class Playing:
-    """View that notices when a run plays, and requests a stop then."""
+    """Display that notices when a run plays, and requests a stop then."""
 
     def __init__(self, look: Callable[[], None] = lambda: None) -> None:
         self.begun, self._look = False, look
@@ -61,7 +61,7 @@ def execute(
     committer = Committer.open(root)
     settings = CohortSettings(width=width) if width else None
     executor = LocalExecutor(committer.store, Placement(), processes, settings)
-    quick = Settings(poll_seconds=0.2)
+    quick = ExecutionConfig(poll_seconds=0.2)
     return Scheduler(committer, executor, quick, view or Playing()).execute(runs, stop)
 
 

@@ -9,16 +9,17 @@ import pytest
 from rich.console import Console
 
 from tma_ray.campaign import Campaign, cells_of
-from tma_ray.campaign.cluster.base import check_address
+from tma_ray.campaign.cluster.addresses import check_address
 from tma_ray.campaign.options import CampaignOptions, chosen_campaign, parse_seeds
-from tma_ray.campaign.progress import ActiveRun, ProgressView, Snapshot, duration
+from tma_ray.campaign.progress import ActiveRun, ProgressView, Snapshot
 from tma_ray.campaign.script import script
-from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.campaign.settings import ExecutionConfig, Resources
 from tma_ray.cli import main
 from tma_ray.console.command_line import read
 from tma_ray.physics import engine_in_use
 from tma_ray.results import Results, RunStatus
 from tma_ray.runs import Status
+from tma_ray.support.texts import duration
 
 CAMPAIGN = Campaign("small", cells_of(("random", "alp_gmm"), ("ppo",)), seeds=(0, 1))
 
@@ -124,7 +125,7 @@ def test_a_device_and_a_share_of_a_gpu_belong_together() -> None:
         (Resources(gpus=2), "cuda:0"),
         (Resources(), "mps"),
     ]:
-        assert Settings(resources, device).placement.device == device
+        assert ExecutionConfig(resources, device).placement.device == device
     refused = [
         (Resources(gpus=0.5), "cpu", r"each run occupies 0\.5 GPUs: add '--device cuda'"),
         (Resources(gpus=1), "cuda:1", "Ray chooses the GPU"),
@@ -132,8 +133,8 @@ def test_a_device_and_a_share_of_a_gpu_belong_together() -> None:
     ]
     for resources, device, message in refused:
         with pytest.raises(ValueError, match=message):
-            Settings(resources, device)
-    assert (Settings().queued, Settings(autoscaling=True).queued) == (1, 64)
+            ExecutionConfig(resources, device)
+    assert (ExecutionConfig().max_queued, ExecutionConfig(autoscaling=True).max_queued) == (1, 64)
     with pytest.raises(ValueError, match=r"gpus = 1\.5: expected a share of one GPU"):
         Resources(gpus=1.5)
 

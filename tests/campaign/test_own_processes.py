@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tma_ray.campaign.cluster.heads import LONGEST_PLACE, MARK, OwnProcesses, private_folder
+from tma_ray.campaign.cluster.connection import MARK, MAX_PARENT_BYTES, LocalRayWatch, private_folder
 
 
 def test_children_of_the_node_manager_may_end_and_the_node_manager_may_not(tmp_path: Path) -> None:
@@ -19,7 +19,7 @@ def test_children_of_the_node_manager_may_end_and_the_node_manager_may_not(tmp_p
     bash = shutil.which("bash")
     assert bash is not None
     raylet = shutil.copy(bash, tmp_path / "raylet")
-    processes = OwnProcesses()
+    processes = LocalRayWatch()
     with subprocess.Popen(
         [raylet, "-c", f"{raylet} -c 'echo; read line'; echo; read line"],
         stdin=subprocess.PIPE,
@@ -29,25 +29,25 @@ def test_children_of_the_node_manager_may_end_and_the_node_manager_may_not(tmp_p
         node.stdout.readline()
         (child,) = psutil.Process(node.pid).children()
         assert child.name() == "raylet"
-        assert processes.lost() is None
+        assert processes.failure_reason() is None
         node.stdin.write("\n")
         node.stdin.flush()
         node.stdout.readline()
         assert not child.is_running()
-        assert processes.lost() is None
+        assert processes.failure_reason() is None
         node.kill()
         node.wait()
-        assert "node manager (raylet)" in str(processes.lost())
+        assert "node manager (raylet)" in str(processes.failure_reason())
 
 
 def test_what_has_closed_its_ports_is_lost_while_its_process_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As the head is after SIGTERM: it neither serves nor ends."""
-    monkeypatch.setattr("tma_ray.campaign.cluster.heads.WATCH_SECONDS", 0.0)
+    monkeypatch.setattr("tma_ray.campaign.cluster.connection.HEAD_CHECK_SECONDS", 0.0)
     python = tmp_path / "gcs_server"
     python.symlink_to(sys.executable)
-    processes = OwnProcesses()
+    processes = LocalRayWatch()
     code = (
         "import socket, sys; sys.stdin.readline(); server = socket.create_server(('127.0.0.1', 0))\n"
         "print(flush=True); sys.stdin.readline(); server.close(); print(flush=True); sys.stdin.readline()"
@@ -55,12 +55,12 @@ def test_what_has_closed_its_ports_is_lost_while_its_process_goes_on(
     with subprocess.Popen(
         [python, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as head:
-        assert processes.lost() is None, "it has not begun to serve"
+        assert processes.failure_reason() is None, "it has not begun to serve"
         for lost in (False, True):
             head.stdin.write("\n")
             head.stdin.flush()
             head.stdout.readline()
-            assert ("head (GCS)" in str(processes.lost())) is lost
+            assert ("head (GCS)" in str(processes.failure_reason())) is lost
         assert head.poll() is None
         head.kill()
 
@@ -70,7 +70,7 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A short one: sockets have to fit."""
     monkeypatch.delenv("RAY_TMPDIR", raising=False)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("tma_ray.campaign.cluster.heads.LONGEST_PLACE", len(str(tmp_path)))
+    monkeypatch.setattr("tma_ray.campaign.cluster.connection.MAX_PARENT_BYTES", len(str(tmp_path)))
     return tmp_path
 
 
@@ -78,9 +78,9 @@ def abandoned(place: Path) -> Path:
     """Return the folder of a process that was killed."""
     code = (
         f"import os, tempfile; tempfile.tempdir = {str(place)!r}\n"
-        "from tma_ray.campaign.cluster import heads\n"
-        f"heads.LONGEST_PLACE = {len(str(place))}\n"
-        "folder = heads.private_folder()\n"
+        "from tma_ray.campaign.cluster import connection\n"
+        f"connection.MAX_PARENT_BYTES = {len(str(place))}\n"
+        "folder = connection.private_folder()\n"
         "(folder / 'ray' / 'logs').mkdir(parents=True)\n"
         "print(folder, flush=True); os._exit(1)"
     )
@@ -131,7 +131,7 @@ def test_what_is_not_ours_is_left_where_it_is(temporary: Path, trap: str) -> Non
 def test_a_place_with_too_long_a_path_for_sockets_is_not_used(
     temporary: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tma_ray.campaign.cluster.heads.LONGEST_PLACE", LONGEST_PLACE)
+    monkeypatch.setattr("tma_ray.campaign.cluster.connection.MAX_PARENT_BYTES", MAX_PARENT_BYTES)
     long = temporary / ("long" * 10)
     long.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(long))

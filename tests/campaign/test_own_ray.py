@@ -119,7 +119,7 @@ def test_a_ray_that_dies_while_it_starts_ends_the_driver_with_a_message(tmp_path
 def test_has_the_cores_of_this_process_alone() -> None:
     script = (
         "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
-        "import ray; from tma_ray.campaign.cluster.heads import LocalHead; LocalHead({})\n"
+        "import ray; from tma_ray.campaign.cluster.connection import LocalHead; LocalHead({})\n"
         "print(ray.cluster_resources()['CPU'])"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from tma_ray.campaign import execution
-from tma_ray.campaign.cluster.base import FOLDER, MOST_BYTES, runtime_environment, working_nodes
+from tma_ray.campaign.cluster.nodes import working_nodes
+from tma_ray.campaign.cluster.shipping import MAX_SHIPPED_BYTES, PACKAGE, runtime_environment
 from tma_ray.components.plugin_source import PluginSource
 from tma_ray.console.exit_codes import RAY_LOST
 from tma_ray.results import ResultsRootError, Store
@@ -64,7 +65,7 @@ INSTALLED = PluginSource("pluggy", {"pluggy/__init__.py": b""}, installed=True)
 def test_exactly_the_users_own_files_are_shipped() -> None:
     with runtime_environment([OWN, OTHER, INSTALLED]) as environment:
         (folder,) = map(Path, environment["py_modules"])
-        assert folder.name == FOLDER
+        assert folder.name == PACKAGE
         shipped = {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*.py")}
         assert shipped == {**OWN.files, **OTHER.files}
     assert not folder.exists()
@@ -77,7 +78,7 @@ def test_nothing_is_shipped_where_all_is_installed() -> None:
 
 
 def test_large_files_are_refused_by_name() -> None:
-    large = PluginSource("big", {"big.py": b"", "map.npy": bytes(MOST_BYTES + 1)}, installed=False)
+    large = PluginSource("big", {"big.py": b"", "map.npy": bytes(MAX_SHIPPED_BYTES + 1)}, installed=False)
     with (
         pytest.raises(ValueError, match=r"20 MiB \(map\.npy: 20 MiB\).*install them"),
         runtime_environment([large]),
@@ -87,13 +88,13 @@ def test_large_files_are_refused_by_name() -> None:
 
 DRIVER = """
     import time
-    from tma_ray.campaign.cluster.base import exit_on_head_loss
+    from tma_ray.campaign.cluster.protocols import exit_on_head_loss
 
     class Head:
-        def lost(self, patience):
+        def failure_reason(self, patience):
             return "the head is gone" if HEAD_IS_LOST else None
 
-        def abandon(self):
+        def kill(self):
             print("abandoned", flush=True)
 
     with exit_on_head_loss(Head(), "short"):

@@ -103,7 +103,7 @@ def threads(monkeypatch: pytest.MonkeyPatch, dying: list[str]) -> Iterator[None]
             monkeypatch.setattr(module, "ray", ray)
         monkeypatch.setattr(actors.SeedActor, "launch", launch)
         monkeypatch.setattr(actors, "skip_pandas", lambda: None)
-        monkeypatch.setattr("tma_ray.campaign.failures.FIRST_PAUSE", 0.01)
+        monkeypatch.setattr("tma_ray.results.storage.base.FIRST_PAUSE", 0.01)
         yield
 
 

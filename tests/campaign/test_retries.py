@@ -14,13 +14,12 @@ from test_campaign import alone, campaign, execute, idle, settings
 
 from tma_ray.campaign.executors.actors import SeedActor, reason_for_loss
 from tma_ray.campaign.failures import (
-    FIRST_PAUSE,
     LOG_SECONDS,
-    LONGEST_PAUSE,
+    LONGEST_LOSS_PAUSE,
     OutageError,
     Retries,
     RetryingCommitter,
-    Silence,
+    SilentRuns,
 )
 from tma_ray.campaign.settings import TeacherPlacement
 from tma_ray.results import Committer, RootInUseError, StorageError, Store, Table
@@ -45,7 +44,8 @@ def test_the_reason_for_a_loss_is_a_sentence() -> None:
     assert reason_for_loss(died) == "The actor died. Its worker was killed."
 
 
-def test_each_loss_doubles_the_pause_and_too_many_give_a_run_up() -> None:
+def test_each_loss_doubles_the_pause_and_too_many_give_a_run_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(storage_errors, "FIRST_PAUSE", 1.0)
     clock = Clock()
     retries = Retries(most_losses=12, clock=clock)
     (spec,) = campaign(idle("random")).plan().runs
@@ -55,11 +55,11 @@ def test_each_loss_doubles_the_pause_and_too_many_give_a_run_up() -> None:
         assert retries.specs == [spec]
         start = clock.now
         while not retries.due():
-            clock.now += FIRST_PAUSE
+            clock.now += 1.0
         pauses.append(clock.now - start)
         assert len(retries) == 0
     assert pauses[:4] == [1, 2, 4, 8]
-    assert max(pauses) == LONGEST_PAUSE
+    assert max(pauses) == LONGEST_LOSS_PAUSE
     assert not retries.add_loss(spec, "node-0")
     assert retries.losses(spec.run_id) == 13
     assert retries.nodes_to_avoid(spec.run_id) == ("node-0", "node-1")
@@ -128,17 +128,17 @@ def test_runs_that_do_not_answer_are_logged_once_a_minute_and_lost_after_their_t
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     clock = Clock()
-    silence = Silence(most_seconds=300.0, clock=clock)
+    silence = SilentRuns(most_seconds=300.0, clock=clock)
     for _ in range(600):
-        assert not silence.lasts("first")
-        assert not silence.lasts("second")
+        assert not silence.has_expired("first")
+        assert not silence.has_expired("second")
         clock.now += 0.5
     assert len(caplog.records) == 300 / LOG_SECONDS
     assert "first, second do not answer" in caplog.messages[-1]
     silence.end("second")
     clock.now += 0.5
-    assert silence.lasts("first")
-    assert not silence.lasts("second"), "its time began anew"
+    assert silence.has_expired("first")
+    assert not silence.has_expired("second"), "its time began anew"
 
 
 @pytest.fixture(autouse=True)

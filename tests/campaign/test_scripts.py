@@ -31,7 +31,7 @@ from tma_ray.campaign import (
 from tma_ray.campaign.costs import Cost, Throughput, estimate
 from tma_ray.campaign.experiments import experiment_plan
 from tma_ray.campaign.options import ExperimentOptions
-from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.campaign.settings import ExecutionConfig, Resources
 from tma_ray.cli import main
 from tma_ray.console.command_line import read
 from tma_ray.runs import Schedule
@@ -256,7 +256,7 @@ def test_costs_follow_from_measured_throughput() -> None:
         Schedule(steps=1_000_000, evaluation_interval=1_000_000),
     )
     throughput = Throughput("sac", training=1_000, playing=10_000, transition_bytes=120)
-    settings = Settings(Resources(cpus=2.0, gpus=0.25), device="cuda")
+    settings = ExecutionConfig(Resources(cpus=2.0, gpus=0.25), device="cuda")
     cost = estimate(campaign.plan(), settings, find_speeds=lambda kinds, *_: dict.fromkeys(kinds, throughput))
     assert cost.hours == pytest.approx(4 * (8 + 1_000 + 20) / 3600)
     assert "2.3 core-hours and 0.29 GPU-hours" in cost.describe()

@@ -180,15 +180,15 @@ def test_a_status_that_is_watched_reads_only_what_has_changed(
     for path in one_failed.rglob("*"):
         os.utime(path, (1_000_000_000, 1_000_000_000))
     observer, now = Observer(one_failed), time.time()
-    first, read, read_bytes = observer.look(now), [], Store.read_bytes
+    first, read, read_bytes = observer.overview(now), [], Store.read_bytes
     monkeypatch.setattr(Store, "read_bytes", lambda store, path: read.append(path) or read_bytes(store, path))
-    assert observer.look(now) == first
+    assert observer.overview(now) == first
     assert set(read) == {"root.json", "heartbeat.json"}
     read.clear()
     failed = next(run for run in Results.open(one_failed).runs() if run.status is RunStatus.FAILED)
     path = f"manifests/{failed.run.run_id}.json"
     (one_failed / path).write_bytes(replace(failed, error="another").to_bytes())
     read.clear()
-    changed = observer.look(now)
+    changed = observer.overview(now)
     assert set(read) == {"root.json", "heartbeat.json", path}
     assert changed == overview(one_failed, now) != first

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -14,12 +11,10 @@ from tma_ray.campaign.costs import (
     REFERENCE_ROUNDS,
     Throughput,
     estimate,
-    kind_of,
     known_speeds,
-    measured_speeds,
+    speed_key,
 )
-from tma_ray.campaign.plan import QUICKSTART
-from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.settings import ExecutionConfig
 from tma_ray.embodiments import embodiment_names
 from tma_ray.runs import RunSpec, Schedule
 from tma_ray.students import STUDENTS
@@ -33,8 +28,8 @@ def spec_of(student: str = "ppo", body: str = "classic_bipedal") -> RunSpec:
     return spec
 
 
-def speed_of(spec: RunSpec, settings: Settings | None = None) -> Throughput:
-    return known_speeds({kind_of(spec): spec}, settings or Settings(), 1)[kind_of(spec)]
+def speed_of(spec: RunSpec, settings: ExecutionConfig | None = None) -> Throughput:
+    return known_speeds({speed_key(spec): spec}, settings or ExecutionConfig(), 1)[speed_key(spec)]
 
 
 @pytest.fixture
@@ -65,11 +60,11 @@ def test_speeds_of_the_table_are_scaled_to_this_machine() -> None:
 
 @pytest.mark.usefixtures("half_as_fast")
 def test_a_cohort_has_the_speeds_of_both_of_its_halves() -> None:
-    on_cpu = speed_of(spec_of("ppo"), Settings(cohort=4))
-    on_gpu = speed_of(spec_of("sac:matmul_precision=high"), Settings(device="cuda"))
-    assert on_cpu.learner == costs.LEARNERS["ppo", "cpu", "highest"] / 2
-    assert on_gpu.learner == costs.LEARNERS["sac", "cuda", "high"], "of another device"
-    assert on_gpu.training == on_cpu.training == costs.PLAYER[0] / 2
+    on_cpu = speed_of(spec_of("ppo"), ExecutionConfig(cohort=4))
+    on_gpu = speed_of(spec_of("sac:matmul_precision=high"), ExecutionConfig(device="cuda"))
+    assert on_cpu.learner == costs.LEARNER_SPEEDS["ppo", "cpu", "highest"] / 2
+    assert on_gpu.learner == costs.LEARNER_SPEEDS["sac", "cuda", "high"], "of another device"
+    assert on_gpu.training == on_cpu.training == costs.PLAYER_SPEEDS[0] / 2
 
 
 def test_the_measurement_of_this_machine_is_repeatable() -> None:
@@ -81,7 +76,7 @@ def test_a_measurement_counts_whole_updates(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(costs, "MEASURED_SECONDS", 0.01)
     spec = spec_of("ppo:hidden_units=8x8:steps_per_update=50:batch_size=50")
     few = replace(spec.test_set, tasks=spec.test_set.tasks[:3])
-    found = costs.measure(replace(spec, test_set=few), Settings())
+    found = costs.measure(replace(spec, test_set=few), ExecutionConfig())
     assert 100 < found.training < found.playing
 
 
@@ -96,25 +91,6 @@ def test_a_kind_of_run_that_fails_says_why() -> None:
     broken = replace(spec_of("ppo:hidden_units=8x8"), student_hyperparameters={"hidden_unit": (8, 8)})
     with pytest.raises(ValueError, match=r"cannot measure the speed of ppo.*hidden_unit"):
         speed_of(broken)
-
-
-@pytest.mark.slow  # compiles everything
-def test_the_bar_of_a_first_measurement_moves_with_each_kernel(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shown: list[tuple[int, int]] = []
-
-    @contextmanager
-    def progress(_: int) -> Iterator[Callable[[int, int], None]]:
-        yield lambda done, total: shown.append((done, total))
-
-    monkeypatch.setattr(costs, "_progress", progress)
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cold"))
-    measured_speeds({"kind": QUICKSTART.plan().runs[0]}, Settings())
-    shares = [done / total for done, total in shown]
-    assert shares == sorted(shares), "the total is known from the first kernel on"
-    assert len(set(shares)) > 20
-    assert shares[-1] == 1.0, "quickstart needs all kernels that count"
 
 
 @pytest.mark.parametrize(
@@ -135,7 +111,9 @@ def test_a_cohort_is_bound_by_its_learner_or_by_its_players_cores(
     schedule = Schedule(steps=900_000, evaluation_interval=900_000)
     plan = Campaign("shared", cells_of(("random",), ("ppo",)), (0, 1, 2, 3), schedule).plan()
     each = Throughput("ppo", 2_000, 200_000 / 104.5, 100, learner=learner)
-    cost = estimate(plan, Settings(device="cuda"), find_speeds=lambda kinds, *_: dict.fromkeys(kinds, each))
+    cost = estimate(
+        plan, ExecutionConfig(device="cuda"), find_speeds=lambda kinds, *_: dict.fromkeys(kinds, each)
+    )
     assert cost.wall_hours == pytest.approx(hours)
     assert cost.gpu_hours == pytest.approx(cost.wall_hours)
     assert bound in cost.summary()

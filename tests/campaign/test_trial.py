@@ -14,11 +14,11 @@ import pytest
 from analysis.baselines import find_baseline
 from analysis.trials.design import make_design
 from tma_ray.campaign import trials
-from tma_ray.campaign.costs import Cost, Throughput, estimate, kind_of
+from tma_ray.campaign.costs import Cost, Throughput, estimate, speed_key
 from tma_ray.campaign.options import TrialOptions
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.repeating import trial_plan
-from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.settings import ExecutionConfig
 from tma_ray.cli import main
 from tma_ray.results import Results, Store, TrialFile, TrialLook, create_root
 from tma_ray.teachers import TEACHERS
@@ -51,7 +51,9 @@ def test_trials_of_two_settings_of_a_teacher_are_two_campaigns() -> None:
 def cost(plans: list[Plan]) -> Cost:
     """The cost of all looks at 1,000 steps a second."""
     speed = Throughput("ppo", training=1_000, playing=10_000, transition_bytes=0)
-    return estimate(plans[-1], Settings(), {kind_of(spec): speed for plan in plans for spec in plan.runs})
+    return estimate(
+        plans[-1], ExecutionConfig(), {speed_key(spec): speed for plan in plans for spec in plan.runs}
+    )
 
 
 @pytest.fixture
@@ -67,10 +69,10 @@ def looks(
             asked.append(len(plan.runs))
             return 0
 
-        monkeypatch.setattr(trials, "executed", executed)
+        monkeypatch.setattr(trials, "execute_and_report", executed)
         options = TrialOptions(results=str(tmp_path), local=True, budget=budget)
         judged = iter(ends)
-        assert trials.run_looks(plans, cost, options, lambda: next(judged)) == 0
+        assert trials.run_looks(trials.TrialRuns(plans, options), cost, lambda: next(judged)) == 0
         return asked
 
     return run
@@ -91,8 +93,9 @@ def test_a_look_that_does_not_fit_into_the_budget_does_not_begin(
 
 def test_the_last_look_within_a_budget(plans: list[Plan], cost: Cost, tmp_path: Path) -> None:
     budgets = (None, 0.1, 0.99 * cost.wall_hours, 1.01 * cost.wall_hours)
-    options = [TrialOptions(results=str(tmp_path), local=True, budget=each) for each in budgets]
-    assert [trials.affordable_look(plans, cost, each) for each in options] == [None, 0, 0, 1]
+    options = [TrialOptions(results=str(tmp_path), local=True, budget=budget) for budget in budgets]
+    runs = [trials.TrialRuns(plans, each) for each in options]
+    assert [trials.affordable_look(each, cost) for each in runs] == [None, 0, 0, 1]
 
 
 @pytest.fixture(scope="module")

@@ -19,10 +19,10 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from processes import cohort
 from saboteur import HOLD
 from small_runs import data_files, rows
 
-from tma_ray.campaign.executors.processes import cohort
 from tma_ray.results import Committer, Store, Table
 from tma_ray.runs import Placement, run_locally
 from tma_ray.students.rollout_workers import CohortSettings

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from tma_ray.campaign import Campaign, cells_of, costs
-from tma_ray.campaign.cluster import heads
-from tma_ray.campaign.cluster.heads import nodes_to_come
-from tma_ray.campaign.costs import Throughput, confirm, estimate, long_cost
+from tma_ray.campaign.cluster.nodes import autoscaled_nodes
+from tma_ray.campaign.costs import Throughput, estimate, long_cost
 from tma_ray.campaign.plan import Plan
-from tma_ray.campaign.settings import GIB, Nodes, Settings
+from tma_ray.campaign.script import confirm
+from tma_ray.campaign.settings import GIB, ExecutionConfig, Nodes
 from tma_ray.cli import main
 from tma_ray.results import Committer, RunWriter
 from tma_ray.runs import Schedule
@@ -67,7 +67,7 @@ def test_a_campaign_on_a_cluster_is_refused_at_once_with_the_clusters_cost(
     monkeypatch.setattr("builtins.input", lambda _: pytest.fail("nobody can answer"))
     watched_by(monkeypatch, person=True)
     nodes = Nodes((NODE, NODE), "on the cluster's 2 nodes")
-    monkeypatch.setattr(heads, "cluster_nodes", lambda *_, **__: nodes)
+    monkeypatch.setattr("tma_ray.campaign.cluster.nodes.cluster_nodes", lambda *_, **__: nodes)
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"127.0.0.1:{server.getsockname()[1]}"
         for command in (["campaign"], ["experiment", "parkour"]):
@@ -87,21 +87,21 @@ def test_a_cluster_may_grow_to_the_nodes_of_its_file() -> None:
     ) as monitor:
         monitor.stdout.readline()
         try:
-            without = nodes_to_come(["10.1.2.3:6379"], gpus=False)
-            assert Nodes(tuple(without), "").at_once(Settings().resources) == 320
-            some = [node for node in nodes_to_come(["10.1.2.3:6379"], gpus=True) if node.get("GPU")]
+            without = autoscaled_nodes(["10.1.2.3:6379"], gpus=False)
+            assert Nodes(tuple(without), "").at_once(ExecutionConfig().resources) == 320
+            some = [node for node in autoscaled_nodes(["10.1.2.3:6379"], gpus=True) if node.get("GPU")]
             assert len(some) == 4
-            assert nodes_to_come(["10.9.9.9:6379"], gpus=False) == []
+            assert autoscaled_nodes(["10.9.9.9:6379"], gpus=False) == []
         finally:
             monitor.kill()
 
 
 def test_the_time_on_a_cluster_is_that_of_all_its_nodes() -> None:
     plan, nodes = plan_of("sac", 20_000_000, seeds=64), Nodes((NODE, NODE), "on the cluster's 2 nodes")
-    here, there = (long_cost(plan, "nowhere", Settings(), nodes=each) for each in (None, nodes))
+    here, there = (long_cost(plan, "nowhere", ExecutionConfig(), nodes=each) for each in (None, nodes))
     assert there.hours == here.hours
     assert there.wall_hours == pytest.approx(there.hours / 32)
-    shared = Settings(device="cuda")
+    shared = ExecutionConfig(device="cuda")
     gpus = Nodes(({**NODE, "GPU": 2.0}, {**NODE, "GPU": 1.0}, NODE), "on the cluster's 3 nodes")
     speed = replace(MEASURED, learner=1e5)
     found = lambda kinds, *_: dict.fromkeys(kinds, speed)  # noqa: E731
@@ -112,27 +112,27 @@ def test_the_time_on_a_cluster_is_that_of_all_its_nodes() -> None:
 
 
 def test_only_what_takes_over_an_hour_has_to_be_confirmed(tmp_path: Path) -> None:
-    assert long_cost(plan_of("ppo", 1_000_000), str(tmp_path), Settings()) is None
-    assert long_cost(plan_of("sac", 100_000), str(tmp_path), Settings()) is None
-    cost = long_cost(plan_of("sac", 20_000_000), str(tmp_path), Settings())
+    assert long_cost(plan_of("ppo", 1_000_000), str(tmp_path), ExecutionConfig()) is None
+    assert long_cost(plan_of("sac", 100_000), str(tmp_path), ExecutionConfig()) is None
+    cost = long_cost(plan_of("sac", 20_000_000), str(tmp_path), ExecutionConfig())
     per_run = 20_000_000 / next(iter(cost.throughputs.values())).training / 3600
     assert cost.hours == pytest.approx(2 * per_run, rel=0.05)
 
 
 def test_runs_that_are_done_do_not_count(tmp_path: Path) -> None:
     plan = plan_of("sac", 20_000_000)
-    whole = long_cost(plan, str(tmp_path), Settings())
+    whole = long_cost(plan, str(tmp_path), ExecutionConfig())
     committer = Committer.open(tmp_path)
     for done, left in enumerate((whole.hours / 2, 0.0), start=1):
         record = plan.runs[done - 1].record()
         attempt = committer.start(record)
         committer.finish(record, attempt, RunWriter(committer.store, record.run_id, attempt).finish())
-        cost = long_cost(plan, str(tmp_path), Settings())
+        cost = long_cost(plan, str(tmp_path), ExecutionConfig())
         assert (cost.hours if cost else 0.0) == pytest.approx(left)
 
 
 def test_the_answer_decides(monkeypatch: pytest.MonkeyPatch) -> None:
-    cost = long_cost(plan_of("sac", 20_000_000), "nowhere", Settings())
+    cost = long_cost(plan_of("sac", 20_000_000), "nowhere", ExecutionConfig())
     assert cost is not None
     confirm("campaign 'x'", cost, yes=True)
     with pytest.raises(ValueError, match="pass --yes"):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tma_ray.cli import main
-from tma_ray.cli.records import KEYS, json_value
+from tma_ray.cli.json_output import KEYS, json_value
 from tma_ray.results import RunStatus
 
 ARGUMENTS: dict[str, list[str]] = {

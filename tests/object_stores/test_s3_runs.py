@@ -14,7 +14,7 @@ from small_runs import data_files, run, short_run
 from analysis.baselines import find_baseline
 from analysis.tracking.event_folder import EventFolder
 from analysis.trials.design import make_design, released_runs
-from tma_ray.cli.trying import _Trial
+from tma_ray.cli.trial import _Trial
 from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table, create_root
 from tma_ray.results.layout import LEASE_FILE
 from tma_ray.results.storage import bucket

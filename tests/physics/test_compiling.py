@@ -27,20 +27,6 @@ import kernels
 assert (kernels.added(1, 2), kernels.added(1.5, 2)) == (3, 3.5)
 """
 
-COUNTED = """
-from tma_ray.support.jit import count_compiled
-count_compiled(lambda compiled, known: print(compiled, known))
-import kernels
-kernels.added(1, 2)
-"""
-
-
-@pytest.mark.slow
-def test_compiled_kernels_are_counted_among_those_that_are_known(tmp_path: Path) -> None:
-    other = KERNELS.partition("@kernel")[2].replace("added", "more")
-    (tmp_path / "kernels.py").write_text(f"{KERNELS}\n@kernel{other}")
-    assert python("-c", COUNTED, cwd=tmp_path) == "1 2\n"
-
 
 @pytest.mark.slow
 def test_a_compilation_is_announced_once_by_the_command_and_not_when_it_is_cached(tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ def test_an_input_cannot_name_a_place(name: str) -> None:
 
 
 def test_large_files_are_refused(hopper: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(inputs, "MOST_BYTES", 10)
+    monkeypatch.setattr(inputs, "MAX_INPUT_BYTES", 10)
     with pytest.raises(ValueError, match=r"hopper\.toml has 0 MiB"):
         hopping(hopper)
 

@@ -14,7 +14,7 @@ from small_runs import new_run, one_episode, rows, run, small_spec, stump_tracks
 
 from tma_ray.results import Table
 from tma_ray.runs import Cell, InlineTeacher, Reply, RunSpec, Schedule, effective_spec, evaluation
-from tma_ray.runs.evaluation import Trials
+from tma_ray.runs.evaluation import UntrainedEpisodes
 from tma_ray.runs.run import Run
 from tma_ray.students import STUDENTS, Student
 from tma_ray.tasks import Answer, Episode
@@ -109,10 +109,11 @@ def test_an_evaluation_is_one_episode_of_each_task(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make_spec: Callable[..., RunSpec]
 ) -> None:
     """Three at a time; more of them, then fewer."""
-    monkeypatch.setattr(evaluation, "WORLDS", 3)
+    monkeypatch.setattr(evaluation, "MAX_WORLDS", 3)
     spec = make_spec(tmp_path)
     whole = new_run(spec, tmp_path / "root")
-    playing, seeds = Trials(spec, np.random.SeedSequence(5)), np.random.default_rng(np.random.SeedSequence(5))
+    playing = UntrainedEpisodes(spec, np.random.SeedSequence(5))
+    seeds = np.random.default_rng(np.random.SeedSequence(5))
     for count in (2, 7, 1):
         tasks, before = spec.task_space.sample(np.random.default_rng(count), count), playing.state
         outcomes = playing.evaluate(whole.student, tasks, greedy=True, budget=100_000)

@@ -15,12 +15,11 @@ import analysis
 from analysis.measures.run_measures import run_measures
 from tma_ray.campaign import CampaignSpec, Plan
 from tma_ray.campaign.options import CampaignOptions, chosen_campaign
-from tma_ray.campaign.progress import Snapshot, Unseen, View
-from tma_ray.campaign.script import SINGLE_RUNS, execute_single
-from tma_ray.envs import make_environment
-from tma_ray.results import AttemptOutcome
+from tma_ray.campaign.progress import HiddenProgress, ProgressDisplay, Snapshot
+from tma_ray.campaign.script import execute_single
+from tma_ray.results import SINGLE_RUNS, AttemptOutcome
 from tma_ray.runs import Cell, Placement, Schedule
-from tma_ray.runs.inputs import arguments
+from tma_ray.runs.inputs import new_environment
 from tma_ray.runs.saved_policies import find_policy
 
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
@@ -28,15 +27,14 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 @dataclass(frozen=True, eq=False)
 class TrainedRun:
-    """A run that is done.
+    """A finished run.
 
     Attributes:
         run_id: id of the run.
-        mastered_area: the headline, mean share of mastered test tasks over the budget, in percent.
+        mastered_area: mean share of mastered test tasks over the budget, in percent.
         last_three: mean share of mastered test tasks at the last three evaluations, in percent.
         curve: columns ``step`` and ``mastered_percent``, a row for each evaluation.
-        policy: function from an observation (o,) to the action (a,) of the trained student, without
-            exploration.
+        policy: function from an observation (o,) to the trained student's action (a,), without exploration.
     """
 
     run_id: str
@@ -47,7 +45,7 @@ class TrainedRun:
 
 
 class RunsFailedError(RuntimeError):
-    """Some runs of a campaign failed; the message has their number, `outcome` the others."""
+    """Some runs of a campaign failed; `outcome` has the numbers of runs."""
 
     def __init__(self, outcome: Snapshot, results: str | Path) -> None:
         super().__init__(
@@ -65,23 +63,23 @@ def train(
     placement: Placement | None = None,
     **names: Any,
 ) -> TrainedRun:
-    """Train one student under one teacher in this process, and return what came of it.
+    """Train one student under one teacher in this process, and return the finished run.
 
     Args:
-        cell: the cell, None for the default one.
+        cell: cell to run, None for the default one.
         seed: seed of the run.
-        schedule: budget and intervals, or the budget alone, in environment steps; then there are 10
-            evaluations. None for the benchmark's.
-        results: results root, in which an interrupted run is continued and one that is done is not repeated;
-            None to keep nothing.
+        schedule: budget and intervals, or the budget alone, in environment steps, with 10 evaluations. None
+            for the benchmark's.
+        results: results root, where an interrupted run continues and a finished one is not repeated; None to
+            keep nothing.
         placement: device, threads, time between checkpoints.
         names: fields of the cell that differ, such as ``teacher="alp_gmm"``.
 
     Raises:
-        UnknownNameError: no such part.
-        ValueError: an impossible cell or schedule.
-        KeyboardInterrupt: the run was stopped; with a results root the same call continues.
-        tma_ray.campaign.script.SingleRunError: the run failed.
+        UnknownNameError: if a name is unknown.
+        ValueError: if the cell or schedule is impossible.
+        KeyboardInterrupt: if the run was stopped; with a results root the same call continues.
+        tma_ray.campaign.script.SingleRunError: if the run failed.
 
     Examples:
         >>> import tma_ray
@@ -92,21 +90,21 @@ def train(
     if isinstance(schedule, int):
         interval = max(1, schedule // 10)
         schedule = replace(Schedule(), steps=schedule, evaluation_interval=interval, training_window=interval)
-    chosen = replace(cell or Cell(), **names)
-    plan = CampaignSpec(SINGLE_RUNS, (chosen,), (seed,), schedule or Schedule()).plan()
+    cell = replace(cell or Cell(), **names)
+    plan = CampaignSpec(SINGLE_RUNS, (cell,), (seed,), schedule or Schedule()).plan()
     with tempfile.TemporaryDirectory() if results is None else nullcontext(results) as root:
         return trained_run(plan, root, placement or Placement())
 
 
 def trained_run(plan: Plan, results: str | Path, placement: Placement) -> TrainedRun:
-    """Return the only run of a plan, executed here if the results root lacks it; errors as of `train`."""
-    outcome, (spec,) = execute_single(plan, results, placement, Unseen()), plan.runs
+    """Execute the only run of a plan if the results root lacks it, and return it; see `train` for errors."""
+    outcome, (spec,) = execute_single(plan, results, placement, HiddenProgress()), plan.runs
     if outcome is not AttemptOutcome.DONE:
         raise KeyboardInterrupt(f"the run was {outcome}; with a results root the same call continues")
     frames = analysis.load(results)
     measures: Any = run_measures(frames).set_index("run_id").loc[spec.run_id]
     curve = frames.measured[frames.measured["run_id"] == spec.run_id]
-    environment = make_environment(spec.environment, **arguments(spec, "environment"))
+    environment = new_environment(spec)
     spaces: Any = (environment.observation_space, environment.action_space)
     return TrainedRun(
         spec.run_id,
@@ -118,30 +116,34 @@ def trained_run(plan: Plan, results: str | Path, placement: Placement) -> Traine
 
 
 def run_campaign(
-    campaign: CampaignSpec, results: str | Path = "results", *, view: View | None = None, **options: Any
+    campaign: CampaignSpec,
+    results: str | Path = "results",
+    *,
+    view: ProgressDisplay | None = None,
+    **options: Any,
 ) -> Snapshot:
-    """Run what a campaign lacks on Ray, and return the numbers of runs by outcome.
+    """Run the missing runs of a campaign on Ray, and return the numbers of runs by outcome.
 
-    Nothing is confirmed, and the process never exits.
+    It neither asks for confirmation nor exits the process.
 
     Args:
-        campaign: the campaign.
+        campaign: campaign to run.
         results: results root.
         view: display of its progress, None for none.
         options: fields of `CampaignOptions`, such as ``cpus_per_run=2`` and ``address="auto"``.
 
     Raises:
-        RunsFailedError: some runs failed.
-        KeyboardInterrupt: it was stopped; the same call continues.
-        Exception: errors of `tma_ray.campaign.execution.execute_plan`.
+        RunsFailedError: if some runs failed.
+        KeyboardInterrupt: if it was stopped; the same call continues.
+        Exception: if `tma_ray.campaign.execution.execute_plan` raises it.
     """
     from tma_ray.campaign.execution import execute_plan  # deferred: ray
 
     chosen = CampaignOptions(results=str(results), **options)
     plan = chosen_campaign(campaign, chosen).plan()
-    ended = execute_plan(plan, results, chosen.settings(), chosen.chosen_address(), view or Unseen())
-    if ended.done + ended.failed < ended.total:
-        raise KeyboardInterrupt(f"{ended.done} of {ended.total} runs are done; the same call continues")
-    if ended.failed:
-        raise RunsFailedError(ended, results)
-    return ended
+    outcome = execute_plan(plan, results, chosen.config(), chosen.chosen_address(), view or HiddenProgress())
+    if outcome.done + outcome.failed < outcome.total:
+        raise KeyboardInterrupt(f"{outcome.done} of {outcome.total} runs are done; the same call continues")
+    if outcome.failed:
+        raise RunsFailedError(outcome, results)
+    return outcome

@@ -1,4 +1,4 @@
-"""Experiments of the benchmark: the same flags for all, a size, a cost, and then the runs."""
+"""Planning, pricing and execution of the benchmark's experiments."""
 
 from dataclasses import replace
 
@@ -9,29 +9,26 @@ from tma_ray.campaign.costs import Cost, estimate
 from tma_ray.campaign.options import ExperimentOptions, parse_levels
 from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns, planned_experiments
 from tma_ray.campaign.script import run_plan
-from tma_ray.console.terminal import say, terminal
+from tma_ray.console.terminal import print_line, terminal
 from tma_ray.runs import Schedule
 from tma_ray.support.component_names import nearest
 
 
 def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> int:
-    """Run the part of `experiment` that `options` choose, after printing its size and cost.
-
-    See `run_plan` for the exit code and errors.
-    """
+    """Run the selected part of `experiment`, after printing its size and cost; see `run_plan`."""
     for reason in exclusions(experiment, options):
-        say(reason)
-    return run_plan(experiment_plan(experiment, options), str(options.results), options, told=True)
+        print_line(reason)
+    return run_plan(experiment_plan(experiment, options), str(options.results), options, show_cost=True)
 
 
 def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
-    """Return the runs of the part of `experiment` that the options choose.
+    """Return the runs of the selected part of `experiment`.
 
-    Stage, challenges, bodies and levels select; students take the place of the experiment's; teachers do
-    where the experiment leaves them open. Seeds are places in the list of seeds that each matrix has.
+    Stage, challenges, bodies and levels select; students replace the experiment's, and so do teachers if it
+    leaves them open. Seeds are indices into each matrix's seeds.
 
     Raises:
-        ValueError: a name that does not exist, or nothing left to run.
+        ValueError: if a name is unknown, or nothing is left to run.
     """
     size = experiment.size_at(options.tier)
     matrices = chosen_matrices(experiment, size, options)
@@ -75,15 +72,14 @@ def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptio
     """Return the experiment's matrices at a size, narrowed by the options.
 
     Raises:
-        ValueError: a stage, challenge, body, level or seed that none of them has, or a body that the size
-            leaves out.
+        ValueError: if none has a selected stage, challenge, body, level or seed, or the size excludes a body.
     """
     matrices = selected_matrices(experiment, options)
-    known = dict.fromkeys(body for matrix in matrices for body in matrix.embodiments)
+    bodies = dict.fromkeys(body for matrix in matrices for body in matrix.embodiments)
     for body in options.embodiments or ():
-        if body not in known:
-            hint = nearest(body, known)
-            raise ValueError(f"no embodiment {body!r} in this experiment: {hint}known: {', '.join(known)}")
+        if body not in bodies:
+            hint = nearest(body, bodies)
+            raise ValueError(f"no embodiment {body!r} in this experiment: {hint}known: {', '.join(bodies)}")
         if reason := size.excluded_bodies.get(body):
             raise ValueError(
                 f"embodiment {body!r}: {reason} Use --tier {Tier.PAPER}, with --steps for fewer."
@@ -91,19 +87,19 @@ def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptio
     levels = parse_levels(options.expert_knowledge or ())
     narrowed = []
     for whole in matrices:
-        small, bodies, places = size.of(whole), options.embodiments or whole.embodiments, options.seeds
-        if places and max(places) >= len(whole.seeds):
+        small, selected, indices = size.of(whole), options.embodiments or whole.embodiments, options.seeds
+        if indices and max(indices) >= len(whole.seeds):
             raise ValueError(
                 f"{whole.name} has {len(whole.seeds)} seeds, at places 0 to {len(whole.seeds) - 1}, and none "
-                f"at place {max(places)}"
+                f"at place {max(indices)}"
             )
         narrowed.append(
             replace(
                 small,
-                embodiments=tuple(body for body in small.embodiments if body in bodies),
+                embodiments=tuple(body for body in small.embodiments if body in selected),
                 levels=tuple(level for level in whole.levels if level in levels) if levels else small.levels,
                 students=options.students or small.students,
-                seeds=tuple(whole.seeds[place] for place in places) if places else small.seeds,
+                seeds=tuple(whole.seeds[index] for index in indices) if indices else small.seeds,
                 steps=options.steps or small.steps,
             )
         )
@@ -111,10 +107,10 @@ def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptio
 
 
 def plan_and_cost(experiment: Experiment, options: ExperimentOptions) -> tuple[Plan, Cost]:
-    """Return the runs of `experiment_plan` and their cost: on a cluster if the options name its address."""
-    plan = experiment_plan(experiment, options)
-    nodes = options.nodes() if options.address else None
-    return plan, estimate(plan, options.settings(), nodes=nodes)
+    """Return the selected runs and their cost, on a cluster if the options have its address."""
+    plan, config = experiment_plan(experiment, options), options.config()
+    nodes = options.nodes(config.device) if options.address else None
+    return plan, estimate(plan, config, nodes=nodes)
 
 
 def show_plan(title: str, plan: Plan, cost: Cost) -> None:
@@ -130,4 +126,4 @@ def show_plan(title: str, plan: Plan, cost: Cost) -> None:
         table.add_row(name, *(f"{count:,}" for count in counts), style="bold" if part is together else None)
     console.print(f"{title}\n", highlight=False)
     console.print(table)
-    say(cost.describe())
+    print_line(cost.describe())

@@ -1,4 +1,4 @@
-"""Answers to failures: retries of lost runs and refused writes, silent runs, requests to stop."""
+"""Handling of failures: retries of lost runs and refused writes, silent runs, stop signals."""
 
 import logging
 import math
@@ -10,12 +10,12 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Concatenate, ParamSpec, TypeVar
 
-from tma_ray.results import Committer, StorageError, retry
+from tma_ray.results import Committer, StorageError, growing_pause, retry
 from tma_ray.runs.spec import RunSpec
 
 
 class HeadLostError(RuntimeError):
-    """Ray's head has died, was stopped, or did not answer for as long as Ray waits for it."""
+    """Ray's head died, was stopped, or was silent for as long as Ray waits for it."""
 
 
 Arguments = ParamSpec("Arguments")
@@ -27,10 +27,10 @@ class OutageError(RuntimeError):
 
 
 class RetryingCommitter:
-    """Caller of the methods of a `Committer` that retries those that the storage refuses.
+    """Wrapper of a `Committer` that retries calls which the storage refuses.
 
-    Before every attempt it checks that the lease on the root is still held: a storage that was unavailable
-    for long may have been given to another campaign meanwhile.
+    It checks the lease on the root before every call: during a long outage another campaign may have
+    acquired it.
     """
 
     def __init__(self, committer: Committer, keep_lease: Callable[[], None], seconds: float) -> None:
@@ -51,8 +51,8 @@ class RetryingCommitter:
         """Return the result of an operation of the committer, as in ``call(Committer.manifest, run_id)``.
 
         Raises:
-            RootInUseError: another campaign holds the lease on the root.
-            OutageError: the storage refused every attempt.
+            RootInUseError: if another campaign holds the lease on the root.
+            OutageError: if the storage refuses every attempt.
         """
 
         def attempt() -> Result:
@@ -68,14 +68,13 @@ class RetryingCommitter:
             raise OutageError(f"the campaign ends after {self._seconds:.0f} s of retries: {error}") from error
 
 
-FIRST_PAUSE, LONGEST_PAUSE = 1.0, 300.0
-"""Pause after a run's first loss, doubled with every other, and its bound, s."""
+LONGEST_LOSS_PAUSE = 300.0  # longest pause before another attempt at a lost run, s
 
 
 class Retries:
-    """Runs that wait for another attempt after a loss.
+    """Lost runs that wait for another attempt.
 
-    Each loss of a run doubles the pause before its next attempt, so that what kills every attempt (too little
+    Each loss of a run doubles the pause before its next attempt, so that a persistent cause (too little
     memory, a broken mount) does not occupy the cluster.
     """
 
@@ -95,20 +94,19 @@ class Retries:
         return [spec for _, spec in self._pausing]
 
     def add_loss(self, spec: RunSpec, node: str) -> bool:
-        """Add a run that was lost on `node`, empty if unknown; return False if it is given up."""
+        """Add a run that was lost on `node` (empty if unknown); return False if it is given up."""
         self._lost_on.setdefault(spec.run_id, []).append(node)
         losses = self.losses(spec.run_id)
         if losses > self._most_losses:
             return False
-        pause = min(FIRST_PAUSE * 2 ** (losses - 1), LONGEST_PAUSE)
-        self._pausing.append((self._clock() + pause, spec))
+        self._pausing.append((self._clock() + growing_pause(losses, LONGEST_LOSS_PAUSE), spec))
         return True
 
     def due(self) -> list[RunSpec]:
-        """Return the runs whose pause is over; they wait here no longer."""
+        """Remove and return the runs whose pause is over."""
         now = self._clock()
-        due = [spec for at, spec in self._pausing if at <= now]
-        self._pausing = [(at, spec) for at, spec in self._pausing if at > now]
+        due = [spec for end, spec in self._pausing if end <= now]
+        self._pausing = [(end, spec) for end, spec in self._pausing if end > now]
         return due
 
     def losses(self, run_id: str) -> int:
@@ -121,13 +119,13 @@ class Retries:
 
 
 LOG_SECONDS = 60.0  # time between two messages, s
-MOST_NAMES = 3  # largest number of runs that a message names; the others are counted
+MOST_NAMED_RUNS = 3  # largest number of runs that a message names
 
 logger = logging.getLogger(__name__)
 
 
-class Silence:
-    """Record of runs that do not answer, which are given up after `most_seconds`."""
+class SilentRuns:
+    """Runs that do not answer, given up after `most_seconds`."""
 
     def __init__(self, most_seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._most_seconds = most_seconds
@@ -135,21 +133,21 @@ class Silence:
         self._since: dict[str, float] = {}
         self._logged = -math.inf
 
-    def lasts(self, run_id: str) -> bool:
-        """Note that a run did not answer; return True if it has been silent for too long.
+    def has_expired(self, run_id: str) -> bool:
+        """Record that a run did not answer; return True if it has been silent for too long.
 
-        All runs that are silent at the moment are logged, once a minute.
+        All silent runs are logged once a minute.
         """
         now = self._clock()
         since = self._since.setdefault(run_id, now)
         if now - self._logged >= LOG_SECONDS:
             self._logged = now
             names = sorted(self._since)
-            more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+            more = f" and {len(names) - MOST_NAMED_RUNS} more" if len(names) > MOST_NAMED_RUNS else ""
             verb = "do not answer and are" if len(names) > 1 else "does not answer and is"
             logger.warning(
                 "%s%s %s not known to be dead; after %.0f s of silence a run counts as lost",
-                ", ".join(names[:MOST_NAMES]),
+                ", ".join(names[:MOST_NAMED_RUNS]),
                 more,
                 verb,
                 self._most_seconds,
@@ -157,16 +155,16 @@ class Silence:
         return now - since > self._most_seconds
 
     def end(self, run_id: str) -> None:
-        """Note that a run answers, or is lost."""
+        """Record that a run answers, or is lost."""
         self._since.pop(run_id, None)
 
 
 @contextmanager
 def stop_signals() -> Iterator[threading.Event]:
-    """Context manager of an event that a first SIGINT or SIGTERM sets; a second raises KeyboardInterrupt.
+    """Context manager of an event set by the first SIGINT or SIGTERM; a second raises KeyboardInterrupt.
 
-    Enter it after `ray.init`, which installs handlers of its own. Outside of the main thread, where
-    Python cannot handle signals, it changes nothing.
+    Enter it after `ray.init`, which installs its own handlers. It does nothing outside the main thread,
+    where Python cannot handle signals.
     """
     requested = threading.Event()
 

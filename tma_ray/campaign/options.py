@@ -1,4 +1,4 @@
-"""Options that campaigns, experiments and single runs share, as scripts or as commands."""
+"""Command-line options shared by campaigns, experiments, trials and single runs."""
 
 import os
 import re
@@ -10,9 +10,16 @@ from typing import Annotated, Any
 from cyclopts import Group, Parameter
 
 from tma_ray.benchmark import Tier
-from tma_ray.campaign.cluster.base import check_address, host_and_port
+from tma_ray.campaign.cluster.addresses import check_address, host_and_port
 from tma_ray.campaign.plan import CampaignSpec
-from tma_ray.campaign.settings import COHORT_WIDTH, PLAYER, Nodes, Resources, Settings, TeacherPlacement
+from tma_ray.campaign.settings import (
+    COHORT_WIDTH,
+    PLAYER,
+    ExecutionConfig,
+    Nodes,
+    Resources,
+    TeacherPlacement,
+)
 from tma_ray.console.command_line import choice, value, values
 from tma_ray.console.types import named, root
 from tma_ray.results import Store, check_root
@@ -33,26 +40,26 @@ from tma_ray.support.quantities import (
 )
 from tma_ray.tasks import KnowledgeLevel
 
-MOST_SEEDS = 100_000  # seeds that one option may name
+MAX_SEEDS = 100_000  # largest number of seeds that an option may name
 OFF = "off"  # value of ``--cohort`` for runs that learn alone
-SCHEDULE = tuple(field.name for field in fields(Schedule))  # options of the schedule, as attributes
+SCHEDULE = tuple(field.name for field in fields(Schedule))  # attributes of the schedule's options
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Return a list of names."""
-    found = bodies(text)
-    if not all(found):
+    """Return comma-separated names."""
+    listed = bodies(text)
+    if not all(listed):
         raise refused(text, "expected names, separated by commas")
-    return found
+    return listed
 
 
 def bodies(text: str) -> tuple[str, ...]:
-    """Return a list of bodies; an empty text is the one empty name, of an environment without bodies."""
+    """Return comma-separated names of bodies, which are empty for an environment without bodies."""
     return tuple(name.strip() for name in text.split(","))
 
 
 def parse_assignment(text: str) -> tuple[str, str]:
-    """Return the two sides of NAME=VALUE.
+    """Return name and value of NAME=VALUE.
 
     Examples:
         >>> parse_assignment("swinging_creepers=true")
@@ -65,7 +72,7 @@ def parse_assignment(text: str) -> tuple[str, str]:
 
 
 def parse_space(text: str) -> dict[str, tuple[float, float]]:
-    """Return bounds of a task space.
+    """Return the bounds of a task space.
 
     Examples:
         >>> parse_space("stump_height=0:0.3,obstacle_spacing=3:6")
@@ -88,16 +95,16 @@ def parse_space(text: str) -> dict[str, tuple[float, float]]:
 
 
 def parse_hours(text: str) -> float:
-    """Return a time such as 8h, 30min or 8 in hours."""
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(h|min)?", text.strip())
-    hours = float(found[1]) / (60 if found[2] == "min" else 1) if found else 0.0
+    """Return the hours of a time such as 8h, 30min or 8."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(h|min)?", text.strip())
+    hours = float(match[1]) / (60 if match[2] == "min" else 1) if match else 0.0
     if not 0 < hours < 100_000:  # more is a slip
         raise refused(text, "expected a time such as 8h or 30min")
     return hours
 
 
 def parse_points(text: str) -> float:
-    """Return a margin in points."""
+    """Return a margin in percentage points."""
     points = float(text) if re.fullmatch(r"\d+(\.\d+)?", text.strip()) else 0.0
     if not 0 < points < 100:
         raise refused(text, "expected points of mastered tasks, over 0 and under 100")
@@ -105,51 +112,51 @@ def parse_points(text: str) -> float:
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
-    """Return the first seeds of a number ("4"), or given ones ("8-11", "0,5").
+    """Return the first seeds ("4"), or the listed ones ("8-11", "0,5").
 
     Examples:
         >>> parse_seeds("3"), parse_seeds("8-10"), parse_seeds("0,5")
         ((0, 1, 2), (8, 9, 10), (0, 5))
     """
-    is_known = re.fullmatch(r"\d{1,19}(-\d{1,19}|(,\d{1,19})+)?", text, re.ASCII)
-    numbers = tuple(map(int, re.findall(r"\d+", text))) if is_known else (0,)
+    valid = re.fullmatch(r"\d{1,19}(-\d{1,19}|(,\d{1,19})+)?", text, re.ASCII)
+    numbers = tuple(map(int, re.findall(r"\d+", text))) if valid else (0,)
     seeds: Sequence[int] = range(numbers[0])
     if len(numbers) > 1:
         seeds = numbers if "," in text else range(numbers[0], numbers[1] + 1)
     if not seeds or seeds[-1] > SEED.most:
         raise refused(text, "expected a number (4), a range (8-11) or a list (0,5)")
-    if len(seeds) > MOST_SEEDS or len(set(seeds)) < len(seeds):
-        reason = f"more than {MOST_SEEDS:,} seeds" if len(seeds) > MOST_SEEDS else "a seed is given twice"
+    if len(seeds) > MAX_SEEDS or len(set(seeds)) < len(seeds):
+        reason = f"more than {MAX_SEEDS:,} seeds" if len(seeds) > MAX_SEEDS else "a seed is given twice"
         raise refused(text, reason)
     return tuple(seeds)
 
 
-def parse_levels(given: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
-    """Return levels of expert knowledge by their names."""
-    unknown = [level for level in given if level not in list(KnowledgeLevel)]
+def parse_levels(names: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
+    """Return levels of expert knowledge by name."""
+    unknown = [name for name in names if name not in list(KnowledgeLevel)]
     if unknown:
         raise ValueError(
             f"unknown level of expert knowledge {unknown[0]!r}: {nearest(unknown[0], KnowledgeLevel)}"
             f"expected one of {', '.join(KnowledgeLevel)}"
         )
-    return tuple(KnowledgeLevel(level) for level in given)
+    return tuple(map(KnowledgeLevel, names))
 
 
 def parse_device(text: str) -> str:
-    """Return torch's name of a device, which need not exist here."""
+    """Return torch's name of a device, which this machine need not have."""
     check_device(text)
     return text
 
 
 def parse_results(text: str) -> str:
-    """Return a results root to write to: a folder, there or to be made, or an address."""
+    """Return a results root to write to, an address or a folder, which need not exist."""
     if "://" not in root(text):
         Store.open(text).check_location()
     return text
 
 
 def parse_source(text: str) -> str:
-    """Return a results root or a release to read, which has to be one."""
+    """Return an existing results root or release to read."""
     try:
         check_root(Store.open(root(text)))
     except OSError as error:
@@ -183,11 +190,11 @@ def parse_cohort(text: str) -> int:
 
 WHAT = {"group": Group("what to run", sort_key=2)}
 HOW = {"group": Group("how to run it", sort_key=3)}
-"""Groups of options in helps."""
+"""Groups of options in help texts."""
 
 Names = Annotated[tuple[str, ...] | None, value(names, "NAME,...", **WHAT)]
 Steps = Annotated[int | None, value(COUNT, "N", **WHAT)]
-Results = Annotated[str | Path, value(parse_results, "ROOT")]
+ResultsRoot = Annotated[str | Path, value(parse_results, "ROOT")]
 Device = Annotated[str, value(parse_device, "DEVICE", **HOW)]
 Seconds = Annotated[float, value(SECONDS, "SECONDS", **HOW)]
 Yes = Annotated[
@@ -203,7 +210,7 @@ Yes = Annotated[
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ScheduleOptions:
-    """Options of the budget and its intervals; None is the default of the run.
+    """Options of the schedule; None for the run's default.
 
     Attributes:
         steps: training budget of each run, in environment steps
@@ -220,15 +227,15 @@ class ScheduleOptions:
     training_window: Steps = None
 
     def schedule(self, schedule: Schedule) -> Schedule:
-        """Return `schedule` with what the flags replace."""
-        given = {name: getattr(self, name) for name in SCHEDULE}
-        return replace(schedule, **{name: number for name, number in given.items() if number is not None})
+        """Return `schedule` with the values of these options."""
+        options = {name: getattr(self, name) for name in SCHEDULE}
+        return replace(schedule, **{name: number for name, number in options.items() if number is not None})
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class CellOptions:
-    """Options with one value for all cells.
+    """Options that apply to all cells.
 
     Attributes:
         space: other bounds of the task space, as in stump_height=0:0.3,obstacle_spacing=3:6 (default: the
@@ -246,7 +253,7 @@ class CellOptions:
     test_set: Annotated[str | None, value(named("the name of a test set"), "NAME", **WHAT)] = None
 
     def environment_name(self, name: str) -> str:
-        """Return the name of an environment with the options that the command line adds to it."""
+        """Return the name of an environment with these options."""
         return name + "".join(join_name("", {key: text}) for key, text in self.environment_option)
 
 
@@ -282,13 +289,13 @@ class RunOptions(CellOptions, ScheduleOptions):
     threads: Annotated[int, value(PROCESSES, "N", **HOW)] = Placement.threads
     checkpoint_seconds: Seconds = Placement.checkpoint_seconds
     yes: Yes = False
-    results: Results = "results"
+    results: ResultsRoot = "results"
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ChoiceOptions(ScheduleOptions):
-    """Options that choose among cells; None is what there is.
+    """Options that select cells; None for all.
 
     Attributes:
         teachers: teachers, with hyper-parameters if wanted, as in alp_gmm:fit_every=100,riac
@@ -312,7 +319,7 @@ class ChoiceOptions(ScheduleOptions):
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ExecutionOptions:
-    """Options that choose how to run something on Ray.
+    """Options of the execution on Ray.
 
     Attributes:
         local: start a Ray on this machine, whatever RAY_ADDRESS says
@@ -337,12 +344,12 @@ class ExecutionOptions:
     cpus_per_run: Annotated[float | None, value(CORES, "X", **HOW)] = None
     gpus_per_run: Annotated[float, value(GPUS, "X", **HOW)] = Resources.gpus
     memory_per_run: Annotated[float | None, value(MEMORY, "GIB", **HOW)] = None
-    device: Device = Settings.device
+    device: Device = ExecutionConfig.device
     cohort: Annotated[int | None, value(parse_cohort, "WIDTH", **HOW)] = None
     teacher_placement: Annotated[TeacherPlacement, choice(TeacherPlacement, **HOW)] = TeacherPlacement.ACTOR
-    checkpoint_seconds: Seconds = Settings.checkpoint_seconds
-    outage_seconds: Seconds = Settings.outage_seconds
-    unreachable_seconds: Seconds = Settings.unreachable_seconds
+    checkpoint_seconds: Seconds = ExecutionConfig.checkpoint_seconds
+    outage_seconds: Seconds = ExecutionConfig.outage_seconds
+    unreachable_seconds: Seconds = ExecutionConfig.unreachable_seconds
     start_from: Annotated[str | Path | None, value(parse_source, "ROOT", **HOW)] = None
     dry_run: Annotated[bool, Parameter(**HOW)] = False
     yes: Yes = False
@@ -351,13 +358,13 @@ class ExecutionOptions:
         if self.local and self.address:
             raise ValueError("argument --address: not allowed with --local, which is a Ray on this machine")
 
-    def settings(self) -> Settings:
-        """Return the settings of a campaign's execution that the flags ask for."""
-        given = {"cpus": self.cpus_per_run, "memory_gib": self.memory_per_run}
-        own = {name: number for name, number in given.items() if number is not None}
-        return Settings(
-            resources=Resources(**own, gpus=self.gpus_per_run),
-            player=replace(PLAYER, **own),
+    def config(self) -> ExecutionConfig:
+        """Return the configuration of a campaign's execution."""
+        options = {"cpus": self.cpus_per_run, "memory_gib": self.memory_per_run}
+        resources = {name: number for name, number in options.items() if number is not None}
+        return ExecutionConfig(
+            resources=Resources(**resources, gpus=self.gpus_per_run),
+            player=replace(PLAYER, **resources),
             device=self.device,
             cohort=self.cohort,
             teachers=self.teacher_placement,
@@ -368,24 +375,23 @@ class ExecutionOptions:
         )
 
     def chosen_address(self) -> str | None:
-        """Return the cluster's address, None for a Ray on this machine."""
+        """Return the cluster's address, None for this machine."""
         return None if self.local else self.address or os.environ.get("RAY_ADDRESS") or None
 
-    def nodes(self) -> Nodes | None:
-        """Return the nodes of the cluster that would execute a campaign; None for this machine or a dry run.
+    def nodes(self, device: str) -> Nodes | None:
+        """Return the cluster's nodes for runs on `device`, None for this machine or a dry run.
 
         Raises:
-            ValueError: an address that cannot be a cluster's.
-            ConnectionError: no cluster answers there, or it has another token.
+            ValueError: if the address is malformed.
+            ConnectionError: if no cluster answers there, or it has another token.
         """
         address = self.chosen_address()
         if address is None or self.dry_run:
             return None
-        from tma_ray.campaign.cluster.heads import cluster_nodes
+        from tma_ray.campaign.cluster.nodes import cluster_nodes  # deferred: ray
 
         check_address(address)
-        gpus = self.settings().device != "cpu"
-        return cluster_nodes(address, gpus=gpus, autoscaling=self.autoscaling)
+        return cluster_nodes(address, gpus=device != "cpu", autoscaling=self.autoscaling)
 
 
 @Parameter(name="*")
@@ -399,7 +405,7 @@ class CampaignOptions(ExecutionOptions, CellOptions, ChoiceOptions):
     """
 
     environment: Annotated[str | None, value(named("the name of an environment"), "NAME", **WHAT)] = None
-    results: Results = "results"
+    results: ResultsRoot = "results"
 
 
 @Parameter(name="*")
@@ -415,7 +421,7 @@ class ExperimentOptions(ExecutionOptions, ChoiceOptions):
 
     tier: Annotated[Tier, choice(Tier, **WHAT)] = Tier.PAPER
     stage: Annotated[str | None, value(named("the name of a stage"), "NAME", **WHAT)] = None
-    results: Results = "results"
+    results: ResultsRoot = "results"
 
 
 @Parameter(name="*")
@@ -439,7 +445,7 @@ class TrialOptions(ExecutionOptions):
     budget: Annotated[float | None, value(parse_hours, "HOURS", **WHAT)] = None
     simulated: Annotated[bool, Parameter(**WHAT)] = False
     jobs: Annotated[int, value(PROCESSES, "N", **HOW)] = 2
-    results: Results = "results"
+    results: ResultsRoot = "results"
 
 
 EXECUTION_DEFAULTS = {
@@ -447,40 +453,39 @@ EXECUTION_DEFAULTS = {
     "--memory-per-run": f"{Resources.memory_gib:g}, in a cohort {PLAYER.memory_gib:g}",
     "--cohort": f"{COHORT_WIDTH} with --device cuda, else {OFF}",
 }
-"""Defaults of `ExecutionOptions` for a help, by the names of options."""
+"""Defaults of `ExecutionOptions` in help texts, by option."""
 
 
 def flag(name: str) -> str:
-    """Return the name of the option of an attribute."""
+    """Return the option of an attribute."""
     return f"--{name.replace('_', '-')}"
 
 
 EXPERIMENT_DEFAULTS = EXECUTION_DEFAULTS | {
     flag(field.name): "the experiment's" for field in fields(ChoiceOptions)
 }
-"""Defaults of `ExperimentOptions` for a help, by the names of options."""
+"""Defaults of `ExperimentOptions` in help texts, by option."""
 
 
 def schedule_defaults(schedule: Schedule) -> dict[str, str]:
-    """Return the values of a schedule for a help, by the names of options."""
+    """Return the values of a schedule for a help text, by option."""
     return {flag(name): f"{getattr(schedule, name):,}" for name in SCHEDULE}
 
 
 def campaign_defaults(campaign: CampaignSpec) -> dict[str, str]:
-    """Return the values of a campaign for a help, by the names of options."""
+    """Return the values of a campaign for a help text, by option."""
     options = ("teachers", "students", "challenges", "embodiments", "expert_knowledge", "environment")
-    listed = {
-        flag(name): ",".join(dict.fromkeys(str(getattr(c, name.removesuffix("s"))) for c in campaign.cells))
-        or "none"
-        for name in options
-    }
+    defaults = {}
+    for name in options:
+        values = dict.fromkeys(str(getattr(cell, name.removesuffix("s"))) for cell in campaign.cells)
+        defaults[flag(name)] = ",".join(values) or "none"
     first = campaign.seeds == tuple(range(len(campaign.seeds)))
     seeds = str(len(campaign.seeds)) if first else ",".join(map(str, campaign.seeds))
-    return {**EXECUTION_DEFAULTS, **listed, "--seeds": seeds, **schedule_defaults(campaign.schedule)}
+    return {**EXECUTION_DEFAULTS, **defaults, "--seeds": seeds, **schedule_defaults(campaign.schedule)}
 
 
 def chosen_campaign(campaign: CampaignSpec, options: CampaignOptions) -> CampaignSpec:
-    """Return `campaign` with each combination of the values that the flags give, equal cells once."""
+    """Return `campaign` with all distinct combinations of the options' values."""
     choices: dict[str, Sequence[Any] | None] = {
         "environment": (options.environment,) if options.environment else None,
         "challenge": options.challenges,
@@ -492,9 +497,9 @@ def chosen_campaign(campaign: CampaignSpec, options: CampaignOptions) -> Campaig
         "space": (options.space,) if options.space else None,
     }
     cells = list(campaign.cells)
-    for name, chosen in choices.items():
-        if chosen is not None:
-            cells = [replace(cell, **{name: each}) for cell in cells for each in chosen]
+    for name, selected in choices.items():
+        if selected is not None:
+            cells = [replace(cell, **{name: item}) for cell in cells for item in selected]
     unique: list[Cell] = []
     for cell in cells:
         changed = replace(cell, environment=options.environment_name(cell.environment))

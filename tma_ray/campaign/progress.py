@@ -1,4 +1,4 @@
-"""Progress of campaigns, live from their drivers, and from any machine that sees a results root."""
+"""Progress of campaigns, live in their drivers, or read from a results root on any machine."""
 
 import math
 import time
@@ -31,24 +31,11 @@ from tma_ray.results import (
     TrialFile,
 )
 from tma_ray.runs.placement import Status
-
-
-def duration(seconds: float) -> str:
-    """Return a time span in the two units that matter.
-
-    Examples:
-        >>> duration(42), duration(200), duration(7300), duration(200_000)
-        ('42 s', '3 min 20 s', '2 h 1 min', '2 d 7 h')
-    """
-    units = [(86_400, "d"), (3_600, "h"), (60, "min"), (1, "s")]
-    for (size, name), (smaller, smaller_name) in zip(units, [*units[1:], (0, "")], strict=True):
-        if seconds >= size and smaller:
-            return f"{int(seconds // size)} {name} {int(seconds % size // smaller)} {smaller_name}"
-    return f"{int(seconds)} s"
+from tma_ray.support.texts import duration
 
 
 def learner_line(learner: LearnerProgress) -> str:
-    """Return the learner of a cohort in one line."""
+    """Return the progress of a cohort's learner in one line."""
     kind = "memory" if learner.device == "cpu" else "GPU memory"
     return (
         f"learner on {learner.host}, {learner.device}: {learner.runs} of {learner.width} slots, "
@@ -57,12 +44,12 @@ def learner_line(learner: LearnerProgress) -> str:
     )
 
 
-MOST_ROWS = 20  # running runs shown on a terminal; the others are counted
+MAX_ROWS = 20  # largest number of runs shown on a terminal
 
 
 @dataclass(frozen=True)
 class ActiveRun:
-    """Progress of one run: its id, its budget in steps, and its status."""
+    """Running run with its budget in steps and its status."""
 
     run_id: str
     steps: int
@@ -76,10 +63,10 @@ class Snapshot:
     Attributes:
         total: runs of the campaign.
         done: runs whose results are published.
-        failed: runs that raised, or died too often.
-        stopped: runs that left with a checkpoint.
-        waiting: runs not yet started, or still starting.
-        waiting_steps: environment steps of those.
+        failed: runs that raised, or were lost too often.
+        stopped: runs that stopped with a checkpoint.
+        waiting: runs not yet started, or starting.
+        waiting_steps: environment steps of waiting runs.
         total_steps: environment steps of all runs.
         running: runs that train.
         learners: learners of cohorts.
@@ -96,7 +83,7 @@ class Snapshot:
     learners: Sequence[LearnerProgress] = ()
 
     def headline(self) -> str:
-        """Return the campaign in one line, with the time left at the present speed."""
+        """Return the progress in one line, with the time left at the current speed."""
         parts = [f"{self.done}/{self.total} runs done"]
         parts += [f"{self.failed} failed"] if self.failed else []
         parts += [f"{self.stopped} stopped"] if self.stopped else []
@@ -110,18 +97,18 @@ class Snapshot:
         return ", ".join(parts)
 
 
-class View(Protocol):
+class ProgressDisplay(Protocol):
     """Display of a campaign's progress."""
 
     def update(self, snapshot: Snapshot) -> None:
-        """Show the latest snapshot."""
+        """Show a snapshot."""
 
     def close(self, snapshot: Snapshot) -> None:
         """Show the last snapshot."""
 
 
-class Unseen:
-    """View that shows nothing."""
+class HiddenProgress:
+    """Display that shows nothing."""
 
     def update(self, snapshot: Snapshot) -> None:
         """Show nothing."""
@@ -131,9 +118,9 @@ class Unseen:
 
 
 class PublishedProgress:
-    """View that passes snapshots to another one, and writes them as heartbeats into the results root."""
+    """Display that writes heartbeats into the results root, and passes snapshots to another display."""
 
-    def __init__(self, view: View, heartbeat: HeartbeatWriter) -> None:
+    def __init__(self, view: ProgressDisplay, heartbeat: HeartbeatWriter) -> None:
         self._view = view
         self._heartbeat = heartbeat
 
@@ -152,7 +139,7 @@ class PublishedProgress:
 
 
 class ProgressView:
-    """View with a live table on a terminal, else a line now and then."""
+    """Display with a live table on a terminal, or a line every `line_seconds` otherwise."""
 
     def __init__(self, console: Console | None = None, line_seconds: float = 15.0) -> None:
         self._console = terminal(console)
@@ -171,12 +158,12 @@ class ProgressView:
         table = Grid(box=None, pad_edge=False)
         for heading in ("run", "step", "of", "steps/s", "episodic return"):
             table.add_column(heading, justify="left" if heading == "run" else "right")
-        for run in snapshot.running[:MOST_ROWS]:
+        for run in snapshot.running[:MAX_ROWS]:
             status = run.status
             episodic_return = "" if math.isnan(status.episodic_return) else f"{status.episodic_return:.1f}"
             numbers = f"{status.step:,}", f"{run.steps:,}", f"{status.steps_per_second:,.0f}"
             table.add_row(run.run_id, *numbers, episodic_return)
-        hidden = len(snapshot.running) - MOST_ROWS
+        hidden = len(snapshot.running) - MAX_ROWS
         more = [Text(f"and {hidden} more running")] if hidden > 0 else []
         learners = [Text(learner_line(learner)) for learner in snapshot.learners]
         if not self._started:
@@ -186,7 +173,7 @@ class ProgressView:
         self._live.update(shown, refresh=True)
 
     def close(self, snapshot: Snapshot) -> None:
-        """Show the last snapshot and leave the terminal as it was."""
+        """Show the last snapshot and end the live table."""
         if self._live is not None and self._started:
             self._live.update(Text(snapshot.headline()), refresh=True)
             self._live.stop()
@@ -197,25 +184,23 @@ class ProgressView:
         self._console.print(snapshot.headline(), highlight=False, soft_wrap=True)
 
 
-CELL = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
-"""Columns of the parts of a cell."""
+CELL_COLUMNS = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
+"""Columns that identify a cell."""
 
-INTERRUPTED = "interrupted"
-"""State of a run that has been started and is not done, and whose last attempt or campaign has ended."""
-
-WAITING = "waiting"  # state of a run of a campaign that has not been started
+INTERRUPTED = "interrupted"  # state of an unfinished run whose last attempt or campaign has ended
+WAITING = "waiting"  # state of a run that was never started
 
 
 @dataclass(frozen=True)
 class RunState:
-    """One run of a campaign.
+    """State of one run of a campaign.
 
     Attributes:
-        run_id: its id.
+        run_id: id of the run.
         state: done, running, failed, interrupted or waiting.
-        step: environment steps that are published or in the campaign's last heartbeat.
-        steps: its budget; 0 if it was never started.
-        steps_per_second: speed of the last heartbeat, 1/s; 0 of a run that is not running.
+        step: environment steps published or in the last heartbeat.
+        steps: budget; 0 if it was never started.
+        steps_per_second: speed in the last heartbeat, 1/s; 0 unless running.
         error: traceback or reason of a failure.
     """
 
@@ -229,12 +214,12 @@ class RunState:
 
 @dataclass(frozen=True)
 class Overview:
-    """The campaigns of a results root.
+    """State of a results root.
 
     Attributes:
-        campaigns: runs by campaign and by cell, whose name is the tuple of its parts.
-        heartbeat: last heartbeat in the root, None if there never was one.
-        trial: trial of the campaign, None if it is of none.
+        campaigns: runs by campaign and cell, a tuple of `CELL_COLUMNS`.
+        heartbeat: last heartbeat, None without one.
+        trial: trial, None without one.
     """
 
     campaigns: Mapping[str, Mapping[tuple[str, ...], list[RunState]]]
@@ -249,24 +234,24 @@ class Overview:
 
 
 def overview(root: str | Path, now: float) -> Overview:
-    """Return the state of the runs of a root at `now`, s since 1970."""
-    return Observer(root).look(now)
+    """Return the state of a root at `now`, s since 1970."""
+    return Observer(root).overview(now)
 
 
 class Observer:
-    """Reader of a root's state that reads again only what has changed."""
+    """Reader of a root's state that rereads only changed files."""
 
     def __init__(self, root: str | Path) -> None:
         self._store = Store.open(root)
         self._results: Results | None = None
         self._steps: dict[str, tuple[Manifest, int]] = {}
-        self._kept: dict[Table, tuple[object, list[dict[str, Any]]]] = {}
+        self._cached: dict[Table, tuple[object, list[dict[str, Any]]]] = {}
 
-    def look(self, now: float) -> Overview:
-        """Return the state of the runs at `now`, s since 1970.
+    def overview(self, now: float) -> Overview:
+        """Return the state of the root at `now`, s since 1970.
 
         Raises:
-            ResultsRootError: the root does not exist, or is one of another version.
+            ResultsRootError: if the root does not exist, or has another version.
         """
         self._results = results = Results(self._store, self._results)
         heartbeat = Heartbeat.load(self._store)
@@ -279,32 +264,32 @@ class Observer:
             outcomes[row["run_id"]] = max(outcomes.get(row["run_id"], (-1, "")), latest)
         steps, states = self._published_steps(unfinished), {}
         for manifest in results.runs():
-            run_id, state, speed = manifest.run.run_id, manifest.status.value, 0.0
+            run_id, status, speed = manifest.run.run_id, manifest.status.value, 0.0
             step = steps.get(run_id, manifest.run.steps)
             if manifest.status is RunStatus.RUNNING:
                 progress = running.get(run_id) if running else None
                 if running is None or outcomes.get(run_id, (-1, ""))[0] == manifest.attempt:
-                    state = INTERRUPTED
+                    status = INTERRUPTED
                 elif progress is not None:
                     step, speed = max(step, progress.step), progress.steps_per_second
-            states[run_id] = RunState(run_id, state, step, manifest.run.steps, speed, manifest.error)
+            states[run_id] = RunState(run_id, status, step, manifest.run.steps, speed, manifest.error)
         campaigns: dict[str, dict[tuple[str, ...], list[RunState]]] = {}
         for row in self._rows(Table.CELLS, unfinished):
             cells = campaigns.setdefault(row["campaign"], {})
-            found = states.get(row["run_id"], RunState(row["run_id"], WAITING, 0, 0))
-            cells.setdefault(tuple(row[name] for name in CELL), []).append(found)
+            state = states.get(row["run_id"], RunState(row["run_id"], WAITING, 0, 0))
+            cells.setdefault(tuple(row[name] for name in CELL_COLUMNS), []).append(state)
         return Overview(campaigns, heartbeat, TrialFile.load(self._store))
 
     def _rows(self, table: Table, unfinished: Collection[str], *which: Any) -> list[dict[str, Any]]:
-        """Return rows of a table as they were read last, until one of its files or a run's state changes."""
+        """Return rows of a table, cached until one of its files or a run's state changes."""
         assert self._results is not None
-        seen = self._store.stamps(f"{TABLES}/{table}"), list(unfinished)
-        if table not in self._kept or self._kept[table][0] != seen:
-            self._kept[table] = seen, self._results.table(table, *which).to_pylist()
-        return self._kept[table][1]
+        version = self._store.stamps(f"{TABLES}/{table}"), list(unfinished)
+        if table not in self._cached or self._cached[table][0] != version:
+            self._cached[table] = version, self._results.table(table, *which).to_pylist()
+        return self._cached[table][1]
 
     def _published_steps(self, unfinished: Mapping[str, Manifest]) -> dict[str, int]:
-        """Return the step of the last published episode of every unfinished run."""
+        """Return the last published step of every unfinished run."""
         assert self._results is not None
         new = [
             run for run, manifest in unfinished.items() if self._steps.get(run, (None, 0))[0] is not manifest
@@ -312,57 +297,57 @@ class Observer:
         if new:
             rows = self._results.table(Table.EPISODES, new, ["run_id", "step"])
             grouped = rows.group_by("run_id").aggregate([("step", "max")]).to_pylist()
-            found = {row["run_id"]: row["step_max"] for row in grouped}
-            self._steps |= {run: (unfinished[run], found.get(run, 0)) for run in new}
+            last_steps = {row["run_id"]: row["step_max"] for row in grouped}
+            self._steps |= {run: (unfinished[run], last_steps.get(run, 0)) for run in new}
         return {run: self._steps[run][1] for run in unfinished}
 
 
-COUNTED = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAITING)
-MOST_ERRORS, MOST_NAMES = 5, 3  # kinds of errors, and runs of each, that are named; the others are counted
+STATES = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAITING)
+MAX_ERRORS, MAX_RUNS = 5, 3  # largest numbers of errors, and of runs of each, that are listed
 MIN_NAME_WIDTH = 32  # width of the first column, in characters
-WATCH_SECONDS = 5.0  # time between two looks of a status that is watched, s
+REFRESH_SECONDS = 5.0  # time between two updates of a watched status, s
 
 
 def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:
-    """Print the state of the campaigns of a root and the reasons of failures; return True if runs failed.
+    """Print the state of a root's campaigns and the causes of failures; return True if runs failed.
 
-    With `cells` every cell has a line instead of every experiment, which joins its teachers.
+    With `cells` there is a line for every cell, instead of one for all teachers.
     """
     now = time.time()
-    found = overview(root, now)
-    terminal(console).print(_page(root, found, cells, now), highlight=False)
-    return found.failed
+    state = overview(root, now)
+    terminal(console).print(_status_page(root, state, cells, now), highlight=False)
+    return state.failed
 
 
 def watch_status(root: str | Path, cells: bool = False, console: Console | None = None) -> NoReturn:
-    """Show the state of the campaigns of a root every few seconds, until Ctrl-C."""
+    """Show the state of a root's campaigns every `REFRESH_SECONDS`, until Ctrl-C."""
     observer = Observer(root)
     with Live(console=terminal(console), auto_refresh=False) as live:
         while True:
             now = time.time()
-            live.update(_page(root, observer.look(now), cells, now), refresh=True)
-            time.sleep(WATCH_SECONDS)
+            live.update(_status_page(root, observer.overview(now), cells, now), refresh=True)
+            time.sleep(REFRESH_SECONDS)
 
 
-def _page(root: str | Path, found: Overview, cells: bool, now: float) -> Group:
+def _status_page(root: str | Path, overview: Overview, cells: bool, now: float) -> Group:
     trial: list[Text] = []
-    if found.trial is not None:
-        design, looks = found.trial.design, ", ".join(map(str, found.trial.design["looks"]))
-        state = f"ended ({found.trial.ended})" if found.trial.ended else "under way"
+    if overview.trial is not None:
+        design, looks = overview.trial.design, ", ".join(map(str, overview.trial.design["looks"]))
+        state = f"ended ({overview.trial.ended})" if overview.trial.ended else "under way"
         against = f"Trial of {design['teacher']} against {design['release']}"
         trial.append(Text(f"{against}: {state}; looks after {looks} seeds"))
-        trial += [Text(f"  {look.said}") for look in found.trial.looks]
-    if not found.campaigns:
+        trial += [Text(f"  {look.said}") for look in overview.trial.looks]
+    if not overview.campaigns:
         return Group(*trial, Text(f"{root} holds no campaign yet."))
-    parts: list[RenderableType] = [Text(_sign_of_life(found.heartbeat, now))]
-    if found.heartbeat is not None and found.heartbeat.alive(now):
-        parts += [Text(learner_line(learner)) for learner in found.heartbeat.learners]
+    parts: list[RenderableType] = [Text(_heartbeat_line(overview.heartbeat, now))]
+    if overview.heartbeat is not None and overview.heartbeat.alive(now):
+        parts += [Text(learner_line(learner)) for learner in overview.heartbeat.learners]
     parts += trial
-    for campaign, by_cell in found.campaigns.items():
+    for campaign, by_cell in overview.campaigns.items():
         runs = _distinct(chain.from_iterable(by_cell.values()))
         done = sum(run.state == RunStatus.DONE for run in runs)
         speed = sum(run.steps_per_second for run in runs)
-        budget = max((run.steps for run in runs), default=0)  # also of those that have not been started
+        budget = max((run.steps for run in runs), default=0)  # assumed for waiting runs
         left = sum((run.steps or budget) - run.step for run in runs if run.state != RunStatus.FAILED)
         eta = f", {speed:,.0f} steps/s, about {duration(left / speed)} left" if speed else ""
         headline = f"\ncampaign {campaign}: {done}/{len(runs)} runs done{eta}"
@@ -375,22 +360,22 @@ def _page(root: str | Path, found: Overview, cells: bool, now: float) -> Group:
     return Group(*parts)
 
 
-def _sign_of_life(heartbeat: Heartbeat | None, now: float) -> str:
+def _heartbeat_line(heartbeat: Heartbeat | None, now: float) -> str:
     if heartbeat is None:
         return "No campaign has given a sign of life here."
     age = f"{duration(max(0.0, now - heartbeat.at))} ago"
     if heartbeat.alive(now):
         return f"Running: {heartbeat.holder}; last heartbeat {age}."
-    at = datetime.fromtimestamp(heartbeat.at, UTC).strftime("%Y-%m-%d %H:%M UTC")
-    how = "left" if heartbeat.ended else "had its last heartbeat"
-    return f"No campaign is running. The last one, {heartbeat.holder}, {how} {age} ({at})."
+    date = datetime.fromtimestamp(heartbeat.at, UTC).strftime("%Y-%m-%d %H:%M UTC")
+    end = "left" if heartbeat.ended else "had its last heartbeat"
+    return f"No campaign is running. The last one, {heartbeat.holder}, {end} {age} ({date})."
 
 
 def _grid(groups: dict[str, list[RunState]]) -> Grid:
-    """Return a line for every group, with columns for the states that occur."""
+    """Return a table with a line per group and a column per occurring state."""
     members = {name: _distinct(runs) for name, runs in groups.items()}
     counts = {name: Counter(run.state for run in runs) for name, runs in members.items()}
-    states = [state for state in COUNTED if any(count[state] for count in counts.values())]
+    states = [state for state in STATES if any(count[state] for count in counts.values())]
     grid = Grid(box=None, pad_edge=False)
     grid.add_column("environment · challenge · body · student", min_width=MIN_NAME_WIDTH)
     for name in (*states, "steps", "steps/s"):
@@ -403,39 +388,39 @@ def _grid(groups: dict[str, list[RunState]]) -> Grid:
 
 
 def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
-    """Yield the errors, the most frequent first, and the commands to see and repeat their runs."""
+    """Yield the errors, most frequent first, and commands to inspect and repeat their runs."""
     kinds: dict[str, list[str]] = {}
     for run in runs:
         if run.state == RunStatus.FAILED:
             lines = (run.error or "").strip().splitlines()
             kinds.setdefault(lines[-1] if lines else "no message", []).append(run.run_id)
     ordered = sorted(kinds.items(), key=lambda kind: -len(kind[1]))
-    for error, names in ordered[:MOST_ERRORS]:
-        more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-        yield f"failed: {error}\n  {', '.join(names[:MOST_NAMES])}{more}"
-    if len(ordered) > MOST_ERRORS:
-        yield f"and {len(ordered) - MOST_ERRORS} other errors"
+    for error, names in ordered[:MAX_ERRORS]:
+        more = f" and {len(names) - MAX_RUNS} more" if len(names) > MAX_RUNS else ""
+        yield f"failed: {error}\n  {', '.join(names[:MAX_RUNS])}{more}"
+    if len(ordered) > MAX_ERRORS:
+        yield f"and {len(ordered) - MAX_ERRORS} other errors"
     if ordered:
         yield f"Traceback: tma-ray logs {ordered[0][1][0]} --results {root}"
         yield f"Once mended: tma-ray rerun {root} --failed"
 
 
 def _distinct(runs: Sequence[RunState] | Iterator[RunState]) -> list[RunState]:
-    """Return every run once: cells may share them."""
+    """Return every run once, since cells may share runs."""
     return list({run.run_id: run for run in runs}.values())
 
 
 def show_history(run: str, root: str | Path, console: Console | None = None) -> None:
-    """Print the history of a run, given by its id or the beginning of that of no other run.
+    """Print the history of a run, given by its id or an unambiguous prefix.
 
     Raises:
-        ValueError: no such run, or several.
+        ValueError: if no run has it, or several do.
     """
     console, results = terminal(console), Results.open(root)
     manifest = results.find(run)
     run_id = manifest.run.run_id
     console.print(Text(f"{run_id}: {manifest.status}", style="bold"))
-    for row in results.table(Table.ATTEMPTS, [run_id]).to_pylist():  # in their order
+    for row in results.table(Table.ATTEMPTS, [run_id]).to_pylist():
         console.print(
             f"attempt {row['attempt']}: {row['outcome']} after {duration(row['wall_seconds'])} "
             f"on {row['host'] or 'an unknown host'}, from {row['started_at']:%Y-%m-%d %H:%M:%S} UTC on",

@@ -1,14 +1,14 @@
-"""Repetitions: a release for other teachers, and unfinished runs of a results root."""
+"""Plans that repeat a release for other teachers, or unfinished runs of a results root."""
 
 import json
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tma_ray.campaign.options import SCHEDULE, CampaignOptions
+from tma_ray.campaign.options import SCHEDULE, CampaignOptions, flag
 from tma_ray.campaign.plan import Plan, cell_row
-from tma_ray.campaign.script import SINGLE_RUNS, run_plan
-from tma_ray.results import SIMULATED, Inspector, Results, RunStatus, Table
+from tma_ray.campaign.script import run_plan
+from tma_ray.results import SIMULATED, SINGLE_RUNS, Inspector, Results, RunStatus, Table
 from tma_ray.runs import Cell, RunSpec, effective_spec
 from tma_ray.runs.inputs import fetch, import_plugins
 from tma_ray.support.decoding import DamagedFileError
@@ -16,14 +16,14 @@ from tma_ray.support.texts import counted
 from tma_ray.tasks import KnowledgeLevel
 
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
-"""Fields of a spec in which another teacher may differ."""
+"""Fields of a spec that may differ between teachers."""
 
-BY_PART = ("plugins", "algorithm_versions", "inputs")  # fields of a spec with an entry for each of its parts
+COMPONENT_FIELDS = ("plugins", "algorithm_versions", "inputs")  # fields with an entry for each component
 
 
 @dataclass(frozen=True)
 class _Setting:
-    """Cells of a release that differ in teachers and seeds only: the spec of one, and the seeds of all."""
+    """Cells of a release that differ only in teacher and seed, with the spec of one and the seeds of all."""
 
     experiment: str
     level: KnowledgeLevel
@@ -39,9 +39,9 @@ def like_plan(
     challenges: Collection[str] = (),
     seeds: Collection[int] = (),
 ) -> Plan:
-    """Return the runs of `teachers` on the cells of a release, with its seeds and settings.
+    """Return the runs of `teachers` on a release's cells, with its seeds and settings.
 
-    Every cell's first seed comes before any cell's second.
+    All cells' first seeds come before all second seeds.
 
     Args:
         name: name of the campaign.
@@ -52,58 +52,63 @@ def like_plan(
         seeds: seeds of the release to repeat; all by default.
 
     Raises:
-        ValueError: a challenge, seed or campaign that the release does not have, a teacher that cannot run,
-            or a release that this version cannot repeat.
+        ValueError: if the release lacks a challenge, seed or campaign, a teacher cannot run, or this version
+            cannot repeat the release.
     """
     settings = _settings(released, core)
-    _check_there("challenge", challenges, dict.fromkeys(each.template.challenge for each in settings))
-    settings = [each for each in settings if not challenges or each.template.challenge in challenges]
-    _check_there("seed", seeds, sorted({seed for setting in settings for seed in setting.seeds}))
+    _check_released("challenge", challenges, dict.fromkeys(s.template.challenge for s in settings))
+    settings = [s for s in settings if not challenges or s.template.challenge in challenges]
+    _check_released("seed", seeds, sorted({seed for setting in settings for seed in setting.seeds}))
     if seeds:
-        settings = [replace(each, seeds=tuple(s for s in each.seeds if s in seeds)) for each in settings]
-        settings = [each for each in settings if each.seeds]
+        settings = [replace(s, seeds=tuple(seed for seed in s.seeds if seed in seeds)) for s in settings]
+        settings = [s for s in settings if s.seeds]
     planned = [
-        (place, spec, row)
+        (index, spec, row)
         for setting in settings
         for teacher in teachers
-        for place, (spec, row) in enumerate(_runs(setting, teacher, released))
+        for index, (spec, row) in enumerate(_runs(setting, teacher, released))
     ]
     rows = tuple(row for _, _, row in planned)
-    runs = {spec.run_id: spec for _, spec, _ in sorted(planned, key=lambda each: each[0])}
+    runs = {spec.run_id: spec for _, spec, _ in sorted(planned, key=lambda run: run[0])}
     cells = counted(len(settings) * len(teachers), "cell")
     size = f"{cells} like those of {released.store}, {len(rows):,} with their seeds"
     return Plan(name, size, tuple(runs.values()), rows)
 
 
-def _check_there(kind: str, chosen: Collection[Any], there: Collection[Any]) -> None:
-    for each in chosen:
-        if each not in there:
-            raise ValueError(f"the release has no {kind} {each!r}; it has {', '.join(map(str, there))}")
+def _check_released(kind: str, values: Collection[Any], released: Collection[Any]) -> None:
+    for value in values:
+        if value not in released:
+            raise ValueError(f"the release has no {kind} {value!r}; it has {', '.join(map(str, released))}")
 
 
 def trial_plan(
     name: str, released: Results, teacher: str, places: Sequence[tuple[str, ...]], seeds: Sequence[int]
 ) -> Plan:
-    """Return the runs of `teacher` on cells of a release with other seeds, one cell after the other.
+    """Return the runs of `teacher` on cells of a release with other seeds, cell by cell.
 
-    Places are environment, challenge, body, student and level of expert knowledge of each cell.
+    Args:
+        name: name of the campaign.
+        released: release.
+        teacher: teacher to try.
+        places: environment, challenge, body, student and level of expert knowledge of each cell.
+        seeds: seeds of each cell.
 
     Raises:
-        ValueError: a teacher that cannot run, or a release that this version cannot repeat.
+        ValueError: if the teacher cannot run, or this version cannot repeat the release.
     """
-    known = {
+    released_settings = {
         (spec.environment, spec.challenge, spec.embodiment, spec.student, setting.level.value): setting
         for setting in _settings(released, ())
         for spec in [setting.template]
     }
-    settings = [replace(known[place], seeds=tuple(seeds)) for place in places]  # type: ignore[index]
-    planned = [each for setting in settings for each in _runs(setting, teacher, released)]
+    settings = [replace(released_settings[cell], seeds=tuple(seeds)) for cell in places]  # type: ignore[index]
+    planned = [run for setting in settings for run in _runs(setting, teacher, released)]
     size = f"{counted(len(places), 'cell')} of {released.store} x {counted(len(seeds), 'seed')}"
     return Plan(name, size, tuple(spec for spec, _ in planned), tuple(row for _, row in planned))
 
 
 def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
-    """Return the settings of a release's cells, in the order of its experiments' names."""
+    """Return the settings of a release's cells, sorted by experiment."""
     specs = {manifest.run.run_id: manifest.run.spec for manifest in released.runs()}
     if not specs:
         raise ValueError(f"{released.store} has no runs: there is nothing to repeat")
@@ -113,20 +118,20 @@ def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
             f"--results ROOT"
         )
     cells = [row for row in released.table(Table.CELLS).to_pylist() if row["run_id"] in specs]
-    alone = set(specs) - {row["run_id"] for row in cells}
+    single = set(specs) - {row["run_id"] for row in cells}
     cells += [
         {**row, "campaign": "", "experiment": SINGLE_RUNS}
-        for row in released.table(Table.RUNS, alone).to_pylist()
+        for row in released.table(Table.RUNS, single).to_pylist()
     ]
     unknown = sorted(set(core) - {row["campaign"] for row in cells})
     if unknown:
         raise ValueError(f"{released.store} has no campaign {unknown[0]!r}")
     names = ("experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge")
-    found: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for row in cells if not core else [row for row in cells if row["campaign"] in core]:
-        found.setdefault(tuple(row[name] for name in names), []).append(row)
+        groups.setdefault(tuple(row[name] for name in names), []).append(row)
     settings = []
-    for key, rows in sorted(found.items()):
+    for key, rows in sorted(groups.items()):
         text = specs[min(row["run_id"] for row in rows)]
         try:
             template = RunSpec.from_json(text, f"a spec of {released.store}")
@@ -143,27 +148,27 @@ def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[
     """Yield the spec of each seed of a cell, and its row in the table of cells.
 
     Raises:
-        ValueError: they differ from the runs of the release in more than the teacher; the message says how.
+        ValueError: if they differ from the release's runs in more than the teacher.
     """
-    there = setting.template
+    template = setting.template
     cell = Cell(
-        environment=there.environment,
-        challenge=there.challenge,
-        embodiment=there.embodiment,
-        student=there.student,
+        environment=template.environment,
+        challenge=template.challenge,
+        embodiment=template.embodiment,
+        student=template.student,
         teacher=teacher,
         expert_knowledge=setting.level,
     )
-    first = replace(effective_spec(cell, 0, there.schedule), test_set=there.test_set)
-    ours, theirs = _without_teacher(first), _without_teacher(there)
-    differing = [name for name in sorted({*ours, *theirs}) if ours.get(name) != theirs.get(name)]
+    first = replace(effective_spec(cell, 0, template.schedule), test_set=template.test_set)
+    new, old = _without_teacher(first), _without_teacher(template)
+    differing = [name for name in sorted({*new, *old}) if new.get(name) != old.get(name)]
     if differing:
-        said = "; ".join(
-            f"{name}: {theirs.get(name)!r:.60} there, {ours.get(name)!r:.60} here" for name in differing
+        differences = "; ".join(
+            f"{name}: {old.get(name)!r:.60} there, {new.get(name)!r:.60} here" for name in differing
         )
         raise ValueError(
-            f"this version cannot repeat {released.store} ({there.challenge}): {said}. Use the version of "
-            f"tma_ray that it was made with, or another release"
+            f"this version cannot repeat {released.store} ({template.challenge}): {differences}. Use the "
+            f"version of tma_ray that it was made with, or another release"
         )
     for seed in setting.seeds:
         spec = replace(first, seed=seed)
@@ -172,46 +177,46 @@ def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[
 
 def _without_teacher(spec: RunSpec) -> dict[str, Any]:
     content = {name: value for name, value in spec.to_dict().items() if name not in TEACHER_FIELDS}
-    for name in BY_PART:
+    for name in COMPONENT_FIELDS:
         parts = content.get(name, {}).items()
         content[name] = {part: value for part, value in parts if part.partition(".")[0] != "teacher"}
     return content
 
 
-DECIDED = (
+RELEASED_OPTIONS = (
     *("students", "embodiments", "expert_knowledge", "environment", "space", "environment_option"),
     *("test_set", *SCHEDULE, "independent_levels"),
 )
-"""Options whose values the release has."""
+"""Options whose values come from the release."""
 
 
-def run_like(name: str, place: str, core: Collection[str], options: CampaignOptions) -> int:
-    """Run the cells and seeds of a release that the options choose; return the exit code.
+def run_like(name: str, release: str, core: Collection[str], options: CampaignOptions) -> int:
+    """Run the selected cells and seeds of a release; return the exit code.
 
     See `like_plan` and `run_plan` for further errors.
 
     Raises:
-        ValueError: no teacher, or an option whose value the release has.
-        ResultsRootError: `place` is not a results root.
+        ValueError: if no teacher is named, or an option's value comes from the release.
+        ResultsRootError: if `release` is not a results root.
     """
-    given = [f"--{name.replace('_', '-')}" for name in DECIDED if getattr(options, name)]
-    if given:
+    refused = [flag(name) for name in RELEASED_OPTIONS if getattr(options, name)]
+    if refused:
         raise ValueError(
-            f"--like takes {', '.join(given)} from the release; --teachers, --challenges and --seeds choose"
+            f"--like takes {', '.join(refused)} from the release; --teachers, --challenges and --seeds choose"
         )
     if not options.teachers:
         raise ValueError("which teachers? Name them with --teachers, as in --teachers mine:Teacher")
     challenges, seeds = options.challenges or (), options.seeds or ()
-    plan = like_plan(name, Results.open(place), options.teachers, core, challenges, seeds)
-    return run_plan(plan, str(options.results), options, told=True)
+    plan = like_plan(name, Results.open(release), options.teachers, core, challenges, seeds)
+    return run_plan(plan, str(options.results), options, show_cost=True)
 
 
 def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
-    """Return the plan of unfinished runs of a root: by ids or beginnings of them, and all that `failed`.
+    """Return the plan of unfinished runs of a root, given by ids or prefixes, and all that `failed`.
 
     Raises:
-        ValueError: nothing is named, no such run, one that is done, or a plug-in that was edited since:
-            its runs would be others, of the campaign that it belongs to.
+        ValueError: if nothing is named, a run does not exist or is done, or a plug-in was edited, which makes
+            other runs.
     """
     results = Results.open(root)
     chosen = {manifest.run.run_id: manifest for manifest in map(results.find, names)}
@@ -221,9 +226,9 @@ def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
         raise ValueError(
             f"no run of {root} failed" if failed else "pass run IDs or --failed, for all that failed"
         )
-    whole = [m for m in chosen.values() if m.status is RunStatus.DONE]
-    for manifest, found in Inspector(results.store).inspect_all(whole):
-        if not found.damage:
+    done = [m for m in chosen.values() if m.status is RunStatus.DONE]
+    for manifest, inspection in Inspector(results.store).inspect_all(done):
+        if not inspection.damage:
             raise ValueError(f"run {manifest.run.run_id} is done: there is nothing to run again")
     specs = []
     for run_id, manifest in chosen.items():

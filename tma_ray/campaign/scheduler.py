@@ -1,4 +1,4 @@
-"""The scheduler: chooses runs for an executor, commits their results, and repeats attempts that are lost."""
+"""Scheduling of runs: execution, commits of results, repeated attempts after losses."""
 
 import logging
 import time
@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
-from tma_ray.campaign.executors.base import Ending, Executor
+from tma_ray.campaign.executors.base import AttemptEnd, Executor
 from tma_ray.campaign.failures import HeadLostError, Retries, RetryingCommitter
-from tma_ray.campaign.progress import ActiveRun, Snapshot, View
-from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.progress import ActiveRun, ProgressDisplay, Snapshot
+from tma_ray.campaign.settings import ExecutionConfig
 from tma_ray.results import AttemptOutcome, AttemptRecord, Committer
 from tma_ray.runs.attempt import Report
 from tma_ray.runs.checkpoints import Checkpoints
@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass
 class _Running:
-    """A run with an attempt under way, and its last report."""
+    """A run with its current attempt and last report."""
 
     spec: RunSpec
     number: int
@@ -33,19 +33,18 @@ class _Running:
 
 
 class Scheduler:
-    """Scheduler of runs on an executor, as many at a time as it has room for.
+    """Scheduler of runs on an executor.
 
-    A lost run is resumed from its newest checkpoint by a new attempt. A run that raises is marked as failed,
-    with its traceback, and the others go on. `keep_lease` is called before anything is published, and raises
-    if another campaign holds the root.
+    A new attempt resumes a lost run from its newest checkpoint. A run that raises is marked as failed, with
+    its traceback. `keep_lease` is called before every commit, and raises if another campaign holds the root.
     """
 
     def __init__(
         self,
         committer: Committer,
         executor: Executor,
-        settings: Settings,
-        view: View,
+        settings: ExecutionConfig,
+        view: ProgressDisplay,
         keep_lease: Callable[[], None] = lambda: None,
     ) -> None:
         self._store = committer.store
@@ -57,12 +56,12 @@ class Scheduler:
         self._done = self._failed = self._stopped = 0
 
     def execute(self, specs: Sequence[RunSpec], stop_requested: Callable[[], bool]) -> Snapshot:
-        """Execute all of `specs` whose results the root lacks, in this order; return the counts of outcomes.
+        """Execute in order those `specs` whose results the root lacks; return the counts of outcomes.
 
-        Once `stop_requested` returns True, runs leave with a checkpoint and nothing new starts.
+        Once `stop_requested` returns True, runs stop with a checkpoint and nothing new starts.
 
         Raises:
-            HeadLostError: Ray is gone; its runs are recorded as lost.
+            HeadLostError: if Ray is lost; its runs are recorded as lost.
         """
         done = self._committer.call(Committer.done, [spec.run_id for spec in specs])
         self._done = len(done)
@@ -80,18 +79,18 @@ class Scheduler:
             self._record_lost()
             self._running.clear()
             raise
-        finally:  # also after a second Ctrl-C or an error of ours: no attempt outlives its campaign
+        finally:  # even after an error, no attempt outlives its campaign
             self._executor.close()
             self._view.close(self._snapshot())
         return self._snapshot()
 
-    def abandon(self) -> None:
-        """Record all runs as lost and close the view, in a thread other than one that waits for Ray."""
+    def record_loss(self) -> None:
+        """Record all runs as lost and close the view, while another thread waits for Ray."""
         self._record_lost()
         self._view.close(self._snapshot())
 
     def _fill(self) -> None:
-        """Start attempts for which the executor has room."""
+        """Start as many attempts as the executor accepts."""
         self._waiting.extend(self._retries.due())
         while (spec := self._executor.take(self._waiting)) is not None:
             number = self._committer.call(Committer.start, spec.record())
@@ -99,7 +98,7 @@ class Scheduler:
             self._running[spec.run_id] = _Running(spec, number, datetime.now(UTC))
 
     def _poll(self, seconds: float) -> None:
-        """Commit what the executor reports within `seconds`, and show the progress."""
+        """Commit the executor's events of the next `seconds`, and show the progress."""
         events = self._executor.poll(seconds, last=not (self._waiting or self._retries))
         self._committer.keep_lease()
         for event in events:
@@ -113,14 +112,14 @@ class Scheduler:
                 self._conclude(self._running.pop(event.run_id), event)
         self._view.update(self._snapshot())
 
-    def _conclude(self, running: _Running, ending: Ending) -> None:
+    def _conclude(self, running: _Running, ending: AttemptEnd) -> None:
         """Commit the outcome of an attempt that has ended."""
         record, number = running.spec.record(), running.number
         if ending.outcome is AttemptOutcome.DONE:
             self._committer.call(Committer.finish, record, number, ending.files)
             Checkpoints(self._store, record.run_id, number).drop()
             self._done += 1
-        if ending.without_fault and running.report is None:  # it has not begun: there is nothing to record
+        if ending.without_fault and running.report is None:  # it has not begun
             self._committer.call(Committer.withdraw, record.run_id, number)
         else:
             self._record(running, ending.outcome)
@@ -135,8 +134,8 @@ class Scheduler:
         self._committer.call(Committer.fail, running.spec.record(), running.number, reason)
         self._failed += 1
 
-    def _repeat(self, running: _Running, loss: Ending) -> None:
-        """Repeat a lost run, or mark it as failed after too many losses."""
+    def _repeat(self, running: _Running, loss: AttemptEnd) -> None:
+        """Retry a lost run, or mark it as failed after too many losses."""
         node = running.report.node if running.report else ""
         if loss.without_fault:
             self._waiting.append(running.spec)
@@ -158,7 +157,7 @@ class Scheduler:
             self._record(running, AttemptOutcome.LOST)
 
     def _record(self, running: _Running, outcome: AttemptOutcome) -> None:
-        """Write the row of an attempt, whose start alone is known before its first report."""
+        """Write the row of an attempt, with only its start before the first report."""
         if running.report is None:
             run_id, started_at = running.spec.run_id, running.started_at
             record = AttemptRecord(run_id, running.number, started_at, 0.0, 0.0, "", "{}", outcome)
@@ -167,7 +166,8 @@ class Scheduler:
         self._committer.call(Committer.record_attempt, record)
 
     def _snapshot(self) -> Snapshot:
-        starting = [each.spec for each in list(self._running.values()) if each.report is None]
+        attempts = list(self._running.values())
+        starting = [attempt.spec for attempt in attempts if attempt.report is None]
         waiting = [*self._waiting, *self._retries.specs, *starting]
         return Snapshot(
             total=self._total,
@@ -178,9 +178,9 @@ class Scheduler:
             waiting_steps=sum(spec.schedule.steps for spec in waiting),
             total_steps=self._total_steps,
             running=[
-                ActiveRun(each.spec.run_id, each.spec.schedule.steps, each.report.status)
-                for each in list(self._running.values())
-                if each.report is not None
+                ActiveRun(attempt.spec.run_id, attempt.spec.schedule.steps, attempt.report.status)
+                for attempt in attempts
+                if attempt.report is not None
             ],
             learners=self._executor.learners,
         )

@@ -1,4 +1,4 @@
-"""Campaigns as scripts, all with the same flags, and single runs without Ray."""
+"""Execution of campaigns from scripts and commands, and of single runs without Ray."""
 
 import sys
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cyclopts import App
 
-from tma_ray.campaign.costs import confirm, estimate, long_cost
+from tma_ray.campaign.costs import Cost, long_cost, quote
 from tma_ray.campaign.failures import HeadLostError, OutageError, stop_signals
 from tma_ray.campaign.options import (
     CampaignOptions,
@@ -18,12 +18,21 @@ from tma_ray.campaign.options import (
     parse_levels,
 )
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
-from tma_ray.campaign.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot, View
-from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.campaign.progress import ActiveRun, ProgressDisplay, ProgressView, PublishedProgress, Snapshot
+from tma_ray.campaign.settings import ExecutionConfig, Resources
 from tma_ray.console import command_line
 from tma_ray.console.exit_codes import FAILED, RAY_LOST, sentence
-from tma_ray.console.terminal import say
-from tma_ray.results import AttemptOutcome, Committer, HeartbeatWriter, Lease, Store, check_usable, start_from
+from tma_ray.console.terminal import print_line
+from tma_ray.results import (
+    SINGLE_RUNS,
+    AttemptOutcome,
+    Committer,
+    HeartbeatWriter,
+    Lease,
+    Store,
+    check_usable,
+    start_from,
+)
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
 from tma_ray.runs.inputs import importing_plugins
 from tma_ray.runs.placement import check_available
@@ -33,15 +42,15 @@ from tma_ray.support.texts import counted
 
 @dataclass(frozen=True)
 class Campaign(CampaignSpec):
-    """A campaign that a script starts by `main`; see `CampaignSpec` for its attributes."""
+    """A campaign with the command line of a script, `main`; see `CampaignSpec` for its attributes."""
 
     def main(self, arguments: Sequence[str] | None = None) -> None:
-        """Run the campaign as a script, with the options that all scripts share; exit with its code.
+        """Run the campaign as a script with the shared options, and exit.
 
-        0: all runs are done; 1: some failed, or the results could not be written any more; 2: refused before
-        anything ran; 75: Ray died or was stopped, resumable; 130: stopped, resumable.
+        Exit codes: 0, all runs are done; 1, some failed, or the storage did; 2, refused before anything ran;
+        75, Ray died or was stopped, resumable; 130, stopped, resumable.
 
-        Does nothing in a worker that imports the script for a plug-in that is defined in it.
+        It does nothing in a worker that imports the script for a plug-in.
         """
         if not importing_plugins():
             words = sys.argv[1:] if arguments is None else arguments
@@ -49,7 +58,7 @@ class Campaign(CampaignSpec):
 
 
 def script(campaign: CampaignSpec) -> App:
-    """Return the command line of the script of a campaign."""
+    """Return the command line of a campaign's script."""
 
     def run(*, options: CampaignOptions = CampaignOptions()) -> int:
         return execute(campaign, options)
@@ -59,61 +68,78 @@ def script(campaign: CampaignSpec) -> App:
 
 
 def execute(campaign: CampaignSpec, options: CampaignOptions) -> int:
-    """Run what `options` choose of `campaign`; return the exit code."""
+    """Run the selected part of `campaign`; return the exit code."""
     return run_plan(chosen_campaign(campaign, options).plan(), str(options.results), options)
 
 
-def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, told: bool = False) -> int:
-    """Print the size of `plan` and run it with the options; return the exit code, as of `Campaign.main`.
+def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, show_cost: bool = False) -> int:
+    """Print the size of `plan` and run it; return the exit code, as of `Campaign.main`.
 
-    More than an hour on this machine has to be confirmed, on a cluster beforehand (``--yes``). With `told`
-    the whole cost is printed, of short plans, too.
+    Over an hour on this machine must be confirmed, on a cluster by ``--yes``. With `show_cost` the whole
+    cost is printed, even if short.
 
     Raises:
-        ValueError: an address that cannot be a cluster's, or over an hour that was not confirmed.
-        ConnectionError: nothing listens at the address.
-        Exception: errors of `execute_plan`.
+        ValueError: if the address is malformed, or a long plan was not confirmed.
+        ConnectionError: if nothing listens at the address.
+        Exception: if `execute_plan` raises it.
     """
-    settings, address = options.settings(), options.chosen_address()
-    store, known = Store.open(results), None
-    if options.dry_run or told:
+    config, address, store = options.config(), options.chosen_address(), Store.open(results)
+    if options.dry_run or show_cost:
         check_usable(store)
-    nodes = options.nodes()
-    if told:
-        whole = estimate(plan, settings, nodes=nodes)
-        known = whole.throughputs
-        say(whole.describe())
-    say(plan.describe())
-    copy_released(store, options)
-    cost = long_cost(plan, results, settings, known, nodes)
-    if cost is not None and not told:
-        say(f"cost: {cost.summary()}")
+    nodes = options.nodes(config.device)
+    copied = copy_released(store, options)
+    whole, cost = quote(plan, results, config, nodes, whole=show_cost)
+    if whole is not None:
+        print_line(whole.describe())
+    print_line(plan.describe())
+    if copied:
+        print_line(copied)
+    if cost is not None and whole is None:
+        print_line(f"cost: {cost.summary()}")
     if options.dry_run:
         return 0
     if cost is not None:
         confirm(plan.name, cost, yes=options.yes, address=address)
-    code = executed(plan, results, settings, address)
+    code = execute_and_report(plan, results, config, address)
     if not code:
         page = " -o report" if "://" in results else ""
-        following = f"'tma-ray report {results}{page}' writes a page, 'tma-ray ranking {results}' a table."
-        say(f"Next: {following}")
+        hint = f"'tma-ray report {results}{page}' writes a page, 'tma-ray ranking {results}' a table."
+        print_line(f"Next: {hint}")
     return code
 
 
-def copy_released(store: Store, options: ExecutionOptions) -> None:
-    """Copy the runs of `options.start_from` to `store`, unless it is None or this is a dry run."""
-    if options.start_from and not options.dry_run:
-        source = Store.open(options.start_from)
-        say(f"{counted(start_from(store, source), 'run')} copied from {source}")
+def copy_released(store: Store, options: ExecutionOptions) -> str:
+    """Copy the runs of `options.start_from` to `store`, except in a dry run; return a line to print."""
+    if not options.start_from or options.dry_run:
+        return ""
+    source = Store.open(options.start_from)
+    return f"{counted(start_from(store, source), 'run')} copied from {source}"
 
 
-def executed(plan: Plan, results: str, settings: Settings, address: str | None) -> int:
-    """Execute `plan`; return the exit code, and say why it ended before all runs were done."""
-    from tma_ray.campaign.execution import execute_plan
+def confirm(name: str, cost: Cost, *, yes: bool, address: str | None = None) -> None:
+    """Ask at the terminal whether to start a long campaign, unless `yes`.
+
+    With a cluster's `address` it does not ask: nobody watches the terminal of ``ray submit --tmux``.
+
+    Raises:
+        ValueError: if the user declines, or nobody can be asked.
+    """
+    if yes:
+        return
+    remedy = "choose a smaller budget, as with --steps 500k or --seeds 3, or pass --yes to start it"
+    if address is not None or not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise ValueError(f"{name} would take {cost.summary()}: {remedy}")
+    if input(f"Start {name}? It takes {cost.summary()}. [y/N] ").strip().lower() not in ("y", "yes"):
+        raise ValueError(f"not started; {remedy}")
+
+
+def execute_and_report(plan: Plan, results: str, config: ExecutionConfig, address: str | None) -> int:
+    """Execute `plan`, print why it ended early if it did, and return the exit code."""
+    from tma_ray.campaign.execution import execute_plan  # deferred: ray
 
     try:
-        ended = execute_plan(plan, results, settings, address)
-    except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had
+        outcome = execute_plan(plan, results, config, address)
+    except KeyboardInterrupt:  # the second one: runs continue from their previous checkpoints
         return INTERRUPTED
     except OutageError as error:
         sys.stderr.write(f"{plan.name}: {error}\n")
@@ -121,31 +147,29 @@ def executed(plan: Plan, results: str, settings: Settings, address: str | None) 
     except HeadLostError as error:
         sys.stderr.write(f"{plan.name}: {error}; the same command continues where it was\n")
         return RAY_LOST
-    if ended.done == ended.total:
+    if outcome.done == outcome.total:
         return 0
-    if ended.done + ended.failed < ended.total:
-        say(f"Stopped; the same command continues where it was. 'tma-ray status {results}' shows how far.")
+    if outcome.done + outcome.failed < outcome.total:
+        print_line(
+            f"Stopped; the same command continues where it was. 'tma-ray status {results}' shows how far."
+        )
         return INTERRUPTED
-    say(
-        f"{counted(ended.failed, 'run')} failed. Next: 'tma-ray status {results}' says why, "
+    print_line(
+        f"{counted(outcome.failed, 'run')} failed. Next: 'tma-ray status {results}' says why, "
         f"'tma-ray rerun {results} --failed' repeats them."
     )
     return FAILED
 
 
-SINGLE_RUNS = "single_runs"
-"""Name of the campaign of single runs, and of the experiment of runs that belong to none."""
-
-
 class SingleRunError(RuntimeError):
-    """A single run failed; the cause is the error of one of its parts."""
+    """A single run failed; the cause is the error that it raised."""
 
 
 def confirmed_single(options: RunOptions) -> tuple[Plan, Placement]:
-    """Return the plan of the run of ``tma-ray run``, and its placement.
+    """Return plan and placement of the run of ``tma-ray run``, after confirmation of a long one.
 
     Raises:
-        ValueError: the run is impossible, or takes over an hour and was not confirmed.
+        ValueError: if the run is impossible, or long and not confirmed.
     """
     (level,) = parse_levels([options.expert_knowledge])
     cell = Cell(
@@ -162,7 +186,7 @@ def confirmed_single(options: RunOptions) -> tuple[Plan, Placement]:
     placement = Placement(options.device, options.threads, options.checkpoint_seconds)
     check_available(options.device)
     resources = Resources(placement.threads, gpus=float(placement.device != "cpu"))
-    cost = long_cost(plan, str(options.results), Settings(resources, placement.device))
+    cost = long_cost(plan, str(options.results), ExecutionConfig(resources, placement.device))
     if cost is not None:
         confirm("the run", cost, yes=options.yes)
     return plan, placement
@@ -172,7 +196,7 @@ def run_single(options: RunOptions) -> int:
     """Execute the run of ``tma-ray run``; return the exit code.
 
     Raises:
-        ValueError: the run is impossible, or takes over an hour and was not confirmed.
+        ValueError: if the run is impossible, or long and not confirmed.
     """
     plan, placement = confirmed_single(options)
     (spec,) = plan.runs
@@ -180,19 +204,21 @@ def run_single(options: RunOptions) -> int:
         outcome = execute_single(plan, options.results, placement, ProgressView())
     except SingleRunError as error:
         sys.stderr.write(f"{error}\n")
-        say(
+        print_line(
             f"Next: 'tma-ray logs {options.results} {spec.run_id}' has the traceback, and the same "
             f"command continues from the last checkpoint."
         )
         return FAILED
     done = outcome is AttemptOutcome.DONE
-    say(f"{spec.run_id}: {outcome} in {options.results}")
-    following = f"'tma-ray report {options.results}' writes a page" if done else "the same command continues"
-    say(f"Next: {following}.")
+    print_line(f"{spec.run_id}: {outcome} in {options.results}")
+    hint = f"'tma-ray report {options.results}' writes a page" if done else "the same command continues"
+    print_line(f"Next: {hint}.")
     return 0 if done else INTERRUPTED
 
 
-def execute_single(plan: Plan, results: str | Path, placement: Placement, view: View) -> AttemptOutcome:
+def execute_single(
+    plan: Plan, results: str | Path, placement: Placement, view: ProgressDisplay
+) -> AttemptOutcome:
     """Execute the only run of a plan in this process; return its outcome.
 
     Args:
@@ -202,8 +228,8 @@ def execute_single(plan: Plan, results: str | Path, placement: Placement, view: 
         view: display of its progress.
 
     Raises:
-        RootInUseError: another campaign is running on the root.
-        SingleRunError: the run failed.
+        RootInUseError: if another campaign is running on the root.
+        SingleRunError: if the run failed.
     """
     committer, (spec,) = Committer.open(results), plan.runs
     steps, holder = spec.schedule.steps, lease_holder(SINGLE_RUNS)

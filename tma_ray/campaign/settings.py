@@ -1,4 +1,4 @@
-"""Settings of a campaign's execution, which do not change its results."""
+"""Configuration of a campaign's execution, which does not change its results."""
 
 import sys
 from collections.abc import Mapping
@@ -16,18 +16,18 @@ GIB = 2**30
 PLENTY: Final = float(sys.maxsize)  # memory that suffices for any run, in bytes
 
 AUTOSCALING_QUEUE = 64
-"""Runs that wait on an autoscaling cluster: with one only, nodes would come one after the other."""
+"""Queued runs on an autoscaling cluster, which would add nodes one by one for a single run."""
 
-COHORT_WIDTH = CohortSettings.width  # slots of a cohort on a GPU, unless another number is asked for
+COHORT_WIDTH = CohortSettings.width  # default number of slots of a cohort on a GPU
 
 
 class TeacherPlacement(StrEnum):
     """Placement of teachers; results do not depend on it."""
 
     ACTOR = "actor"
-    """In an actor of their own, on the node of their seed."""
+    """In a separate actor on the run's node."""
     INLINE = "inline"
-    """In their seed's process: for runs with very short episodes."""
+    """In the run's process, for very short episodes."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Resources:
     """Resources that one run occupies.
 
     Attributes:
-        cpus: cores; also the number of torch threads (at least 1).
-        gpus: share of a GPU, or a whole number of them.
+        cpus: cores, and torch's threads (at least 1).
+        gpus: share of a GPU, or a whole number of GPUs.
         memory_gib: memory in GiB; a SAC run with a full buffer of 2 million transitions takes about 1.
     """
 
@@ -66,48 +66,49 @@ class Resources:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Nodes for which a cost is estimated: Ray's resources of each (memory in bytes), and a common name."""
+    """Nodes for which a cost is estimated.
+
+    Attributes:
+        resources: Ray's resources of each node, with memory in bytes.
+        where: phrase that names the nodes.
+    """
 
     resources: tuple[Mapping[str, float], ...]
-    place: str
+    where: str
 
-    def at_once(self, each: Resources) -> int:
+    def at_once(self, run: Resources) -> int:
         """Return the number of runs that the nodes hold at once, at least one."""
-        return max(1, sum(each.fit_into(node) for node in self.resources))
+        return max(1, sum(run.fit_into(node) for node in self.resources))
 
 
 def this_machine() -> Nodes:
-    """Return this machine with its usable cores, one GPU, and as much memory as needed."""
-    own = {"CPU": float(usable_cores()), "GPU": 1.0, "memory": PLENTY}
-    return Nodes((own,), "as on this machine")
+    """Return this machine with its usable cores, one GPU, and unlimited memory."""
+    resources = {"CPU": float(usable_cores()), "GPU": 1.0, "memory": PLENTY}
+    return Nodes((resources,), "as on this machine")
 
 
 PLAYER = Resources(cpus=0.25, memory_gib=0.5)
-"""Resources of a run in a cohort, which mostly waits for updates and has neither networks nor replay."""
+"""Resources of a run in a cohort, which has neither networks nor replay and mostly waits."""
 
 
 @dataclass(frozen=True)
-class Settings:
-    """Settings of a campaign's execution.
+class ExecutionConfig:
+    """Configuration of a campaign's execution.
 
     Attributes:
         resources: resources of one run that learns alone.
-        device: torch's name of where networks live.
-        cohort: slots of each cohort, in which as many runs learn together; 0: every run learns alone, and
-            occupies a share of a GPU exactly if `device` is "cuda"; None: `COHORT_WIDTH` on "cuda" where no
-            run occupies a share of a GPU, else 0.
+        device: torch's device of the networks.
+        cohort: slots of each cohort; 0 if every run learns alone, with a share of a GPU on "cuda"; None for
+            `COHORT_WIDTH` on "cuda" without GPU shares, else 0.
         player: resources of one run in a cohort, without its learner.
         teachers: placement of teachers.
         checkpoint_seconds: longest time between two checkpoints of a run, s.
-        most_losses: number of processes that a run may lose before it counts as failed.
-        outage_seconds: longest outage of the storage of the results before a run counts as lost, or the
-            campaign ends, s.
-        unreachable_seconds: longest silence of a run or a cohort's learner, not known to be dead, before it
-            counts as lost, s.
-        grace_seconds: longest wait for the checkpoints of a stop, s.
-        poll_seconds: time between two looks at the runs, s.
-        autoscaling: True if the cluster adds nodes for waiting runs: then runs are accepted that today's
-            nodes cannot hold, and more of them wait.
+        most_losses: losses of a run after which it counts as failed.
+        outage_seconds: longest outage of the results' storage before runs are lost and the campaign ends, s.
+        unreachable_seconds: longest silence of a run or a learner before it counts as lost, s.
+        grace_seconds: longest wait for checkpoints after a stop, s.
+        poll_seconds: time between two polls of the runs, s.
+        autoscaling: True if the cluster adds nodes for queued runs, also for those that fit no node yet.
     """
 
     resources: Resources = field(default_factory=Resources)
@@ -163,17 +164,17 @@ class Settings:
         return COHORT_WIDTH if shared else 0
 
     @property
-    def each(self) -> Resources:
-        """Resources of one run, wherever it learns."""
+    def per_run(self) -> Resources:
+        """Resources of one run, alone or in a cohort."""
         return self.player if self.width else self.resources
 
     @property
-    def queued(self) -> int:
-        """Runs submitted beyond what the nodes hold: the demand that an autoscaler sees."""
+    def max_queued(self) -> int:
+        """Runs submitted beyond the nodes' capacity, as demand for an autoscaler."""
         return AUTOSCALING_QUEUE if self.autoscaling else 1
 
     @property
     def placement(self) -> Placement:
         """Placement of a run, without the learner of a cohort."""
         device = Placement.device if self.width else self.device
-        return Placement(device, self.each.threads, self.checkpoint_seconds, self.outage_seconds)
+        return Placement(device, self.per_run.threads, self.checkpoint_seconds, self.outage_seconds)

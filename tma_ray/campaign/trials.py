@@ -1,75 +1,96 @@
-"""The runs of a trial: look after look, within a budget, each judged before the next begins."""
+"""Execution of a trial's interim looks within a budget."""
 
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
+from functools import cached_property
 from threading import Timer
 
 from tma_ray.campaign.costs import Cost, estimate, unfinished
 from tma_ray.campaign.options import TrialOptions
 from tma_ray.campaign.plan import Plan
-from tma_ray.campaign.script import executed
+from tma_ray.campaign.script import execute_and_report
+from tma_ray.campaign.settings import Nodes
 from tma_ray.campaign.simulated import SimulatedRoot
-from tma_ray.console.terminal import say
+from tma_ray.console.terminal import print_line
 from tma_ray.results import NotRunningError, Store, ask_to_stop
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.testing import EPISODES, find_simulated_challenge, matrix
 
-Judge = Callable[[], bool]  # tells the verdicts of the looks so far; returns True if the trial ends there
+Judge = Callable[[], bool]  # function that evaluates the looks so far, and returns True to end the trial
 
 
 def campaign_of(teacher: str) -> str:
-    """Return the name of the campaign of a trial: its own, as one release may take several trials."""
+    """Return the name of a trial's campaign, unique per teacher since a release may take several trials."""
     return f"trial_{re.sub('[^0-9a-z]+', '_', teacher.lower()).strip('_')}"
 
 
-def trial_cost(plans: Sequence[Plan], options: TrialOptions) -> Cost | None:
-    """Return the cost of all looks but for what is done; None if nothing is left.
+class TrialRuns:
+    """Runs of a trial with their execution.
 
-    Each of `plans` has the runs until a look, those of the looks before included.
-
-    Raises:
-        ResultsRootError: the results root belongs to something else.
+    Args:
+        plans: runs up to each look, including those of earlier looks.
+        options: options of the trial.
     """
-    left = unfinished(plans[-1], str(options.results))
-    return estimate(left, options.settings(), nodes=options.nodes()) if left.runs else None
+
+    def __init__(self, plans: Sequence[Plan], options: TrialOptions) -> None:
+        self.plans, self._options = plans, options
+        self.results, self.config = str(options.results), options.config()
+        self.address, self.budget = options.chosen_address(), options.budget
+
+    @cached_property
+    def nodes(self) -> Nodes | None:
+        """Nodes of the cluster, None for this machine."""
+        return self._options.nodes(self.config.device)
+
+    def remaining(self) -> list[Plan]:
+        """Return the unfinished runs up to each look.
+
+        Raises:
+            ResultsRootError: if the results root belongs to something else.
+        """
+        return [unfinished(plan, self.results) for plan in self.plans]
+
+    def cost(self) -> Cost | None:
+        """Return the cost of all unfinished runs, None if nothing is left."""
+        left = self.remaining()[-1]
+        return estimate(left, self.config, nodes=self.nodes) if left.runs else None
+
+    def hours(self, plan: Plan, cost: Cost | None) -> float:
+        """Return the estimated time of a plan at the speeds of another cost, h."""
+        speeds = cost.throughputs if cost else None
+        return estimate(plan, self.config, speeds, nodes=self.nodes).wall_hours if plan.runs else 0.0
 
 
-def affordable_look(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions) -> int | None:
-    """Return the number of the last look that the budget holds, from 0 on; None for all; see `trial_cost`."""
-    if cost is None or not options.budget:
+def affordable_look(trial: TrialRuns, cost: Cost | None) -> int | None:
+    """Return the index of the last look within the budget, None for all."""
+    if cost is None or not trial.budget:
         return None
-    settings, results, nodes = options.settings(), str(options.results), options.nodes()
-    lacking = (unfinished(plan, results) for plan in plans)
-    hours = [
-        estimate(plan, settings, cost.throughputs, nodes=nodes).wall_hours if plan.runs else 0.0
-        for plan in lacking
-    ]
-    return max(sum(hour <= options.budget for hour in hours) - 1, 0)
+    hours = [trial.hours(plan, cost) for plan in trial.remaining()]
+    return max(sum(hour <= trial.budget for hour in hours) - 1, 0)
 
 
-def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, judge: Judge) -> int:
-    """Run what each look lacks and judge it, until the trial ends or its budget does; return the exit code.
+def run_looks(trial: TrialRuns, cost: Cost | None, judge: Judge) -> int:
+    """Run and evaluate each look until the trial stops or its budget is spent; return the exit code.
 
-    A look begins only if what it lacks fits into the budget; one that takes longer than expected is stopped
-    there, with checkpoints, and the same command continues it.
+    A look starts only if the budget suffices for its missing runs. One that takes longer than estimated is
+    stopped with checkpoints, and the same command continues it.
     """
-    settings, results = options.settings(), str(options.results)
-    deadline = time.monotonic() + 3600 * options.budget if options.budget else None
-    for plan in plans:
+    results = trial.results
+    deadline = time.monotonic() + 3600 * trial.budget if trial.budget else None
+    for plan in trial.plans:
         left = unfinished(plan, results)
         if left.runs:
-            known = cost.throughputs if cost else None
-            hours = estimate(left, settings, known, nodes=options.nodes()).wall_hours
+            hours = trial.hours(left, cost)
             if deadline is not None and time.monotonic() + 3600 * hours > deadline:
-                say(
+                print_line(
                     f"The budget does not hold the next look, {hours:.1f} h for {len(left.runs)} runs. The "
                     f"same command with another --budget continues."
                 )
                 return 0
             with _stopped_at(deadline, results):
-                code = executed(plan, results, settings, options.chosen_address())
+                code = execute_and_report(plan, results, trial.config, trial.address)
             if code:
                 return code
         if judge():
@@ -79,7 +100,7 @@ def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, j
 
 @contextmanager
 def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
-    """Ask the campaign on a results root to stop at a time of the monotonic clock."""
+    """Context manager that stops the campaign on a results root at a time of the monotonic clock."""
     if deadline is None:
         yield
         return
@@ -98,10 +119,10 @@ def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
 
 
 def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[matrix.SimulatedCell]:
-    """Return the cells of a trial on simulated students, which are the `places` of its design.
+    """Return the cells of a trial on simulated students, for the `places` of its design.
 
     Raises:
-        ValueError: a challenge beyond the limits that the teacher declares.
+        ValueError: if a challenge exceeds the limits that the teacher declares.
     """
     return [
         cell
@@ -113,10 +134,10 @@ def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[mat
 def simulate_looks(
     cells: Sequence[matrix.SimulatedCell], looks: Sequence[Sequence[int]], options: TrialOptions, judge: Judge
 ) -> int:
-    """Run a trial on simulated students, as `run_looks`: `looks` are the seeds of every cell until each.
+    """Run a trial on simulated students, as `run_looks`; `looks` has the seeds up to each look.
 
     Raises:
-        ProcessLostError: a process was killed; the same call continues.
+        ProcessLostError: if a process was killed; the same call continues.
     """
     for seeds in looks:
         root = SimulatedRoot(options.results, cells, seeds, EPISODES)

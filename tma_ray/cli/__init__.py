@@ -1,4 +1,4 @@
-"""The command `tma-ray`. Each command is imported when it is used."""
+"""The command `tma-ray`, whose commands are imported on use."""
 
 import gc
 import sys
@@ -11,26 +11,26 @@ from typing import Final
 from cyclopts import App
 
 from tma_ray import __version__
-from tma_ray.console.command_line import description, group, run
+from tma_ray.console import command_line
 from tma_ray.console.exit_codes import RefusedError
 from tma_ray.support.lazy_imports import docstring_of
 
 GARBAGE_OBJECTS: Final = 200_000
-"""New objects after which Python looks for circular garbage, instead of 700: what commands read of thousands
-of runs stays until its end, and looking through it over and over takes a tenth of the time."""
+"""Threshold of garbage collection, instead of 700: commands keep what they read of thousands of runs, and
+scanning it repeatedly takes a tenth of the time."""
 
 COMMANDS: Mapping[str, str] = {
-    "run": "running:run",
-    "campaign": "running:campaign",
-    "plan": "running:plan",
-    "rerun": "running:rerun",
-    "stop": "running:stop",
-    "simulate": "running:simulate",
-    "trial": "trying:trial",
-    "experiment": "running:experiment",
-    "quickstart": "running:quickstart",
-    "status": "looking:status",
-    "logs": "looking:logs",
+    "run": "run:run",
+    "campaign": "run:campaign",
+    "plan": "run:plan",
+    "rerun": "run:rerun",
+    "stop": "run:stop",
+    "simulate": "run:simulate",
+    "trial": "trial:trial",
+    "experiment": "run:experiment",
+    "quickstart": "run:quickstart",
+    "status": "status:status",
+    "logs": "status:logs",
     "report": "reporting:report",
     "leaderboard": "reporting:leaderboard",
     "ranking": "reporting:ranking",
@@ -39,8 +39,8 @@ COMMANDS: Mapping[str, str] = {
     "tensorboard": "reporting:tensorboard",
     "wandb": "reporting:wandb",
     "render": "policies:render",
-    "verify": "looking:verify",
-    "compact": "looking:compact",
+    "verify": "status:verify",
+    "compact": "status:compact",
     "export": "policies:export",
     "play": "policies:play",
     "tables": "reporting:tables",
@@ -50,26 +50,26 @@ COMMANDS: Mapping[str, str] = {
     "baselines path": "publishing:baselines_path",
     "baselines verify": "publishing:baselines_verify",
     "release": "publishing:release",
-    "doctor": "looking:doctor",
-    "list": "looking:list_",
-    "completion": "looking:completion",
+    "doctor": "status:doctor",
+    "list": "status:list_",
+    "completion": "status:completion",
 }
-"""Modules and functions of commands, in the order of the help."""
+"""Module and function of each command, in the order of the help."""
 
 GROUPS: Mapping[str, str] = {"baselines": "List, find and verify released results."}
-"""Commands that consist of others, and their helps."""
+"""Commands with subcommands, and their help texts."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; return its exit code, see `tma_ray.console.exit_codes`."""
+    """Run one command and return its exit code; see `tma_ray.console.exit_codes`."""
     words = sys.argv[1:] if arguments is None else list(arguments)
     gc.set_threshold(GARBAGE_OBJECTS)
-    return run(app(), words, before=_prepare)
+    return command_line.run(app(), words, before=_prepare)
 
 
 def app() -> App:
-    """Return the command line; commands are imported when they are used, or their own help is asked for."""
-    root = group(
+    """Return the command line; a command is imported when it, or its help, is used."""
+    root = command_line.group(
         "tma-ray",
         "Compare automatic curriculum learning teachers of deep RL students.",
         version=_version,
@@ -77,30 +77,30 @@ def app() -> App:
         help_epilogue="'tma-ray COMMAND --help' describes one; --debug prints tracebacks of errors, too.",
     )
     groups = {"": root}
-    for place, (words, target) in enumerate(COMMANDS.items()):
-        above, _, name = words.rpartition(" ")
-        if above not in groups:
-            groups[above] = group(above, GROUPS[above], sort_key=place)
-            root.command(groups[above])
+    for index, (words, target) in enumerate(COMMANDS.items()):
+        parent, _, name = words.rpartition(" ")
+        if parent not in groups:
+            groups[parent] = command_line.group(parent, GROUPS[parent], sort_key=index)
+            root.command(groups[parent])
         module, _, function = f"tma_ray.cli.{target}".partition(":")
-        help_ = description(docstring_of(module, function) or "")
-        groups[above].command(f"{module}:{function}", name=name, help=help_, sort_key=place)
+        help_ = command_line.description(docstring_of(module, function) or "")
+        groups[parent].command(f"{module}:{function}", name=name, help=help_, sort_key=index)
     return root
 
 
 def _prepare() -> None:
-    """Make modules of the current folder known as plug-ins, after checking that none hides a package of ours.
+    """Add the current folder to the plug-in path, after checking that it does not hide `analysis`.
 
     Raises:
-        RefusedError: something lies in the place of the package `analysis`, which is next to this one.
+        RefusedError: if another module or package called `analysis` would be imported.
     """
     from tma_ray.components.registry import search_current_folder
 
-    found = find_spec("analysis")
-    place = Path([found.origin, *(found.submodule_search_locations or ())][-1] or "") if found else None
-    if place and place.resolve() != Path(__file__).resolve().parents[2] / "analysis":
+    spec = find_spec("analysis")
+    path = Path([spec.origin, *(spec.submodule_search_locations or ())][-1] or "") if spec else None
+    if path and path.resolve() != Path(__file__).resolve().parents[2] / "analysis":
         raise RefusedError(
-            f"{place} hides the package 'analysis' of tma_ray: rename it, or take its folder from PYTHONPATH "
+            f"{path} hides the package 'analysis' of tma_ray: rename it, or take its folder from PYTHONPATH "
             f"and start the command elsewhere"
         )
     search_current_folder()

@@ -1,8 +1,8 @@
-"""Commands that export policies and show them."""
+"""`export`, `render` and `play`."""
 
 from typing import Annotated
 
-from tma_ray.cli.options import Count, Licence, NewFile, Output, Policy, RunResults, Seed
+from tma_ray.cli.common_options import Count, Licence, NewFile, Output, Policy, RunResults, Seed
 from tma_ray.console.command_line import command, value, values
 from tma_ray.console.types import named
 

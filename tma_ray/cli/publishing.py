@@ -1,12 +1,12 @@
-"""Commands that publish results and find what others published."""
+"""`release` and `baselines`."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
 
 from tma_ray.campaign.options import names
-from tma_ray.cli.options import Baseline, Json, Licence, Name, Root
-from tma_ray.cli.records import baselines_record, print_json
+from tma_ray.cli.common_options import Baseline, Json, Licence, Name, Root
+from tma_ray.cli.json_output import baselines_record, print_json
 from tma_ray.console.command_line import command, value
 from tma_ray.console.types import named
 from tma_ray.console.types import root as read_root

@@ -1,4 +1,4 @@
-"""Commands that read results: reports, rankings, claims, tables, figures, trackers."""
+"""`report`, `leaderboard`, `ranking`, `claims`, `search`, `tables`, `figures`, `compare` and trackers."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tma_ray.cli import options
-from tma_ray.cli.records import claims_record, print_json, ranking_record
+from tma_ray.cli import common_options as options
+from tma_ray.cli.json_output import claims_record, print_json, ranking_record
 from tma_ray.console.command_line import choice, command, value, values
 from tma_ray.console.types import named
 from tma_ray.support.quantities import SHARE, expanded
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from analysis.pages.report import Video
     from analysis.tracking.points import Tracker
 
-RELOAD_SECONDS, LOOK_SECONDS = 30, 10.0
-"""Time after which the open page of a report that is watched reads itself again, and between two looks, s."""
+RELOAD_SECONDS, POLL_SECONDS = 30, 10.0
+"""Interval at which an open watched report reloads itself, and at which results are polled, s."""
 
-LONGEST = 2000  # steps after which a video ends, if its episode has not: the limit of the benchmark's worlds
-EVERY = {".mp4": 3, ".gif": 8}  # steps from one frame to the next; a .gif takes far more room
+MAX_VIDEO_STEPS = 2000  # longest video, in steps, which is the limit of the benchmark's worlds
+FRAME_STEPS = {".mp4": 3, ".gif": 8}  # steps per frame
 
 
 @command()
@@ -69,27 +69,27 @@ def report(
     return 0
 
 
-def changes(sources: Sequence[str | Path], seconds: float = LOOK_SECONDS) -> Iterator[None]:
-    """Yield whenever runs of results roots have published more; never ends.
+def changes(sources: Sequence[str | Path], seconds: float = POLL_SECONDS) -> Iterator[None]:
+    """Yield, forever, whenever runs of results roots have published more.
 
     Args:
         sources: results roots, or baselines, which do not change.
-        seconds: time between two looks, s.
+        seconds: polling interval, s.
     """
     from tma_ray.results import MANIFESTS, Store
 
-    stores = [Store.open(each) for each in sources if "://" in str(each) or expanded(each).exists()]
-    seen = [store.stamps(MANIFESTS) for store in stores]
+    stores = [Store.open(root) for root in sources if "://" in str(root) or expanded(root).exists()]
+    before = [store.stamps(MANIFESTS) for store in stores]
     while True:
         time.sleep(seconds)
-        found = [store.stamps(MANIFESTS) for store in stores]
-        if found != seen:
-            seen = found
+        stamps = [store.stamps(MANIFESTS) for store in stores]
+        if stamps != before:
+            before = stamps
             yield
 
 
 def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
-    """Render what the report wants to show; what cannot be rendered is named and left out."""
+    """Render the report's videos, with a warning for each that cannot be rendered."""
     from importlib.util import find_spec
 
     from analysis.baselines.catalogue import read
@@ -99,18 +99,23 @@ def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
     from tma_ray.runs.spec import evaluation_seeds
     from tma_ray.viewing.rendering import EpisodeSettings, render
 
-    frames, ending = read(sources), ".mp4" if find_spec("av") else ".gif"
+    frames, suffix = read(sources), ".mp4" if find_spec("av") else ".gif"
     for wanted in wanted_videos(Measurements(frames)):
         folder.mkdir(parents=True, exist_ok=True)
-        run, task, file = wanted.run_id, wanted.task, folder / f"{wanted.name}{ending}"
+        run, task, file = wanted.run_id, wanted.task, folder / f"{wanted.name}{suffix}"
         root = str(frames.results_of(run).store)
         try:
             seed = evaluation_seeds(find_policy(run, root).spec.test_set)[wanted.task_index]
             settings = EpisodeSettings(
-                policy=run, results=root, task=task, seed=seed, steps=LONGEST, every=EVERY[ending]
+                policy=run,
+                results=root,
+                task=task,
+                seed=seed,
+                steps=MAX_VIDEO_STEPS,
+                every=FRAME_STEPS[suffix],
             )
             yield Video(wanted, file, render(settings, file).episodic_return)
-        except ValueError as error:  # no policy was saved, or its world cannot be drawn
+        except ValueError as error:  # without a policy, or with a world that cannot be drawn
             _warn([f"no video of {run}: {error}"])
 
 
@@ -141,7 +146,7 @@ def leaderboard(
     """
     from analysis.commands.leaderboards import show_leaderboards
 
-    names = [str(each) for each in baseline]
+    names = [str(name) for name in baseline]
     show_leaderboards(names, explain=explain, challenges=challenges, subsets=subsets, trials=trials)
     return 0
 
@@ -337,7 +342,7 @@ def wandb(
 
 
 def _track(tracker: Tracker, hint: str, follow: bool) -> int:
-    """Export what has been published, once or until Ctrl-C."""
+    """Export published results, once or until Ctrl-C."""
     from analysis.tracking.points import watch
 
     print(f"runs with news: {tracker.update()}{hint}", flush=True)

@@ -1,4 +1,4 @@
-"""Console of all commands."""
+"""Terminal output of commands."""
 
 from collections.abc import Iterable
 from typing import IO, Any
@@ -11,11 +11,11 @@ from tma_ray.support.texts import visible
 
 
 class _Terminal(Console):
-    """Console that replaces control characters in texts; its own colours and movements stay."""
+    """Console that replaces control characters in texts, except its own."""
 
     @property
     def file(self) -> IO[str]:
-        """Innermost stream, below those that wrap it."""
+        """Innermost stream, below its wrappers."""
         file = super().file
         while hasattr(file, "rich_proxied_file"):
             file = file.rich_proxied_file
@@ -36,14 +36,14 @@ class _Terminal(Console):
 
 
 def terminal(console: Console | None = None, **settings: Any) -> Console:
-    """Return `console`, or one that prints texts without markup and control characters.
+    """Return `console`, or a new one that prints texts without markup and control characters.
 
-    Names of teachers, experiments and folders come from outside: rich would read ``[red]x`` as a colour and
-    ``[/x]`` as an error, and print escape sequences. Colours are styles, or `rich.text.Text`.
+    Names of teachers, experiments and folders may contain markup, such as ``[red]x`` or the erroneous
+    ``[/x]``, and escape sequences.
     """
     return console or _Terminal(markup=False, emoji=False, **settings)
 
 
-def say(text: str) -> None:
-    """Print a text as it is, without colours and line breaks of rich's."""
+def print_line(text: str) -> None:
+    """Print a text without rich's colours and line breaks."""
     terminal().print(text, highlight=False, soft_wrap=True)

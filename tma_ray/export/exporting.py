@@ -13,10 +13,10 @@ from uuid import uuid4
 import numpy as np
 
 from tma_ray import __version__
-from tma_ray.envs import Environment, box_spaces, make_environment
+from tma_ray.envs import Environment, box_spaces
 from tma_ray.export.model_card import CARD_FILE, history_of, model_card
 from tma_ray.export.onnx_file import COMPARED, ONNX_FILE, largest_difference, onnx_model, require_onnx
-from tma_ray.runs.inputs import arguments, import_plugins, write_inputs
+from tma_ray.runs.inputs import import_plugins, new_environment, write_inputs
 from tma_ray.runs.saved_policies import SavedPolicy, find_policy
 from tma_ray.students import Policy, load_policy, policy_layers
 
@@ -70,7 +70,7 @@ def export(
         require_onnx()
     saved = find_policy(policy, results)
     import_plugins(saved.spec, "environment", "student")
-    environment = make_environment(saved.spec.environment, **arguments(saved.spec, "environment"))
+    environment = new_environment(saved.spec)
     try:
         with _unfinished(output) as folder:
             saved.copy(folder)

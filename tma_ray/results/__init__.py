@@ -9,6 +9,7 @@ from tma_ray.results.committer import (
 )
 from tma_ray.results.compaction import (
     LEAN,
+    SINGLE_RUNS,
     WHOLE,
     Copy,
     CopyOptions,
@@ -72,6 +73,7 @@ from tma_ray.results.storage import (
     StorageError,
     Store,
     explained_disk,
+    growing_pause,
     retry,
 )
 from tma_ray.results.verification import Damage, Inspector, damage_reason, verify_root
@@ -94,6 +96,7 @@ __all__ = [
     "SCHEMAS",
     "SCHEMA_VERSION",
     "SIMULATED",
+    "SINGLE_RUNS",
     "TABLES",
     "WHOLE",
     "AttemptOutcome",
@@ -140,6 +143,7 @@ __all__ = [
     "create_root",
     "damage_reason",
     "explained_disk",
+    "growing_pause",
     "holder_of",
     "input_path",
     "log_path",

@@ -1,4 +1,4 @@
-"""Episodes without learning: tests, and trials that a teacher asks for."""
+"""Episodes without learning: evaluations on the test set, and those that a teacher requests."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,9 +9,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.envs import make_environment
 from tma_ray.envs.vector import LockStep, lock_step
-from tma_ray.runs.inputs import arguments
+from tma_ray.runs.inputs import new_environment
 from tma_ray.runs.spec import RunSpec, evaluation_seeds
 from tma_ray.students import Student
 from tma_ray.tasks import Outcomes, Task
@@ -27,14 +26,14 @@ def played_episodes(
     """Play one episode of each task, all at the same time.
 
     Args:
-        worlds: worlds, of which the first n are used.
+        worlds: at least n worlds.
         seeds: seeds of the n worlds.
         tasks: tasks of the n worlds (n, d).
-        act: function that chooses the actions.
-        most_steps: largest number of steps of all worlds together.
+        act: policy.
+        most_steps: largest total number of steps.
 
     Returns:
-        Episodic returns and lengths (n,) so far; episodes that `most_steps` cut are not over.
+        Episodic returns and lengths (n,), partial for episodes that `most_steps` cut.
     """
     running = np.arange(len(tasks))
     observations, _ = worlds.reset(running, seeds, tasks)
@@ -49,15 +48,14 @@ def played_episodes(
 
 def new_worlds(spec: RunSpec, count: int) -> list[Environment]:
     """Return `count` environments of a run."""
-    options = arguments(spec, "environment")
-    return [make_environment(spec.environment, **options) for _ in range(count)]
+    return [new_environment(spec) for _ in range(count)]
 
 
 class Evaluation:
-    """The worlds of a run's test set, built once and reset for every evaluation.
+    """Worlds of a run's test set, constructed once and reset for every evaluation.
 
-    Each world's randomness depends on the test set and the task's index alone (unlike the original
-    release, whose test worlds differ from one evaluation to the next).
+    Each world's randomness depends only on the test set and the task's index, unlike in the original release,
+    where test worlds differ between evaluations.
     """
 
     def __init__(self, spec: RunSpec) -> None:
@@ -67,7 +65,7 @@ class Evaluation:
         self._worlds = lock_step(self._environments)
 
     def __call__(self, act: Act) -> list[dict[str, Any]]:
-        """Play an episode of each test task; return rows of the table of evaluations without run and step."""
+        """Play an episode of each test task; return evaluation rows without run and step."""
         episodic_returns, lengths = played_episodes(self._worlds, self._seeds, self.test_set.tasks, act)
         return [
             {
@@ -86,14 +84,13 @@ class Evaluation:
             environment.close()
 
 
-WORLDS = 64  # most tasks of an evaluation that are played at the same time
+MAX_WORLDS = 64  # largest number of concurrent episodes of an evaluation
 
 
-class Trials:
-    """Plays of test tasks without learning, with randomness of their own; the student does not change.
+class UntrainedEpisodes:
+    """Episodes requested by a teacher, from which the student does not learn, with a generator of their own.
 
-    An evaluation's worlds and the noise of its actions are new each time. What it gives depends on the state
-    of the student and on what was drawn before; nothing else is kept between two evaluations.
+    Worlds and action noise are drawn anew for every evaluation; the generator is the only state.
     """
 
     def __init__(self, spec: RunSpec, seed: np.random.SeedSequence) -> None:
@@ -104,7 +101,7 @@ class Trials:
 
     @property
     def state(self) -> dict[str, Any]:
-        """State of the generator; between two episodes it is all that there is."""
+        """State of the generator, which is complete between two episodes."""
         return dict(self._rng.bit_generator.state)
 
     @state.setter
@@ -126,13 +123,13 @@ class Trials:
             budget: steps left of the run.
 
         Returns:
-            The outcomes; None if the budget ends before, or with, the last step.
+            The outcomes, None if they exhaust the budget.
         """
         act = student.act_greedily if greedy else partial(student.sample_actions, rng=self._rng)
         seeds = self._rng.integers(2**31, size=len(tasks)).tolist()
         parts = []
-        for first in range(0, len(tasks), WORLDS):
-            rows = slice(first, first + WORLDS)
+        for first in range(0, len(tasks), MAX_WORLDS):
+            rows = slice(first, first + MAX_WORLDS)
             if self._worlds is None or len(tasks[rows]) > len(self._environments):
                 self.close()
                 self._environments = new_worlds(self._spec, len(tasks[rows]))

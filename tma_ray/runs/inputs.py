@@ -1,7 +1,7 @@
-"""The files that runs read: captured by content when a run is planned, provided wherever it is executed.
+"""Plug-ins and input files of runs: captured when a run is planned, provided where it is executed.
 
-An option that names a file, such as an embodiment in a ``.toml`` or ``cppn_weights``, is a part of a run by
-the file's content and its name without the folder: an edited file makes another run, a moved one the same.
+An option that names a file, such as an embodiment in a ``.toml`` or ``cppn_weights``, identifies it by its
+content and its name without the folder: an edited file makes another run, a moved one does not.
 """
 
 import hashlib
@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+import gymnasium
+
 from tma_ray.components.plugin_source import PluginSource
 from tma_ray.components.registry import Registry
-from tma_ray.envs import ENVIRONMENTS
+from tma_ray.envs import ENVIRONMENTS, make_environment
 from tma_ray.results import Store, read_input, store_input, store_plugin
 from tma_ray.runs.spec import InputFile, Plugin, RunSpec
 from tma_ray.students import STUDENTS
@@ -29,45 +31,45 @@ REGISTRIES: Mapping[str, Registry[Any]] = {
     "student": STUDENTS,
     "teacher": TEACHERS,
 }
-"""The parts of a cell and of a run that may be plug-ins."""
+"""Components of a run that may be plug-ins."""
 
 _importing = ContextVar("importing plug-ins", default=False)
 
 
 def plugins_of(names: Mapping[str, str]) -> dict[str, Plugin]:
-    """Return the plug-ins among the `names` of a run's parts.
+    """Return the plug-ins among the `names` of a run's components.
 
     Raises:
-        UnknownNameError: nothing answers to a name.
-        ValueError: a plug-in that no other process could import.
+        UnknownNameError: if a name is unknown.
+        ValueError: if no other process could import a plug-in.
     """
     sources = {part: registry.plugin(names[part]) for part, registry in REGISTRIES.items()}
     return {part: Plugin(source.module, source.digest) for part, source in sources.items() if source}
 
 
 def algorithm_versions_of(names: Mapping[str, str]) -> dict[str, int]:
-    """Return the algorithm versions that a run's parts, by their `names`, declare.
+    """Return the algorithm versions that a run's components declare.
 
     Raises:
-        UnknownNameError: nothing answers to a name.
-        ValueError: a part that declares something else than a whole number.
+        UnknownNameError: if a name is unknown.
+        ValueError: if a declared version is not a whole number.
     """
     versions = {part: registry.algorithm_version(names[part]) for part, registry in REGISTRIES.items()}
     return {part: version for part, version in versions.items() if version is not None}
 
 
 def plugin_sources(specs: Iterable[RunSpec]) -> list[PluginSource]:
-    """Return the source of every plug-in of `specs`, each once."""
+    """Return the sources of all plug-ins of `specs`, each once."""
     names = {(part, getattr(spec, part)) for spec in specs for part in spec.plugins}
-    found = (REGISTRIES[part].plugin(name) for part, name in sorted(names))
-    return [source for source in found if source is not None]
+    sources = (REGISTRIES[part].plugin(name) for part, name in sorted(names))
+    return [source for source in sources if source is not None]
 
 
 def import_plugins(spec: RunSpec, *parts: str) -> None:
-    """Make the plug-ins among `parts` of a run known in this process.
+    """Register the plug-ins among these components of a run in this process.
 
     Raises:
-        ValueError: an input of that name differs here from that of the plan.
+        ValueError: if the source of a plug-in differs from the planned one.
     """
     for part in parts:
         if part in spec.plugins:
@@ -79,12 +81,12 @@ def import_plugins(spec: RunSpec, *parts: str) -> None:
             finally:
                 _importing.reset(token)
             if source is None or source.digest != plugin.digest:
-                found = "one that ships with tma_ray" if source is None else f"version {source.digest}"
+                actual = "one that ships with tma_ray" if source is None else f"version {source.digest}"
                 installed = source is not None and source.installed
                 remedy = "install the same version everywhere" if installed else "start it again"
                 raise ValueError(
-                    f"{part} {name!r}: this machine has {found}, which is not what the run was planned with; "
-                    f"its source differs or was edited since: {remedy}"
+                    f"{part} {name!r}: this machine has {actual}, which is not what the run was planned "
+                    f"with; its source differs or was edited since: {remedy}"
                 )
 
 
@@ -93,16 +95,16 @@ def importing_plugins() -> bool:
     return _importing.get()
 
 
-MOST_BYTES = 20 * 2**20  # size over which an input is refused: every run's process holds it
+MAX_INPUT_BYTES = 20 * 2**20  # largest input file, which every process of a run holds in memory
 
-VALUES = {
+OPTION_FIELDS = {
     "environment": "environment_options",
     "student": "student_hyperparameters",
     "teacher": "teacher_hyperparameters",
 }
-"""Fields of a spec that hold the options of each part."""
+"""Fields of a spec that hold the options of each component."""
 
-_contents: dict[str, bytes] = {}  # contents that this process has read or received, by SHA-256
+_contents: dict[str, bytes] = {}  # contents of input files known in this process, by SHA-256
 
 
 def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, InputFile]]:
@@ -110,14 +112,14 @@ def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dic
 
     Args:
         part: "environment", "student" or "teacher".
-        options: options by name. A text that is the path of a file, with parameters of a body after it if
-            wanted, names that file if it has a suffix or a folder: names of what ships have neither.
+        options: options by name. A text names a file if it is an existing path with a suffix or a folder,
+            optionally followed by settings.
 
     Returns:
-        The options with the file's name in place of its path, and the files by part and option.
+        The options with file names instead of paths, and the files by component and option.
 
     Raises:
-        ValueError: a file that is too large.
+        ValueError: if a file is too large.
     """
     shown, files = dict(options), {}
     for option, value in options.items():
@@ -128,10 +130,11 @@ def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dic
         if not (path.suffix or len(path.parts) > 1) or not path.is_file():
             continue
         size = path.stat().st_size
-        if size > MOST_BYTES:
+        if size > MAX_INPUT_BYTES:
             raise ValueError(
-                f"{path} has {size / 2**20:.0f} MiB: an input of a run may have {MOST_BYTES / 2**20:.0f} "
-                f"MiB, as every process of the run holds it; let a plug-in read larger data"
+                f"{path} has {size / 2**20:.0f} MiB: an input of a run may have "
+                f"{MAX_INPUT_BYTES / 2**20:.0f} MiB, as every process of the run holds it; let a plug-in "
+                f"read larger data"
             )
         data = path.read_bytes()
         file = InputFile(path.name, hashlib.sha256(data).hexdigest())
@@ -142,18 +145,18 @@ def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dic
 
 
 def named(part: str, name: str) -> str:
-    """Return the canonical name of a part with names of files in place of their paths."""
+    """Return the canonical name of a component with file names instead of paths."""
     base, settings = split_name(name)
     return join_name(base, captured(part, settings)[0])
 
 
 def arguments(spec: RunSpec, part: str) -> dict[str, Any]:
-    """Return the options of a part of a run, with paths of its files in this process.
+    """Return the options of a run's component, with paths of its input files in this process.
 
     Raises:
-        ValueError: the content of a file is not known here.
+        ValueError: if the content of a file is not known in this process.
     """
-    values = dict(getattr(spec, VALUES[part]))
+    values = dict(getattr(spec, OPTION_FIELDS[part]))
     for option, value in values.items():
         file = spec.inputs.get(f"{part}.{option}")
         if file is not None:
@@ -161,19 +164,24 @@ def arguments(spec: RunSpec, part: str) -> dict[str, Any]:
     return values
 
 
+def new_environment(spec: RunSpec) -> gymnasium.Env[Any, Any]:
+    """Return a new environment of a run whose plug-in is known in this process."""
+    return make_environment(spec.environment, **arguments(spec, "environment"))
+
+
 def contents(specs: Iterable[RunSpec]) -> dict[str, bytes]:
-    """Return the content of all inputs of `specs` that this process knows, by SHA-256."""
-    wanted = {file.sha256 for spec in specs for file in spec.inputs.values()}
-    return {sha256: _contents[sha256] for sha256 in sorted(wanted) if sha256 in _contents}
+    """Return the known contents of all inputs of `specs`, by SHA-256."""
+    digests = {file.sha256 for spec in specs for file in spec.inputs.values()}
+    return {sha256: _contents[sha256] for sha256 in sorted(digests) if sha256 in _contents}
 
 
-def provide(known: Mapping[str, bytes]) -> None:
-    """Make the contents of another process, by SHA-256, known in this one."""
-    _contents.update(known)
+def provide(contents_by_digest: Mapping[str, bytes]) -> None:
+    """Add contents of input files, by SHA-256, from another process."""
+    _contents.update(contents_by_digest)
 
 
 def keep(store: Store, specs: Iterable[RunSpec]) -> None:
-    """Write the inputs of `specs` and the sources of their plug-ins into a results root."""
+    """Write the inputs and plug-in sources of `specs` into a results root."""
     planned = list(specs)
     for data in contents(planned).values():
         store_input(store, data)
@@ -182,46 +190,46 @@ def keep(store: Store, specs: Iterable[RunSpec]) -> None:
 
 
 def fetch(store: Store, spec: RunSpec) -> None:
-    """Make the inputs of a run known in this process, as far as the root keeps them.
+    """Read the inputs of a run that a results root has.
 
     Raises:
-        DamagedFileError: one is not what was written.
+        DamagedFileError: if one is damaged.
     """
     for file in spec.inputs.values():
         if file.sha256 not in _contents:
             try:
                 _contents[file.sha256] = read_input(store, file.sha256)
             except FileNotFoundError:
-                continue  # named when it is needed
+                continue  # `arguments` raises if it is needed
 
 
 def fetch_beside(folder: Path, spec: RunSpec) -> None:
-    """Make a run's inputs in a folder known, which have their own names there, as in exports.
+    """Read the inputs of a run from a folder that has them by name, such as an export.
 
     Raises:
-        DamagedFileError: one of them has another content.
+        DamagedFileError: if one has another content.
     """
     for file in spec.inputs.values():
         path = folder / file.name
         if file.sha256 not in _contents and path.is_file():
-            data = read_file(path, MOST_BYTES)
+            data = read_file(path, MAX_INPUT_BYTES)
             if hashlib.sha256(data).hexdigest() != file.sha256:
                 raise DamagedFileError(f"{path} is not the file that run {spec.run_id} was trained with")
             _contents[file.sha256] = data
 
 
 def write_inputs(spec: RunSpec, folder: Path) -> None:
-    """Write the inputs of a run into an existing folder, under their own names.
+    """Write the inputs of a run into an existing folder, by name.
 
     Raises:
-        ValueError: the content of one is not known here.
+        ValueError: if the content of one is not known in this process.
     """
     for file in spec.inputs.values():
         (folder / file.name).write_bytes(_provided(file).read_bytes())
 
 
 def _provided(file: InputFile) -> Path:
-    """Return the path of a file with this content and name, in a folder of this process."""
+    """Return the path of an input file in this process's temporary folder."""
     path = Path(_folder().name) / file.sha256 / file.name
     if not path.exists():
         if file.sha256 not in _contents:
@@ -230,9 +238,9 @@ def _provided(file: InputFile) -> Path:
                 f"results root or release, or lay the file beside the policy"
             )
         path.parent.mkdir(exist_ok=True)
-        aside = path.with_name(f"{uuid4().hex}-{file.name}")
-        aside.write_bytes(_contents[file.sha256])
-        aside.replace(path)  # at once: other threads may look for it
+        temporary = path.with_name(f"{uuid4().hex}-{file.name}")
+        temporary.write_bytes(_contents[file.sha256])
+        temporary.replace(path)  # atomic, since other threads may open it
     return path
 
 

@@ -1,4 +1,4 @@
-"""One training run, without Ray: student x teacher x environment, an episode at a time."""
+"""One training run, without Ray: a student trained by a teacher, one episode at a time."""
 
 import pickle
 from contextlib import suppress
@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tma_ray.envs import ENVIRONMENTS, make_environment
+from tma_ray.envs import ENVIRONMENTS
 from tma_ray.results import RunWriter, Table
-from tma_ray.runs.evaluation import Evaluation, Trials
-from tma_ray.runs.inputs import arguments, import_plugins
+from tma_ray.runs.evaluation import Evaluation, UntrainedEpisodes
+from tma_ray.runs.inputs import arguments, import_plugins, new_environment
 from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec, Streams, placement_generator, task_space_shuffle
 from tma_ray.runs.teaching import Reply, TeacherLink
@@ -38,11 +38,11 @@ class Progress:
         step: environment steps played.
         episodes: training episodes finished.
         evaluations: evaluations done.
-        window: (episodic return, length, success) of the episodes of the running training window from which
-            the student learned.
+        window: (episodic return, length, success) of the current training window's episodes from which the
+            student learned.
         next_task: task of the next episode.
-        record_next: True if the teacher wants the steps of that episode.
-        next_trains: True if the student learns from it.
+        record_next: True if the teacher needs that episode's trajectory.
+        next_trains: True if the student learns from that episode.
     """
 
     step: int = 0
@@ -54,22 +54,22 @@ class Progress:
     next_trains: bool = True
 
 
-STUDENT = "student"  # folder of a saved run that holds its student
+STUDENT = "student"  # folder of the student in a saved run
 
 
 class Run:
-    """A student trained by a teacher, from its first step to its budget.
+    """Training of a student by a teacher, from the first step to the budget.
 
-    `advance` plays one episode; between two calls the run can be saved, and a run of the same spec
-    that loads what was saved continues bit for bit. Rows go to the writer as they arise.
+    `advance` plays one episode. The run can be saved between two calls, and a new run of the same spec that
+    loads the state continues bit for bit.
 
-    A student that is to forget is reset between two steps, also within an episode, which goes on. What is
-    due at that step comes first: the teacher observes an episode that ends there, and evaluation and probe
-    show what was learned. An evaluation that the teacher asks for counts its steps at once; what became due
-    on the way is done when the teacher has chosen its next task, and shows the student of that evaluation.
+    A reset of the student takes place between two steps, even within an episode, and after everything else
+    due at that step: the teacher observes an episode that ends there, and evaluation and probe precede the
+    reset. The steps of an evaluation that the teacher requests count at once; events due during it follow
+    once the teacher has chosen its next task.
 
     Raises:
-        ValueError: environment or student is a plug-in with another source than planned.
+        ValueError: if environment or student is a plug-in with another source than planned.
     """
 
     def __init__(
@@ -80,8 +80,8 @@ class Run:
         self.writer = writer
         self.progress = Progress()
         import_plugins(spec, "environment", "student")
-        self.environment = make_environment(spec.environment, **arguments(spec, "environment"))
-        # Environments of users may return the same array every step, those that ship with tma_ray do not.
+        self.environment = new_environment(spec)
+        # plug-in environments may reuse one observation array
         self._copies = ENVIRONMENTS.origin(spec.environment) is not None
         streams = Streams.of(spec)
         self._episode_seeds = np.random.default_rng(streams.environment)
@@ -95,22 +95,22 @@ class Run:
         )
         self._landscape = task_space_shuffle(spec, placement_generator(spec))
         self._evaluation = Evaluation(spec)
-        self._trials = Trials(spec, streams.trials)
+        self._untrained = UntrainedEpisodes(spec, streams.trials)
         self._next_event = 0
 
     @property
     def finished(self) -> bool:
-        """True if the budget is spent and the last evaluation done."""
+        """True if the budget is spent and the last evaluation is done."""
         return self.progress.step >= self.spec.schedule.steps
 
     def advance(self) -> Episode | None:
-        """Play one episode, with the evaluations, probes and resets that become due.
+        """Play one episode, with the evaluations, probes and resets due in it.
 
         Returns:
-            The episode; None if the budget ended before it did.
+            The episode, None if the budget ended it.
 
         Raises:
-            ValueError: a student that has diverged, a return that is not finite, or a refusal of a part.
+            ValueError: if the student has diverged, a return is not finite, or a component refuses a value.
         """
         try:
             if self.progress.next_task is None:
@@ -130,15 +130,14 @@ class Run:
         return episode
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
-        """Write the complete state into an existing, empty folder; call it between two episodes.
+        """Write the complete state between two episodes into an existing, empty folder.
 
         Args:
             folder: target folder.
-            incremental: True if the last saved or loaded state still exists: files that have not changed
-                since may be left out.
+            incremental: True to leave out files unchanged since the last saved or loaded state.
 
         Returns:
-            The paths in `folder` of the files that were left out; `load` wants them in their places.
+            The paths in `folder` of files left out, which `load` needs there.
         """
         (folder / STUDENT).mkdir()
         unchanged = self.student.save(folder / STUDENT, incremental)
@@ -146,7 +145,7 @@ class Run:
             "progress": asdict(self.progress),
             "episode_seeds": self._episode_seeds.bit_generator.state,
             "teacher": self.teacher.save(),
-            "trials": self._trials.state,
+            "trials": self._untrained.state,
         }
         (folder / "run.pickle").write_bytes(pickle.dumps(state))
         return tuple(f"{STUDENT}/{name}" for name in unchanged)
@@ -157,8 +156,8 @@ class Run:
         self.progress = Progress(**state["progress"])
         self._episode_seeds.bit_generator.state = state["episode_seeds"]
         self.teacher.load(state["teacher"])
-        if "trials" in state:  # else it was saved before there were any
-            self._trials.state = state["trials"]
+        if "trials" in state:  # missing in old checkpoints
+            self._untrained.state = state["trials"]
         self.student.load(folder / STUDENT)
         self._next_event = self._event_after(self.progress.step)
 
@@ -166,13 +165,13 @@ class Run:
         """Close all environments."""
         self.environment.close()
         self._evaluation.close()
-        self._trials.close()
+        self._untrained.close()
 
     def _play(self) -> Episode | None:
         task, student, environment = self.progress.next_task, self.student, self.environment
         assert task is not None, "a run that has begun has a next task"
         trains = self.progress.next_trains
-        act = student.act if trains else partial(self._trials.act, student)
+        act = student.act if trains else partial(self._untrained.act, student)
         seed = int(self._episode_seeds.integers(2**31))
         initial, _ = environment.reset(seed=seed, options={"task": self._world_task(task)})
         copies = self._copies
@@ -199,10 +198,10 @@ class Run:
             self.progress.step += 1
             episode = None
             if terminated or truncated:
-                gained = so_far.episodic_return
-                mastered = gained > self.spec.mastery_threshold
+                episodic_return = so_far.episodic_return
+                mastered = episodic_return > self.spec.mastery_threshold
                 end = initial, discounted_return, self.progress.step, trains
-                episode = Episode(task, gained, mastered, so_far.steps, *end)
+                episode = Episode(task, episodic_return, mastered, so_far.steps, *end)
                 self._end(episode, recorder)
             while self._next_event <= self.progress.step:
                 self._events(self._next_event)
@@ -211,12 +210,12 @@ class Run:
         return None
 
     def _diverged(self) -> bool:
-        """True if the student's action, or the value of a state, is not a finite number."""
+        """Return True if the student's action or the value of a state is not finite."""
         space = self.environment.observation_space
         assert space.shape is not None, "students learn from boxes"
         observations = np.zeros((1, *space.shape), np.float32)
         for answer in (self.student.act_greedily, self.student.state_values):
-            with suppress(Exception):  # whatever a student with such weights raises
+            with suppress(Exception):  # a diverged student may raise anything
                 if not np.isfinite(answer(observations)).all():
                     return True
         return False
@@ -239,7 +238,7 @@ class Run:
         self._receive(self.teacher.exchange(episode), recorder)
 
     def _world_task(self, task: Task) -> Task:
-        """Return the task of the world for a task of the teacher."""
+        """Return the world's task for a task of the teacher."""
         return task if self._landscape is None else self._landscape.to_world(task)
 
     def _receive(self, reply: Reply, recorder: Recorder | None = None) -> None:
@@ -256,7 +255,7 @@ class Run:
         self.progress.next_trains = reply.trains
 
     def _answer(self, query: Query, recorder: Recorder | None) -> Answer | None:
-        """Return the answer to `query`; None if an evaluation took what was left of the budget."""
+        """Return the answer to `query`, None if an evaluation exhausted the budget."""
         if query.kind is QueryKind.STATE_VALUES:
             assert query.observations is not None, "a query for values holds observations"
             return self.student.state_values(query.observations)
@@ -264,7 +263,7 @@ class Run:
             assert query.tasks is not None, "a query for an evaluation holds tasks"
             left = self.spec.schedule.steps - self.progress.step
             tasks = np.stack([self._world_task(task) for task in query.tasks])
-            outcomes = self._trials.evaluate(self.student, tasks, query.greedy, left)
+            outcomes = self._untrained.evaluate(self.student, tasks, query.greedy, left)
             if outcomes is None:
                 self.progress.step += left
                 return None
@@ -283,7 +282,7 @@ class Run:
         return replace(trajectory, entropy_bonuses=bonuses) if bonuses.any() else trajectory
 
     def _events(self, step: int) -> None:
-        """Run all events due at `step`: evaluation, probe, training statistics, then a reset."""
+        """Run the evaluation, probe, training statistics and reset due at `step`, in this order."""
         schedule = self.spec.schedule
         if step % schedule.evaluation_interval == 0 or step == schedule.steps:
             rows = [{"step": step, **row} for row in self._evaluation(self.student.act_greedily)]
@@ -300,7 +299,7 @@ class Run:
         self._next_event = self._event_after(step)
 
     def _event_after(self, step: int) -> int:
-        """Return the first step after `step` at which something is due."""
+        """Return the step of the next event after `step`."""
         schedule = self.spec.schedule
         intervals = (schedule.evaluation_interval, schedule.probe_interval, schedule.training_window)
         regular = (step - step % interval + interval for interval in intervals)
@@ -328,7 +327,7 @@ class Run:
 
 
 def teacher_log_row(step: int, episode: int, update: TeacherUpdate) -> dict[str, object]:
-    """Return the row of the teacher log that tells of an update after `episode`, at `step`."""
+    """Return the teacher log's row of an update after `episode`, at `step`."""
     return {
         "step": step,
         "episode": episode,

@@ -15,17 +15,14 @@ from tma_ray.support.interrupts import is_command
 F = TypeVar("F", bound=Callable[..., object])
 
 
-class _Listener(event.Listener):
-    """Listener that calls functions before and after each compilation."""
-
-    def __init__(self, before: Callable[[], None] = lambda: None, after: Callable[[], None] = lambda: None):
-        self._before, self._after = before, after
+class _Announcer(event.Listener):
+    """Listener that announces the first compilation."""
 
     def on_start(self, event: Any) -> None:  # noqa: ARG002 - as numba asks
-        self._before()
+        _announce()
 
-    def on_end(self, event: Any) -> None:  # noqa: ARG002
-        self._after()
+    def on_end(self, event: Any) -> None:
+        """Do nothing."""
 
 
 @cache
@@ -35,23 +32,11 @@ def _announce() -> None:
     )
 
 
-_kernels: list[Any] = []  # kernels of all imported modules
-
-
-def count_compiled(show: Callable[[int, int], None]) -> None:
-    """Call `show` with the numbers of compiled kernels and of all kernels after each compilation."""
-
-    def count() -> None:
-        show(sum(bool(compiled.signatures) for compiled in _kernels), len(_kernels))
-
-    event.register("numba:compile", _Listener(after=count))  # type: ignore[no-untyped-call]
-
-
 if is_command(sys.orig_argv):
-    event.register("numba:compile", _Listener(before=_announce))  # type: ignore[no-untyped-call]
+    event.register("numba:compile", _Announcer())  # type: ignore[no-untyped-call]
 
 
-def kernel(function: F, nogil: bool = False, counted: bool = True) -> F:
+def kernel(function: F, nogil: bool = False) -> F:
     """Return `function` compiled on its first call, without fast-math, and cached on disk.
 
     Kernels of physics and terrains avoid transcendental functions, so that plain Python gives the same bits.
@@ -59,7 +44,6 @@ def kernel(function: F, nogil: bool = False, counted: bool = True) -> F:
     Args:
         function: the kernel.
         nogil: True to release the GIL during calls.
-        counted: False to leave it out of `count_compiled`, if most processes never call it.
 
     Raises:
         OSError: if no cache folder is writable.
@@ -77,8 +61,6 @@ def kernel(function: F, nogil: bool = False, counted: bool = True) -> F:
         # index is unpickled before stamps are compared, which fails on types of deleted modules
         file = Path(function.__code__.co_filename)
         compiled._cache._cache_file._version = (numba.__version__, _sources(_package(file)))
-        if counted:
-            _kernels.append(compiled)
     return cast("F", compiled)
 
 

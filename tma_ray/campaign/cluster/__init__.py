@@ -1,1 +1,1 @@
-"""The Ray that a campaign runs on: started here or joined, and its head watched."""
+"""Connection to Ray: its nodes, a watched head, shipping of plug-ins."""

@@ -1,4 +1,4 @@
-"""Ray actors: one seed actor per run, which owns its teacher actor, and one learner per cohort."""
+"""Ray actors of runs, their teachers, and learners of cohorts."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 import psutil
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeLabelSchedulingStrategy, NotIn
 
-from tma_ray.campaign.cluster.base import use_shipped
+from tma_ray.campaign.cluster.ray_private import sockets_folder
+from tma_ray.campaign.cluster.shipping import use_shipped
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
 from tma_ray.results import LearnerProgress, PartFile, Store
 from tma_ray.runs.attempt import Attempt, Report
@@ -33,7 +33,7 @@ NODE_LABEL = "ray.io/node-id"  # label that Ray gives every node
 
 
 def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
-    """Return Ray's strategy for a required node, by id, or for any if the others than `avoid` are full."""
+    """Return Ray's scheduling strategy for a required node, by id, or for any but preferably not `avoid`."""
     if node:
         return NodeAffinitySchedulingStrategy(node, soft=False)
     others: Any = NotIn
@@ -57,23 +57,23 @@ Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 SEED_CALLS = 4
-"""Concurrent calls of a seed actor: the run, a second call that waits for it, a report, a request to stop."""
+"""Concurrent calls of a seed actor: the run, a repeated call that waits for it, a report, a stop request."""
 
 
 class TeacherActor(InlineTeacher):
-    """A teacher in a process of its own; it imports torch only if its algorithm does.
+    """Ray actor of a teacher, which imports torch only if its algorithm does.
 
-    It is made by `start`: an actor whose constructor raises counts as dead, and its run as lost.
+    `start` constructs the teacher: an actor whose constructor raises counts as dead, and its run as lost.
     """
 
     def __init__(self) -> None:
-        """Wait for `start`."""
+        """Do nothing until `start`."""
 
     def start(self, spec: dict[str, Any], inputs: Mapping[str, bytes]) -> None:
-        """Make the teacher of a run and start it.
+        """Construct and start the teacher of a run.
 
         Raises:
-            Exception: any error of the teacher.
+            Exception: if the teacher raises it.
         """
         use_shipped()
         provide(inputs)
@@ -83,7 +83,7 @@ class TeacherActor(InlineTeacher):
 def _remote(
     method: Callable[Concatenate[InlineTeacher, Arguments], Result],
 ) -> Callable[Concatenate[RemoteTeacher, Arguments], Result]:
-    """Return a method of `RemoteTeacher` that calls `method` of its actor: one message each way."""
+    """Return a method of `RemoteTeacher` that calls `method` of its actor, with one message each way."""
 
     def call(self: RemoteTeacher, /, *arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
         if self.starting is not None:
@@ -96,12 +96,12 @@ def _remote(
 
 
 class RemoteTeacher:
-    """The link to a teacher actor on this node; see `TeacherLink`. The actor dies with this process."""
+    """Link to a teacher actor on this node, which ends with this process; see `TeacherLink`."""
 
     def __init__(self, spec: RunSpec) -> None:
-        here = node_strategy(ray.get_runtime_context().get_node_id())
+        this_node = node_strategy(ray.get_runtime_context().get_node_id())
         remote: Any = ray.remote(TeacherActor)
-        options = {"num_cpus": 0, "max_restarts": 0, "scheduling_strategy": here}
+        options = {"num_cpus": 0, "max_restarts": 0, "scheduling_strategy": this_node}
         self.actor = remote.options(**options).remote()
         self.starting: Any = self.actor.start.remote(spec.to_dict(), contents([spec]))
 
@@ -113,10 +113,9 @@ class RemoteTeacher:
 
 
 class SeedActor:
-    """Ray actor of one attempt: `run` trains while `report` and `request_stop` are answered.
+    """Ray actor of one attempt, created by `launch`: `report` and `request_stop` are answered during `run`.
 
-    Created by `launch`. The scheduler replaces it when it dies: an actor that Ray restarts would not know
-    that its attempt no longer counts.
+    Ray does not restart it: each attempt has a number of its own, which the scheduler assigns.
     """
 
     def __init__(
@@ -136,16 +135,16 @@ class SeedActor:
 
     @classmethod
     def launch(cls, resources: Resources, strategy: Any, *arguments: Any) -> Any:
-        """Return the handle of a new seed actor on a node of `node_strategy`, made with `arguments`."""
+        """Return the handle of a new seed actor, placed by a strategy of `node_strategy`."""
         return launcher(cls, resources, strategy, SEED_CALLS).remote(*arguments)
 
     def run(self) -> tuple[PartFile, ...] | None:
         """Execute the attempt; return the canonical result files, or None after a stop.
 
-        A second call, as after a network failure, waits for the first one and returns the same.
+        A repeated call, as after a network failure, waits for the first and returns its result.
 
         Raises:
-            Exception: any error of teacher, student or environment.
+            Exception: if teacher, student or environment raises it.
         """
         with self._first_call:
             outcome, self._outcome = self._outcome, self._outcome or Future()
@@ -162,32 +161,31 @@ class SeedActor:
         return self._outcome.result()
 
     def report(self) -> Report | None:
-        """Return the progress of the attempt; None while it is being set up."""
+        """Return the progress of the attempt, None during its setup."""
         report = self._attempt.report()
         return report and replace(report, node=ray.get_runtime_context().get_node_id())
 
     def request_stop(self) -> None:
-        """Request a checkpoint at the end of the episode, after which `run` returns."""
+        """Request a checkpoint and the end of `run` after the episode."""
         self._stop.set()
 
 
 def reason_for_loss(error: Exception) -> str:
-    """Return the reason for a loss in one line, without Ray's additions to the error."""
+    """Return the reason for a loss in one line, without Ray's details."""
     lines = str(getattr(error, "cause", None) or error).splitlines()
     return " ".join(line for line in lines if not line.startswith("\t"))
 
 
 LEARNER_CALLS = 6
-"""Concurrent calls of a learner actor: two that wait, also again after a network failure, and a report."""
+"""Concurrent calls of a learner actor: `open` and `serve`, both repeatable, and a report."""
 
-WINDOW_SECONDS = 30.0  # time over which speed and share of work are averaged, s
+WINDOW_SECONDS = 30.0  # time over which speed and utilisation are averaged, s
 
 
 LONGEST_TURN = 3600.0
-"""Time at the same few updates after which a learner counts as stuck, s: its GPU may hang. The compilation of
-a first update takes minutes."""
+"""Time without a new update after which a learner counts as stuck, s; compiling the first takes minutes."""
 
-TURN_POLL = 5.0  # time between two looks at whether a learner is stuck, s
+TURN_POLL = 5.0  # time between two checks for a stuck learner, s
 
 
 class LearnerActor:
@@ -195,8 +193,7 @@ class LearnerActor:
 
     def __init__(self, settings: CohortSettings) -> None:
         self._settings = settings
-        node: Any = ray._private.worker.global_worker.node  # whose folder for sockets has a short path
-        socket = Path(node.get_sockets_dir_path(), f"learner-{secrets.token_hex(4)}")
+        socket = sockets_folder() / f"learner-{secrets.token_hex(4)}"
         self._learner = Learner(str(socket), secrets.token_bytes(32))
         self._server: Any = None
         self._failure: Exception | None = None
@@ -207,15 +204,15 @@ class LearnerActor:
 
     @classmethod
     def launch(cls, settings: CohortSettings, resources: Resources, node: str) -> Any:
-        """Return the handle of a new learner on a node, by Ray's id; without one, Ray chooses."""
+        """Return the handle of a new learner on a node, by Ray's id; with "" Ray chooses."""
         return launcher(cls, resources, node_strategy(node), LEARNER_CALLS).remote(settings)
 
     def open(self) -> tuple[Learner, str]:
-        """Return the address and Ray's id of the node once players can connect.
+        """Wait until players can connect; return the address and Ray's id of the node.
 
         Raises:
-            MemoryError: the device has too little memory.
-            Exception: whatever else torch raises.
+            MemoryError: if the device has too little memory.
+            Exception: if torch raises it.
         """
         while not self._listens.wait(0.1) and self._thread.is_alive():
             pass
@@ -224,28 +221,27 @@ class LearnerActor:
         return self._learner, ray.get_runtime_context().get_node_id()
 
     def serve(self) -> None:
-        """Wait for the end, which only a failure brings; any number of calls may wait.
+        """Block until the learner fails; several calls may wait.
 
         Raises:
-            MemoryError: the device has too little memory. Players stay connected: they do not learn of it
-                before this process is killed.
-            TimeoutError: the work does not go on, and nothing ends it.
-            Exception: whatever else ended the work.
+            MemoryError: if the device has too little memory. Players stay connected until this process ends.
+            TimeoutError: if the learner is stuck.
+            Exception: if anything else ended the learner.
         """
         wait_for_end(self._thread, lambda: self._server and self._server.turned_at)
         if self._failure is not None:
             raise self._failure
 
     def report(self) -> LearnerProgress | None:
-        """Return the progress of the learner; None before it listens."""
+        """Return the progress of the learner, None before it listens."""
         if self._server is None:
             return None
         account, now = dict(self._server.account), time.monotonic()
         self._samples.append((now, account["updates of runs"], account["waiting"]))
         while len(self._samples) > 2 and self._samples[1][0] < now - WINDOW_SECONDS:
             self._samples.popleft()
-        before, updates, waiting = self._samples[0]
-        seconds = now - before
+        start, updates, waiting = self._samples[0]
+        seconds = now - start
         if self._settings.device == "cpu":
             used, total = psutil.Process().memory_info().rss, psutil.virtual_memory().total
         else:
@@ -266,24 +262,24 @@ class LearnerActor:
 
     def _work(self) -> None:
         try:
-            # Imported here: torch takes seconds, and its failure is to be told apart from a lost process.
+            # deferred: torch takes seconds, and a failing import must not kill the actor
             from tma_ray.students.cohort.server import LearnerServer
 
             self._server = LearnerServer(self._learner, self._settings)
             self._listens.set()
             self._server.serve(lambda: False)
         except Exception as error:
-            from torch import OutOfMemoryError  # torch is not in the driver, which takes this for what it is
+            from torch import OutOfMemoryError  # the driver, without torch, cannot unpickle it
 
-            short = isinstance(error, (MemoryError, OutOfMemoryError))
-            self._failure = MemoryError(str(error).partition("\n")[0]) if short else error
+            out_of_memory = isinstance(error, (MemoryError, OutOfMemoryError))
+            self._failure = MemoryError(str(error).partition("\n")[0]) if out_of_memory else error
 
 
 def wait_for_end(thread: threading.Thread, turned_at: Callable[[], float | None]) -> None:
-    """Wait for the end of a learner's thread; `turned_at()` is the time of its last turn, s.
+    """Wait for the end of a learner's thread; `turned_at` returns the time of its last update, s.
 
     Raises:
-        TimeoutError: the same updates have taken longer than `LONGEST_TURN`.
+        TimeoutError: if an update takes longer than `LONGEST_TURN`.
     """
     while thread.is_alive():
         thread.join(TURN_POLL)

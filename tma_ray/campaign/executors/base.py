@@ -1,4 +1,4 @@
-"""The contract of executors: they start attempts at runs, report on them, and stop them."""
+"""The contract of executors, which start attempts at runs, report on them and stop them."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -11,19 +11,19 @@ from tma_ray.runs.spec import RunSpec
 from tma_ray.students.rollout_workers import CohortFullError, LearnerLostError
 
 LOSSES = StorageError, LearnerLostError, CohortFullError
-"""Errors of a run by which its attempt counts as lost: another one may succeed."""
+"""Errors after which a run is lost rather than failed, since another attempt may succeed."""
 
 
 @dataclass(frozen=True)
-class Ending:
+class AttemptEnd:
     """End of an attempt.
 
     Attributes:
         run_id: id of the run.
         outcome: outcome of the attempt.
         files: canonical result files of a run that is done.
-        reason: traceback of a run that failed, or reason for a loss in one line.
-        without_fault: True for a loss that the run did not cause: it is repeated, and not counted.
+        reason: traceback of a failure, or one line on a loss.
+        without_fault: True for a loss that the run did not cause, which does not count.
     """
 
     run_id: str
@@ -34,31 +34,31 @@ class Ending:
 
 
 class Executor(Protocol):
-    """Executor of attempts at runs, several at a time; it decides no retries and commits no results."""
+    """Executor of concurrent attempts at runs; retries and commits are the scheduler's."""
 
     @property
     def learners(self) -> Sequence[LearnerProgress]:
         """Progress of the learners of cohorts."""
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
-        """Remove from `waiting` a run that can start now and return it; None without room."""
+        """Remove and return a run of `waiting` that can start now, or None."""
 
     def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:
-        """Start attempt `number` at a run that `take` returned; nodes to `avoid` come last."""
+        """Start attempt `number` at a run that `take` returned, preferably not on the nodes to `avoid`."""
 
-    def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:
-        """Return new reports and endings, after at most `seconds` if there are none.
+    def poll(self, seconds: float, *, last: bool) -> Sequence[Report | AttemptEnd]:
+        """Return new reports and ends of attempts, waiting for at most `seconds`.
 
-        The last report of an attempt that trained comes before its ending. With `last` no run will follow.
+        The last report of an attempt comes before its end. With `last` no other run will start.
 
         Raises:
-            HeadLostError: the cluster is gone, with all attempts.
+            HeadLostError: if the cluster is lost, with all attempts.
         """
 
     def stop(self) -> None:
-        """Request a checkpoint of every attempt, after which it ends.
+        """Request a checkpoint and the end of every attempt.
 
-        An attempt that has not begun to train is killed: it is lost without fault.
+        Attempts that have not begun to train are killed, and lost without fault.
         """
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Cohorts on Ray: their learners, and the runs that learn with each."""
+"""Cohorts on Ray: learners, and the runs in the slots of each."""
 
 import logging
 import math
@@ -12,12 +12,13 @@ from typing import Any, NamedTuple
 import ray
 from ray.exceptions import ActorUnavailableError, RayError
 
-from tma_ray.campaign.cluster.base import Head, living_nodes, offers
+from tma_ray.campaign.cluster.nodes import resource_text
+from tma_ray.campaign.cluster.protocols import Head
+from tma_ray.campaign.cluster.ray_private import living_nodes
 from tma_ray.campaign.executors.actors import LearnerActor, reason_for_loss
-from tma_ray.campaign.settings import GIB, Resources, Settings
-from tma_ray.envs import make_environment
+from tma_ray.campaign.settings import GIB, ExecutionConfig, Resources
 from tma_ray.results import LearnerProgress
-from tma_ray.runs.inputs import arguments, import_plugins
+from tma_ray.runs.inputs import import_plugins, new_environment
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import COHORT_STUDENTS, Learner
 from tma_ray.students.base import checked_spaces
@@ -25,8 +26,8 @@ from tma_ray.students.rollout_workers import CohortSettings
 from tma_ray.support.component_names import base_name
 
 
-class Kind(NamedTuple):
-    """Kind of runs that a stacked learner can hold together: algorithm, sizes and settings."""
+class StackKey(NamedTuple):
+    """Properties that runs must share to be stacked in one learner."""
 
     student: str
     observation: int
@@ -34,14 +35,14 @@ class Kind(NamedTuple):
     hyperparameters: str
 
 
-def kinds_of(specs: Sequence[RunSpec]) -> dict[str, Kind]:
-    """Return the kind of each run by its id; make every environment once.
+def stack_keys(specs: Sequence[RunSpec]) -> dict[str, StackKey]:
+    """Return the stack key of each run by its id, constructing every environment once.
 
     Raises:
-        ValueError: a student that cannot learn in a cohort, or spaces that it does not take.
+        ValueError: if a student cannot learn in a cohort, or does not support the spaces.
     """
     sizes: dict[Hashable, tuple[int, int]] = {}
-    kinds = {}
+    keys = {}
     for spec in specs:
         student = base_name(spec.student)
         if student not in COHORT_STUDENTS:
@@ -52,33 +53,36 @@ def kinds_of(specs: Sequence[RunSpec]) -> dict[str, Kind]:
         recipe = spec.environment, repr(sorted(spec.environment_options.items())), *spec.inputs.items()
         if recipe not in sizes:
             import_plugins(spec, "environment")
-            environment = make_environment(spec.environment, **arguments(spec, "environment"))
+            environment = new_environment(spec)
             observations, actions = checked_spaces(environment.observation_space, environment.action_space)
             environment.close()
             sizes[recipe] = observations.shape[0], actions.shape[0]
-        kinds[spec.run_id] = Kind(student, *sizes[recipe], repr(sorted(spec.student_hyperparameters.items())))
-    return kinds
+        values = repr(sorted(spec.student_hyperparameters.items()))
+        keys[spec.run_id] = StackKey(student, *sizes[recipe], values)
+    return keys
 
 
 PROCESS_GIB = {"cpu": 1.0, "cuda": 4.0}  # memory of a learner's process without replay, GiB
-ROW_BYTES = 4.2  # size of a stored transition for each of its numbers, of which observations are stored once
+ROW_BYTES = 4.2  # size of a stored transition per number, with observations stored once
 
 
-def learner_resources(settings: Settings, specs: Iterable[RunSpec], kinds: Mapping[str, Kind]) -> Resources:
-    """Return the resources of the learner of a full cohort of `specs`: on a GPU the whole GPU."""
+def learner_resources(
+    settings: ExecutionConfig, specs: Iterable[RunSpec], keys: Mapping[str, StackKey]
+) -> Resources:
+    """Return the resources of the learner of a full cohort of `specs`; on a GPU all of it."""
     replays = []
     for spec in specs:
         rows = min(int(spec.student_hyperparameters.get("buffer_size", 0)), spec.schedule.steps)
-        kind = kinds[spec.run_id]
-        replays.append(ROW_BYTES * rows * (kind.observation + kind.action + 2))
+        key = keys[spec.run_id]
+        replays.append(ROW_BYTES * rows * (key.observation + key.action + 2))
     device = settings.device.partition(":")[0]
-    copies = 1 if device == "cuda" else 2  # a checkpoint's, and the learner's own where that is no GPU's
+    copies = 1 if device == "cuda" else 2  # a checkpoint's; on a CPU the learner's, too
     replay = copies * settings.width * max(replays, default=0.0) / GIB
     return Resources(1.0, float(device == "cuda"), PROCESS_GIB[device] + replay)
 
 
-def room_of(node: Mapping[str, float], settings: Settings, learner: Resources) -> tuple[int, int]:
-    """Return the numbers of learners that a node with these resources holds, and of players next to each."""
+def room_of(node: Mapping[str, float], settings: ExecutionConfig, learner: Resources) -> tuple[int, int]:
+    """Return how many learners a node with these resources holds, and how many players beside each."""
     player = settings.player
     whole = Resources(
         learner.cpus + settings.width * player.cpus,
@@ -96,125 +100,126 @@ def room_of(node: Mapping[str, float], settings: Settings, learner: Resources) -
     return learners, int(min(settings.width, cores / player.cpus + 1e-9, by_memory + 1e-9))
 
 
-def check_room(settings: Settings, specs: Sequence[RunSpec], kinds: Mapping[str, Kind]) -> None:
-    """Refuse cohorts that no node can hold: Ray would let them wait forever.
+def check_room(settings: ExecutionConfig, specs: Sequence[RunSpec], keys: Mapping[str, StackKey]) -> None:
+    """Check that a node can hold a learner and a run, which Ray would otherwise queue forever.
 
     Raises:
-        ValueError: a learner and a run need more than any node has.
+        ValueError: if no node can.
     """
-    learner = learner_resources(settings, specs, kinds)
+    learner = learner_resources(settings, specs, keys)
     nodes = [node["Resources"] for node in living_nodes()]
     if any(room_of(node, settings, learner)[1] for node in nodes):
         return
     raise ValueError(
         f"no node can hold the learner of a cohort, of {learner.cpus:g} CPUs, {learner.gpus:g} GPUs and "
         f"{learner.memory_gib:.1f} GiB, and a run of {settings.player.cpus:g} CPUs and "
-        f"{settings.player.memory_gib:g} GiB beside it: the nodes have {offers(nodes)}; give '--cohort "
-        f"off' or a smaller number, add larger nodes, or give '--autoscaling' if the cluster adds them"
+        f"{settings.player.memory_gib:g} GiB beside it: the nodes have {resource_text(nodes)}; give "
+        f"'--cohort off' or a smaller number, add larger nodes, or give '--autoscaling' if the cluster adds "
+        f"them"
     )
 
 
 AUTOSCALING_LEARNERS = 4  # learners that wait for nodes of an autoscaling cluster
 
-LONGEST_LOOK = 5.0
-"""Longest time that counts between two looks at a learner, s: the driver may have slept itself."""
+LONGEST_INTERVAL = 5.0
+"""Longest interval between two polls that counts as a learner's silence, s: the driver may have slept."""
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass
 class _Cohort:
-    """A learner and the runs that have a place on its node."""
+    """A learner and the runs in its slots."""
 
     actor: Any
     node: str
     width: int
-    places: int
+    max_runs: int
     opened: Any
     ended: Any
     learner: Learner | None = None
-    runs: dict[str, Kind] = field(default_factory=dict)
-    asked: Any = None
+    runs: dict[str, StackKey] = field(default_factory=dict)
+    report: Any = None
     progress: LearnerProgress | None = None
     silent_since: float | None = None
     unanswered: float = 0.0
-    looked_at: float = field(default_factory=time.monotonic)
+    polled_at: float = field(default_factory=time.monotonic)
 
-    def choose(self, waiting: Sequence[RunSpec], kinds: Mapping[str, Kind]) -> int | None:
-        """Return the number of the run that fits best: of a kind that learns here already, or a new one."""
-        if len(self.runs) >= self.places:
+    def choose(self, waiting: Sequence[RunSpec], keys: Mapping[str, StackKey]) -> int | None:
+        """Return the index of the run that fits best, one of a known stack if possible."""
+        if len(self.runs) >= self.max_runs:
             return None
         counts, new = Counter(self.runs.values()), None
-        for number, spec in enumerate(waiting):
-            kind = kinds[spec.run_id]
-            if 0 < counts[kind] < self.width:
-                return number
-            if new is None and not counts[kind]:
-                new = number
+        for index, spec in enumerate(waiting):
+            key = keys[spec.run_id]
+            if 0 < counts[key] < self.width:
+                return index
+            if new is None and not counts[key]:
+                new = index
         return new
 
 
 class Cohorts:
-    """Learners of cohorts and the runs of each: one learner per GPU, or per so many runs on a CPU.
+    """Learners of cohorts, one per GPU or per `width` runs on a CPU, and the runs of each.
 
-    A learner that is lost is replaced; its runs lose their connection, and continue with another.
-    Where memory does not suffice, learners with half as many slots follow.
+    A lost learner is replaced, and its runs continue with another. If memory runs out, later learners have
+    half as many slots.
     """
 
     def __init__(
         self,
-        settings: Settings,
+        settings: ExecutionConfig,
         head: Head,
         specs: Sequence[RunSpec],
-        kinds: Mapping[str, Kind],
+        keys: Mapping[str, StackKey],
         learner_type: type[LearnerActor] = LearnerActor,
     ) -> None:
         self._settings, self._head, self._type = settings, head, learner_type
-        self._specs, self._kinds = specs, kinds
+        self._specs, self._keys = specs, keys
         self._cohorts: list[_Cohort] = []
         self._blameless: set[str] = set()
-        self._resources: Resources = learner_resources(settings, specs, self._kinds)
+        self._resources: Resources = learner_resources(settings, specs, keys)
         self._compiled = compilation(specs) if self._resources.gpus else False
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
-        """Remove from `waiting` a run that a listening learner has a slot for; None without one."""
+        """Remove and return a run of `waiting` for which a learner has a slot, or None."""
         for cohort in self._cohorts:
-            number = None if cohort.learner is None else cohort.choose(waiting, self._kinds)
-            if number is not None:
-                spec = waiting[number]
-                del waiting[number]
-                cohort.runs[spec.run_id] = self._kinds[spec.run_id]
+            index = None if cohort.learner is None else cohort.choose(waiting, self._keys)
+            if index is not None:
+                spec = waiting[index]
+                del waiting[index]
+                cohort.runs[spec.run_id] = self._keys[spec.run_id]
                 return spec
         self._grow(len(waiting))
         return None
 
     def learner_of(self, run_id: str) -> tuple[Learner | None, str]:
-        """Return the learner of a run that was taken, and Ray's id of the node that both have to be on."""
-        return next((each.learner, each.node) for each in self._cohorts if run_id in each.runs)
+        """Return the learner of a run that was taken, and Ray's id of its node."""
+        return next((cohort.learner, cohort.node) for cohort in self._cohorts if run_id in cohort.runs)
 
     def leave(self, run_id: str) -> None:
-        """Free the slot of a run that has ended, however it did."""
+        """Free the slot of a run that has ended."""
         self._blameless.discard(run_id)
         for cohort in self._cohorts:
             cohort.runs.pop(run_id, None)
 
     def lost_without_fault(self, run_id: str) -> bool:
-        """Return True if memory did not suffice for the learner of a run that has not left yet."""
+        """Return True if the learner of this run ran out of memory."""
         return run_id in self._blameless
 
-    def look(self, *, over: bool) -> Sequence[LearnerProgress]:
-        """Update the state of the learners: listening, ended, progress; `over`: no run is to come."""
+    def update(self, *, over: bool) -> Sequence[LearnerProgress]:
+        """Update the state of all learners and return their progress; with `over` end idle ones."""
         for cohort in list(self._cohorts):
             if not self._lives(cohort) or (over and not cohort.runs):
                 self._end(cohort)
                 continue
-            if cohort.learner is None and _come(cohort.opened):
-                with suppress(RayError, MemoryError):  # its end says the same, and is dealt with there
-                    cohort.learner, node = ray.get(cohort.opened)
-                    for each in self._head.nodes() if not cohort.node else ():
-                        if each["NodeID"] == node:
-                            cohort.places = room_of(each["Resources"], self._settings, self._resources)[1]
-                    cohort.node = node
+            if cohort.learner is None and _is_ready(cohort.opened):
+                with suppress(RayError, MemoryError):  # handled when its end is received
+                    cohort.learner, node_id = ray.get(cohort.opened)
+                    for node in self._head.nodes() if not cohort.node else ():
+                        if node["NodeID"] == node_id:
+                            cohort.max_runs = room_of(node["Resources"], self._settings, self._resources)[1]
+                    cohort.node = node_id
             self._poll(cohort)
         return [cohort.progress for cohort in self._cohorts if cohort.progress is not None]
 
@@ -224,22 +229,22 @@ class Cohorts:
             self._end(cohort)
 
     def _grow(self, waiting: int) -> None:
-        """Start learners for runs that wait, as far as nodes have room."""
-        free = sum(cohort.places - len(cohort.runs) for cohort in self._cohorts if cohort.learner is None)
+        """Start learners for waiting runs while nodes have room."""
+        free = sum(cohort.max_runs - len(cohort.runs) for cohort in self._cohorts if cohort.learner is None)
         while waiting > free:
-            found = self._free_node()
-            if found is None:
+            room = self._free_node()
+            if room is None:
                 return
-            node, places = found
-            settings = self._settings
-            of_cohort = CohortSettings(settings.device, settings.width, self._compiled)
-            actor = self._type.launch(of_cohort, self._resources, node)
+            node, max_runs = room
+            width = self._settings.width
+            cohort_settings = CohortSettings(self._settings.device, width, self._compiled)
+            actor = self._type.launch(cohort_settings, self._resources, node)
             opened, ended = actor.open.remote(), actor.serve.remote()
-            self._cohorts.append(_Cohort(actor, node, settings.width, places, opened, ended))
-            free += places
+            self._cohorts.append(_Cohort(actor, node, width, max_runs, opened, ended))
+            free += max_runs
 
     def _free_node(self) -> tuple[str, int] | None:
-        """Return a node with room for a learner, "" for one to come, and how many players it holds then."""
+        """Return a node with room for a learner ("" for a future one), and its number of players."""
         taken = Counter(cohort.node for cohort in self._cohorts)
         for node in self._head.nodes():
             learners, players = room_of(node["Resources"], self._settings, self._resources)
@@ -251,20 +256,19 @@ class Cohorts:
 
     def _poll(self, cohort: _Cohort) -> None:
         now = time.monotonic()
-        passed, cohort.looked_at = min(now - cohort.looked_at, LONGEST_LOOK), now
-        if cohort.asked is not None:
-            if not _come(cohort.asked):
+        passed, cohort.polled_at = min(now - cohort.polled_at, LONGEST_INTERVAL), now
+        if cohort.report is not None:
+            if not _is_ready(cohort.report):
                 cohort.unanswered += passed if cohort.learner is not None else 0.0
                 return
-            asked, cohort.asked = cohort.asked, None
             with suppress(RayError):
-                cohort.progress = ray.get(asked)
+                cohort.progress = ray.get(cohort.report)
                 cohort.silent_since, cohort.unanswered = None, 0.0
-        cohort.asked = cohort.actor.report.remote()
+        cohort.report = cohort.actor.report.remote()
 
     def _lives(self, cohort: _Cohort) -> bool:
-        """Return True unless a learner has certainly ended; then log the reason."""
-        if not _come(cohort.ended):
+        """Return False, and log the reason, if a learner has certainly ended."""
+        if not _is_ready(cohort.ended):
             if cohort.unanswered < self._settings.unreachable_seconds:
                 return True
             logger.warning(
@@ -283,20 +287,20 @@ class Cohorts:
             if isinstance(error, ActorUnavailableError):
                 cohort.silent_since = cohort.silent_since or time.monotonic()
                 if time.monotonic() - cohort.silent_since < self._settings.unreachable_seconds:
-                    cohort.ended, cohort.asked = cohort.actor.serve.remote(), None
+                    cohort.ended, cohort.report = cohort.actor.serve.remote(), None
                     return True
             _warn(cohort, error)
         return False
 
     def _narrow(self, cohort: _Cohort, error: MemoryError) -> None:
-        """Halve the width of future learners, so that the runs of this one can continue."""
+        """Halve the width of future learners, so that this one's runs can continue."""
         if cohort.width == 1:
             _warn(cohort, error)
             return
         self._blameless |= set(cohort.runs)
         width = min(self._settings.width, cohort.width // 2)
         self._settings = replace(self._settings, cohort=width)
-        self._resources = learner_resources(self._settings, self._specs, self._kinds)
+        self._resources = learner_resources(self._settings, self._specs, self._keys)
         logger.warning(
             "too little memory for a cohort of %d runs (%s): from now on cohorts have %d slots; the %d runs "
             "resume from their checkpoints, soundly, but not bit for bit as with the other width",
@@ -312,18 +316,18 @@ class Cohorts:
 
 
 def compilation(specs: Sequence[RunSpec]) -> bool | str:
-    """Return the mode in which updates are compiled on a GPU; with autotuning if all products are bfloat16.
+    """Return the compilation mode of updates on a GPU, with autotuning if all products are bfloat16.
 
-    There it doubles the speed, for minutes at the start. It chooses kernels by their time, so that another
-    machine, or this one without its cache, rounds differently; elsewhere that is not worth its gain.
+    With bfloat16 it doubles the speed, for minutes at the start. It chooses kernels by their time, so that
+    rounding depends on the machine and its cache, which smaller gains would not justify.
     """
     medium = all(spec.student_hyperparameters.get("matmul_precision") == "medium" for spec in specs)
     return True if medium else "default"
 
 
-def _come(reference: Any) -> bool:
-    come, _ = ray.wait([reference], timeout=0)
-    return bool(come)
+def _is_ready(reference: Any) -> bool:
+    ready, _ = ray.wait([reference], timeout=0)
+    return bool(ready)
 
 
 def _warn(cohort: _Cohort, error: Exception) -> None:

@@ -16,55 +16,58 @@ from ray.exceptions import (
     RayTaskError,
 )
 
-from tma_ray.campaign.cluster.base import Head, capacity
+from tma_ray.campaign.cluster.nodes import capacity
+from tma_ray.campaign.cluster.protocols import Head
 from tma_ray.campaign.executors.actors import SeedActor, node_strategy, reason_for_loss
-from tma_ray.campaign.executors.base import LOSSES, Ending
+from tma_ray.campaign.executors.base import LOSSES, AttemptEnd
 from tma_ray.campaign.executors.cohorts import Cohorts
-from tma_ray.campaign.failures import HeadLostError, Silence
-from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.failures import HeadLostError, SilentRuns
+from tma_ray.campaign.settings import ExecutionConfig
 from tma_ray.results import AttemptOutcome, LearnerProgress, Store
 from tma_ray.runs.attempt import Report
 from tma_ray.runs.spec import RunSpec
 from tma_ray.support.texts import visible
 
 UNREACHABLE_PAUSE = 0.5
-"""Pause before another call of an actor that did not answer, and longest wait for first reports, s."""
+"""Pause before calling an unavailable actor again, and longest wait for first reports, s."""
 
-FINAL_REPORT_SECONDS = 10.0  # longest wait for the last report of an actor whose run has ended, s
+FINAL_REPORT_SECONDS = 10.0  # longest wait for the last report of a run, s
 
 
 @dataclass
 class _Running:
-    """An attempt that has an actor, and its calls under way."""
+    """An attempt with its actor and pending calls."""
 
     run_id: str
     actor: Any
     result: Any
-    asked: Any = None
+    report: Any = None
     has_reported: bool = False
 
 
 class RayExecutor:
-    """Executor of attempts as Ray actors, each a fresh one; see `Executor`.
+    """Executor with a new Ray actor for each attempt; see `Executor`.
 
-    Runs that learn alone are as many as the nodes hold, and some more, whose demand an autoscaler sees.
+    Without cohorts, it submits more runs than the nodes hold, as demand for an autoscaler.
     """
 
-    def __init__(self, store: Store, settings: Settings, head: Head, cohorts: Cohorts | None = None) -> None:
+    def __init__(
+        self, store: Store, settings: ExecutionConfig, head: Head, cohorts: Cohorts | None = None
+    ) -> None:
         self._store, self._settings, self._head, self._cohorts = store, settings, head, cohorts
-        self._silence = Silence(settings.unreachable_seconds)
+        self._silent = SilentRuns(settings.unreachable_seconds)
         self._taken: set[str] = set()
         self._running: dict[Any, _Running] = {}
-        self._pending: list[Report | Ending] = []
+        self._pending: list[Report | AttemptEnd] = []
         self._connected = True
         self.learners: Sequence[LearnerProgress] = ()
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
-        """Return a run that has a place now; see `Executor`."""
+        """Return a run that fits now; see `Executor`."""
         if self._cohorts is not None:
             return self._cohorts.take(waiting)
-        holds = capacity(self._settings.resources, self._head.nodes()) + self._settings.queued
-        if not waiting or len(self._taken) >= holds:
+        room = capacity(self._settings.resources, self._head.nodes()) + self._settings.max_queued
+        if not waiting or len(self._taken) >= room:
             return None
         self._taken.add(waiting[0].run_id)
         return waiting.popleft()
@@ -76,27 +79,27 @@ class RayExecutor:
             learner, node = self._cohorts.learner_of(spec.run_id)
             placement = replace(placement, learner=learner)
         arguments = spec.to_dict(), self._store, number, placement, self._settings.teachers
-        actor = SeedActor.launch(self._settings.each, node_strategy(node, avoid), *arguments)
+        actor = SeedActor.launch(self._settings.per_run, node_strategy(node, avoid), *arguments)
         result = actor.run.remote()
         self._running[result] = _Running(spec.run_id, actor, result)
 
-    def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:
-        """Return the reports and endings of actors; see `Executor`."""
+    def poll(self, seconds: float, *, last: bool) -> Sequence[Report | AttemptEnd]:
+        """Return reports and ends of attempts; see `Executor`."""
         ended: list[Any] = []
         if self._running:
             seconds = 0.0 if self._pending else seconds
             ended, _ = ray.wait(list(self._running), num_returns=1, timeout=seconds)
-            if ended:  # with all others that have
+            if ended:  # all that have
                 ended, _ = ray.wait(list(self._running), num_returns=len(self._running), timeout=0)
         elif not self._pending:
             time.sleep(seconds)
         try:
-            self._head.check()  # before anything is made of what has ended with it
+            self._head.check()  # first, since actors end with their head
         except HeadLostError:
-            self._connected = False  # no call of Ray may follow: it would start another one
+            self._connected = False  # further calls would start another Ray
             raise
         if self._cohorts is not None:
-            self.learners = self._cohorts.look(over=last)
+            self.learners = self._cohorts.update(over=last)
         for result in ended:
             self._end(self._running.pop(result))
         self._collect_reports(self._running.values())
@@ -104,7 +107,7 @@ class RayExecutor:
         return events
 
     def stop(self) -> None:
-        """Request a checkpoint of every run that trains, and kill the others; see `Executor`."""
+        """Request checkpoints of runs that train, and kill the others; see `Executor`."""
         silent = [running for running in self._running.values() if not running.has_reported]
         self._collect_reports(silent, UNREACHABLE_PAUSE)  # a run may train since the last poll
         for result, running in list(self._running.items()):
@@ -112,10 +115,10 @@ class RayExecutor:
                 running.actor.request_stop.remote()
             else:
                 del self._running[result]
-                self._leave(running, Ending(running.run_id, AttemptOutcome.LOST, without_fault=True))
+                self._leave(running, AttemptEnd(running.run_id, AttemptOutcome.LOST, without_fault=True))
 
     def close(self) -> None:
-        """Kill all actors, unless Ray is gone."""
+        """Kill all actors, unless disconnected from Ray."""
         if self._connected:
             for running in self._running.values():
                 ray.kill(running.actor)
@@ -123,52 +126,52 @@ class RayExecutor:
                 self._cohorts.close()
 
     def _collect_reports(self, attempts: Collection[_Running], seconds: float = 0.0) -> None:
-        """Receive reports that were requested, waiting for `seconds` at most, and request the next."""
-        asked = [running.asked for running in attempts if running.asked is not None]
-        ready = set(ray.wait(asked, num_returns=len(asked), timeout=seconds)[0]) if asked else set()
+        """Receive pending reports, waiting for `seconds` at most, and request the next."""
+        pending = [running.report for running in attempts if running.report is not None]
+        ready = set(ray.wait(pending, num_returns=len(pending), timeout=seconds)[0]) if pending else set()
         for running in attempts:
-            if running.asked in ready:
-                with suppress(RayActorError):  # its result says the same and is dealt with there
-                    self._receive(running, ray.get(running.asked))
-            if running.asked is None or running.asked in ready:
-                running.asked = running.actor.report.remote()
+            if running.report in ready:
+                with suppress(RayActorError):  # handled when its result is received
+                    self._receive(running, ray.get(running.report))
+            if running.report is None or running.report in ready:
+                running.report = running.actor.report.remote()
 
     def _receive(self, running: _Running, report: Report | None) -> None:
-        self._silence.end(running.run_id)
+        self._silent.end(running.run_id)
         if report is not None:
             running.has_reported = True
             self._pending.append(report)
 
     def _end(self, running: _Running) -> None:
-        """Note the ending of a run whose actor has returned, raised or died."""
-        ending = Ending(running.run_id, AttemptOutcome.STOPPED)
+        """Record the end of a run whose actor has returned, raised or died."""
+        ending = AttemptEnd(running.run_id, AttemptOutcome.STOPPED)
         try:
             files = ray.get(running.result)
         except ActorUnavailableError as error:
-            if not self._silence.lasts(running.run_id):
+            if not self._silent.has_expired(running.run_id):
                 time.sleep(UNREACHABLE_PAUSE)
-                running.result, running.asked = running.actor.run.remote(), None
+                running.result, running.report = running.actor.run.remote(), None
                 self._running[running.result] = running
                 return
             ending = self._loss(running, error)
         except (RayActorError, ActorUnschedulableError, *LOSSES) as error:
             ending = self._loss(running, error)
-        except RayTaskError as error:  # whose text Ray colours, also for files
-            ending = Ending(running.run_id, AttemptOutcome.FAILED, reason=visible(str(error)))
+        except RayTaskError as error:  # its text has colours
+            ending = AttemptEnd(running.run_id, AttemptOutcome.FAILED, reason=visible(str(error)))
         else:
-            with suppress(RayActorError, GetTimeoutError):  # the report before stands
+            with suppress(RayActorError, GetTimeoutError):  # the previous report remains
                 self._receive(running, ray.get(running.actor.report.remote(), timeout=FINAL_REPORT_SECONDS))
             if files is not None:
-                ending = Ending(running.run_id, AttemptOutcome.DONE, files)
+                ending = AttemptEnd(running.run_id, AttemptOutcome.DONE, files)
         self._leave(running, ending)
 
-    def _loss(self, running: _Running, error: Exception) -> Ending:
-        self._silence.end(running.run_id)
+    def _loss(self, running: _Running, error: Exception) -> AttemptEnd:
+        self._silent.end(running.run_id)
         without_fault = self._cohorts is not None and self._cohorts.lost_without_fault(running.run_id)
         reason = reason_for_loss(error)
-        return Ending(running.run_id, AttemptOutcome.LOST, reason=reason, without_fault=without_fault)
+        return AttemptEnd(running.run_id, AttemptOutcome.LOST, reason=reason, without_fault=without_fault)
 
-    def _leave(self, running: _Running, ending: Ending) -> None:
+    def _leave(self, running: _Running, ending: AttemptEnd) -> None:
         self._pending.append(ending)
         self._taken.discard(running.run_id)
         if self._cohorts is not None:

@@ -181,7 +181,7 @@ def _step_row(board: Integers, row: int) -> None:
         _add(board[FAILED:].ctypes.data, 1)
 
 
-@partial(kernel, nogil=True, counted=False)
+@partial(kernel, nogil=True)
 def _serve(board: Integers, lock: int, thread: int) -> None:
     """Step worlds of every call, woken by `lock`, until `END` is set on the board."""
     while board[END] == 0:

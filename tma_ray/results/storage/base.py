@@ -36,7 +36,7 @@ TEMPORARY: Final = "tmp"  # folder of temporary files, whose names `Store.tempor
 _NOT_OURS: Final = re.compile(r"(^|/)\.|^lost\+found(/|$)")
 """Names of foreign files, such as .DS_Store, ._name and .nfs files, and lost+found."""
 
-FIRST_PAUSE: Final = 1.0  # pause before the first retry, s, doubled with every further one
+FIRST_PAUSE: Final = 1.0  # pause after a first failure, s
 LONGEST_PAUSE: Final = 60.0  # longest pause between two attempts, s
 
 CONTINUES: Final = "what was published before is safe, and the same command continues from there"
@@ -288,6 +288,11 @@ def opened_ranges(fetch: Callable[[int, int], bytes], size: int) -> pa.PythonFil
     return pa.PythonFile(io.BufferedReader(_Ranges(fetch, size), ahead), mode="r")
 
 
+def growing_pause(failures: int, longest: float) -> float:
+    """Return the pause after a number of failures, s: it doubles with each, up to `longest`."""
+    return min(FIRST_PAUSE * 2.0 ** min(failures - 1, 60), longest)
+
+
 def retry(action: Callable[[], T], seconds: float, give_up: Callable[[], bool] = lambda: False) -> T:
     """Repeat `action` after each StorageError, for some time, and return its result.
 
@@ -299,7 +304,7 @@ def retry(action: Callable[[], T], seconds: float, give_up: Callable[[], bool] =
     Raises:
         StorageError: if it still fails after `seconds`, or `give_up` returned True.
     """
-    start, pause = time.monotonic(), FIRST_PAUSE
+    start, failures = time.monotonic(), 0
     while True:
         try:
             return action()
@@ -307,6 +312,6 @@ def retry(action: Callable[[], T], seconds: float, give_up: Callable[[], bool] =
             passed = time.monotonic() - start
             if passed >= seconds or give_up():
                 raise
+            failures += 1
             logger.warning("%s; trying again for another %.0f s", error, seconds - passed)
-            time.sleep(min(pause, seconds - passed))
-            pause = min(2 * pause, LONGEST_PAUSE)
+            time.sleep(min(growing_pause(failures, LONGEST_PAUSE), seconds - passed))

@@ -1,4 +1,4 @@
-"""JSON of commands, for scripts: stable keys, and null for a missing number."""
+"""JSON output of commands, with stable keys, and null for missing numbers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tma_ray.support.texts import OBEYED
+from tma_ray.support.texts import CONTROL
 
 if TYPE_CHECKING:
     from tma_ray.api.training import TrainedRun
@@ -77,27 +77,23 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "baselines": "list of name, engine, runs, teachers, licence, partial (what is missing) and place"
     },
 }
-"""Keys of the JSON of each command that prints some, and their meaning; keys are added, never taken away."""
-
-
-CELL = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
-"""Keys of a cell, in the order in which an overview names it."""
+"""Keys of each command's JSON and their meaning; keys are added, never removed."""
 
 
 def print_json(command: str, record: Mapping[str, Any]) -> None:
-    """Print the record of a command, with the keys of `KEYS`."""
+    """Print the JSON of a command, which has the keys of `KEYS`."""
     assert list(record) == list(KEYS[command]), f"{command}: {list(record)}"
     text = json.dumps(json_value(record), indent=2, ensure_ascii=False, allow_nan=False)
-    print(OBEYED.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
+    print(CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text))
 
 
 def json_value(value: Any) -> Any:
-    """Return `value` for JSON: NaN and infinities as null, numbers of numpy as Python's."""
+    """Return `value` for JSON, with NaN and infinities as None, and numpy's numbers as Python's."""
     if isinstance(value, Mapping):
         return {str(key): json_value(item) for key, item in value.items()}
     if isinstance(value, Enum):
         value = value.value
-    if hasattr(value, "tolist"):  # numpy's numbers and arrays
+    if hasattr(value, "tolist"):  # numpy
         value = value.tolist()
     if isinstance(value, (list, tuple)):
         return [json_value(item) for item in value]
@@ -107,7 +103,7 @@ def json_value(value: Any) -> Any:
 
 
 def run_record(run: TrainedRun, results: str | Path) -> dict[str, Any]:
-    """Return a run that is done."""
+    """Return the JSON of ``run``."""
     from tma_ray.results import policy_folder  # deferred: pyarrow
 
     return {
@@ -120,9 +116,11 @@ def run_record(run: TrainedRun, results: str | Path) -> dict[str, Any]:
     }
 
 
-def status_record(root: str | Path, found: Overview, now: float) -> dict[str, Any]:
-    """Return the state of every run of a root at `now`, by campaign and cell."""
-    heartbeat = found.heartbeat
+def status_record(root: str | Path, state: Overview, now: float) -> dict[str, Any]:
+    """Return the JSON of ``status``: the state of every run at `now`, by campaign and cell."""
+    from tma_ray.campaign.progress import CELL_COLUMNS  # deferred: pyarrow
+
+    heartbeat = state.heartbeat
     return {
         "root": root,
         "heartbeat": heartbeat
@@ -131,18 +129,18 @@ def status_record(root: str | Path, found: Overview, now: float) -> dict[str, An
             {
                 "name": name,
                 "cells": [
-                    {**dict(zip(CELL, cell, strict=True)), "runs": [asdict(run) for run in runs]}
+                    {**dict(zip(CELL_COLUMNS, cell, strict=True)), "runs": [asdict(run) for run in runs]}
                     for cell, runs in cells.items()
                 ],
             }
-            for name, cells in found.campaigns.items()
+            for name, cells in state.campaigns.items()
         ],
-        "trial": found.trial and {name: asdict(found.trial)[name] for name in ("design", "looks", "ended")},
+        "trial": state.trial and {name: asdict(state.trial)[name] for name in ("design", "looks", "ended")},
     }
 
 
 def ranking_record(sources: Sequence[str | Path], share: float, measure: str) -> dict[str, Any]:
-    """Return the ranking of one or several roots after a share of the budget."""
+    """Return the JSON of ``ranking`` after a share of the budget."""
     from analysis.baselines.catalogue import read
     from analysis.comparisons.leaderboards import overall
     from analysis.comparisons.sentences import ranked, ranking_sentences
@@ -164,7 +162,7 @@ def ranking_record(sources: Sequence[str | Path], share: float, measure: str) ->
 
 
 def claims_record(sources: Sequence[str | Path]) -> dict[str, Any]:
-    """Return the standing of the paper's claims in one or several roots."""
+    """Return the JSON of ``claims``."""
     from analysis.baselines.catalogue import read
     from analysis.claims.judging import root_verdicts
 
@@ -192,7 +190,7 @@ def claims_record(sources: Sequence[str | Path]) -> dict[str, Any]:
 
 
 def plan_record(experiment: str, tier: str, plan: Plan, cost: Cost) -> dict[str, Any]:
-    """Return the size and the cost of the chosen part of an experiment."""
+    """Return the JSON of ``plan``."""
     from analysis.comparisons.planning import detectable_differences
     from tma_ray.campaign.plan import planned_experiments
 
@@ -212,7 +210,7 @@ def plan_record(experiment: str, tier: str, plan: Plan, cost: Cost) -> dict[str,
 
 
 def baselines_record() -> dict[str, Any]:
-    """Return the known baselines."""
+    """Return the JSON of ``baselines list``."""
     from analysis.baselines.catalogue import baselines
 
     rows = [

@@ -1,4 +1,4 @@
-"""Commands that show what has been run and what there is, and check or merge the files of a root."""
+"""`status`, `logs`, `list`, `verify`, `compact`, `doctor` and `completion`."""
 
 import os
 import platform
@@ -10,21 +10,21 @@ from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 from tma_ray import __version__
-from tma_ray.cli.options import Folder, Json, Root, RunResults
-from tma_ray.cli.records import print_json, status_record
+from tma_ray.cli.common_options import Folder, Json, Root, RunResults
+from tma_ray.cli.json_output import print_json, status_record
 from tma_ray.console.command_line import choice, command, value
 from tma_ray.console.exit_codes import FAILED, installed_version
 from tma_ray.console.types import named
 from tma_ray.support.texts import counted
 
-DAMAGED = 1
+DAMAGED = 1  # exit code of a damaged or incomplete root
 
 CPU_FEATURES = {"avx2": "AVX2", "avx512f": "AVX-512", "avx512_bf16": "AVX-512 BF16", "amx_bf16": "AMX BF16"}
-"""Extensions that matter to matrix products, by their names in /proc/cpuinfo."""
+"""Vector extensions for matrix products, by their names in /proc/cpuinfo."""
 
 Shell = Literal["bash", "zsh", "fish"]
 
-KINDS = ("teachers", "students", "environments", "embodiments", "challenges", "test-sets", "experiments")
+LISTINGS = ("teachers", "students", "environments", "embodiments", "challenges", "test-sets", "experiments")
 
 
 @command()
@@ -43,9 +43,9 @@ def status(root: Root, /, *, cells: bool = False, watch: bool = False, json: Jso
 
     if json:
         now = time.time()
-        found = overview(root, now)
-        print_json("status", status_record(root, found, now))
-        return FAILED if found.failed else 0
+        state = overview(root, now)
+        print_json("status", status_record(root, state, now))
+        return FAILED if state.failed else 0
     if watch:
         watch_status(root, cells)
     return FAILED if show_status(root, cells) else 0
@@ -98,12 +98,12 @@ def verify(root: Root, /, *, complete: bool = False, json: Json = False) -> int:
         runs, files = baseline.manifest.holds.get("runs", 0), len(baseline.manifest.files)
         damage, unlisted = released.damage, tuple[str, ...]()
     else:
-        found = verify_root(Store.open(root))
-        runs, files, damage, unlisted = found.runs, len(found.files), found.damage, found.unlisted
+        check = verify_root(Store.open(root))
+        runs, files, damage, unlisted = check.runs, len(check.files), check.damage, check.unlisted
     lacks = lacking(baseline) if baseline and complete and not damage else []
     if json:
         record = {"root": root, "whole": not damage, "runs": runs, "files": files}
-        rest = {"damage": [asdict(each) for each in damage], "unlisted": unlisted, "lacking": lacks}
+        rest = {"damage": [asdict(item) for item in damage], "unlisted": unlisted, "lacking": lacks}
         print_json("verify", record | rest)
     else:
         ignored = (f"{path}: it belongs to no run and is ignored" for path in unlisted)
@@ -155,14 +155,14 @@ def doctor(*, results: Folder = Path("results"), json: Json = False) -> int:
     description, features = Path("/proc/cpuinfo"), "features unknown"
     if description.exists():
         flags = set(description.read_text().split())
-        found = [name for flag, name in CPU_FEATURES.items() if flag in flags]
-        features = ", ".join(found) or "without vector extensions that matter here"
+        extensions = [name for flag, name in CPU_FEATURES.items() if flag in flags]
+        features = ", ".join(extensions) or "without vector extensions that matter here"
     libraries = [f"{library} {installed_version(library)}" for library in (*LIBRARIES, "ray", "pyarrow")]
     engine = engine_in_use()
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
     gpus = range(torch.cuda.device_count() if torch.cuda.is_available() else 0)
     address = os.environ.get("RAY_ADDRESS")
-    place = next(path for path in (results.absolute(), *results.absolute().parents) if path.exists())
+    folder = next(path for path in (results.absolute(), *results.absolute().parents) if path.exists())
     topics = {
         "tma_ray": f"{__version__}, Python {platform.python_version()}, {platform.platform(terse=True)}",
         "benchmark": f"version {BENCHMARK_VERSION}, physics {PHYSICS_VERSION}, schema {SCHEMA_VERSION}",
@@ -174,7 +174,7 @@ def doctor(*, results: Folder = Path("results"), json: Json = False) -> int:
         "Ray": f"would join {address} (RAY_ADDRESS)"
         if address
         else "would start on this machine; no RAY_ADDRESS",
-        "free disk": f"{shutil.disk_usage(place).free / 2**30:.1f} GiB at {place}",
+        "free disk": f"{shutil.disk_usage(folder).free / 2**30:.1f} GiB at {folder}",
     }
     if json:
         print_json("doctor", {"topics": topics})
@@ -187,7 +187,7 @@ def doctor(*, results: Folder = Path("results"), json: Json = False) -> int:
 
 
 @command(name="list")
-def list_(kind: Annotated[str, choice(KINDS)] = "", /, *, json: Json = False) -> int:
+def list_(kind: Annotated[str, choice(LISTINGS)] = "", /, *, json: Json = False) -> int:
     """List teachers, students, environments and all else that has a name.
 
     Each has a description; bodies, challenges, test sets and experiments are among them.
@@ -202,27 +202,28 @@ def list_(kind: Annotated[str, choice(KINDS)] = "", /, *, json: Json = False) ->
     from tma_ray.teachers import TEACHERS
 
     def body(name: str) -> str:
-        made = load_embodiment(name)
-        return f"{made.body_type.capitalize()} of {len(made.parts)} parts with {len(made.motors)} motors."
+        embodiment = load_embodiment(name)
+        parts, motors = len(embodiment.parts), len(embodiment.motors)
+        return f"{embodiment.body_type.capitalize()} of {parts} parts with {motors} motors."
 
     def test_set(name: str) -> str:
         tests = load_test_set(name)
         return f"{len(tests)} tasks of {len(tests.dimensions)} dimensions."
 
-    found: dict[str, Callable[[], Mapping[str, str]]] = {
+    listings: dict[str, Callable[[], Mapping[str, str]]] = {
         "teachers": TEACHERS.summaries,
         "students": STUDENTS.summaries,
         "environments": ENVIRONMENTS.summaries,
         "embodiments": lambda: {name: body(name) for name in embodiment_names()},
-        "challenges": lambda: {f"{each.name} ({each.environment})": f"{each.title}." for each in CHALLENGES},
+        "challenges": lambda: {f"{c.name} ({c.environment})": f"{c.title}." for c in CHALLENGES},
         "test-sets": lambda: {name: test_set(name) for name in shipped_test_sets()},
-        "experiments": lambda: {each.name: f"{each.title}." for each in EXPERIMENTS},
+        "experiments": lambda: {experiment.name: f"{experiment.title}." for experiment in EXPERIMENTS},
     }
-    descriptions = {each: found[each]() for each in ([kind] if kind else KINDS)}
+    descriptions = {name: listings[name]() for name in ([kind] if kind else LISTINGS)}
     if json:
         kinds = {
-            each: [{"name": name, "description": text} for name, text in described.items()]
-            for each, described in descriptions.items()
+            listing: [{"name": name, "description": text} for name, text in described.items()]
+            for listing, described in descriptions.items()
         }
         print_json("list", {"kinds": kinds})
         return 0
@@ -231,13 +232,13 @@ def list_(kind: Annotated[str, choice(KINDS)] = "", /, *, json: Json = False) ->
     from tma_ray.console.terminal import terminal
 
     console = terminal()
-    for each, described in descriptions.items():
+    for listing, described in descriptions.items():
         table = Table(box=None, show_header=False, padding=(0, 2, 0, 2), pad_edge=True)
         table.add_column(no_wrap=True)
         table.add_column()
         for name, text in described.items():
             table.add_row(name, text)
-        console.print(f"{each}:", highlight=False)
+        console.print(f"{listing}:", highlight=False)
         console.print(table, highlight=False, markup=False)
     return 0
 

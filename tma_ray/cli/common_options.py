@@ -1,4 +1,4 @@
-"""Options and arguments that several commands share."""
+"""Options and arguments shared by several commands."""
 
 from pathlib import Path
 from typing import Annotated
@@ -31,7 +31,7 @@ Baselines = Annotated[
 ]
 
 HEADLINE = "mastered_area"
-"""Default measure, that of `analysis.measures.tested`, which takes longer to import."""
+"""Default measure, as in `analysis.measures.tested`, which is slow to import."""
 
 Measure = Annotated[
     str,

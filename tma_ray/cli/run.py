@@ -1,4 +1,4 @@
-"""Commands that run something: one run, campaigns, experiments, simulated students."""
+"""`run`, `campaign`, `plan`, `experiment`, `quickstart`, `rerun`, `stop` and `simulate`."""
 
 import sys
 import time
@@ -23,8 +23,8 @@ from tma_ray.campaign.options import (
     schedule_defaults,
 )
 from tma_ray.campaign.plan import QUICKSTART
-from tma_ray.cli.options import Count, Json, Name, NewFile, Root
-from tma_ray.cli.records import plan_record, print_json, run_record
+from tma_ray.cli.common_options import Count, Json, Name, NewFile, Root
+from tma_ray.cli.json_output import plan_record, print_json, run_record
 from tma_ray.console.command_line import command, value
 from tma_ray.console.exit_codes import FAILED
 from tma_ray.console.types import named
@@ -45,7 +45,7 @@ ExperimentName = Annotated[
 
 
 ONE_CELL = Campaign("campaign", cells=(Cell(),))
-"""Campaign whose values the options of ``tma-ray campaign`` replace."""
+"""Default campaign of ``tma-ray campaign``."""
 
 
 @command(defaults=schedule_defaults(Schedule()))
@@ -109,8 +109,8 @@ def campaign(
     from tma_ray.campaign.repeating import run_like
 
     baseline = as_baseline(like)
-    place, core = (baseline.location, baseline.manifest.core) if baseline else (like, ())
-    return run_like(name, place, core, options)
+    released, core = (baseline.location, baseline.manifest.core) if baseline else (like, ())
+    return run_like(name, released, core, options)
 
 
 @command(defaults=EXPERIMENT_DEFAULTS)
@@ -124,18 +124,18 @@ def plan(
     """
     from analysis.commands.rankings import show_detectable_differences
     from tma_ray.campaign.experiments import exclusions, plan_and_cost, show_plan
-    from tma_ray.console.terminal import say
+    from tma_ray.console.terminal import print_line
     from tma_ray.results import Store, check_usable
 
-    found = find_experiment(experiment)
+    chosen = find_experiment(experiment)
     check_usable(Store.open(options.results))
-    plan, cost = plan_and_cost(found, options)
+    plan, cost = plan_and_cost(chosen, options)
     if json:
-        print_json("plan", plan_record(found.name, options.tier, plan, cost))
+        print_json("plan", plan_record(chosen.name, options.tier, plan, cost))
         return 0
-    show_plan(f"{found.title}, tier {options.tier}", plan, cost)
-    for reason in exclusions(found, options):
-        say(reason)
+    show_plan(f"{chosen.title}, tier {options.tier}", plan, cost)
+    for reason in exclusions(chosen, options):
+        print_line(reason)
     show_detectable_differences(plan.cell_rows, plan.budgets)
     return 0
 
@@ -155,14 +155,14 @@ def experiment(experiment: ExperimentName, /, *, options: ExperimentOptions = Ex
     from analysis.commands.rankings import show_ranking, show_search
     from tma_ray.campaign.experiments import execute_experiment
 
-    found = find_experiment(experiment)
-    code = execute_experiment(found, options)
+    chosen = find_experiment(experiment)
+    code = execute_experiment(chosen, options)
     if code or options.dry_run:
         return code
-    if found.searches:
+    if chosen.searches:
         show_search(options.results)
     else:
-        show_ranking(options.results, found.read_at)
+        show_ranking(options.results, chosen.read_at)
     return 0
 
 
@@ -182,10 +182,10 @@ def quickstart(*, options: CampaignOptions = CampaignOptions()) -> int:
     if options.dry_run:
         return execute(QUICKSTART, options)
     check_usable(Store.open(options.results))
-    plan, settings = chosen_campaign(QUICKSTART, options).plan(), options.settings()
+    plan, config = chosen_campaign(QUICKSTART, options).plan(), options.config()
     stages, starts = ("compilation (once)", "training", "report"), [time.monotonic()]
     print("[1/3] Compiling the physics: about half a minute, once per machine")
-    cost = estimate(plan, settings, find_speeds=measured_speeds, nodes=options.nodes())
+    cost = estimate(plan, config, find_speeds=measured_speeds, nodes=options.nodes(config.device))
     starts.append(time.monotonic())
     print(f"[2/3] Training: {cost.summary()}; Ctrl-C stops, the same command continues")
     if code := execute(QUICKSTART, options):
@@ -280,17 +280,17 @@ def simulate(
 
     if output:
         simulated.check_file(output)
-    chosen = challenges or [challenge.name for challenge in SIMULATED_CHALLENGES]
+    challenge_names = challenges or [challenge.name for challenge in SIMULATED_CHALLENGES]
     cells = matrix.cells_of(
         [canonical_teacher(name) for name in teachers or TEACHERS.names()],
-        [find_simulated_challenge(name) for name in chosen],
+        [find_simulated_challenge(name) for name in challenge_names],
         parse_levels(expert_knowledge or tuple(KnowledgeLevel)),
     )
-    asked = cells, seeds, episodes
-    root = SimulatedRoot(results, *asked) if results else None
+    planned = cells, seeds, episodes
+    root = SimulatedRoot(results, *planned) if results else None
     played = root.kept() if root else []
     total = matrix.run_count(cells, seeds) - len(played)
-    runs = matrix.run_cells(*asked, jobs, tuple(played))
+    runs = matrix.run_cells(*planned, jobs, tuple(played))
     try:
         with closing(runs):
             for run in track(runs, "simulating", total, console=terminal(stderr=True)):
@@ -298,8 +298,8 @@ def simulate(
                     root.add(run)
                 played.append(run)
     except matrix.ProcessLostError as error:
-        following = "the same command plays the others" if root else "with --results they would be kept"
-        sys.stderr.write(f"tma-ray: {error}; done so far: {counted(len(played), 'run')}; {following}\n")
+        hint = "the same command plays the others" if root else "with --results they would be kept"
+        sys.stderr.write(f"tma-ray: {error}; done so far: {counted(len(played), 'run')}; {hint}\n")
         return FAILED
     frame = matrix.tabulate(cells, played)
     if output:

@@ -1,4 +1,4 @@
-"""Attempts in processes of this machine, without Ray: alone, or as players of one cohort."""
+"""Executor of attempts in processes of this machine, without Ray, for benchmarks and tests."""
 
 import multiprocessing
 import os
@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from tma_ray.campaign.executors.base import LOSSES, Ending
+from tma_ray.campaign.executors.base import LOSSES, AttemptEnd
 from tma_ray.results import AttemptOutcome, LearnerProgress, PartFile, Store
 from tma_ray.runs.attempt import Attempt, Report
 from tma_ray.runs.placement import Placement
@@ -33,10 +33,10 @@ _SPAWN = multiprocessing.get_context("spawn")
 
 
 class LearnerProcess:
-    """Learner of a cohort in a process of its own, which listens once this is made.
+    """Learner of a cohort in a separate process, listening once constructed.
 
     Raises:
-        RuntimeError: its process ended before it listened.
+        RuntimeError: if its process ends before it listens.
     """
 
     def __init__(self, settings: CohortSettings) -> None:
@@ -45,12 +45,12 @@ class LearnerProcess:
         self._process = _SPAWN.Process(target=_learn, args=(self.learner, settings), daemon=True)
         self._process.start()
         while not Path(self.learner.address).exists():
-            if not self.lives():
+            if not self.is_alive():
                 code = self._process.exitcode
                 raise RuntimeError(f"the learner ended with exit code {code} before it listened")
             time.sleep(0.05)
 
-    def lives(self) -> bool:
+    def is_alive(self) -> bool:
         """Return True while its process runs."""
         return self._process.is_alive()
 
@@ -69,15 +69,15 @@ def _learn(learner: Learner, settings: CohortSettings) -> None:
 
 @contextmanager
 def cohort(settings: CohortSettings) -> Iterator[Learner]:
-    """Context manager of a learner in a process of its own, for the placement of runs."""
+    """Context manager of a learner in a separate process, for the placement of runs."""
     with closing(LearnerProcess(settings)) as process:
         yield process.learner
 
 
 class LocalExecutor:
-    """Executor of attempts in processes of this machine, each a fresh one; see `Executor`.
+    """Executor with a new process for each attempt, alone or as players of one cohort; see `Executor`.
 
-    A learner that has died is replaced when the next attempt starts.
+    A dead learner is replaced when the next attempt starts.
     """
 
     learners: Sequence[LearnerProgress] = ()
@@ -98,25 +98,25 @@ class LocalExecutor:
         """Start the process of an attempt; see `Executor`."""
         placement = self._placement
         if self._cohort is not None:
-            if self._learner is not None and not self._learner.lives():
+            if self._learner is not None and not self._learner.is_alive():
                 self._learner.close()
                 self._learner = None
             self._learner = self._learner or LearnerProcess(self._cohort)
             placement = replace(placement, learner=self._learner.learner)
-        ours, theirs = _SPAWN.Pipe()
+        parent_end, child_end = _SPAWN.Pipe()
         stop = _SPAWN.Event()
-        arguments = theirs, stop, spec.to_dict(), self._store, number, placement
+        arguments = child_end, stop, spec.to_dict(), self._store, number, placement
         process = _SPAWN.Process(target=_execute, args=arguments, daemon=True)
         with _one_thread():
             process.start()
-        theirs.close()
-        self._running[ours] = spec.run_id, process, stop
+        child_end.close()
+        self._running[parent_end] = spec.run_id, process, stop
 
-    def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:  # noqa: ARG002
+    def poll(self, seconds: float, *, last: bool) -> Sequence[Report | AttemptEnd]:  # noqa: ARG002
         """Return the reports and endings of processes; see `Executor`."""
         if not self._running:
             time.sleep(seconds)
-        events: list[Report | Ending] = []
+        events: list[Report | AttemptEnd] = []
         for connection in wait(list(self._running), seconds) if self._running else ():
             assert isinstance(connection, Connection)
             run_id, process, _ = self._running[connection]
@@ -125,8 +125,8 @@ class LocalExecutor:
             except (EOFError, OSError):  # the process is dead
                 process.join()
                 reason = f"its process ended with exit code {process.exitcode}"
-                events.append(Ending(run_id, AttemptOutcome.LOST, reason=reason))
-            if isinstance(events[-1], Ending):
+                events.append(AttemptEnd(run_id, AttemptOutcome.LOST, reason=reason))
+            if isinstance(events[-1], AttemptEnd):
                 del self._running[connection]
                 connection.close()
                 process.join()
@@ -148,7 +148,7 @@ class LocalExecutor:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Context manager in which processes start that use one thread each for matrix products."""
+    """Context manager in which new processes use one thread each for matrix products."""
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:
@@ -163,8 +163,8 @@ def _one_thread() -> Iterator[None]:
 def _execute(
     connection: Connection, stop: Any, spec: dict[str, Any], store: Store, number: int, placement: Placement
 ) -> None:
-    """Execute an attempt in a process of its own, and send reports and the ending."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal, to all its processes
+    """Execute an attempt in this process, and send reports and the ending."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to children, too
     skip_pandas()
     placement.give_way()
     attempt = Attempt(RunSpec.from_dict(spec), store, number, placement)
@@ -184,9 +184,9 @@ def _execute(
         files = attempt.execute(report_and_ask, report)
         report()
         outcome = AttemptOutcome.STOPPED if files is None else AttemptOutcome.DONE
-        ending = Ending(run_id, outcome, files or ())
+        ending = AttemptEnd(run_id, outcome, files or ())
     except LOSSES as error:
-        ending = Ending(run_id, AttemptOutcome.LOST, reason=str(error))
+        ending = AttemptEnd(run_id, AttemptOutcome.LOST, reason=str(error))
     except Exception:
-        ending = Ending(run_id, AttemptOutcome.FAILED, reason=traceback.format_exc())
+        ending = AttemptEnd(run_id, AttemptOutcome.FAILED, reason=traceback.format_exc())
     connection.send(ending)

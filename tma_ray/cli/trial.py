@@ -1,4 +1,4 @@
-"""The command that tries a new teacher against a release, by a design fixed beforehand."""
+"""`trial`: test of a new teacher against a release, by a design fixed beforehand."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tma_ray.campaign.options import EXECUTION_DEFAULTS, TrialOptions
-from tma_ray.cli.options import Name
+from tma_ray.cli.common_options import Name
 from tma_ray.console.command_line import command
 from tma_ray.console.exit_codes import RefusedError
-from tma_ray.console.terminal import say
+from tma_ray.console.terminal import print_line
 from tma_ray.results import Results, Store, TrialFile, TrialLook, check_usable, create_root
 from tma_ray.support.component_names import base_name
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tma_ray.campaign.plan import Plan
 
 REHEARSED, REHEARSED_CELLS = "simulated-1", ("original", "mostly_unfeasible")
-"""Release of simulated students that rehearsals are against, and their cells."""
+"""Release and cells of rehearsals on simulated students."""
 
 PAGE = "trial"  # folder of the page in the results root
 
@@ -57,8 +57,8 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     store = Store.open(options.results)
     check_usable(store)
     teacher = canonical_teacher(name)
-    kept = TrialFile.load(store)
-    before = Design.of(kept.design, str(store)) if kept else None
+    saved = TrialFile.load(store)
+    before = Design.of(saved.design, str(store)) if saved else None
     against = options.against or (before.release if before else REHEARSED if options.simulated else "")
     baseline = find_baseline(against) if against else newest_release()
     frames = baseline.frames()
@@ -90,31 +90,32 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         )
     design = before or design
     for line in plan_lines(design, released):
-        say(line)
+        print_line(line)
     return _started(options, _Trial(store, design, released, frames), plans)
 
 
 def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
     from tma_ray.campaign import trials
-    from tma_ray.campaign.costs import confirm
-    from tma_ray.campaign.script import copy_released
+    from tma_ray.campaign.script import confirm, copy_released
     from tma_ray.testing.conformance import check_quickly
 
-    copy_released(trial.store, options)
-    cost = trials.trial_cost(plans, options) if plans else None
+    if copied := copy_released(trial.store, options):
+        print_line(copied)
+    runs = trials.TrialRuns(plans, options) if plans else None
+    cost = runs.cost() if runs else None
     if cost:
-        say("at most, " + cost.describe())
+        print_line("at most, " + cost.describe())
     if options.dry_run:
         return 0
-    if cost is not None and min(cost.wall_hours, options.budget or cost.wall_hours) > 1:
-        confirm(plans[-1].name, cost, yes=options.yes, address=options.chosen_address())
-    trial.affordable = trials.affordable_look(plans, cost, options)
+    if runs and cost is not None and min(cost.wall_hours, options.budget or cost.wall_hours) > 1:
+        confirm(plans[-1].name, cost, yes=options.yes, address=runs.address)
+    trial.affordable = trials.affordable_look(runs, cost) if runs else None
     check_quickly(trial.design.teacher)
     if TrialFile.load(trial.store) is None:
         create_root(trial.store)
         TrialFile(trial.design.to_dict()).save(trial.store)
-    if plans:
-        code = trials.run_looks(plans, cost, options, trial.judge)
+    if runs:
+        code = trials.run_looks(runs, cost, trial.judge)
     else:
         seeds = [trial.design.seeds[:count] for count in trial.design.looks]
         cells = trials.simulated_cells(trial.design.teacher, trial.design.keys)
@@ -125,15 +126,15 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
 
 @dataclass
 class _Trial:
-    """A trial under way.
+    """A running trial.
 
     Attributes:
-        store: its results root.
+        store: results root.
         design: fixed design of the trial.
-        released: runs that it is compared with.
-        frames: all of the release.
+        released: runs to compare with.
+        frames: frames of the release.
         looks: looks so far.
-        affordable: number of the last look within the budget, from 0 on; None for all.
+        affordable: index of the last look within the budget; None for all.
     """
 
     store: Store
@@ -144,37 +145,37 @@ class _Trial:
     affordable: int | None = None
 
     def judge(self) -> bool:
-        """Tell the verdicts of a new look, and write them; return True if the trial ends."""
+        """Print and write the verdicts of new looks; return True if the trial ends."""
         from analysis.data.loading import frames_of
         from analysis.pages.page import page_folder
         from analysis.pages.trial import write_trial
         from analysis.trials.design import ended_runs
         from analysis.trials.interim import completed_looks, look_line
 
-        told = len(self.looks)
-        own = frames_of(Results(self.store))
-        self.looks = completed_looks(self.design, self.released, ended_runs(own), self.affordable)
-        said = tuple(TrialLook(look.seeds, look_line(look)) for look in self.looks)
-        for look in said[told:]:
-            say(look.said)
-        ended = self.looks[-1].ending if self.looks else ""
-        TrialFile(self.design.to_dict(), said, str(ended)).save(self.store)
-        with tempfile.TemporaryDirectory() as place:  # for a root in an object store
-            aside = Path(place) if self.store.is_object_store else None
-            folder = page_folder(str(self.store), aside, PAGE, "page")
-            write_trial(folder, self.design, self.released, self.looks, self.frames, own)
-            for file in aside.iterdir() if aside else ():
+        printed = len(self.looks)
+        frames = frames_of(Results(self.store))
+        self.looks = completed_looks(self.design, self.released, ended_runs(frames), self.affordable)
+        lines = tuple(TrialLook(look.seeds, look_line(look)) for look in self.looks)
+        for line in lines[printed:]:
+            print_line(line.said)
+        ending = self.looks[-1].ending if self.looks else ""
+        TrialFile(self.design.to_dict(), lines, str(ending)).save(self.store)
+        with tempfile.TemporaryDirectory() as temporary:
+            local = Path(temporary) if self.store.is_object_store else None
+            folder = page_folder(str(self.store), local, PAGE, "page")
+            write_trial(folder, self.design, self.released, self.looks, self.frames, frames)
+            for file in local.iterdir() if local else ():
                 self.store.write_bytes(f"{PAGE}/{file.name}", file.read_bytes())
-        return bool(ended)
+        return bool(ending)
 
     def conclude(self) -> None:
-        """Print the verdict of a trial that has ended, and what comes next."""
+        """Print the verdict of an ended trial and the next command."""
         from analysis.trials.interim import sentence
 
         if not (self.looks and self.looks[-1].ending):
             return
         name = re.sub(r"[^0-9a-z]+", "-", base_name(self.design.teacher).lower()).strip("-")
-        following = f"tma-ray release {self.store} {name}-1 --lean --licence CC-BY-4.0"
+        hint = f"Next: 'tma-ray release {self.store} {name}-1 --lean --licence CC-BY-4.0'"
         page = f"page: {self.store.where(f'{PAGE}/index.html')}"
-        for line in (sentence(self.design, self.looks[-1]), page, f"Next: '{following}'"):
-            say(line)
+        for line in (sentence(self.design, self.looks[-1]), page, hint):
+            print_line(line)

@@ -1,0 +1,356 @@
+"""Connections to Ray: a private local instance, or the head of an existing cluster."""
+
+import atexit
+import fcntl
+import logging
+import math
+import os
+import secrets
+import shutil
+import socket
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import psutil
+import ray
+from ray.exceptions import AuthenticationError
+
+from tma_ray.campaign.cluster.addresses import check_address, connection_advice
+from tma_ray.campaign.cluster.protocols import Head
+from tma_ray.campaign.cluster.ray_private import living_nodes, loopback_only, system_config
+from tma_ray.campaign.cluster.shipping import runtime_environment
+from tma_ray.campaign.failures import LOG_SECONDS, HeadLostError
+from tma_ray.components.plugin_source import PluginSource
+from tma_ray.runs.placement import usable_cores
+
+OBJECT_STORE_BYTES: Final = 100_000_000
+"""Size of the object store, in bytes: hardly anything passes through it, since results go to files."""
+
+CORE: Final = {"gcs_server": "head (GCS)", "raylet": "node manager (raylet)"}
+"""Names in messages of the processes that a Ray cannot do without, by their process names."""
+
+HEAD_CHECK_SECONDS: Final = 2.0  # time between two checks of a head, and longest wait for a connection, s
+END_SECONDS: Final = 3.0  # longest wait for processes that end, s
+MARK: Final = "made-by-tma_ray"  # file that marks a folder of ours; nothing is removed without it
+PREFIX: Final = "tma_ray-"  # prefix of the names of these folders
+
+MAX_PARENT_BYTES: Final = (103 if sys.platform == "darwin" else 107) - len(
+    f"/{PREFIX}12345678/ray/session_2026-01-01_00-00-00_123456_1234567/sockets/plasma_store"
+)
+"""Longest path of the folder that holds ours, in bytes: systems limit the paths of sockets."""
+
+
+TOKEN: Final = secrets.token_hex(32)
+"""Token shared by all Rays of this process, since Ray keeps the first that it reads."""
+
+
+class LocalRayWatch:
+    """Watch over the processes of a Ray that this process starts afterwards."""
+
+    def __init__(self) -> None:
+        self._unrelated = set(psutil.Process().children())
+        self._started: set[psutil.Process] = set()
+        self._core: dict[psutil.Process, str] = {}
+        self._serving: set[psutil.Process] = set()
+        self._closed: set[psutil.Process] = set()
+        self._refreshed_at = -math.inf
+
+    def refresh(self) -> None:
+        """Record new processes, and which core processes listen; this takes about 30 ms.
+
+        Core processes are direct children: the node manager's own children have its name, too, until they
+        become workers, which may end at any time. A head that hangs after SIGTERM has closed its ports.
+        """
+        self._refreshed_at = time.monotonic()
+        self._started |= set(psutil.Process().children(recursive=True)) - self._unrelated
+        for process in set(psutil.Process().children()) - self._unrelated - set(self._core):
+            with suppress(psutil.NoSuchProcess):
+                name = process.name()
+                if name in CORE:
+                    self._core[process] = CORE[name]
+        for process in list(self._core):
+            with suppress(psutil.NoSuchProcess):
+                if any(port.status == psutil.CONN_LISTEN for port in process.net_connections("tcp")):
+                    self._serving.add(process)
+                elif process in self._serving:
+                    self._closed.add(process)
+
+    def failure_reason(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # losses show at once
+        """Return the core processes that have ended or closed their ports; see `Watched`."""
+        if time.monotonic() - self._refreshed_at >= HEAD_CHECK_SECONDS:
+            self.refresh()
+        core = list(self._core.items())  # a copy, since another thread may refresh
+        gone = [name for process, name in core if process in self._closed or not _lives(process)]
+        if not gone:
+            return None
+        return (
+            f"the {' and the '.join(gone)} of the campaign's own Ray died or was stopped, as by 'ray stop', "
+            f"or by the system when memory runs out"
+        )
+
+    def kill(self) -> None:
+        """Kill the remaining processes of this Ray, some of which would live for minutes; see `Watched`."""
+        self.refresh()
+        for process in self._core:
+            with suppress(psutil.NoSuchProcess):
+                self._started.update(process.children(recursive=True))
+        for process in self._started:
+            with suppress(psutil.NoSuchProcess):
+                process.kill()
+
+    def wait(self) -> None:
+        """Wait for the processes to end, for `END_SECONDS` at most."""
+        psutil.wait_procs(self._started, timeout=END_SECONDS)
+
+
+def _lives(process: psutil.Process) -> bool:
+    """Return True if a process runs and is not a zombie."""
+    try:
+        return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False
+
+
+class LocalHead:
+    """Head of a private Ray, whose processes are children of this process.
+
+    Its servers listen on the loopback address only, metrics servers are off, and every request needs a token
+    known only to its processes. Its files are in a folder that only this user can open, and are removed.
+
+    Raises:
+        HeadLostError: if Ray does not start; nothing of it is left.
+    """
+
+    def __init__(self, options: dict[str, Any]) -> None:
+        # Without one, Ray would write a token into the user's home.
+        os.environ.setdefault("RAY_AUTH_TOKEN", TOKEN)
+        self._watch, self._left = LocalRayWatch(), False
+        self._address, folder = "", private_folder()
+        if folder is not None:
+            options = {**options, "_temp_dir": str(folder / "ray")}
+            atexit.register(self._clean, folder)
+        try:
+            with loopback_only():
+                ray.init(
+                    address="local",
+                    num_cpus=usable_cores(),  # Ray's own count ignores CPU affinity
+                    include_dashboard=False,
+                    object_store_memory=OBJECT_STORE_BYTES,
+                    _system_config={"enable_metrics_collection": False},
+                    **options,
+                )
+        except Exception as error:
+            self._watch.kill()
+            if isinstance(error, OSError | ValueError | AuthenticationError):
+                raise
+            raise HeadLostError(f"the campaign's own Ray did not start: {error}") from error
+        self._watch.refresh()
+        self._nodes, self._address = living_nodes(), ray.get_runtime_context().gcs_address
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Return the only node; see `Head`."""
+        return self._nodes
+
+    def is_connected(self) -> bool:
+        """Return True if this process is connected to this Ray."""
+        return ray.is_initialized() and ray.get_runtime_context().gcs_address == self._address
+
+    def check(self) -> None:
+        """End this Ray if one of its core processes is gone; see `Head`."""
+        reason = self._watch.failure_reason()
+        if reason is not None:
+            self._left = True
+            self.kill()
+            ray.shutdown()
+            self._watch.wait()
+            raise HeadLostError(reason)
+
+    def failure_reason(self, patience: float = 0.0) -> str | None:
+        """Return the core processes that are gone, None after `check` has raised; see `Watched`."""
+        return None if self._left else self._watch.failure_reason(patience)
+
+    def kill(self) -> None:
+        """Kill the remaining processes of this Ray; see `Watched`."""
+        self._watch.kill()
+
+    def close(self) -> None:
+        """Do nothing: the watch has no thread."""
+
+    def _clean(self, folder: Path) -> None:
+        """Shut down this Ray and remove its folder at interpreter exit, before Ray's own exit handler."""
+        if self.is_connected():
+            ray.shutdown()
+        self._watch.wait()
+        with suppress(OSError):  # the next Ray of this user removes the rest
+            _remove(folder)
+
+
+def private_folder() -> Path | None:
+    """Return a new private folder for Ray's files, None if the user has set RAY_TMPDIR.
+
+    All users of a machine may write into Ray's default folder. This process locks the folder for its
+    lifetime; marked folders of this user without a lock are removed.
+    """
+    if "RAY_TMPDIR" in os.environ:
+        return None
+    parent = Path(tempfile.gettempdir())
+    if len(os.fsencode(parent)) > MAX_PARENT_BYTES:
+        parent = Path("/tmp")  # noqa: S108  # a new folder is made there
+    for folder in parent.glob(f"{PREFIX}*"):
+        with suppress(OSError):  # another user's, in use, or with foreign files: left alone
+            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if os.fstat(descriptor).st_uid == os.getuid() and (folder / MARK).is_file():
+                    _remove(folder)
+            finally:
+                os.close(descriptor)
+    folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent))
+    fcntl.flock(os.open(folder, os.O_RDONLY), fcntl.LOCK_EX)
+    (folder / MARK).touch()
+    return folder
+
+
+def _remove(folder: Path) -> None:
+    """Remove a marked folder, its mark last, so that an interrupted removal can be repeated."""
+    if (folder / "ray").exists():
+        shutil.rmtree(folder / "ray")
+    (folder / MARK).unlink()
+    folder.rmdir()
+
+
+DEFAULT_PATIENCE: Final = 60.0  # Ray's own default of `PATIENCE_SETTING`, s
+
+PATIENCE_SETTING: Final = "gcs_rpc_server_reconnect_timeout_s"
+"""Ray setting: time without a head after which Ray silently ends every process of the cluster, s."""
+
+MARGIN_SECONDS: Final = 15.0
+"""Time before that at which the campaign ends itself, s: without a head, disconnecting takes about 8 s."""
+
+WARNING_SECONDS: Final = 10.0  # silence of a head after which a warning is logged, s
+
+logger = logging.getLogger(__name__)
+
+
+class JoinedHead:
+    """Head of an existing cluster, polled for its nodes in a thread.
+
+    It is waited for as long as Ray itself waits (`PATIENCE_SETTING`): with fault tolerance it may come back,
+    and actors go on without it.
+    """
+
+    def __init__(self) -> None:
+        host, _, port = ray.get_runtime_context().gcs_address.rpartition(":")
+        self._address = (host.strip("[]"), int(port))
+        setting = system_config().get(PATIENCE_SETTING) or os.environ.get(f"RAY_{PATIENCE_SETTING}")
+        patience = float(setting or DEFAULT_PATIENCE)
+        self._patience = max(patience - MARGIN_SECONDS, patience / 2)
+        self._nodes = living_nodes()
+        self._answered, self._logged = time.monotonic(), -math.inf
+        self._left = threading.Event()
+        threading.Thread(target=self._watch, name="ray-head", daemon=True).start()
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Return the nodes of the last answer; see `Head`."""
+        return self._nodes
+
+    def check(self) -> None:
+        """Warn once a minute while the head is silent; disconnect before Ray ends this process."""
+        silent = time.monotonic() - self._answered
+        if silent < WARNING_SECONDS:
+            return
+        reason = self.failure_reason(self._patience)
+        if reason is not None:
+            self.close()
+            ray.shutdown()
+            raise HeadLostError(reason)
+        if time.monotonic() - self._logged > LOG_SECONDS:
+            self._logged = time.monotonic()
+            logger.warning(
+                "the head of the Ray cluster, %s, does not answer; it is waited for another %.0f s",
+                self._address[0],
+                self._patience - silent,
+            )
+
+    def failure_reason(self, patience: float) -> str | None:
+        """Return the duration of the head's silence if it exceeds `patience`; see `Watched`."""
+        silent = time.monotonic() - self._answered
+        if silent <= patience:
+            return None
+        return (
+            f"the head of the Ray cluster, {self._address[0]}, has not answered for {silent:.0f} s (Ray "
+            f"waits as long as {PATIENCE_SETTING} says): it died, was stopped, or is out of reach"
+        )
+
+    def kill(self) -> None:
+        """Do nothing: this process has not started the cluster."""
+
+    def close(self) -> None:
+        """End the thread."""
+        self._left.set()
+
+    def _watch(self) -> None:
+        while not self._left.wait(HEAD_CHECK_SECONDS):
+            try:
+                socket.create_connection(self._address, timeout=HEAD_CHECK_SECONDS).close()
+                self._nodes = living_nodes()
+                self._answered = time.monotonic()
+            except Exception as error:  # including Ray's, as after a shutdown
+                logger.debug("the head of the Ray cluster does not answer: %s", error)
+
+
+@dataclass(frozen=True)
+class Connection:
+    """Connection of this process to Ray.
+
+    Attributes:
+        head: watched head.
+        shipped: True if plug-ins were shipped; workers of an older connection must have them.
+        is_own: True if this process started the Ray: its workers run in the same installation.
+    """
+
+    head: Head
+    shipped: bool
+    is_own: bool
+
+
+_local: list[LocalHead] = []
+"""Private Ray of this process, if any: like Ray's connection, it outlives a campaign."""
+
+
+def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connection:
+    """Join the cluster at `address`, or start a Ray on this machine if that is None.
+
+    An existing connection of this process is reused, after checking the address.
+
+    Raises:
+        ConnectionError: if no cluster answers at `address`, or it has another token; nothing is started.
+        ValueError: if the address is malformed, or the plug-ins are too large.
+    """
+    if address is not None:
+        check_address(address)
+    if ray.is_initialized():
+        is_own = bool(_local) and _local[0].is_connected()
+        return Connection(_local[0] if is_own else JoinedHead(), shipped=False, is_own=is_own)
+    _local.clear()
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    # No tracebacks of runs that a campaign no longer waits for.
+    os.environ.setdefault("RAY_IGNORE_UNHANDLED_ERRORS", "1")
+    options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
+    with runtime_environment(plugins) as environment:
+        options["runtime_env"] = environment
+        try:
+            if address is None:
+                _local.append(LocalHead(options))
+                return Connection(_local[0], shipped=True, is_own=True)
+            ray.init(address=address, **options)
+        except (ConnectionError, AuthenticationError) as error:
+            raise ConnectionError(connection_advice(address or "local", str(error))) from error
+    return Connection(JoinedHead(), shipped=True, is_own=False)

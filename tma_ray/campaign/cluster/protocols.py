@@ -1,0 +1,83 @@
+"""The contract of a watched Ray head, and the exit of a process that loses it."""
+
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final, Protocol
+
+from tma_ray.console.exit_codes import RAY_LOST
+
+
+class Watched(Protocol):
+    """Ray cluster whose head is watched while a campaign runs."""
+
+    def failure_reason(self, patience: float) -> str | None:
+        """Return why the head counts as lost after `patience` seconds of silence; None while it does not."""
+
+    def kill(self) -> None:
+        """Kill the remaining processes of a Ray that this process has started, without calling Ray."""
+
+
+class Head(Watched, Protocol):
+    """Head node of a Ray, with the Global Control Store (GCS) that every process of a cluster needs."""
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Return Ray's record of each living node, with "NodeID" and "Resources", without waiting for Ray."""
+
+    def check(self) -> None:
+        """Check that the head is alive, cheaply enough for every iteration of a loop.
+
+        Raises:
+            HeadLostError: if it is lost. This process is disconnected from Ray then.
+        """
+
+    def close(self) -> None:
+        """End the watch; this process stays connected to Ray."""
+
+
+PATIENCE_SECONDS: Final = 20.0  # silence of a head after which a campaign that has not begun is given up, s
+CHECK_SECONDS: Final = 1.0  # time between two checks, s
+GRACE_SECONDS: Final = 6.0  # time for a loop that checks the head itself to end, s
+
+NOT_BEGUN: Final = "no run had been started; give the same command again"
+
+BEGUN: Final = "the same command continues where it was"
+
+
+@contextmanager
+def exit_on_head_loss(
+    head: Watched,
+    name: str,
+    advice: str = NOT_BEGUN,
+    *,
+    grace: float = 0.0,
+    conclude: Callable[[], None] = lambda: None,
+) -> Iterator[None]:
+    """Context manager that ends this process with a message and `RAY_LOST` if Ray's head is lost.
+
+    A call of Ray without a head blocks uninterruptibly until Ray ends the process silently, after 60 s. The
+    block has `grace` seconds to notice the loss and end itself; `conclude` runs last and may not call Ray.
+    """
+    done = threading.Event()
+
+    def watch() -> None:
+        while not done.wait(CHECK_SECONDS):
+            if head.failure_reason(PATIENCE_SECONDS) is None or done.wait(grace):
+                continue
+            reason = head.failure_reason(PATIENCE_SECONDS)
+            if reason is not None and not done.is_set():
+                try:
+                    head.kill()
+                    conclude()
+                finally:
+                    sys.stderr.write(f"{name}: {reason}; {advice}\n")
+                    sys.stderr.flush()
+                    os._exit(RAY_LOST)
+
+    threading.Thread(target=watch, name="watch-over-ray-head", daemon=True).start()
+    try:
+        yield
+    finally:
+        done.set()

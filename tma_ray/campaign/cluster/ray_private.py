@@ -1,0 +1,82 @@
+"""Wrappers of Ray's private API, which no other module uses.
+
+Each names the reason why the public API does not suffice, and the test that fails if Ray changes.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from ray._private import ray_constants, services, worker
+from ray._private.state import state
+from ray._raylet import GcsClient  # type: ignore[attr-defined]  # compiled
+
+ANSWER_SECONDS: Final = 10  # time in which a head has to list its nodes, s
+ALIVE: Final = 0  # state of a living node in the head's list
+
+
+def living_nodes() -> list[dict[str, Any]]:
+    """Return Ray's record of each living node.
+
+    Without a head it waits until Ray ends this process. `ray.nodes` would start a Ray where there is none.
+    Tested by ``tests/campaign/test_own_ray.py``.
+    """
+    nodes: list[dict[str, Any]] = state.node_table()  # type: ignore[no-untyped-call]
+    return [node for node in nodes if node["Alive"]]
+
+
+def system_config() -> dict[str, Any]:
+    """Return the settings with which the head was started.
+
+    Ray publishes no reader of them. Tested by ``tests/campaign/test_joined_head.py``.
+    """
+    settings: dict[str, Any] = state.get_system_config()  # type: ignore[no-untyped-call]
+    return settings
+
+
+def head_address(address: str) -> str:
+    """Return the "host:port" of the head that `address` stands for, such as "auto".
+
+    Only `ray.init` resolves it publicly, and connects. Tested by ``tests/campaign/test_joined_head.py``.
+
+    Raises:
+        ConnectionError: if no head is found.
+    """
+    head: str = services.canonicalize_bootstrap_address_or_die(address)
+    return head
+
+
+def resources_at(head: str) -> list[dict[str, float]]:
+    """Return the resources of each living node of a cluster, without joining it.
+
+    Publicly this takes the dashboard. Tested by ``tests/campaign/test_joined_head.py``.
+
+    Raises:
+        ray.exceptions.RayError: if no head answers at this "host:port", or it has another token.
+    """
+    nodes = GcsClient(address=head).get_all_node_info(timeout=ANSWER_SECONDS).values()
+    return [dict(node.resources_total) for node in nodes if node.state == ALIVE]
+
+
+@contextmanager
+def loopback_only() -> Iterator[None]:
+    """Context manager in which a new local Ray listens on the loopback address alone.
+
+    Ray does so where it forms no clusters (macOS, Windows); elsewhere it replaces a loopback address.
+    Tested by ``tests/campaign/test_own_ray.py``.
+    """
+    before, ray_constants.ENABLE_RAY_CLUSTER = ray_constants.ENABLE_RAY_CLUSTER, False
+    try:
+        yield
+    finally:
+        ray_constants.ENABLE_RAY_CLUSTER = before
+
+
+def sockets_folder() -> Path:
+    """Return the folder of this node's sockets, whose path is short enough for one.
+
+    Ray has no public name for it. Tested by ``tests/campaign/test_cohorts.py``.
+    """
+    node: Any = worker.global_worker.node
+    return Path(node.get_sockets_dir_path())
