@@ -9,6 +9,7 @@ from rich.text import Text
 
 from analysis.baselines.catalogue import Sources, read
 from analysis.claims.judging import ClaimVerdict, decided, root_verdicts
+from analysis.data.frames import object_strings
 from analysis.statistics.samples import DEFAULT_MARGIN, Standing
 from tma_ray.console.terminal import terminal
 from tma_ray.support.texts import counted
@@ -36,6 +37,7 @@ EXPLAINED = (
 """Definitions of the words in the table."""
 
 
+@object_strings()
 def show_claims(
     sources: Sources, details: bool = False, explain: bool = False, console: Console | None = None
 ) -> None:

@@ -6,12 +6,14 @@ from analysis.baselines.catalogue import Sources, published, read
 from analysis.charts.paper.style import Vector, save
 from analysis.commands.tables import Written, write_tables
 from analysis.comparisons.comparison import Measurements
+from analysis.data.frames import object_strings
 from analysis.figures import Drawing, drawings, published_drawings
 from analysis.tables.table import TableFormat
 from analysis.teacher_styles import shown_together
 from tma_ray.support.component_names import nearest
 
 
+@object_strings()
 def write_figures(
     sources: Sources, output: Path, vector: Vector | str = Vector.PDF, only: str = ""
 ) -> Written:

@@ -21,6 +21,7 @@ from analysis.charts.intervals import DIFFERENCES, difference_chart
 from analysis.comparisons.against_random import FAMILY
 from analysis.comparisons.leaderboards import Entry, Leaderboard, leaderboards, notes
 from analysis.comparisons.verdicts import AXES
+from analysis.data.frames import object_strings
 from analysis.data.reference import is_baseline
 from analysis.formatting import estimate, interval_text, number
 from analysis.measures.evaluations import ceiling_sentences
@@ -60,6 +61,7 @@ TEACHER_WIDTH = 18
 CHALLENGE_WIDTH = 11  # width of the column of a challenge, in characters; six fit beside that of teachers
 
 
+@object_strings()
 def show_leaderboards(
     names: Sequence[str] = (),
     console: Console | None = None,
@@ -140,6 +142,7 @@ def _picture(release: str, position: int) -> str:
     return f"{Path(release).name}-{position}.svg"
 
 
+@object_strings()
 def markdown(name: str, pictures: str = ".") -> str:
     """Return the leaderboards of a release as Markdown.
 

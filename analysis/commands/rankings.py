@@ -19,6 +19,7 @@ from analysis.comparisons.against_random import Gap, against_random, sentences_a
 from analysis.comparisons.leaderboards import leaderboards
 from analysis.comparisons.planning import LITE, PAPER, detectable_differences
 from analysis.comparisons.sentences import challenge_titles, ranked, ranking_sentences
+from analysis.data.frames import object_strings
 from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.formatting import number, p_value, plus_minus
 from analysis.measures.evaluations import final_evaluations, search_results
@@ -34,6 +35,7 @@ NAME_WIDTH = 14  # width of the column of teachers, in characters
 FAMILIES = "on each challenge the core against Random, and a newcomer alone"
 
 
+@object_strings()
 def show_ranking(
     sources: Sources,
     share: float = 1.0,

@@ -15,6 +15,7 @@ from analysis.baselines.catalogue import SHIPPED
 from analysis.baselines.verification import verify
 from analysis.claims.agreement import Agreement, agreements
 from analysis.claims.judging import root_verdicts
+from analysis.data.frames import object_strings
 from analysis.formatting import number, steps_text
 from analysis.names import challenge_title, label
 from analysis.statistics.samples import DEFAULT_MARGIN, Standing
@@ -67,6 +68,7 @@ TAU = (
 )
 
 
+@object_strings()
 def findings(name: str) -> str:
     """Return the findings of a release as Markdown.
 
