@@ -95,8 +95,8 @@ def with_settings(name: str, settings: Mapping[str, str]) -> str:
     return f"{name} ({', '.join(shown)})" if shown else name
 
 
-def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
-    """Return the title of a challenge of the benchmark with its settings; `otherwise` for any other.
+def challenge_title(environment: str, challenge: str, otherwise: str | None = None) -> str:
+    """Return the title of a challenge of the benchmark with its settings, or else `otherwise` or both names.
 
     Examples:
         >>> challenge_title("parkour:swinging_creepers=true", "easy", "")
@@ -104,7 +104,9 @@ def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
     """
     name, bounds = split_name(challenge)
     shipped = challenges_of(environment).get(name)
-    return with_settings(shipped.title, split_name(environment)[1] | bounds) if shipped else otherwise
+    if shipped is None:
+        return f"{environment} {challenge}" if otherwise is None else otherwise
+    return with_settings(shipped.title, split_name(environment)[1] | bounds)
 
 
 def short_title(title: str) -> str:

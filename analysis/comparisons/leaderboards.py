@@ -121,7 +121,7 @@ class Leaderboard:
         """
         tests = pairwise(self.runs, axis, BASELINE, detectable=False)
         return {
-            (str(test["first"]), _title_of(test)): Gap.of(test)
+            (str(test["first"]), challenge_title(test["environment"], test["challenge"])): Gap.of(test)
             for _, test in tests.iterrows()
             if test["second"] in self.names
         }
@@ -232,7 +232,7 @@ def _board(
     results: dict[str, dict[str, tuple[float, float, float]]] = {}
     titles: dict[str, None] = {}
     for row in stratified_means(runs, HEADLINE, [*ACROSS, *CHALLENGE]).to_dict("records"):
-        name = _title_of(row)
+        name = challenge_title(row["environment"], row["challenge"])
         titles.setdefault(name)
         result = float(row["difference"]), float(row["low"]), float(row["high"])
         results.setdefault(str(row["teacher"]), {})[name] = result
@@ -255,11 +255,6 @@ def _board(
     if challenges < where["of"]:
         heading += f": the {len(entries)} teachers on {challenges} of {where['of']} challenges"
     return Leaderboard(heading, tuple(titles), entries, distinct_labels(results), runs)
-
-
-def _title_of(row: Mapping[Any, Any] | pd.Series) -> str:
-    environment, challenge = str(row["environment"]), str(row["challenge"])
-    return challenge_title(environment, challenge, f"{environment} {challenge}")
 
 
 def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:

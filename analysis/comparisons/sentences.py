@@ -221,9 +221,7 @@ def challenge_titles(table: pd.DataFrame) -> list[str]:
     varies = {name: groups[name].transform("nunique", dropna=False) > 1 for name in several}
     titles = []
     for position, (_, row) in enumerate(table.iterrows()):
-        title = challenge_title(
-            row["environment"], row["challenge"], f"{row['environment']} {row['challenge']}"
-        )
+        title = challenge_title(row["environment"], row["challenge"])
         apart = [name for name in several if varies[name].iloc[position]]
         named = [str(row[name]) for name in apart if name not in columns.CONDITIONS and pd.notna(row[name])]
         words = pooling.condition_words(row, [name for name in apart if name in columns.CONDITIONS])
