@@ -1,0 +1,121 @@
+"""Agreement of budgets: how far the order of teachers after few steps holds after more steps."""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import pandas as pd
+from scipy import stats
+
+from analysis.comparisons.frame import CHALLENGES, PLACES
+from analysis.data.frames import Frames
+from analysis.formatting import amount, number
+from analysis.measures.run_measures import evaluations_at
+from analysis.measures.tested import FINAL, HEADLINE
+from analysis.statistics import stratum_weights
+from analysis.statistics.agreement import EffectCorrelation, effect_correlation
+
+BUDGETS: Final = (2_000_000, 5_000_000, 10_000_000, 20_000_000)
+"""Budgets that are compared, in steps, the early one first."""
+
+
+@dataclass(frozen=True)
+class BudgetAgreement:
+    """Agreement between `HEADLINE` at the early budget and a measure at a later one.
+
+    Attributes:
+        measure: `HEADLINE` or `FINAL`.
+        budget: later budget, steps.
+        correlation: correlation of the true effects of teachers, with its interval.
+        tau: Kendall's rank correlation of the observed means.
+        pairs: number of pairs of teachers.
+        reversed_pairs: number of pairs whose observed order changes.
+    """
+
+    measure: str
+    budget: int
+    correlation: EffectCorrelation
+    tau: float
+    pairs: int
+    reversed_pairs: int
+
+    def __str__(self) -> str:
+        estimate = self.correlation
+        interval = f" [{number(estimate.low, 2)}, {number(estimate.high, 2)}]" if not estimate.reason else ""
+        return f"{number(estimate.value, 2)}{interval}"
+
+
+@dataclass(frozen=True, eq=False)
+class BudgetComparison:
+    """Teachers of one leaderboard at several budgets.
+
+    Attributes:
+        means: mean of a measure, %, over challenges of equal weight: a row a teacher, the best in the end
+            first, and columns (measure, budget).
+        agreements: agreements with the early budget, by measure and budget.
+    """
+
+    means: pd.DataFrame
+    agreements: tuple[BudgetAgreement, ...]
+
+    @property
+    def budgets(self) -> list[int]:
+        """Budgets, in steps."""
+        return sorted(self.means.columns.get_level_values("budget").unique())
+
+    def sentence(self) -> str:
+        """Return what the early budget implies for the last one."""
+        last = self.agreements[-1]
+        return (
+            f"The order of teachers over training after {amount(self.budgets[0])} steps agrees with that in "
+            f"the end after {amount(last.budget)} with a correlation of true effects of {last}; "
+            f"{last.reversed_pairs} of {last.pairs} pairs change places."
+        )
+
+
+def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | None:
+    """Return the teachers of a leaderboard at each of `BUDGETS` that its runs reach; None below two.
+
+    Args:
+        frames: results that the runs are of.
+        runs: rows of `pooling.pool_runs` of one leaderboard.
+    """
+    budgets = [budget for budget in BUDGETS if budget <= runs["steps"].min()]
+    if len(budgets) < 2 or runs["teacher"].nunique() < 3:
+        return None
+    measured = evaluations_at(frames, budgets)[["run_id", "step", HEADLINE, FINAL]]
+    rows = runs[["run_id", "teacher", *CHALLENGES]].merge(measured, on="run_id")
+    table = rows.pivot_table(
+        index=["teacher", *CHALLENGES, "run_id"], columns="step", values=[HEADLINE, FINAL]
+    )
+    table = table.dropna().rename_axis(columns=["measure", "budget"])
+    means = table.groupby(["teacher", *CHALLENGES]).mean()
+    strata = means.index.droplevel("teacher").unique()
+    challenges = strata.droplevel([name for name in CHALLENGES if name not in PLACES])
+    weights = pd.Series(stratum_weights(list(challenges)), index=strata)
+    means = means.mul(weights.reindex(means.index.droplevel("teacher")).to_numpy(), axis=0)
+    overall = means.groupby("teacher").sum() / weights.sum()
+    overall = overall.sort_values((FINAL, budgets[-1]), ascending=False, kind="stable")
+    return BudgetComparison(overall, tuple(_agreements(table, overall, budgets)))
+
+
+def _agreements(
+    table: pd.DataFrame, means: pd.DataFrame, budgets: Sequence[int]
+) -> Iterator[BudgetAgreement]:
+    columns = list(table.columns)
+    spaces = [
+        {teacher: space.to_numpy()[rows] for teacher, rows in space.groupby("teacher").indices.items()}
+        for _, space in table.groupby(CHALLENGES)
+    ]
+    early, pairs = (HEADLINE, budgets[0]), list(itertools.combinations(range(len(means)), 2))
+    for later in itertools.product((HEADLINE, FINAL), budgets[1:]):
+        both = [columns.index(early), columns.index(later)]
+        first, second = means[early].to_numpy(), means[later].to_numpy()
+        yield BudgetAgreement(
+            *later,
+            effect_correlation([{name: rows[:, both] for name, rows in space.items()} for space in spaces]),
+            float(stats.kendalltau(first, second).statistic),
+            len(pairs),
+            sum((first[i] - first[j]) * (second[i] - second[j]) < 0 for i, j in pairs),
+        )
