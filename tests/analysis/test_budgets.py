@@ -58,7 +58,7 @@ def test_every_budget_is_that_of_runs_which_end_there(
 
 
 def test_agreement_is_that_of_the_runs_of_each_challenge(
-    frames: Frames, comparison: BudgetComparison
+    frames: Frames, curves: Mapping[str, pd.DataFrame], comparison: BudgetComparison
 ) -> None:
     cells = frames.cells[frames.cells["expert_knowledge"] == "high"]
     spaces = [
