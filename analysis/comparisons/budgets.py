@@ -3,8 +3,9 @@
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
+import numpy as np
 import pandas as pd
 from scipy import stats
 
@@ -90,20 +91,20 @@ def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | No
         index=["teacher", *CHALLENGES, "run_id"], columns="step", values=[HEADLINE, FINAL]
     )
     table = table.dropna().rename_axis(columns=["measure", "budget"])
-    means = table.groupby(["teacher", *CHALLENGES]).mean()
-    strata = means.index.droplevel("teacher").unique()
-    challenges = strata.droplevel([name for name in CHALLENGES if name not in PLACES])
-    weights = pd.Series(stratum_weights(list(challenges)), index=strata)
-    means = means.mul(weights.reindex(means.index.droplevel("teacher")).to_numpy(), axis=0)
-    overall = means.groupby("teacher").sum() / weights.sum()
-    overall = overall.sort_values((FINAL, budgets[-1]), ascending=False, kind="stable")
-    return BudgetComparison(overall, tuple(_agreements(table, overall, budgets)))
+    cells = table.groupby(["teacher", *CHALLENGES]).mean()
+    strata = runs[CHALLENGES].drop_duplicates()
+    weights = stratum_weights(list(strata[PLACES].itertuples(index=False, name=None)))
+    strata = strata.assign(weight=np.array(weights) / sum(weights)).set_index(CHALLENGES)["weight"]
+    shares = cells.index.droplevel(0).map(strata)
+    overall = cells.mul(np.asarray(shares, float), axis=0).groupby("teacher").sum()
+    order = overall[FINAL, budgets[-1]].sort_values(ascending=False, kind="stable").index
+    return BudgetComparison(overall.loc[order], tuple(_agreements(table, overall, budgets)))
 
 
 def _agreements(
     table: pd.DataFrame, means: pd.DataFrame, budgets: Sequence[int]
 ) -> Iterator[BudgetAgreement]:
-    columns = list(table.columns)
+    columns: list[Any] = list(table.columns)
     spaces = [
         {teacher: space.to_numpy()[rows] for teacher, rows in space.groupby("teacher").indices.items()}
         for _, space in table.groupby(CHALLENGES)

@@ -32,7 +32,7 @@ def comparison(frames: Frames) -> BudgetComparison:
 
 @pytest.fixture(scope="module")
 def curves(frames: Frames) -> Mapping[str, pd.DataFrame]:
-    return dict(list(frames.measured.groupby("run_id", observed=True)))
+    return {str(run_id): rows for run_id, rows in frames.measured.groupby("run_id", observed=True)}
 
 
 def measured(curve: pd.DataFrame, budget: int) -> tuple[float, float]:
