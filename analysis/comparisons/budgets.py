@@ -91,12 +91,10 @@ def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | No
         index=["teacher", *CHALLENGES, "run_id"], columns="step", values=[HEADLINE, FINAL]
     )
     table = table.dropna().rename_axis(columns=["measure", "budget"])
-    cells = table.groupby(["teacher", *CHALLENGES]).mean()
-    strata = runs[CHALLENGES].drop_duplicates()
-    weights = stratum_weights(list(strata[PLACES].itertuples(index=False, name=None)))
-    strata = strata.assign(weight=np.array(weights) / sum(weights)).set_index(CHALLENGES)["weight"]
-    shares = cells.index.droplevel(0).map(strata)
-    overall = cells.mul(np.asarray(shares, float), axis=0).groupby("teacher").sum()
+    strata = table.groupby([*CHALLENGES, "teacher"]).mean().unstack("teacher")
+    weights = stratum_weights(list(strata.index.to_frame()[PLACES].itertuples(index=False, name=None)))
+    weighted = strata.mul(np.array(weights) / sum(weights), axis=0).sum(skipna=False)
+    overall = weighted.unstack(["measure", "budget"])
     order = overall[FINAL, budgets[-1]].sort_values(ascending=False, kind="stable").index
     return BudgetComparison(overall.loc[order], tuple(_agreements(table, overall, budgets)))
 
