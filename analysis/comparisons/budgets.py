@@ -93,8 +93,8 @@ def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | No
     table = table.dropna().rename_axis(columns=["measure", "budget"])
     strata = table.groupby([*CHALLENGES, "teacher"]).mean().unstack("teacher")
     weights = stratum_weights(list(strata.index.to_frame()[PLACES].itertuples(index=False, name=None)))
-    weighted: pd.Series = strata.mul(np.array(weights) / sum(weights), axis=0).sum(skipna=False)
-    overall = weighted.unstack(["measure", "budget"])
+    shares = np.array(weights) / sum(weights)
+    overall = pd.Series(shares @ strata.to_numpy(), strata.columns).unstack(["measure", "budget"])
     order = overall[FINAL, budgets[-1]].sort_values(ascending=False, kind="stable").index
     return BudgetComparison(overall.loc[order], tuple(_agreements(table, overall, budgets)))
 
