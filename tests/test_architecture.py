@@ -17,6 +17,14 @@ PACKAGES = ("tma_ray", "analysis")
 MOST_LINES, MOST_FUNCTION_LINES = 700, 80
 """Lines of a module, which is what one reads in one sitting, and lines of a function."""
 
+EMPTY = frozenset(
+    "at each found given here known look looks mine own place places said theirs there told wanted".split()  # noqa: SIM905 - a list takes a screen
+)
+"""Names of variables that hide what they hold."""
+
+MOST_EMPTY, MOST_IMPORTS = 250, 0.115
+"""Assignments to these names in all modules, and share of import lines among those with text."""
+
 QUESTIONS = ("How", "What", "When", "Where", "Whether", "Who", "Whose", "Why")
 """First words of a docstring that asks instead of saying what a thing is or does."""
 
@@ -94,6 +102,49 @@ def test_one_module_uses_the_private_api_of_ray() -> None:
     private = re.compile(r"\bray\._(private|raylet)\b")
     users = [name for name, path in _modules().items() if private.search(path.read_text(encoding="utf-8"))]
     assert users == ["tma_ray.campaign.cluster.ray_private"]
+
+
+def test_the_ground_floor_holds_rooms() -> None:
+    loose = {path.name for path in (HOUSE / "tma_ray").glob("*.py")}
+    assert loose == {"__init__.py", "__main__.py", "conformance.py"}
+
+
+def test_public_classes_have_one_meaning_each_and_constants_one_definition() -> None:
+    classes, constants = Counter[str](), Counter[str]()
+    for path in _modules().values():
+        body = _tree(path).body
+        classes.update({node.name for node in body if isinstance(node, ast.ClassDef)})
+        targets = [target for node in body if isinstance(node, ast.Assign) for target in node.targets]
+        targets += [node.target for node in body if isinstance(node, ast.AnnAssign)]
+        constants.update(
+            {target.id for target in targets if isinstance(target, ast.Name) and target.id.isupper()}
+        )
+    assert not {name for name, count in classes.items() if count > 1 and name[0] != "_"}
+    assert not {name for name, count in constants.items() if count > 2 and name[0] != "_"}
+
+
+def test_variables_are_named_by_what_they_hold() -> None:
+    stored = [
+        node.id
+        for path in _modules().values()
+        for node in ast.walk(_tree(path))
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id.strip("_") in EMPTY
+    ]
+    assert len(stored) < MOST_EMPTY, Counter(stored)
+
+
+def test_import_lines_are_few() -> None:
+    lines = imports = 0
+    for path in _modules().values():
+        tree = _tree(path)
+        text = path.read_text(encoding="utf-8").splitlines()
+        lines += sum(bool(line.strip()) and not line.strip().startswith("#") for line in text)
+        imports += sum(
+            node.end_lineno - node.lineno + 1
+            for node in tree.body
+            if isinstance(node, ast.Import | ast.ImportFrom)
+        )
+    assert imports <= MOST_IMPORTS * lines
 
 
 def test_docstrings_of_modules_say_what_they_are() -> None:
