@@ -1,0 +1,190 @@
+"""Core-hours that it takes to tell two teachers apart, by cell and by set of cells (docs/trials.md).
+
+    python benchmarks/trial_cells.py            # writes benchmarks/measured/trial_cells.csv
+    python benchmarks/trial_cells.py --tables
+
+Stump Tracks is read from the core of lite-2, Parkour from the evaluations of the pilot of docs/long_runs.md.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pilot import areas, markdown, read
+from scipy import stats
+
+import analysis
+from analysis.baselines import find_baseline
+from analysis.measures.run_measures import run_measures
+from analysis.statistics import stratum_weights
+from analysis.statistics.power import POWER
+from analysis.statistics.samples import TAIL
+
+MEASURED = Path(__file__).parent / "measured"
+
+RESULTS, PILOT = MEASURED / "trial_cells.csv", MEASURED / "parkour_pilot.csv"
+
+STUDENT = "ppo:preset=decisive"
+
+MILLIONS = 2, 3, 4, 5, 6
+"""Budgets at which Parkour is read, in millions of steps; Stump Tracks has 2 million."""
+
+QUANTILES = float(stats.norm.ppf(TAIL) + stats.norm.ppf(POWER))
+"""Standard errors by which a difference must exceed 0 to be found with the usual power."""
+
+Samples = Mapping[str, NDArray[np.float64]]
+
+
+class Cell(NamedTuple):
+    """Runs of one cell.
+
+    Attributes:
+        name: challenge or environment, body and budget.
+        challenge: environment and challenge, which share the weight of one.
+        hours: core-hours of a run.
+        samples: angle of the mastered share over training, rad, of each run of each teacher.
+    """
+
+    name: str
+    challenge: tuple[str, str]
+    hours: float
+    samples: Samples
+
+
+def core_hours(body: str, steps: int) -> float:
+    """Return the core-hours of a run's training, by the speeds that `tma-ray plan` estimates with."""
+    text = resources.files("tma_ray.campaign").joinpath("speeds.csv").read_text()
+    speeds = {
+        (row["student"], row["embodiment"]): row["training"] for row in csv.DictReader(text.splitlines())
+    }
+    return steps / float(speeds[STUDENT, body]) / 3600
+
+
+def angle(percent: pd.Series) -> NDArray[np.float64]:
+    """Return the arcsine of the root of shares in per cent, on which trials are designed."""
+    return np.arcsin(np.sqrt(percent.to_numpy(float) / 100))
+
+
+def stump_tracks() -> list[Cell]:
+    """Return the cells of the core of lite-2 at high knowledge."""
+    baseline = find_baseline("lite-2")
+    frames = analysis.load("lite-2")
+    runs = frames.cells[frames.cells["campaign"].isin(baseline.manifest.core)]
+    runs = runs[(runs["environment"] == "stump_tracks") & (runs["expert_knowledge"] == "high")]
+    runs = runs.merge(run_measures(frames, training=False)[["run_id", "mastered_area"]], on="run_id")
+    return [
+        Cell(
+            f"{challenge}, {body}",
+            ("stump_tracks", str(challenge)),
+            core_hours(str(body), int(rows["steps"].iloc[0])),
+            {str(name): angle(own["mastered_area"]) for name, own in rows.groupby("teacher", observed=True)},
+        )
+        for (challenge, body), rows in runs.groupby(["challenge", "embodiment"], observed=True)
+    ]
+
+
+def parkour() -> list[Cell]:
+    """Return the cells of the pilot's runs, at each of `MILLIONS`."""
+    evaluations = read(PILOT)
+    evaluations = evaluations[evaluations["student"] == STUDENT]
+    return [
+        Cell(
+            f"Parkour, {body}, {millions} million steps",
+            ("parkour", "original"),
+            core_hours(str(body), 10**6 * millions),
+            {str(name): angle(own["area"]) for name, own in rows.groupby("teacher")},
+        )
+        for millions in MILLIONS
+        for body, rows in areas(evaluations, 10**6 * millions).groupby("embodiment")
+        if rows.groupby("teacher").size().min() > 1
+    ]
+
+
+def decisiveness(cells: Sequence[Cell]) -> tuple[float, float]:
+    """Return signal to noise of the mean over cells, and the core-hours of one seed of all.
+
+    Challenges have equal weight, and so have the bodies of each. The variance between teachers is without
+    what their seeds add to it.
+    """
+    weights = np.array(stratum_weights([cell.challenge for cell in cells]))
+    weights = weights / weights.sum()
+    teachers = sorted(set.intersection(*(set(cell.samples) for cell in cells)))
+    means = np.array([[cell.samples[name].mean() for cell in cells] for name in teachers]) @ weights
+    noise = added = 0.0
+    for weight, cell in zip(weights, cells, strict=True):
+        samples = [cell.samples[name] for name in teachers]
+        squares = sum(float(((sample - sample.mean()) ** 2).sum()) for sample in samples)
+        variance = weight**2 * squares / sum(sample.size - 1 for sample in samples)
+        noise += variance
+        added += variance * float(np.mean([1 / sample.size for sample in samples]))
+    signal = max(float(means.var(ddof=1)) - added, 0.0)
+    return float(np.sqrt(signal / noise)), sum(cell.hours for cell in cells)
+
+
+def effects(cells: Sequence[Cell], teachers: Sequence[str]) -> NDArray[np.float64]:
+    """Return the mean of each teacher over cells, challenges of equal weight."""
+    weights = np.array(stratum_weights([cell.challenge for cell in cells]))
+    return np.array([[cell.samples[name].mean() for cell in cells] for name in teachers]) @ weights
+
+
+def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> dict[str, object]:
+    """Return a line of the table: a cell, or a set of them beside all."""
+    ratio, hours = decisiveness(cells)
+    needed = 2 * hours * (QUANTILES / ratio) ** 2 if ratio else np.inf
+    teachers = sorted(set.intersection(*(set(cell.samples) for cell in [*cells, *everything])))
+    agreement = np.nan
+    if everything and len(cells) < len(everything):
+        agreement = np.corrcoef(effects(cells, teachers), effects(everything, teachers))[0, 1]
+    return {
+        "cells": name,
+        "teachers": len(teachers),
+        "core_hours_per_seed": round(hours, 3),
+        "signal_to_noise": round(ratio, 2),
+        "core_hours_to_tell_apart": round(needed, 2),
+        "correlation_with_all": round(agreement, 2),
+    }
+
+
+def measure() -> pd.DataFrame:
+    """Return all lines: every cell, the cheapest set of each size, and all cells of a trial."""
+    tracks = stump_tracks()
+    rows = [row(cell.name, [cell], tracks) for cell in tracks]
+    for size in range(2, len(tracks) + 1):
+        sets = [
+            row("; ".join(c.name for c in chosen), chosen, tracks)
+            for chosen in itertools.combinations(tracks, size)
+        ]
+        rows.append(min(sets, key=lambda line: line["core_hours_to_tell_apart"]))
+    return pd.DataFrame(rows + [row(cell.name, [cell]) for cell in parkour()])
+
+
+def tables() -> str:
+    """Return the lines as a table of the page."""
+    heads = (
+        "cells",
+        "teachers",
+        "core-hours a seed",
+        "signal to noise",
+        "core-hours to tell two apart",
+        "correlation with all",
+    )
+    table = pd.read_csv(RESULTS)
+    return markdown(
+        heads, (["" if pd.isna(value) else value for value in line] for line in table.to_numpy(object))
+    )
+
+
+if __name__ == "__main__":
+    if "--tables" in sys.argv[1:]:
+        print(tables())
+    else:
+        measure().to_csv(RESULTS, index=False)
