@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from seed_statistics import effect_correlation
+
+from analysis.statistics.agreement import effect_correlation
 
 SPACES = (2, 4)
 TEACHERS, SEEDS = 10, (3, 5)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from analysis.comparisons.frame import CHALLENGES, PLACES
+from analysis.data.columns import CHALLENGE, STRATA
 from analysis.data.frames import Frames
 from analysis.formatting import amount, number
 from analysis.measures.run_measures import evaluations_at
@@ -86,13 +86,13 @@ def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | No
     if len(budgets) < 2 or runs["teacher"].nunique() < 3:
         return None
     measured = evaluations_at(frames, budgets)[["run_id", "step", HEADLINE, FINAL]]
-    rows = runs[["run_id", "teacher", *CHALLENGES]].merge(measured, on="run_id")
+    rows = runs[["run_id", "teacher", *STRATA]].merge(measured, on="run_id")
     table = rows.pivot_table(
-        index=["teacher", *CHALLENGES, "run_id"], columns="step", values=[HEADLINE, FINAL]
+        index=["teacher", *STRATA, "run_id"], columns="step", values=[HEADLINE, FINAL]
     )
     table = table.dropna().rename_axis(columns=["measure", "budget"])
-    strata = table.groupby([*CHALLENGES, "teacher"]).mean().unstack("teacher")
-    weights = stratum_weights(list(strata.index.to_frame()[PLACES].itertuples(index=False, name=None)))
+    strata = table.groupby([*STRATA, "teacher"]).mean().unstack("teacher")
+    weights = stratum_weights(list(strata.index.to_frame()[CHALLENGE].itertuples(index=False, name=None)))
     shares = np.array(weights) / sum(weights)
     overall = pd.Series(shares @ strata.to_numpy(), strata.columns).unstack(["measure", "budget"])
     order = overall[FINAL, budgets[-1]].sort_values(ascending=False, kind="stable").index
@@ -105,7 +105,7 @@ def _agreements(
     columns: list[Any] = list(table.columns)
     spaces = [
         {teacher: space.to_numpy()[rows] for teacher, rows in space.groupby("teacher").indices.items()}
-        for _, space in table.groupby(CHALLENGES)
+        for _, space in table.groupby(STRATA)
     ]
     early, pairs = (HEADLINE, budgets[0]), list(itertools.combinations(range(len(means)), 2))
     for later in itertools.product((HEADLINE, FINAL), budgets[1:]):
