@@ -9,9 +9,10 @@ import pandas as pd
 
 from analysis.charts import base
 from analysis.comparisons.against_random import AgainstRandom
+from analysis.comparisons.budgets import BudgetComparison
 from analysis.comparisons.ranks import Rank
 from analysis.comparisons.verdicts import AXES
-from analysis.formatting import number
+from analysis.formatting import number, steps_text
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
 from analysis.names import short_labels
 from analysis.statistics import describe, mean_percent_interval
@@ -264,3 +265,50 @@ def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, c
         base.PanelAxis("Runs over it (%)", low=-2.0, high=102.0, grid=True),
     )
     return base.Chart(name, [[base.Panel(*axes, marks)]], heading, caption)
+
+
+ORDERS = (
+    "Order of teachers by their mean after each budget, in runs of the longest. Lines that cross are pairs "
+    "that change places."
+)
+"""Caption of `budget_chart`."""
+
+
+def budget_chart(
+    comparison: BudgetComparison, names: Mapping[str, str], heading: str, name: str = "budgets"
+) -> base.Chart:
+    """Return a line per teacher through its rank after each budget, and a panel per axis.
+
+    Args:
+        comparison: teachers at several budgets.
+        names: label of each teacher.
+        heading: title of the chart.
+        name: identifier of the chart.
+    """
+    budgets, count = comparison.budgets, len(comparison.means)
+    steps = {str(budget): steps_text(budget) for budget in budgets}
+    x = base.PanelAxis("Environment steps", base.AxisKind.NAMES, -0.2, len(budgets) + 0.6, rows=steps)
+    positions = {str(rank): str(rank) for rank in range(1, count + 1)}
+    y = base.PanelAxis("Rank", base.AxisKind.NAMES, rows=positions)
+    panels = []
+    for axis in (HEADLINE, FINAL):
+        ranks = comparison.means[axis].rank(ascending=False, method="first")
+        marks: list[base.Mark] = []
+        for teacher, row in ranks.iterrows():
+            order, label = row.loc[budgets].to_numpy(float) - 1, names[str(teacher)]
+            texts = [f"{label}, {steps_text(budget)} steps: rank {rank:.0f}" for budget, rank in row.items()]
+            marks.append(
+                base.Curve(
+                    x=np.arange(len(budgets), dtype=float),
+                    y=order,
+                    look=teacher_style(str(teacher)),
+                    teacher=str(teacher),
+                    texts=texts,
+                    hover="{text}",
+                )
+            )
+            marks.append(
+                base.Label(x=len(budgets) - 0.85, y=order[-1], text=label, beside=True, teacher=str(teacher))
+            )
+        panels.append(base.Panel(x, y, marks, AXES[axis].capitalize()))
+    return base.Chart(name, [panels], heading, ORDERS, size=(8.4, 1.2 + 0.19 * count), letters=7.5)

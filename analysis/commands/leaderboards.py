@@ -17,8 +17,9 @@ from rich.table import Table
 from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines
 from analysis.baselines.catalogue import Baseline, read
 from analysis.charts.base import Chart
-from analysis.charts.intervals import DIFFERENCES, difference_chart
+from analysis.charts.intervals import DIFFERENCES, ORDERS, budget_chart, difference_chart
 from analysis.comparisons.against_random import FAMILY
+from analysis.comparisons.budgets import compare_budgets
 from analysis.comparisons.leaderboards import Entry, Leaderboard, leaderboards, notes
 from analysis.comparisons.verdicts import AXES
 from analysis.data.frames import object_strings
@@ -89,6 +90,8 @@ def show_leaderboards(
         for board in boards:
             tell(console, f"{name}: {board.title}", "bold")
             show_board(board, console)
+            if budgets := compare_budgets(frames, board.runs):
+                tell(console, budgets.sentence(), "dim")
             if challenges:
                 console.print(_challenges(board))
             tell(console, "")
@@ -132,14 +135,16 @@ def _described(baseline: Baseline) -> tuple[str, str, str]:
 
 def difference_charts(name: str) -> Iterator[tuple[str, Chart]]:
     """Yield file name and chart of each picture of `markdown`."""
-    for position, board in enumerate(leaderboards(read(name)), start=1):
+    for position, board in enumerate(leaderboards(frames := read(name)), start=1):
         if any(entry.against for entry in board.entries):
             compared = [entry.against for entry in board.entries if entry.against]
             yield _picture(name, position), difference_chart(compared, board.names, board.title)
+        if budgets := compare_budgets(frames, board.runs):
+            yield _picture(name, position, "-budgets"), budget_chart(budgets, board.names, board.title)
 
 
-def _picture(release: str, position: int) -> str:
-    return f"{Path(release).name}-{position}.svg"
+def _picture(release: str, position: int, suffix: str = "") -> str:
+    return f"{Path(release).name}-{position}{suffix}.svg"
 
 
 @object_strings()
@@ -161,6 +166,12 @@ def markdown(name: str, pictures: str = ".") -> str:
         parts.append(pipe_table(HEADS, (_row(board, entry) for entry in board.entries), range(1, 7)))
         parts += notes(board)
         parts += trials_markdown(location) if position == 1 else ()
+        if budgets := compare_budgets(frames, board.runs):
+            parts.append(budgets.sentence())
+            parts.append(f"![Ranks by budget, {board.title}]({pictures}/{_picture(name, position, '-budgets')})")
+            parts.append(f"*{ORDERS}*")
+            rows = [budgets.row(budget) for budget in budgets.budgets[1:]]
+            parts.append(pipe_table(BUDGET_HEADS, rows, range(1, len(BUDGET_HEADS))))
         results = [[board.marked(entry), *_results(board, entry)] for entry in board.entries]
         head = ["teacher", *map(short_title, board.challenges)]
         parts.append(
@@ -218,6 +229,12 @@ HEADS = [
     "teacher",
     *(head for axis in COLUMN_AXES for head in (f"{MEASURES[axis]}, %", "beside Random", "rank")),
     *("beside Random, both axes", "runs"),
+]
+
+
+BUDGET_HEADS = [
+    "steps",
+    *(head for axis in SHOWN for head in (f"agreement with the order {AXES[axis]}", "reversed pairs")),
 ]
 
 

@@ -11,7 +11,7 @@ from scipy import stats
 
 from analysis.data.columns import CHALLENGE, STRATA
 from analysis.data.frames import Frames
-from analysis.formatting import amount, number
+from analysis.formatting import number, steps_text
 from analysis.measures.run_measures import evaluations_at
 from analysis.measures.tested import FINAL, HEADLINE
 from analysis.statistics import stratum_weights
@@ -65,12 +65,18 @@ class BudgetComparison:
         """Budgets, in steps."""
         return sorted(self.means.columns.get_level_values("budget").unique())
 
+    def row(self, budget: int) -> list[str]:
+        """Return a later budget, and for `FINAL` and `HEADLINE` the correlation and the reversed pairs."""
+        chosen = {each.measure: each for each in self.agreements if each.budget == budget}
+        counts = (f"{chosen[axis].reversed_pairs} of {chosen[axis].pairs}" for axis in (FINAL, HEADLINE))
+        return [steps_text(budget), str(chosen[FINAL]), next(counts), str(chosen[HEADLINE]), next(counts)]
+
     def sentence(self) -> str:
         """Return what the early budget implies for the last one."""
         last = self.agreements[-1]
         return (
-            f"The order of teachers over training after {amount(self.budgets[0])} steps agrees with that in "
-            f"the end after {amount(last.budget)} with a correlation of true effects of {last}; "
+            f"The order of teachers over training after {steps_text(self.budgets[0])} steps agrees with that in "
+            f"the end after {steps_text(last.budget)} with a correlation of true effects of {last}; "
             f"{last.reversed_pairs} of {last.pairs} pairs change places."
         )
 
@@ -87,9 +93,7 @@ def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | No
         return None
     measured = evaluations_at(frames, budgets)[["run_id", "step", HEADLINE, FINAL]]
     rows = runs[["run_id", "teacher", *STRATA]].merge(measured, on="run_id")
-    table = rows.pivot_table(
-        index=["teacher", *STRATA, "run_id"], columns="step", values=[HEADLINE, FINAL]
-    )
+    table = rows.pivot_table(index=["teacher", *STRATA, "run_id"], columns="step", values=[HEADLINE, FINAL])
     table = table.dropna().rename_axis(columns=["measure", "budget"])
     strata = table.groupby([*STRATA, "teacher"]).mean().unstack("teacher")
     weights = stratum_weights(list(strata.index.to_frame()[CHALLENGE].itertuples(index=False, name=None)))

@@ -10,6 +10,8 @@ import pandas as pd
 import pytest
 
 import analysis
+from analysis.charts.base import Curve, Label
+from analysis.charts.intervals import budget_chart
 from analysis.comparisons.budgets import BUDGETS, BudgetComparison, compare_budgets
 from analysis.data.frames import Frames
 from analysis.measures.pooling import runs_after
@@ -91,3 +93,20 @@ def test_pairs_are_reversed_where_the_order_of_their_means_is(comparison: Budget
 def test_runs_of_a_single_budget_are_not_compared() -> None:
     frames = analysis.load("lite-1")
     assert compare_budgets(frames, runs_after(frames, training=False)) is None
+
+
+def test_lines_of_the_chart_cross_where_pairs_change_places(comparison: BudgetComparison) -> None:
+    names = {str(teacher): f"<{teacher}>" for teacher in comparison.means.index}
+    chart = budget_chart(comparison, names, "heading")
+    panel = chart.all_panels[1]
+    lines = {mark.teacher: mark.y for mark in panel.marks if isinstance(mark, Curve)}
+    labels = {mark.teacher: (mark.text, mark.y) for mark in panel.marks if isinstance(mark, Label)}
+    assert lines.keys() == labels.keys() == names.keys()
+    assert all(labels[teacher] == (names[teacher], line[-1]) for teacher, line in lines.items())
+    crossed = sum(
+        (first[0] - second[0]) * (first[-1] - second[-1]) < 0
+        for first, second in itertools.combinations(lines.values(), 2)
+    )
+    early, last = (comparison.means[FINAL, budget].rank() for budget in (BUDGETS[0], BUDGETS[-1]))
+    pairs = itertools.combinations(names, 2)
+    assert crossed == sum((early[a] - early[b]) * (last[a] - last[b]) < 0 for a, b in pairs)
