@@ -168,7 +168,9 @@ def markdown(name: str, pictures: str = ".") -> str:
         parts += trials_markdown(location) if position == 1 else ()
         if budgets := compare_budgets(frames, board.runs):
             parts.append(budgets.sentence())
-            parts.append(f"![Ranks by budget, {board.title}]({pictures}/{_picture(name, position, '-budgets')})")
+            parts.append(
+                f"![Ranks by budget, {board.title}]({pictures}/{_picture(name, position, '-budgets')})"
+            )
             parts.append(f"*{ORDERS}*")
             rows = [budgets.row(budget) for budget in budgets.budgets[1:]]
             parts.append(pipe_table(BUDGET_HEADS, rows, range(1, len(BUDGET_HEADS))))

@@ -75,8 +75,8 @@ class BudgetComparison:
         """Return what the early budget implies for the last one."""
         last = self.agreements[-1]
         return (
-            f"The order of teachers over training after {steps_text(self.budgets[0])} steps agrees with that in "
-            f"the end after {steps_text(last.budget)} with a correlation of true effects of {last}; "
+            f"The order of teachers over training after {steps_text(self.budgets[0])} steps agrees with "
+            f"that in the end after {steps_text(last.budget)} with a correlation of true effects of {last}; "
             f"{last.reversed_pairs} of {last.pairs} pairs change places."
         )
 

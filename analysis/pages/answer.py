@@ -8,6 +8,7 @@ from typing import NamedTuple
 from analysis.charts.intervals import difference_chart
 from analysis.charts.page import PageChart, on_page
 from analysis.comparisons.against_random import Gap
+from analysis.comparisons.budgets import compare_budgets
 from analysis.comparisons.leaderboards import Leaderboard, leaderboards, notes
 from analysis.comparisons.verdicts import AXES, Verdict
 from analysis.data.frames import Frames
@@ -55,6 +56,7 @@ def answers(frames: Frames) -> Iterator[Answer]:
         if len(board.challenges) > 1 and compared:
             best = f", the best {MOST_ROWS} in the end" if len(compared) > MOST_ROWS else ""
             heading = f"Over all challenges{best}"
+            budgets = compare_budgets(frames, board.runs)
             chart = difference_chart(compared[:MOST_ROWS], board.names, heading, f"answer-{count}")
             yield Answer(
                 title=f"{board.title[0].upper()}{board.title[1:]}",
@@ -62,7 +64,7 @@ def answers(frames: Frames) -> Iterator[Answer]:
                 chart=on_page(chart),
                 challenges=[short_title(title) for title in board.challenges],
                 rows=list(_rows(board)),
-                notes=notes(board),
+                notes=[*notes(board), *([budgets.sentence()] if budgets else [])],
             )
 
 
