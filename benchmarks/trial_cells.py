@@ -14,7 +14,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -133,10 +133,11 @@ def decisiveness(cells: Sequence[Cell]) -> tuple[float, float]:
 def effects(cells: Sequence[Cell], teachers: Sequence[str]) -> NDArray[np.float64]:
     """Return the mean of each teacher over cells, challenges of equal weight."""
     weights = np.array(stratum_weights([cell.challenge for cell in cells]))
-    return np.array([[cell.samples[name].mean() for cell in cells] for name in teachers]) @ weights
+    means = np.array([[cell.samples[name].mean() for cell in cells] for name in teachers])
+    return np.asarray(means @ weights)
 
 
-def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> dict[str, object]:
+def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> dict[str, Any]:
     """Return a line of the table: a cell, or a set of them beside all."""
     ratio, hours = decisiveness(cells)
     needed = 2 * hours * (QUANTILES / ratio) ** 2 if ratio else np.inf

@@ -292,7 +292,7 @@ def budget_chart(
     y = base.PanelAxis("Rank", base.AxisKind.NAMES, rows=positions)
     panels = []
     for axis in (HEADLINE, FINAL):
-        ranks = comparison.means[axis].rank(ascending=False, method="first")
+        ranks = pd.DataFrame(comparison.means[axis]).rank(ascending=False, method="first")
         marks: list[base.Mark] = []
         for teacher, row in ranks.iterrows():
             order, label = row.loc[budgets].to_numpy(float) - 1, names[str(teacher)]
