@@ -296,7 +296,10 @@ def budget_chart(
         marks: list[base.Mark] = []
         for teacher, row in ranks.iterrows():
             order, label = row.loc[budgets].to_numpy(float) - 1, names[str(teacher)]
-            texts = [f"{label}, {steps_text(budget)} steps: rank {rank:.0f}" for budget, rank in row.items()]
+            texts = [
+                f"{label}, {steps_text(budget)} steps: rank {index + 1:.0f}"
+                for budget, index in zip(budgets, order, strict=True)
+            ]
             marks.append(
                 base.Curve(
                     x=np.arange(len(budgets), dtype=float),
