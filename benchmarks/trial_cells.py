@@ -1,16 +1,15 @@
 """Core-hours that it takes to tell two teachers apart, by cell and by set of cells (docs/trials.md).
 
-    python benchmarks/trial_cells.py            # writes benchmarks/measured/trial_cells.csv
-    python benchmarks/trial_cells.py --tables
+    python benchmarks/trial_cells.py
 
-Stump Tracks is read from the core of lite-2, Parkour from the evaluations of the pilot of docs/long_runs.md.
+Writes benchmarks/measured/trial_cells.csv. Stump Tracks is read from the core of lite-2, Parkour from the
+evaluations of the pilot of docs/long_runs.md.
 """
 
 from __future__ import annotations
 
 import csv
 import itertools
-import sys
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -19,21 +18,25 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pilot import areas, markdown, read
+from pilot import areas, read
 from scipy import stats
 
-import analysis
 from analysis.baselines import find_baseline
 from analysis.measures.run_measures import run_measures
 from analysis.statistics import stratum_weights
 from analysis.statistics.power import POWER
 from analysis.statistics.samples import TAIL
+from analysis.trials.design import in_cell, make_design, released_runs, setting_of
+from analysis.trials.rules import TrialVerdict, simulate
 
 MEASURED = Path(__file__).parent / "measured"
 
 RESULTS, PILOT = MEASURED / "trial_cells.csv", MEASURED / "parkour_pilot.csv"
 
-STUDENT = "ppo:preset=decisive"
+RELEASE, STUDENT = "lite-2", "ppo:preset=decisive"
+
+TRIALS = 1_000
+"""Simulated trials of each teacher."""
 
 MILLIONS = 2, 3, 4, 5, 6
 """Budgets at which Parkour is read, in millions of steps; Stump Tracks has 2 million."""
@@ -76,14 +79,14 @@ def angle(percent: pd.Series) -> NDArray[np.float64]:
 
 def stump_tracks() -> list[Cell]:
     """Return the cells of the core of lite-2 at high knowledge."""
-    baseline = find_baseline("lite-2")
-    frames = analysis.load("lite-2")
+    baseline = find_baseline(RELEASE)
+    frames = baseline.frames()
     runs = frames.cells[frames.cells["campaign"].isin(baseline.manifest.core)]
     runs = runs[(runs["environment"] == "stump_tracks") & (runs["expert_knowledge"] == "high")]
     runs = runs.merge(run_measures(frames, training=False)[["run_id", "mastered_area"]], on="run_id")
     return [
         Cell(
-            f"{challenge}, {body}",
+            str(challenge) if body == "classic_bipedal" else f"{challenge}/{body}",
             ("stump_tracks", str(challenge)),
             core_hours(str(body), int(rows["steps"].iloc[0])),
             {str(name): angle(own["mastered_area"]) for name, own in rows.groupby("teacher", observed=True)},
@@ -138,54 +141,60 @@ def effects(cells: Sequence[Cell], teachers: Sequence[str]) -> NDArray[np.float6
 
 
 def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> dict[str, Any]:
-    """Return a line of the table: a cell, or a set of them beside all."""
+    """Return a line of the table: a cell, or a set of cells beside all."""
     ratio, hours = decisiveness(cells)
-    needed = 2 * hours * (QUANTILES / ratio) ** 2 if ratio else np.inf
     teachers = sorted(set.intersection(*(set(cell.samples) for cell in [*cells, *everything])))
     agreement = np.nan
-    if everything and len(cells) < len(everything):
+    if 0 < len(everything) > len(cells):
         agreement = np.corrcoef(effects(cells, teachers), effects(everything, teachers))[0, 1]
     return {
         "cells": name,
         "teachers": len(teachers),
-        "core_hours_per_seed": round(hours, 3),
-        "signal_to_noise": round(ratio, 2),
-        "core_hours_to_tell_apart": round(needed, 2),
-        "correlation_with_all": round(agreement, 2),
+        "core-hours a seed": round(hours, 3),
+        "signal to noise": round(ratio, 2),
+        "core-hours to tell two apart": round(2 * hours * (QUANTILES / ratio) ** 2 if ratio else np.inf, 2),
+        "correlation with all": round(agreement, 2),
+    }
+
+
+def simulated(cells: Sequence[Cell]) -> dict[str, float]:
+    """Return core-hours and decided share of simulated trials, each teacher of the core as the new one.
+
+    True differences from Random are those observed in these cells.
+    """
+    baseline = find_baseline(RELEASE)
+    frames = baseline.frames()
+    released = released_runs(frames)
+    design = make_design("lab:New", baseline, frames, cells=[cell.name for cell in cells])
+    weights, setting = design.estimand().weights, setting_of(design, released)
+    areas = [in_cell(released, key).groupby("teacher")["mastered_area"].mean() for key in design.keys]
+    teachers = sorted(set.intersection(*(set(cell.samples) for cell in cells)) - {"random"})
+    effects = {name: float(weights @ [area[name] - area["random"] for area in areas]) for name in teachers}
+    outcomes = [simulate(setting, effects[name], TRIALS) for name in teachers]
+    decided = [
+        np.isin(outcome.verdicts[0], [TrialVerdict.BETTER, TrialVerdict.WORSE]) for outcome in outcomes
+    ]
+    hours = sum(cell.hours for cell in cells)
+    return {
+        "core-hours of a trial": round(hours * float(np.mean([outcome.seeds for outcome in outcomes])), 2),
+        "decided against Random, %": round(100 * float(np.mean(decided)), 1),
     }
 
 
 def measure() -> pd.DataFrame:
     """Return all lines: every cell, the cheapest set of each size, and all cells of a trial."""
     tracks = stump_tracks()
-    rows = [row(cell.name, [cell], tracks) for cell in tracks]
-    for size in range(2, len(tracks) + 1):
-        sets = [
-            row("; ".join(c.name for c in chosen), chosen, tracks)
-            for chosen in itertools.combinations(tracks, size)
-        ]
-        rows.append(min(sets, key=lambda line: line["core_hours_to_tell_apart"]))
-    return pd.DataFrame(rows + [row(cell.name, [cell]) for cell in parkour()])
-
-
-def tables() -> str:
-    """Return the lines as a table of the page."""
-    heads = (
-        "cells",
-        "teachers",
-        "core-hours a seed",
-        "signal to noise",
-        "core-hours to tell two apart",
-        "correlation with all",
-    )
-    table = pd.read_csv(RESULTS)
-    return markdown(
-        heads, (["" if pd.isna(value) else value for value in line] for line in table.to_numpy(object))
-    )
+    rows = [row(cell.name, [cell], tracks) for cell in tracks] + [
+        row(cell.name, [cell]) for cell in parkour()
+    ]
+    for size in range(1, len(tracks) + 1):
+        chosen = min(
+            itertools.combinations(tracks, size),
+            key=lambda cells: row("", cells)["core-hours to tell two apart"],
+        )
+        rows.append(row("; ".join(cell.name for cell in chosen), chosen, tracks) | simulated(chosen))
+    return pd.DataFrame(rows)
 
 
 if __name__ == "__main__":
-    if "--tables" in sys.argv[1:]:
-        print(tables())
-    else:
-        measure().to_csv(RESULTS, index=False)
+    measure().to_csv(RESULTS, index=False)
