@@ -236,7 +236,7 @@ HEADS = [
 
 BUDGET_HEADS = [
     "steps",
-    *(head for axis in SHOWN for head in (f"agreement with the order {AXES[axis]}", "reversed pairs")),
+    *(head for axis in COLUMN_AXES for head in (f"agreement with the order {AXES[axis]}", "reversed pairs")),
 ]
 
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from analysis.tracking.points import TABLES, Point, Tracker
+from analysis.tracking.points import TRACKED_TABLES, Point, Tracker
 from tma_ray.results import Manifest, RunRecord, RunStatus, Table
 from tma_ray.support.decoding import read_file
 from tma_ray.support.quantities import expanded
@@ -72,13 +72,13 @@ class RunEvents:
         if not self._counts:  # an earlier tracker may have written some
             files = event_files(self._folder)
             written, self._opened = read_scalars(files), len(files)
-            self._counts = {table: _common(points[table], written) for table in TABLES}
+            self._counts = {table: _common(points[table], written) for table in TRACKED_TABLES}
             if any(written.values()):
                 self._clear()
         elif any(len(points[table]) < count for table, count in self._counts.items()):
             self._clear()
-        new = [point for table in TABLES for point in points[table][self._counts.get(table, 0) :]]
-        self._counts = {table: len(points[table]) for table in TABLES}
+        new = [point for table in TRACKED_TABLES for point in points[table][self._counts.get(table, 0) :]]
+        self._counts = {table: len(points[table]) for table in TRACKED_TABLES}
         if new:
             self._write(sorted(new, key=lambda point: point[0]))
         return bool(new)

@@ -19,7 +19,7 @@ UPDATE_SECONDS: Final = 10.0  # time between two updates of a tracker, s
 
 TRAINING: Final = ("mean_return", "mean_length", "success_share")
 EVALUATION: Final = {"evaluation_return": "mean_return", "mastered_percent": "mastered_percent"}
-TABLES: Final = (Table.TRAINING, Table.EVALUATIONS, Table.TEACHER_LOG)
+TRACKED_TABLES: Final = (Table.TRAINING, Table.EVALUATIONS, Table.TEACHER_LOG)
 
 LARGEST_FLOAT: Final = float(np.finfo(np.float32).max)
 """Largest value of event files, which hold float32."""
@@ -63,7 +63,7 @@ class Tracker(ABC):
             experiments = first_experiments(results, manifests)
             for manifest in manifests:
                 run_id = manifest.run.run_id
-                points = {table: published.get((run_id, table), []) for table in TABLES}
+                points = {table: published.get((run_id, table), []) for table in TRACKED_TABLES}
                 count += self._write(manifest, points, experiments.get(run_id, "single runs"))
                 self._files[run_id] = manifest.files
         return count

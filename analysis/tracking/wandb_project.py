@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-from analysis.tracking.points import TABLES, Point, Tracker
+from analysis.tracking.points import TRACKED_TABLES, Point, Tracker
 from tma_ray.results import Manifest, RunStatus, Table
 from tma_ray.support.decoding import MOST_TEXT_BYTES, read_file
 
@@ -51,16 +51,18 @@ class WandbProject(Tracker):
     def _write(self, manifest: Manifest, points: Mapping[Table, Sequence[Point]], experiment: str) -> bool:
         key = f"{self._entity or ''}/{self._project}/{manifest.run.run_id}"
         sent = self._sent.get(key, {})
-        if all(len(points[table]) <= sent.get(table.value, 0) for table in TABLES):
+        if all(len(points[table]) <= sent.get(table.value, 0) for table in TRACKED_TABLES):
             return False
         run = self._begin(manifest, experiment)
         # an online run has the counts in its summary
         sent = {
             table.value: max(int(run.summary.get(f"{SENT}/{table.value}", 0)), sent.get(table.value, 0))
-            for table in TABLES
+            for table in TRACKED_TABLES
         }
         new = [
-            (step, table, scalars) for table in TABLES for step, scalars in points[table][sent[table.value] :]
+            (step, table, scalars)
+            for table in TRACKED_TABLES
+            for step, scalars in points[table][sent[table.value] :]
         ]
         for step, table, scalars in sorted(new, key=lambda point: point[0]):
             sent[table.value] += 1

@@ -19,7 +19,7 @@ from tma_ray.components.plugin_source import OURS, PluginSource, importable_name
 from tma_ray.support.component_names import base_name, nearest
 from tma_ray.support.lazy_imports import docstring_of
 
-T = TypeVar("T")
+ComponentT = TypeVar("ComponentT")
 C = TypeVar("C")
 
 
@@ -41,7 +41,7 @@ def search_current_folder() -> None:
     _searched[:] = [str(Path.cwd())]
 
 
-class Registry(Generic[T]):
+class Registry(Generic[ComponentT]):
     """Registry of the implementations of one kind of component, imported on first use.
 
     Args:
@@ -58,9 +58,9 @@ class Registry(Generic[T]):
         self._base = base
         self.entry_point_group = entry_point_group
         self._targets = dict(builtin)
-        self._decorated: dict[str, T] = {}
+        self._decorated: dict[str, ComponentT] = {}
         self._origins: dict[str, str] = {}
-        self._sources: dict[tuple[str, T], PluginSource] = {}
+        self._sources: dict[tuple[str, ComponentT], PluginSource] = {}
 
     @property
     def base(self) -> type:
@@ -91,7 +91,7 @@ class Registry(Generic[T]):
                 raise ValueError(
                     f"{self.kind} {name!r} is already {_identity(existing)}; choose another name"
                 )
-            self._decorated[name] = cast("T", implementation)
+            self._decorated[name] = cast("ComponentT", implementation)
             self._origins[name] = sys._getframe(1).f_globals["__name__"]
             return implementation
 
@@ -110,7 +110,7 @@ class Registry(Generic[T]):
         text = None if name in self._decorated else docstring_of(*self._target(name).split(":"))
         return ((self.get(name).__doc__ if text is None else text) or "").strip().partition("\n")[0]
 
-    def get(self, name: str) -> T:
+    def get(self, name: str) -> ComponentT:
         """Return the implementation of a registered name or ``module:Name``, ignoring settings in it.
 
         Raises:
@@ -191,7 +191,7 @@ class Registry(Generic[T]):
         points = _entry_points(tuple(sys.path)).select(group=self.entry_point_group)
         return {point.name: point.value for point in points}
 
-    def _load(self, target: str) -> T:
+    def _load(self, target: str) -> ComponentT:
         module_name, _, attribute = target.partition(":")
         if not all(part.isidentifier() for part in (*module_name.split("."), attribute)):
             raise UnknownNameError(f"{self.kind} {target!r}: expected a name, or module:Name")
@@ -204,7 +204,7 @@ class Registry(Generic[T]):
             )
         if not self._fits(implementation):
             raise UnknownNameError(f"{self.kind} {target!r}: {self._expected}, found {implementation!r:.80}")
-        return cast("T", implementation)
+        return cast("ComponentT", implementation)
 
     @property
     def _expected(self) -> str:

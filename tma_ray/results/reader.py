@@ -31,7 +31,7 @@ from tma_ray.support.decoding import DamagedFileWarning
 from tma_ray.support.validation import check_known, check_sequence
 
 S = TypeVar("S")
-T = TypeVar("T")
+ReadT = TypeVar("ReadT")
 
 _Shared: TypeAlias = dict[PartFile, pa.Table | Exception]
 """Rows of runs in shared files, or the error of reading them."""
@@ -227,7 +227,7 @@ class Results:
                 self._report(file.path, error)
         return parts
 
-    def _tried(self, path: str, read: Callable[[], T]) -> T | None:
+    def _tried(self, path: str, read: Callable[[], ReadT]) -> ReadT | None:
         try:
             return read()
         except UNREADABLE as error:
@@ -244,7 +244,9 @@ class Results:
         """Return the number of threads for files with these numbers of rows, one for small local files."""
         return _THREADS if self.store.is_object_store or max(rows, default=0) > _SMALL_ROWS else 1
 
-    def _map(self, function: Callable[[S], T], items: Iterable[S], threads: int = _THREADS) -> list[T]:
+    def _map(
+        self, function: Callable[[S], ReadT], items: Iterable[S], threads: int = _THREADS
+    ) -> list[ReadT]:
         """Apply `function` to `items` in threads, warn of new problems, and return the results in order."""
         before = len(self.problems)
         if threads == 1:

@@ -16,7 +16,7 @@ from tma_ray.runs.spec import RunSpec
 from tma_ray.students import PolicyFileError, load_policy
 from tma_ray.support.decoding import DamagedFileError
 
-T = TypeVar("T")
+ResultT = TypeVar("ResultT")
 
 StepPolicy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 """Function from an observation (o,) to an action (a,)."""
@@ -44,7 +44,7 @@ class SavedPolicy:
             if path.parent == PurePosixPath(self.folder):
                 (place / path.name).write_bytes(self.store.read_bytes(str(path)))
 
-    def read(self, place: Path, reader: Callable[[str, Path], T]) -> T:
+    def read(self, place: Path, reader: Callable[[str, Path], ResultT]) -> ResultT:
         """Return the result of `reader` for the student's name and the copy in `place`."""
         try:
             return reader(self.spec.student, place)

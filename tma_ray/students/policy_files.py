@@ -17,7 +17,7 @@ from safetensors.numpy import save as serialise_tensors
 
 from tma_ray.support.decoding import DamagedFileError, decode_json, read_file
 
-T = TypeVar("T")
+ContentT = TypeVar("ContentT")
 
 FORMAT_VERSION: Final = 1  # raise it when the names or meaning of saved values change
 
@@ -174,7 +174,7 @@ def read_policy(folder: Path, student: str) -> StoredPolicy:
     return StoredPolicy(folder, observation_space, action_space, settings.hyperparameters, tensors)
 
 
-def _decoded(path: Path, data: bytes, kind: type[T]) -> T:
+def _decoded(path: Path, data: bytes, kind: type[ContentT]) -> ContentT:
     try:
         return decode_json(data, kind, str(path))
     except DamagedFileError as error:

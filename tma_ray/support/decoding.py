@@ -14,7 +14,7 @@ import msgspec
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-T = TypeVar("T")
+ContentT = TypeVar("ContentT")
 
 INT32_MAX: Final = 2**31 - 1
 INT64_MAX: Final = 2**63 - 1
@@ -81,7 +81,7 @@ def read_file(path: str | os.PathLike[str], most_bytes: int = MOST_FILE_BYTES) -
         return file.read()
 
 
-def decode_json(data: bytes | str, kind: type[T], where: str) -> T:
+def decode_json(data: bytes | str, kind: type[ContentT], where: str) -> ContentT:
     """Return the JSON in `data` as a `kind` supported by msgspec, ignoring undeclared fields.
 
     Raises:
@@ -89,7 +89,7 @@ def decode_json(data: bytes | str, kind: type[T], where: str) -> T:
             message names the file, `where`, and the field.
     """
     try:
-        return cast("T", _decoder(cast("Hashable", kind)).decode(data))
+        return cast("ContentT", _decoder(cast("Hashable", kind)).decode(data))
     except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
         raise DamagedFileError(f"{where} is damaged: {error}") from error
 

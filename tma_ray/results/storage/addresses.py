@@ -13,7 +13,7 @@ from typing import Any, Final, cast
 import pyarrow as pa
 from pyarrow import fs
 
-from tma_ray.results.storage.base import ObjectStoreError, Stamp, Store, T, Version, opened_ranges
+from tma_ray.results.storage.base import ObjectStoreError, Stamp, Store, ResultT, Version, opened_ranges
 from tma_ray.support.decoding import MOST_TEXT_BYTES, check_size
 
 _USAGE_ERRORS: Final = (
@@ -71,7 +71,7 @@ class AddressStore(Store, schemes=("*",)):
             check_size(self.where(path), _size(file), most_bytes)
             return cast("bytes", file.read())
 
-    def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
+    def _read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
         with self._opened(path) as file:
 
             def fetch(start: int, size: int) -> bytes:

@@ -24,7 +24,7 @@ from tma_ray.support.validation import check_type
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-T = TypeVar("T")
+ResultT = TypeVar("ResultT")
 
 Version: TypeAlias = Any  # opaque version of a file's content
 
@@ -138,7 +138,7 @@ class Store(ABC):
                 raise DamagedFileError(f"{self.where(path)} is damaged: its sha256 is not the recorded one")
         return data
 
-    def read_json(self, path: str, kind: type[T]) -> T:
+    def read_json(self, path: str, kind: type[ResultT]) -> ResultT:
         """Return the content of a JSON file as a `kind`."""
         return decode_json(self.read_bytes(path), kind, self.where(path))
 
@@ -146,7 +146,7 @@ class Store(ABC):
         """Write a dataclass as JSON."""
         self.write_bytes(path, json.dumps(asdict(record), indent=indent).encode())
 
-    def read_parts(self, path: str, read: Callable[[Any], T]) -> T:
+    def read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
         """Return the result of `read` for the opened file, which must never be replaced."""
         if self._recorded is None:
             return self._read_parts(path, read)
@@ -247,7 +247,7 @@ class Store(ABC):
         """Return the content of a file of at most `most_bytes`."""
 
     @abstractmethod
-    def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
+    def _read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
         """Return the result of `read` for the opened file."""
 
     @abstractmethod
@@ -293,7 +293,9 @@ def growing_pause(failures: int, longest: float) -> float:
     return min(FIRST_PAUSE * 2.0 ** min(failures - 1, 60), longest)
 
 
-def retry(action: Callable[[], T], seconds: float, give_up: Callable[[], bool] = lambda: False) -> T:
+def retry(
+    action: Callable[[], ResultT], seconds: float, give_up: Callable[[], bool] = lambda: False
+) -> ResultT:
     """Repeat `action` after each StorageError, for some time, and return its result.
 
     Args:

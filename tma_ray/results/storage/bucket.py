@@ -20,7 +20,7 @@ from tma_ray.results.storage.base import (
     Stamp,
     StorageError,
     Store,
-    T,
+    ResultT,
     Version,
     opened_ranges,
 )
@@ -120,7 +120,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
             check_size(self.where(path), answer.meta["size"], most_bytes)
             return bytes(answer.bytes()), answer.meta
 
-    def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
+    def _read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
         with _explained(self.where(path)):
             size = self._objects.head(self._key(path))["size"]
 

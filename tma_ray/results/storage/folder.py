@@ -22,7 +22,7 @@ from tma_ray.results.storage.base import (
     Stamp,
     StorageError,
     Store,
-    T,
+    ResultT,
     Version,
 )
 from tma_ray.support.decoding import MOST_TEXT_BYTES, DamagedFileError, check_file, read_file
@@ -71,7 +71,7 @@ class FolderStore(Store, schemes=("", "file")):
         with explained_disk(self.where(path)):
             return read_file(self.full_path(path), most_bytes)
 
-    def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
+    def _read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
         self._refuse_links_out(path)
         with explained_disk(self.where(path)):
             check_file(self.full_path(path))

@@ -129,10 +129,10 @@ class StackedLearner(ABC):
         """Run one update on the device, without touching host memory."""
 
 
-T = TypeVar("T")
+OwnerT = TypeVar("OwnerT")
 
 
-def narrowed(owner: T, slot: int, *names: str) -> T:
+def narrowed(owner: OwnerT, slot: int, *names: str) -> OwnerT:
     """Return a shallow copy of `owner` with its tensors `names` narrowed to one slot (1, ...)."""
     narrow = copy(owner)
     for name in names:
