@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tma_ray.support.texts import CONTROL
 
 if TYPE_CHECKING:
-    from tma_ray.api.training import TrainedRun
+    from tma_ray.api import TrainedRun
     from tma_ray.campaign.costs import Cost
     from tma_ray.campaign.plan import Plan
     from tma_ray.campaign.progress import Overview

@@ -64,7 +64,7 @@ def run(*, options: RunOptions = RunOptions(), json: Json = False) -> int:
 
     if not json:
         return run_single(options)
-    from tma_ray.api.training import trained_run
+    from tma_ray.api import trained_run
 
     plan, placement = confirmed_single(options)
     try:

@@ -13,7 +13,7 @@ from typing import Any, Final, cast
 import pyarrow as pa
 from pyarrow import fs
 
-from tma_ray.results.storage.base import ObjectStoreError, Stamp, Store, ResultT, Version, opened_ranges
+from tma_ray.results.storage.base import ObjectStoreError, ResultT, Stamp, Store, Version, opened_ranges
 from tma_ray.support.decoding import MOST_TEXT_BYTES, check_size
 
 _USAGE_ERRORS: Final = (

@@ -17,10 +17,10 @@ from urllib.parse import parse_qsl, unquote, urlencode, urlsplit
 from tma_ray.results.storage.base import (
     CONTINUES,
     ObjectStoreError,
+    ResultT,
     Stamp,
     StorageError,
     Store,
-    ResultT,
     Version,
     opened_ranges,
 )

@@ -19,10 +19,10 @@ from tma_ray.results.storage.base import (
     CONTINUES,
     TEMPORARY,
     ResultsRootError,
+    ResultT,
     Stamp,
     StorageError,
     Store,
-    ResultT,
     Version,
 )
 from tma_ray.support.decoding import MOST_TEXT_BYTES, DamagedFileError, check_file, read_file
