@@ -1,8 +1,7 @@
 """Data of the benchmark: challenges, test sets, experiments, knowledge requirements, the paper's results."""
 
-from typing import Final
-
 from tma_ray.benchmark.challenges import (
+    BENCHMARK_VERSION,
     CHALLENGES,
     Challenge,
     challenges_of,
@@ -40,10 +39,6 @@ from tma_ray.benchmark.paper import (
     Requirement,
     paper_results,
 )
-
-BENCHMARK_VERSION: Final = 1
-"""Version of the benchmark, raised with the version of the physics, of the results' schema, or of any
-built-in teacher, student or environment, as a test checks. Runs and releases record it; older runs have 0."""
 
 __all__ = [
     "BENCHMARK_VERSION",

@@ -4,12 +4,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import Final
 
 from tma_ray.support.component_names import base_name, join_name, nearest, split_name
 from tma_ray.support.quantities import COUNT, expanded
 from tma_ray.support.validation import check_known, check_type
 from tma_ray.tasks import TaskSpace, TestSet
 from tma_ray.tasks.spaces import CUTS
+
+BENCHMARK_VERSION: Final = 1
+"""Version of the benchmark, raised with the version of the physics, of the results' schema, or of any
+built-in teacher, student or environment, as a test checks. Runs and releases record it; older runs have 0."""
 
 TEST_SETS = Path(__file__).parent / "test_sets"
 

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from tma_ray.benchmark import BENCHMARK_VERSION
+from tma_ray.benchmark.challenges import BENCHMARK_VERSION
 from tma_ray.results import RunRecord, SpecView, input_path, spec_digest
 from tma_ray.results.layout import LONGEST_ID
 from tma_ray.support.component_names import base_name
