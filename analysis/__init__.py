@@ -32,7 +32,7 @@ from analysis.measures.evaluations import (
 from analysis.measures.pooling import pooled, result_runs, runs_after
 from analysis.measures.run_measures import evaluations_at, run_measures
 from analysis.tables.paper_tables import table_results
-from tma_ray.support.imports import attach
+from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
     from analysis import baselines, figures

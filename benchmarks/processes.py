@@ -22,7 +22,7 @@ from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Learner
 from tma_ray.students.rollout_workers import CohortSettings
-from tma_ray.support.imports import skip_pandas
+from tma_ray.support.import_hacks import skip_pandas
 
 REPORT_SECONDS = 2.0  # shortest time between two reports of an attempt without a new checkpoint, s
 

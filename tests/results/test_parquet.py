@@ -104,7 +104,7 @@ def test_rows_are_the_same_by_value_and_order() -> None:
 
 SCRIPT = """
 import sys
-from tma_ray.support.imports import skip_pandas
+from tma_ray.support.import_hacks import skip_pandas
 skip_pandas()
 import pyarrow as pa
 table = pa.table({"step": pa.array([1, 2]), "name": pa.array(["a", None])})

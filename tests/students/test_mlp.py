@@ -12,7 +12,7 @@ from torch import nn
 from tma_ray.students.mlp.acting import ArrayNetwork, RowNetwork
 from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.students.mlp.network import FlatParameters, Network, as_modules, blocks_of, forward, split
-from tma_ray.support.imports import skip_dynamo, take_step
+from tma_ray.support.import_hacks import skip_dynamo, take_step
 
 pytestmark = pytest.mark.usefixtures("_seeded")
 

@@ -5,7 +5,7 @@ What is listed here is imported when it is first asked for: looking at a root ne
 
 from typing import TYPE_CHECKING
 
-from tma_ray.support.imports import attach
+from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
     from tma_ray.campaign.plan import (

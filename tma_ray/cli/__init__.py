@@ -13,7 +13,7 @@ from cyclopts import App
 from tma_ray import __version__
 from tma_ray.console import command_line
 from tma_ray.console.exit_codes import RefusedError
-from tma_ray.support.imports import docstring_of
+from tma_ray.support.lazy_imports import docstring_of
 
 GARBAGE_OBJECTS: Final = 200_000
 """Threshold of garbage collection, instead of 700: commands keep what they read of thousands of runs, and

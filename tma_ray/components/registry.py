@@ -17,7 +17,7 @@ from typing import Final, Generic, TypeVar, cast
 
 from tma_ray.components.plugin_source import OURS, PluginSource, importable_name
 from tma_ray.support.component_names import base_name, nearest
-from tma_ray.support.imports import docstring_of
+from tma_ray.support.lazy_imports import docstring_of
 
 ComponentT = TypeVar("ComponentT")
 C = TypeVar("C")

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from tma_ray.support.imports import attach
+from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
     from tma_ray.envs.catalogue import ENVIRONMENTS

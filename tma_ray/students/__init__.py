@@ -5,7 +5,7 @@ Names are imported on first use, and none of them imports torch.
 
 from typing import TYPE_CHECKING
 
-from tma_ray.support.imports import attach
+from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
     from tma_ray.students.base import Policy, Student, Transition

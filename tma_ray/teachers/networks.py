@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn.functional import logsigmoid
 
-from tma_ray.support.imports import skip_dynamo, take_step
+from tma_ray.support.import_hacks import skip_dynamo, take_step
 
 skip_dynamo()
 

@@ -27,7 +27,7 @@ from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher
 from tma_ray.students import Learner
 from tma_ray.students.rollout_workers import CohortSettings
-from tma_ray.support.imports import skip_pandas
+from tma_ray.support.import_hacks import skip_pandas
 
 NODE_LABEL = "ray.io/node-id"  # label that Ray gives every node
 

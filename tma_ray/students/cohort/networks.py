@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.students.mlp.network import Layers, activate, activations, forward, input_gradient, split
-from tma_ray.support.imports import take_step
+from tma_ray.support.import_hacks import take_step
 
 INPUTS_MULTIPLE = 8
 HIDDEN_MULTIPLE = 16

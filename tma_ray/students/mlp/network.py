@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from tma_ray.students.mlp.layout import Activation, Layout
-from tma_ray.support.imports import take_step
+from tma_ray.support.import_hacks import take_step
 
 Layers: TypeAlias = Sequence[tuple[torch.Tensor, torch.Tensor]]
 """Weight (outputs, inputs) and bias (outputs,) of every layer; (k, ...) for k stacked networks."""

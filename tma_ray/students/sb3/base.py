@@ -16,7 +16,7 @@ from stable_baselines3.common.logger import Logger
 from tma_ray.components.settings import config_dict
 from tma_ray.students.base import checked_spaces
 from tma_ray.students.rollout_workers.base import ActingStudent
-from tma_ray.support.imports import skip_dynamo
+from tma_ray.support.import_hacks import skip_dynamo
 
 
 @contextmanager

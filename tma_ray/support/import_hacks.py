@@ -1,0 +1,53 @@
+"""Workarounds that keep pyarrow and torch from importing pandas and torch's compiler."""
+
+from __future__ import annotations
+
+import sys
+from inspect import unwrap
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from torch.optim import Optimizer
+
+
+def skip_pandas() -> None:
+    """Let pyarrow convert lists without pandas in this process, unless pandas is imported already.
+
+    Asking for a data frame still imports pandas. Call it before other threads import anything.
+    """
+    if "pandas" in sys.modules:
+        return
+    import pyarrow as pa
+
+    def find_spec(name: str, *_: Any) -> None:
+        if name == "pandas":
+            raise ModuleNotFoundError("pandas is left out", name=name)
+
+    refusal: Any = SimpleNamespace(find_spec=find_spec)
+    sys.meta_path.insert(0, refusal)
+    try:
+        pa.array([0])  # pyarrow looks for pandas once per process
+    finally:
+        sys.meta_path.remove(refusal)
+
+
+def skip_dynamo() -> None:
+    """Let torch's optimisers be made, saved and loaded without importing torch's compiler.
+
+    That import takes 2 s and 150 MB, and optimisers compute the same without it. The attribute is private to
+    torch: should it go, only the time is lost.
+    """
+    from torch.optim import Optimizer
+
+    for method in (Optimizer.add_param_group, Optimizer.state_dict, Optimizer.load_state_dict):
+        undecorated = unwrap(method)
+        vars(undecorated).setdefault("__dynamo_disable", undecorated)
+
+
+def take_step(optimiser: Optimizer) -> None:
+    """Take one step of `optimiser` without hooks, which would import torch's compiler."""
+    import torch
+
+    with torch.no_grad():
+        unwrap(type(optimiser).step)(optimiser)
