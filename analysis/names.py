@@ -5,6 +5,7 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import cache
 
 from tma_ray.benchmark import CHALLENGES, challenges_of
 from tma_ray.components.settings import PRESET
@@ -49,6 +50,7 @@ _LABELS = {
 }
 
 
+@cache
 def label(part: str) -> str:
     """Return the display name of a teacher, student or environment, with its settings.
 
@@ -95,6 +97,7 @@ def with_settings(name: str, settings: Mapping[str, str]) -> str:
     return f"{name} ({', '.join(shown)})" if shown else name
 
 
+@cache
 def challenge_title(environment: str, challenge: str, otherwise: str | None = None) -> str:
     """Return the title of a challenge of the benchmark with its settings, or else `otherwise` or both names.
 
@@ -168,6 +171,7 @@ def teacher_order(teacher: str) -> tuple[bool, bool, str]:
     return (teacher not in _OWN.get(), plain_name(teacher) != "random", label(teacher).lower())
 
 
+@cache
 def plain_name(teacher: str) -> str:
     """Return the letters and digits of a name in lower case: ``alpgmm`` for ALP-GMM and alp_gmm."""
     return "".join(character for character in teacher.lower() if character.isalnum())
