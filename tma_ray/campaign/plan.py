@@ -1,4 +1,4 @@
-"""Campaigns as data, from cells or matrices of the benchmark, and the plan of runs that each amounts to."""
+"""Campaigns as data, from cells or the benchmark's matrices, and their plans of runs."""
 
 import itertools
 import os
@@ -25,9 +25,9 @@ class Plan:
 
     Attributes:
         name: name of the campaign.
-        size: numbers of cells and seeds, in words.
+        size: phrase with the numbers of cells and seeds.
         runs: effective specs of the runs.
-        cell_rows: rows of the table of cells, without the campaign; several may name one run.
+        cell_rows: rows of the table of cells, without the campaign; several may share a run.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Plan:
 
     @property
     def steps(self) -> int:
-        """Environment steps of all runs together."""
+        """Environment steps of all runs."""
         return sum(spec.schedule.steps for spec in self.runs)
 
     @property
@@ -63,15 +63,15 @@ class Plan:
 
 @dataclass(frozen=True)
 class CampaignSpec:
-    """A set of cells with seeds and a budget.
+    """Set of cells with seeds and a budget.
 
     Attributes:
         name: letters, digits, "_" and "-"; part of file names.
         cells: cells to compare.
         seeds: seeds of every cell.
         schedule: budget and intervals of every run.
-        independent_levels: True to repeat cells whose levels of knowledge make no difference to the teacher,
-            as the paper did, instead of sharing their runs.
+        independent_levels: True to repeat runs, as the paper did, instead of sharing them between cells whose
+            levels of knowledge make no difference to the teacher.
     """
 
     name: str
@@ -97,10 +97,10 @@ class CampaignSpec:
             )
 
     def plan(self) -> Plan:
-        """Return the runs of all cells and seeds, each once.
+        """Return the distinct runs of all cells and seeds.
 
         Raises:
-            ValueError: a cell that cannot run; the message says why.
+            ValueError: if a cell cannot run.
         """
         runs: dict[str, RunSpec] = {}
         rows = []
@@ -125,7 +125,7 @@ def cells_of(
     """Return the cells of a full matrix.
 
     Raises:
-        TypeError: one name where several are expected.
+        TypeError: if a single name is given instead of a sequence.
     """
     named = {"teachers": teachers, "students": students, "challenges": challenges}
     for name, values in {**named, "levels": levels, "embodiments": embodiments}.items():
@@ -139,15 +139,15 @@ def cells_of(
 
 
 def lease_holder(campaign: str) -> str:
-    """Return the name under which a campaign holds the lease on a root."""
+    """Return the name of a campaign's lease on a root."""
     return f"campaign {campaign!r} on {platform.node()}, process {os.getpid()}"
 
 
 def cell_row(experiment: str, cell: Cell, spec: RunSpec) -> dict[str, Any]:
-    """Return a row of the table of cells: canonical names of its spec, and the level that was requested."""
+    """Return a row of the table of cells, with canonical names and the requested level of knowledge."""
     names = ("environment", "challenge", "embodiment", "student", "teacher", "seed", "run_id")
-    asked = {"experiment": experiment, "expert_knowledge": cell.expert_knowledge.value}
-    return {name: getattr(spec, name) for name in names} | asked
+    requested = {"experiment": experiment, "expert_knowledge": cell.expert_knowledge.value}
+    return {name: getattr(spec, name) for name in names} | requested
 
 
 def matrix_cells(
@@ -160,21 +160,21 @@ def matrix_cells(
 
     Args:
         matrix: matrix to run.
-        teachers: teachers of a matrix that names none; else the selection of its own teachers, with the
-            hyper-parameters given here, all by default.
+        teachers: teachers of a matrix that names none; otherwise a selection of its teachers, optionally with
+            other hyper-parameters.
         teacher_hyperparameters: values that differ from each teacher's defaults.
         student_hyperparameters: values that differ from each student's defaults.
 
     Raises:
-        UnknownNameError: no such teacher.
+        UnknownNameError: if a teacher is unknown.
     """
     kept: Sequence[str] = matrix.teachers or teachers
     if matrix.teachers and teachers:
         kept = [
-            given if given != base_name(given) else teacher
+            selected if selected != base_name(selected) else teacher
             for teacher in matrix.teachers
-            for given in teachers
-            if base_name(given) == base_name(teacher)
+            for selected in teachers
+            if base_name(selected) == base_name(teacher)
         ]
     values = teacher_hyperparameters or {}, student_hyperparameters or {}
     challenge = find_challenge(matrix.environment, matrix.challenge)
@@ -198,36 +198,36 @@ def matrix_cells(
 def matrix_campaigns(
     matrices: Iterable[Matrix], teachers: Sequence[str] = (), schedule: Schedule | None = None
 ) -> tuple[CampaignSpec, ...]:
-    """Return a campaign for each of `matrices`, and each point of its grids, that any teacher can run.
+    """Return a campaign for each grid point of `matrices` that any teacher can run.
 
     Args:
         matrices: matrices to run.
         teachers: see `matrix_cells`.
-        schedule: budget and intervals, the paper's by default; a matrix with a budget has that instead.
+        schedule: budget and intervals, the paper's by default; a matrix's own budget takes precedence.
 
     Raises:
-        UnknownNameError: no such teacher.
+        UnknownNameError: if a teacher is unknown.
     """
     for teacher in teachers:
-        TEACHERS.get(teacher)  # refuses an unknown one, also where nobody would miss it
+        TEACHERS.get(teacher)  # raises even if no matrix would use it
     campaigns = []
     for matrix in matrices:
-        points, own = matrix.points(), schedule or Schedule()
-        own = own if matrix.steps is None else replace(own, steps=matrix.steps)
-        for place, point in enumerate(points):
+        points, timing = matrix.points(), schedule or Schedule()
+        timing = timing if matrix.steps is None else replace(timing, steps=matrix.steps)
+        for index, point in enumerate(points):
             if cells := matrix_cells(matrix, teachers, *point):
-                name = matrix.name if len(points) == 1 else f"{matrix.name}_{place:02}"
-                campaigns.append(CampaignSpec(name, cells, matrix.seeds, own))
+                name = matrix.name if len(points) == 1 else f"{matrix.name}_{index:02}"
+                campaigns.append(CampaignSpec(name, cells, matrix.seeds, timing))
     return tuple(campaigns)
 
 
 def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
-    """Return one plan for all of `campaigns`, each an experiment of the campaign `name`.
+    """Return one plan for all of `campaigns`, as experiments of the campaign `name`.
 
-    Every cell's first seed comes before any cell's second, so that what is half done can be compared.
+    All cells' first seeds come before all second seeds, so that unfinished experiments can be compared.
 
     Raises:
-        ValueError: a cell that cannot run, or no campaign at all.
+        ValueError: if a cell cannot run, or there is nothing to run.
     """
     if not campaigns:
         raise ValueError(
@@ -258,28 +258,28 @@ QUICKSTART = CampaignSpec(
 
 
 def planned_experiments(plan: Plan) -> list[dict[str, Any]]:
-    """Return the size of each experiment of `plan`, in its order.
+    """Return the size of each experiment of `plan`, in order.
 
-    Cells are combinations of body, student, teacher and level; asked are those with their seeds, as the paper
-    counts runs; executed the runs that no earlier experiment has, with their steps.
+    ``cells`` counts combinations of body, student, teacher and level; ``asked`` those with their seeds, as
+    the paper counts runs; ``executed`` and ``steps`` the runs that no earlier experiment has.
     """
-    combined = ("embodiment", "student", "teacher", "expert_knowledge")
+    columns = ("embodiment", "student", "teacher", "expert_knowledge")
     rows: dict[str, list[dict[str, Any]]] = {}
     for row in plan.cell_rows:
         rows.setdefault(row["experiment"], []).append(row)
     steps = {spec.run_id: spec.schedule.steps for spec in plan.runs}
     parts, seen = [], set[str]()
-    for name, mine in rows.items():
-        own = {row["run_id"] for row in mine} - seen
-        seen |= own
+    for name, cells in rows.items():
+        new = {row["run_id"] for row in cells} - seen
+        seen |= new
         parts.append(
             {
                 "name": name,
-                "teachers": len({row["teacher"] for row in mine}),
-                "cells": len({tuple(row[column] for column in combined) for row in mine}),
-                "asked": len(mine),
-                "executed": len(own),
-                "steps": sum(steps[run_id] for run_id in own),
+                "teachers": len({row["teacher"] for row in cells}),
+                "cells": len({tuple(row[column] for column in columns) for row in cells}),
+                "asked": len(cells),
+                "executed": len(new),
+                "steps": sum(steps[run_id] for run_id in new),
             }
         )
     return parts

@@ -1,4 +1,4 @@
-"""Simulated runs as a results root, for all that reads results: rankings, comparisons, releases."""
+"""Simulated runs as a results root, for rankings, comparisons and releases."""
 
 import json
 import re
@@ -31,16 +31,14 @@ ENVIRONMENT, STUDENT = "stump_tracks", "simulated"
 CAMPAIGN = "simulated"  # name of the campaign of simulated cells
 
 FRACTION = 64
-"""Denominator of returns as they are written: a run takes half of the space that all digits would take."""
+"""Denominator to which returns are rounded, which halves the size of a run."""
 
 
 class SimulatedRoot:
-    """Results root of simulated runs, written one after the other.
-
-    Returns on test tasks are expected ones. Steps are those of episodes of average length.
+    """Results root of simulated runs, written one by one, with expected returns and average episode lengths.
 
     Raises:
-        ResultsRootError: something else lies there.
+        ResultsRootError: if the folder has other files.
     """
 
     def __init__(
@@ -73,12 +71,12 @@ class SimulatedRoot:
         self._committer.write_cells(CAMPAIGN, rows)
 
     def kept(self) -> list[SimulatedRun]:
-        """Return the planned runs that the root has."""
+        """Return the planned runs in the root."""
         done = self._committer.done(_record(run, self._episodes).run_id for run in self._planned)
         return played_runs(Results(self._committer.store), done)
 
     def add(self, run: SimulatedRun) -> None:
-        """Write a run that the root does not have."""
+        """Write a run unless the root has it."""
         record = _record(run, self._episodes)
         plugin = TEACHERS.plugin(run.teacher)
         if plugin is not None:
@@ -104,21 +102,21 @@ class SimulatedRoot:
 
 
 def played_runs(results: Results, run_ids: Collection[str] | None = None) -> list[SimulatedRun]:
-    """Return the runs of simulated students that are done in a results root or a release, by id."""
-    records = {each.run.run_id: each.run for each in results.runs() if each.status is RunStatus.DONE}
+    """Return the finished runs of simulated students in a results root or a release."""
+    records = {m.run.run_id: m.run for m in results.runs() if m.status is RunStatus.DONE}
     columns = ["run_id", "step", "task_index", "episodic_return"]
     table = results.table(Table.EVALUATIONS, run_ids, columns).to_pandas().sort_values(columns[:3])
     runs = []
-    for run_id, own in table.groupby("run_id", observed=True):
+    for run_id, rows in table.groupby("run_id", observed=True):
         if (record := records.get(run_id)) is not None:
-            returns = tuple(tuple(map(float, each)) for _, each in own.groupby("step")["episodic_return"])
+            returns = tuple(tuple(map(float, step)) for _, step in rows.groupby("step")["episodic_return"])
             level = KnowledgeLevel(record.expert_knowledge)
             runs.append(SimulatedRun(record.challenge, record.teacher, level, record.seed, returns))
     return runs
 
 
 def _record(run: SimulatedRun, episodes: int) -> RunRecord:
-    """Return a run with all that determines it, under the names of a `RunSpec`."""
+    """Return the record of a run, with a spec that has the names of a `RunSpec`."""
     challenge = find_simulated_challenge(run.challenge)
     tests = challenge.tests()
     plugin = TEACHERS.plugin(run.teacher)
@@ -139,7 +137,7 @@ def _record(run: SimulatedRun, episodes: int) -> RunRecord:
         },
         "student": STUDENT,
         "student_hyperparameters": {},
-        "aptitudes": [asdict(each) for each in challenge.aptitudes],
+        "aptitudes": [asdict(aptitude) for aptitude in challenge.aptitudes],
         "teacher": run.teacher,
         "teacher_hyperparameters": hyperparameters_of(make_teacher(run.teacher)),
         "expert_knowledge": run.level.value,

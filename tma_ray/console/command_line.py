@@ -1,9 +1,8 @@
 """Command lines by cyclopts: typed functions whose docstrings are the help.
 
-Metavars follow one rule: one word in capitals names the kind of value (`METAVARS` lists them), ``NAME,...``
-is a list of it, and ``NAME=VALUE`` an assignment. Alternatives are explained in the sentence, and a fixed set
-of values is shown as ``{a,b}``. Every value is read by a parser of ours, never by the library's conversion
-of types, which accepts more.
+A metavar in capitals names the kind of a value (`METAVARS`), ``NAME,...`` is a list, ``NAME=VALUE`` an
+assignment, and ``{a,b}`` a fixed set. Our own parsers read every value, since the library's conversion of
+types accepts more.
 """
 
 from __future__ import annotations
@@ -67,21 +66,24 @@ METAVARS: Mapping[str, str] = {
     "GIB": "a size in GiB",
     "VALUE": "a value",
 }
-"""Kinds of values in helps."""
+"""Kinds of values in help texts."""
 
-HELP_COLUMN = 22  # column at which the sentences of a help begin
+HELP_COLUMN = 22  # first column of descriptions in a help text
 
 Parse = Callable[[str], Any]
 
 
 class UsageError(ValueError):
-    """A command line that cannot be understood; its message begins with the command."""
+    """Invalid command line; the message begins with the command."""
 
 
 def value(parse: Parse, metavar: str, **settings: Any) -> Parameter:
-    """Return the annotation of an option or argument with one value of a kind of `METAVARS`; the last counts.
+    """Return the annotation of an option or argument with one value, the last if repeated.
 
-    The function `parse` reads the text of a value, or raises ValueError.
+    Args:
+        parse: function that returns the value of a text, or raises ValueError.
+        metavar: kind of the value, of `METAVARS`.
+        settings: further settings of the parameter.
     """
 
     def convert(_type: Any, tokens: Sequence[Token]) -> Any:
@@ -91,7 +93,7 @@ def value(parse: Parse, metavar: str, **settings: Any) -> Parameter:
 
 
 def values(parse: Parse, metavar: str, **settings: Any) -> Parameter:
-    """Return the annotation of an option that may be repeated, and is a tuple; see `value`."""
+    """Return the annotation of a repeatable option, whose value is a tuple; see `value`."""
 
     def convert(_type: Any, tokens: Sequence[Token]) -> tuple[Any, ...]:
         return tuple(parse(token.value) for token in tokens)
@@ -101,14 +103,14 @@ def values(parse: Parse, metavar: str, **settings: Any) -> Parameter:
 
 def choice(among: Iterable[str], **settings: Any) -> Parameter:
     """Return the annotation of an option with a fixed set of values; see `value`."""
-    known = {str(each): each for each in among}
+    choices = {str(choice): choice for choice in among}
 
     def parse(text: str) -> str:
-        if text not in known:
-            raise ValueError(_not_among(text, known))
-        return known[text]
+        if text not in choices:
+            raise ValueError(_not_among(text, choices))
+        return choices[text]
 
-    return value(parse, "", choices=tuple(known), **settings)
+    return value(parse, "", choices=tuple(choices), **settings)
 
 
 def _parameter(convert: Callable[..., Any], parse: Parse, metavar: str, settings: Any) -> Parameter:
@@ -117,7 +119,7 @@ def _parameter(convert: Callable[..., Any], parse: Parse, metavar: str, settings
 
 
 class HelpFormatter(PlainFormatter):
-    """Plain text in two columns, with each option's default, of its value or as `defaults` tells it."""
+    """Plain text in two columns, with each option's default, which `defaults` may override."""
 
     def __init__(self, defaults: Mapping[str, str] | None = None) -> None:
         super().__init__()
@@ -153,10 +155,10 @@ class HelpFormatter(PlainFormatter):
 def command(
     *, name: str = "", defaults: Mapping[str, str] | None = None, **settings: Any
 ) -> Callable[[Callable[..., int]], App]:
-    """Return the decorator of a function that makes it a command line; its docstring is the help.
+    """Return a decorator that makes a function a command line, with its docstring as the help.
 
-    Positional-only parameters are arguments, keyword-only ones options; it returns the exit code. Its
-    docstring may end in examples. The name is the function's by default; see `HelpFormatter` for `defaults`.
+    The function returns the exit code. Positional-only parameters are arguments, keyword-only ones options.
+    The name is the function's by default; see `HelpFormatter` for `defaults`.
     """
 
     def decorate(function: Callable[..., int]) -> App:
@@ -176,13 +178,13 @@ def command(
 
 
 def description(docstring: str) -> str:
-    """Return the text of a docstring before its sections, a line for each paragraph."""
+    """Return the text of a docstring before its sections, with a line for each paragraph."""
     paragraphs = takewhile(lambda text: not text.startswith(("Args:", "Examples:")), docstring.split("\n\n"))
-    return "\n\n".join(" ".join(each.split()) for each in paragraphs)
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
 
 def group(name: str, help_: str, **settings: Any) -> App:
-    """Return a command that consists of others."""
+    """Return a command with subcommands."""
     return App(name=name, help=help_, group_commands=Group("commands"), **(_settings() | settings))
 
 
@@ -201,9 +203,9 @@ def _settings(defaults: Mapping[str, str] | None = None) -> dict[str, Any]:
 def run(
     app: App, words: Sequence[str], name: str | None = None, before: Callable[[], None] | None = None
 ) -> int:
-    """Call `before`, run the command of a command line and return its exit code.
+    """Run a command line after calling `before`, and return its exit code.
 
-    Refusals follow the `name`, by default the program's; ``--debug`` prints their tracebacks, too.
+    Refusals begin with `name`, by default the program's; ``--debug`` prints their tracebacks, too.
     """
 
     def execute() -> int:
@@ -212,7 +214,7 @@ def run(
         except UsageError as error:
             sys.stderr.write(f"{error}\n")
             return REFUSED
-        if before is not None and call.func.__module__ != "cyclopts.core":  # a help, or the version
+        if before is not None and call.func.__module__ != "cyclopts.core":  # neither help nor version
             before()
         return call() or 0
 
@@ -220,10 +222,10 @@ def run(
 
 
 def read(app: App, words: Sequence[str]) -> partial[int | None]:
-    """Return the call that a command line asks for, with its values read.
+    """Return the call of a command line with its parsed values.
 
     Raises:
-        UsageError: an unknown word or option, one that is missing, or a value that is refused.
+        UsageError: if a word or option is unknown or missing, or a value is refused.
     """
     chain, apps, rest = app.parse_commands(words)
     program = " ".join((app.name[0], *(name for name in chain if not name.startswith("-"))))
@@ -237,7 +239,7 @@ def read(app: App, words: Sequence[str]) -> partial[int | None]:
 
 
 def commands(app: App) -> Iterator[tuple[tuple[str, ...], App]]:
-    """Yield the words that choose each command below `app`, itself included, and its own command line."""
+    """Yield the words of `app` and each command below it, with its command line."""
     yield (), app
     for name in app:
         if not name.startswith("-"):
@@ -246,9 +248,9 @@ def commands(app: App) -> Iterator[tuple[tuple[str, ...], App]]:
 
 
 def arguments(app: App, *, described: bool = False) -> list[Argument]:
-    """Return the arguments and options of a command, without the groups that hold some of them."""
-    found = app.assemble_argument_collection(parse_docstring=described)
-    return [each for each in found if each.names != ("*",)]
+    """Return the arguments and options of a command, without their groups."""
+    collection = app.assemble_argument_collection(parse_docstring=described)
+    return [argument for argument in collection if argument.names != ("*",)]
 
 
 def help_text(app: App, words: Iterable[str] = (), width: int = 80) -> str:
@@ -261,29 +263,29 @@ def help_text(app: App, words: Iterable[str] = (), width: int = 80) -> str:
 
 
 def _check_options(program: str, app: App, words: Sequence[str]) -> None:
-    """Refuse unknown options, before what is missing because of them, and a wrong number of values."""
-    own = arguments(app) if app.default_command else []
-    known = {name: each for each in own for name in each.names if name.startswith("-")}
-    mine = list(takewhile(lambda word: word != "--", words))
-    given = [(name, bool(assigned)) for name, assigned, _ in (word.partition("=") for word in mine)]
-    for name, _ in given:
+    """Reject unknown options and wrong value counts, before reporting missing arguments."""
+    accepted = arguments(app) if app.default_command else []
+    options = {name: option for option in accepted for name in option.names if name.startswith("-")}
+    before = list(takewhile(lambda word: word != "--", words))
+    names = [(name, bool(assigned)) for name, assigned, _ in (word.partition("=") for word in before)]
+    for name, _ in names:
         if (
             name.startswith("--")
             and " " not in name
-            and name not in (*known, *app.help_flags, *app.version_flags)
+            and name not in (*options, *app.help_flags, *app.version_flags)
         ):
-            longer = [option for option in known if option.startswith(name)]
-            hint = f"did you mean {' or '.join(longer)}? " if longer else nearest(name, known)
+            longer = [option for option in options if option.startswith(name)]
+            hint = f"did you mean {' or '.join(longer)}? " if longer else nearest(name, options)
             raise UsageError(f"{program}: unknown option {name}: {hint}'{program} --help' lists all")
-    if not app.default_command and not {*mine} & {*app.help_flags, *app.version_flags}:
+    if not app.default_command and not {*before} & {*app.help_flags, *app.version_flags}:
         below = [name for name in app if not name.startswith("-")]
         hint = f"{words[0]!r}: {nearest(words[0], below)}" if words else ""
         raise UsageError(f"{program}: argument COMMAND: {hint}expected one of {', '.join(below)}")
-    for (name, assigned), following in zip(given, (*words[1:], "--"), strict=False):
-        is_flag = name in known and known[name].hint is bool
+    for (name, assigned), following in zip(names, (*words[1:], "--"), strict=False):
+        is_flag = name in options and options[name].hint is bool
         if is_flag and assigned:
             raise UsageError(f"{program}: argument {name}: expected no value, since it is given or left out")
-        if name in known and not is_flag and not assigned and is_option_like(following):
+        if name in options and not is_flag and not assigned and is_option_like(following):
             raise UsageError(f"{program}: argument {name}: expected a value")
 
 
@@ -301,5 +303,5 @@ def _refusal(error: CycloptsError) -> str:
     return f"{argument}{error}"
 
 
-def _not_among(text: str, known: Collection[str]) -> str:
-    return f"{text!r:.60}: {nearest(text, known)}expected one of {', '.join(known)}"
+def _not_among(text: str, choices: Collection[str]) -> str:
+    return f"{text!r:.60}: {nearest(text, choices)}expected one of {', '.join(choices)}"

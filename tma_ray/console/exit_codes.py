@@ -1,4 +1,4 @@
-"""Exit codes of commands, and one sentence for every refusal."""
+"""Exit codes of commands, and messages of refusals."""
 
 import os
 import sys
@@ -11,23 +11,21 @@ from pathlib import Path
 from tma_ray.console.streams import standard_streams
 from tma_ray.support.interrupts import INTERRUPTED, raised_interrupts
 
-FAILED = 1  # exit code of an error, or of a check that failed
-REFUSED = 2  # exit code of a refusal: nothing was done, and a sentence on standard error says why
-RAY_LOST = 75  # exit code after Ray was lost, `os.EX_TEMPFAIL`; the same command continues
-
-BROKEN_PIPE = 141
-"""Exit code when nobody reads the output any more: 128 and the number of the signal, as of a shell."""
+FAILED = 1  # exit code of an error, or of a failed check
+REFUSED = 2  # exit code of a refusal, with its reason on standard error
+RAY_LOST = 75  # exit code after the loss of Ray, `os.EX_TEMPFAIL`; the same command continues
+BROKEN_PIPE = 141  # exit code after a broken pipe, 128 + SIGPIPE as in a shell
 
 
 class RefusedError(RuntimeError):
-    """Request that is valid and cannot be met now; the message is for the user."""
+    """Valid request that cannot be met now; the message is for the user."""
 
 
 def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> int:
-    """Run a command; return its exit code, and print refusals as a sentence on standard error.
+    """Run a command, print refusals as a sentence on standard error, and return the exit code.
 
-    Control characters in what it prints are replaced, except those of rich. Errors that no user can cause are
-    raised; `debug` prints the traceback of a refusal, too.
+    Control characters in its output are replaced, except rich's. Internal errors are raised; `debug` prints
+    the traceback of a refusal, too.
     """
     interrupts: list[int] = []
     with standard_streams():
@@ -39,7 +37,7 @@ def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> 
         except KeyboardInterrupt:
             return INTERRUPTED
         except BrokenPipeError:
-            # Python ends without a write to the closed pipe; a stream may have no descriptor.
+            # so that Python does not flush into the closed pipe at exit
             with suppress(OSError, ValueError), Path(os.devnull).open("w") as nowhere:
                 os.dup2(nowhere.fileno(), sys.stdout.fileno())
             return BROKEN_PIPE
@@ -51,13 +49,13 @@ def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> 
             sys.stderr.write(f"{name}: {sentence(error)}\n")
             return REFUSED
         except Exception:
-            if interrupts:  # an error that a library raised instead
+            if interrupts:  # a library may convert KeyboardInterrupt
                 return INTERRUPTED
             raise
 
 
 def sentence(error: BaseException) -> str:
-    """Return the message of an error, for a user."""
+    """Return the message of an error for users."""
     if isinstance(error, MemoryError):
         return f"there is not enough memory for this: {str(error) or 'ask for less'}"
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
@@ -69,7 +67,7 @@ def installed_version(package: str) -> str:
     """Return the version of an installed package.
 
     Raises:
-        RefusedError: a package that is not installed, as when its folder was only copied.
+        RefusedError: if it is not installed, as when its folder was only copied.
     """
     try:
         return version(package)

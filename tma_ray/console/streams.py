@@ -1,4 +1,4 @@
-"""Standard streams of a command, whatever the process was started with."""
+"""Standard streams of a command."""
 
 import os
 import sys
@@ -14,7 +14,7 @@ _MODES: Final = {"stdin": "r", "stdout": "w", "stderr": "w"}  # in the order of 
 
 
 class VisibleStream:
-    """Stream that writes texts as `visible` returns them; rich writes, in colours, to the stream within."""
+    """Stream that replaces control characters; rich writes directly to the wrapped stream."""
 
     def __init__(self, stream: Any) -> None:
         self.rich_proxied_file = stream
@@ -25,7 +25,7 @@ class VisibleStream:
         return len(text)
 
     def writelines(self, lines: Iterable[str]) -> None:
-        """Write texts one after the other."""
+        """Write texts in sequence."""
         for line in lines:
             self.write(line)
 
@@ -35,9 +35,9 @@ class VisibleStream:
 
 @contextmanager
 def standard_streams() -> Iterator[None]:
-    """Context manager in which all standard streams exist, and write any text.
+    """Context manager in which all standard streams exist and accept any text.
 
-    Control characters are replaced as by `visible`, characters that a stream cannot encode by "?".
+    Control characters are replaced as by `visible`, characters that cannot be encoded by "?".
     """
     _open_missing()
     with ExitStack() as stack:
@@ -51,9 +51,9 @@ def standard_streams() -> Iterator[None]:
 
 
 def _open_missing() -> None:
-    """Open the null device as every standard stream that was closed when this process started.
+    """Open the null device for every standard stream that was closed at start.
 
-    Other files would take its descriptor, and what this process's children print would go into them.
+    Otherwise another file would take its descriptor, and receive the output of child processes.
     """
     for descriptor, (name, mode) in enumerate(_MODES.items()):
         if getattr(sys, name) is None:

@@ -1,4 +1,4 @@
-"""Values that users give: numbers, places, names and licences, each with its grammar."""
+"""Parsers of command-line values: folders, addresses, names and licences."""
 
 import os
 import re
@@ -15,7 +15,7 @@ SCHEMES: Final = ("s3", "gs", "gcs", "abfs", "abfss", "hdfs", "viewfs", "file", 
 
 
 def root(text: str) -> str:
-    """Return a results root: a folder, which need not exist, or an address."""
+    """Return a results root, an address or a folder, which need not exist."""
     check_visible(text, "a folder, s3://bucket/folder or gs://bucket/folder")
     if "://" not in text:
         folder(text)
@@ -49,16 +49,16 @@ def new_file(text: str) -> Path:
 
 
 def _mode(text: str, expected: str) -> int | None:
-    """Return the mode of the file or folder at `text`, None if there is none; refuse an impossible path."""
+    """Return the mode of the file or folder at `text`, None if it does not exist but could."""
     check_visible(text, expected)
     path = expanded(text)
     try:
-        for place in (path, *path.absolute().parents):
-            if place.is_symlink() or place.exists():
-                mode = os.stat(place).st_mode  # noqa: PTH116 - a broken link raises
-                if place is not path and not stat.S_ISDIR(mode):
-                    raise refused(text, f"{place} is a file; expected a folder")
-                return mode if place is path else None
+        for ancestor in (path, *path.absolute().parents):
+            if ancestor.is_symlink() or ancestor.exists():
+                mode = os.stat(ancestor).st_mode  # noqa: PTH116 - a broken link raises
+                if ancestor is not path and not stat.S_ISDIR(mode):
+                    raise refused(text, f"{ancestor} is a file; expected a folder")
+                return mode if ancestor is path else None
     except OSError as error:
         raise refused(text, f"{error.strerror}".lower()) from error
     return None
@@ -70,13 +70,13 @@ _LONGEST_LICENCE: Final = 200
 
 
 def check_visible(text: str, expected: str) -> None:
-    """Refuse an empty text, and control characters; `expected` describes the text, as "the name of a run"."""
+    """Refuse an empty text and control characters; `expected` describes a valid one for the message."""
     if not text.strip() or min(text) < " ":
         raise refused(text, f"expected {expected}")
 
 
 def named(expected: str) -> Callable[[str], str]:
-    """Return a parser of texts that are not empty; see `check_visible`."""
+    """Return a parser of non-empty texts; see `check_visible`."""
 
     def parse(text: str) -> str:
         check_visible(text, expected)

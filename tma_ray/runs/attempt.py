@@ -1,4 +1,4 @@
-"""One attempt at a run: resume, train, commit at checkpoints, finish; its log; runs in this process."""
+"""Attempts at runs, their logs, and runs in this process."""
 
 import json
 import logging
@@ -39,7 +39,7 @@ from tma_ray.runs.teaching import InlineTeacher, TeacherLink
 from tma_ray.students.rollout_workers import LearnerLostError, ask_learner
 from tma_ray.support.validation import check_type
 
-RECENT_EPISODES = 100  # number of training episodes over which the episodic return of a status is averaged
+RECENT_EPISODES = 100  # number of training episodes averaged in the return of a status
 
 logger = logging.getLogger(__name__)
 
@@ -49,10 +49,10 @@ class Report:
     """Progress of an attempt, for the process that commits its results.
 
     Attributes:
-        record: row of the table of attempts, as if the attempt's process were lost now.
+        record: row of the table of attempts, with the outcome lost.
         status: step, speed and recent return of the run.
-        parts: result files that the newest checkpoint holds; None before the first.
-        node: id of the node on which the attempt runs, empty outside of a cluster.
+        parts: result files of the newest checkpoint; None before the first.
+        node: id of the attempt's node, empty without a cluster.
     """
 
     record: AttemptRecord
@@ -64,15 +64,15 @@ class Report:
 class Attempt:
     """Execution of a run in this process, from its newest checkpoint or from the start.
 
-    `execute` is the whole sequence, with a log in the results root: fetch the files that the run reads,
-    resume, train, commit at checkpoints, finish. The other methods may be called from another thread.
+    `execute` fetches input files, resumes, trains, commits at checkpoints and finishes, with a log in the
+    results root. Other threads may call the other methods.
 
     Args:
         spec: run to execute.
         store: results root.
-        number: number of this attempt; no two processes may share one.
+        number: number of this attempt, unique to this process.
         placement: device, threads, time between checkpoints.
-        teacher: maker of the link to the teacher of `spec`.
+        teacher: factory of the link to the teacher.
     """
 
     def __init__(
@@ -100,16 +100,16 @@ class Attempt:
         """Resume and train until the budget is spent or a stop is requested.
 
         Args:
-            should_stop: called after every episode; returns True to stop.
-            publish: called with the parts of the run after every checkpoint.
+            should_stop: function called after every episode, which returns True to stop.
+            publish: function called with the run's parts after every checkpoint.
 
         Returns:
             The canonical result files, or None after a stop, which leaves a checkpoint.
 
         Raises:
-            StaleAttemptError: at a checkpoint, a later attempt is accepted: this one was taken for lost.
-            StorageError: the results root refuses what is written.
-            LearnerLostError: the learner of the run's cohort is gone.
+            StaleAttemptError: if a later attempt was accepted, since this one was taken for lost.
+            StorageError: if the results root refuses a write.
+            LearnerLostError: if the learner of the run's cohort is lost.
         """
         with RunLog(self._store, self.spec.run_id, self._number) as log:
             run = self._prepare()
@@ -136,20 +136,20 @@ class Attempt:
             return final
 
     def status(self) -> Status:
-        """Return step, speed and recent return of a run that trains."""
+        """Return step, speed and recent return during training."""
         assert self._run is not None, "an attempt that trains has a run"
         step, seconds = self._run.progress.step, time.monotonic() - self._started
         recent = float(np.mean(self._episodic_returns)) if self._episodic_returns else float("nan")
         return Status(step, (step - self._first_step) / max(seconds, 1e-9), recent)
 
     def report(self) -> Report | None:
-        """Return the progress; None while the run is being set up."""
+        """Return the progress, None during setup."""
         if self._run is None:
             return None
         return Report(self.record(AttemptOutcome.LOST), self.status(), self._parts)
 
     def record(self, outcome: AttemptOutcome) -> AttemptRecord:
-        """Return the row of the table of attempts of a run that trains, if it ended now with `outcome`."""
+        """Return the row of the table of attempts for an end now with `outcome`."""
         return AttemptRecord(
             run_id=self.spec.run_id,
             attempt=self._number,
@@ -200,7 +200,7 @@ class Attempt:
         return run
 
     def _checkpoint(self, run: Run, should_stop: Callable[[], bool]) -> tuple[PartFile, ...]:
-        """Write rows and state; return the parts of the run so far."""
+        """Write rows and state; return the parts so far."""
 
         def write() -> tuple[tuple[PartFile, ...], int]:
             accepted_manifest(self._store, self.spec.run_id, self._number)
@@ -223,29 +223,29 @@ class Attempt:
         return self._parts
 
     def _keep_record(self) -> None:
-        with suppress(StorageError):  # no run fails for its row; the next record holds more
+        with suppress(StorageError):  # not worth a failure; the next record supersedes it
             write_progress(self._store, self.record(AttemptOutcome.LOST))
 
     def _finish(self, run: Run) -> tuple[PartFile, ...]:
-        """Write the final policy with its spec, and the canonical result files, which it returns."""
+        """Write the final policy with its spec, and write and return the canonical result files."""
         folder = staged_policy(self.spec.run_id, self._number)
-        with tempfile.TemporaryDirectory() as place:
-            run.student.save_policy(Path(place))
-            for path in sorted(Path(place).iterdir()):
+        with tempfile.TemporaryDirectory() as temporary:
+            run.student.save_policy(Path(temporary))
+            for path in sorted(Path(temporary).iterdir()):
                 self._store.write_bytes(f"{folder}/{path.name}", path.read_bytes())
         self._store.write_bytes(f"{folder}/spec.json", json.dumps(self.spec.to_dict(), indent=1).encode())
         return run.writer.finish()
 
 
 LOGGER = "tma_ray"
-"""Name of the logger whose messages are kept, and of its children, as ``tma_ray.plugins.…`` for plug-ins."""
+"""Name of the logger whose messages, with those of its children, are kept."""
 
 
 class RunLog(logging.Handler):
-    """Context that collects this process's messages from INFO on, and writes them to the results root.
+    """Context manager that writes this process's messages from INFO on to the results root.
 
-    The file is written whole each time, since object stores cannot append. An exception that leaves the
-    context is its last message. If the process is killed, messages after the last publication are lost.
+    The file is rewritten each time, since object stores cannot append. An exception in the context becomes
+    the last message. Messages since the last publication are lost if the process is killed.
     """
 
     def __init__(self, store: Store, run_id: str, attempt: int) -> None:
@@ -282,7 +282,7 @@ class RunLog(logging.Handler):
         """Write all messages so far, if there are new ones."""
         count = len(self._lines)
         if count > self._published:
-            with suppress(StorageError):  # no run fails for its log; the next publication holds all
+            with suppress(StorageError):  # not worth a failure; the next publication has all messages
                 self._store.write_bytes(self._path, ("\n".join(self._lines) + "\n").encode())
                 self._published = count
 
@@ -297,19 +297,19 @@ def run_locally(
     """Run `spec` in this process, from its newest checkpoint if there is one.
 
     Args:
-        spec: run to execute; nothing happens if the root holds its results already.
+        spec: run to execute, unless the root has its results.
         committer: committer of the results root.
         placement: device, threads, time between checkpoints.
-        should_stop: called after every episode; a stopped run leaves a checkpoint.
-        on_status: called with the run's status after every episode.
+        should_stop: function called after every episode; a stopped run leaves a checkpoint.
+        on_status: function called with the run's status after every episode.
 
     Returns:
         The outcome of the attempt.
 
     Raises:
-        StorageError: the root refused what was written for too long; the run can be resumed.
-        LearnerLostError: the learner of its cohort is gone; the run can be resumed.
-        Exception: errors of the run's parts, after the run is marked as failed.
+        StorageError: if the root refuses writes for too long; the run can be resumed.
+        LearnerLostError: if the learner of its cohort is lost; the run can be resumed.
+        Exception: if a component raises it; the run is marked as failed.
     """
     check_type("spec", spec, RunSpec, "a RunSpec, as of effective_spec")
     check_type("committer", committer, Committer, "a Committer, as Committer.open('results')")

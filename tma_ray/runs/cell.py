@@ -29,23 +29,24 @@ from tma_ray.teachers import (
     make_teacher,
 )
 
-BOUNDS_SEPARATOR = ".."  # separator of the bounds of a dimension in the name of a challenge
-Bounds = Mapping[str, Sequence[float]]  # low and high of dimensions of a task space, by name
+BOUNDS_SEPARATOR = ".."  # separator of a dimension's bounds in the name of a challenge
+Bounds = Mapping[str, Sequence[float]]  # low and high bounds by dimension
 
 _ELSEWHERE = {"embodiment": "--embodiment or Cell.embodiment", "render_mode": "no run; runs draw nothing"}
-"""Parameters of an environment's constructor that a cell cannot set, and their source."""
+"""Constructor parameters of environments that are not options of a cell, and their source."""
 
 
 def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """Return the canonical name of an environment, and the options that differ from its defaults.
 
     Args:
-        name: registered name or ``module:Name``, with options if wanted (``parkour:swinging_creepers=true``).
+        name: registered name or ``module:Name``, optionally with options, as in
+            ``parkour:swinging_creepers=true``.
         options: further options of its constructor.
 
     Raises:
-        UnknownNameError: no such environment.
-        ValueError: an option that it does not have or that is chosen elsewhere, or a value of another type.
+        UnknownNameError: if the environment is unknown.
+        ValueError: if an option is unknown or set elsewhere, or a value has another type.
     """
     base, text = split_name(name)
     environment = ENVIRONMENTS.get(base)
@@ -61,23 +62,21 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
 
 
 def check_body(environment: str, embodiment: str) -> None:
-    """Check that an environment with bodies is given one, and one without bodies none.
-
-    Results would not show an environment's own choice of a body.
+    """Check that an environment has a body exactly if it takes one, so that results name it.
 
     Raises:
-        UnknownNameError: no such environment.
-        ValueError: none is given to one with bodies, or one to an environment without.
+        UnknownNameError: if the environment is unknown.
+        ValueError: if a body is missing or superfluous.
     """
     base = base_name(environment)
-    made = ENVIRONMENTS.get(base)
-    parameters = inspect.signature(made).parameters.values()
-    if not embodiment and "embodiment" in parameters_of(made):
+    factory = ENVIRONMENTS.get(base)
+    parameters = inspect.signature(factory).parameters.values()
+    if not embodiment and "embodiment" in parameters_of(factory):
         raise ValueError(
             f"environment {base!r} has bodies: choose one with {_ELSEWHERE['embodiment']}, not ''"
         )
     any_option = any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters)
-    if embodiment and not any_option and "embodiment" not in parameters_of(made):
+    if embodiment and not any_option and "embodiment" not in parameters_of(factory):
         raise ValueError(
             f"environment {base!r} has no bodies, and cannot be given {embodiment!r}: choose none, '', with "
             f"{_ELSEWHERE['embodiment']}"
@@ -85,22 +84,22 @@ def check_body(environment: str, embodiment: str) -> None:
 
 
 def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[float, float]]]:
-    """Return the name of a challenge without bounds, and the bounds that it is given.
+    """Return the name of a challenge without bounds, and all bounds.
 
     Args:
-        name: name of a challenge, with bounds if wanted (``original:stump_height=0..0.3``).
+        name: name of a challenge, optionally with bounds, as in ``original:stump_height=0..0.3``.
         space: further bounds.
 
     Raises:
-        ValueError: bounds that are not two numbers, or given twice.
+        ValueError: if bounds are not two numbers, or given twice.
     """
     base, text = split_name(name)
     twice = sorted(set(text) & set(space))
     if twice:
         raise ValueError(f"challenge {name!r}: the bounds of {twice[0]} are given twice; give them once")
-    given = {dimension: value.split(BOUNDS_SEPARATOR) for dimension, value in text.items()}
+    named_bounds = {dimension: value.split(BOUNDS_SEPARATOR) for dimension, value in text.items()}
     bounds = {}
-    for dimension, values in {**given, **space}.items():
+    for dimension, values in {**named_bounds, **space}.items():
         try:
             low, high = map(float, values)  # type: ignore[arg-type] # refused below
         except (TypeError, ValueError):
@@ -115,40 +114,40 @@ def bounded(space: TaskSpace, bounds: Bounds) -> TaskSpace:
     """Return `space` with other bounds for some of its dimensions.
 
     Raises:
-        ValueError: a dimension that the space does not have, or a low bound over the high one.
+        ValueError: if a dimension is unknown, or its low bound is over the high one.
     """
     for dimension, (low, high) in bounds.items():
         if dimension not in space.names:
             hint = nearest(dimension, space.names)
             raise ValueError(f"unknown dimension {dimension!r}: {hint}known: {', '.join(space.names)}")
-        own = space.dimensions[space.names.index(dimension)]
-        if (own.low, own.high) != (low, high):
+        current = space.dimensions[space.names.index(dimension)]
+        if (current.low, current.high) != (low, high):
             space = space.with_bounds(dimension, low, high)
     return space
 
 
 def canonical_challenge(name: str, space: TaskSpace, chosen: TaskSpace) -> str:
-    """Return the name of a challenge whose task space is `chosen` instead of its own, `space`."""
+    """Return the name of a challenge with the bounds in which `chosen` differs from its task space."""
     pairs = zip(space.dimensions, chosen.dimensions, strict=True)
-    others = {
+    differing = {
         new.name: f"{text_of(float(new.low))}{BOUNDS_SEPARATOR}{text_of(float(new.high))}"
-        for own, new in pairs
-        if (own.low, own.high) != (new.low, new.high)
+        for old, new in pairs
+        if (old.low, old.high) != (new.low, new.high)
     }
-    return join_name(base_name(name), others)
+    return join_name(base_name(name), differing)
 
 
-OWN_CHALLENGE = "original"  # name of the challenge of the task space that an environment itself declares
-OWN_TEST_SET_SIZE = 100  # evaluation tasks drawn for an environment that ships none
+OWN_CHALLENGE = "original"  # challenge of the task space that an environment itself declares
+OWN_TEST_SET_SIZE = 100  # number of test tasks of an environment without a shipped test set
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One combination of an experiment; its seeds are runs.
+    """Combination of components in an experiment; each of its seeds is a run.
 
-    Names may be followed by settings, as in ``alp_gmm:fit_every=100`` or ``module:Name:key=value``; see
-    `tma_ray.support.component_names`. Runs and tables have the canonical name, which holds only the settings
-    that differ from the defaults.
+    Names may have settings, as in ``alp_gmm:fit_every=100`` or ``module:Name:key=value``; see
+    `tma_ray.support.component_names`. Runs and tables have canonical names, with only the settings that
+    differ from the defaults.
 
     Attributes:
         environment: registered name, or ``module:Name``.
@@ -159,7 +158,7 @@ class Cell:
         expert_knowledge: level offered to the teacher, which may use less.
         teacher_hyperparameters: values that differ from the teacher's defaults.
         student_hyperparameters: values that differ from the student's defaults.
-        test_set: name or path, as `tma_ray.benchmark.load_test_set` takes them; None for the challenge's own.
+        test_set: name or path, as for `tma_ray.benchmark.load_test_set`; None for the challenge's own.
         environment_options: values that differ from the environment's defaults.
         space: bounds (low, high) of dimensions that differ from the challenge's task space.
     """
@@ -188,20 +187,19 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         cell: combination to run.
         seed: whole number of at least 0.
         schedule: budget and intervals.
-        independent_levels: True to keep levels of knowledge apart that make no difference to the teacher, as
-            repeats with other random numbers; by default such cells share runs.
+        independent_levels: True to repeat runs whose levels of knowledge make no difference to the teacher,
+            with other random numbers; by default such cells share runs.
 
     Raises:
-        ValueError: an unknown name (with the nearest match), a hyper-parameter that does not exist,
-            too little knowledge for the teacher, a task space beyond its limits, tasks that the environment
-            cannot build, or a budget too small for the resets of the student.
+        ValueError: if a name or hyper-parameter is unknown, the teacher lacks knowledge, the task space
+            exceeds its limits, the environment cannot build a task, or the budget is too small for resets.
     """
     check_type("cell", cell, Cell, "a Cell(teacher=...)")
     level = effective_level(TEACHERS.get(cell.teacher), cell.teacher, cell.expert_knowledge)
     teacher = make_teacher(cell.teacher, cell.teacher_hyperparameters)
     student = check_hyperparameters(cell.student, cell.student_hyperparameters)
-    own = STUDENTS.origin(base_name(cell.student)) is None  # all that ship can play without learning
-    if teacher.wants_evaluations and not own:
+    shipped = STUDENTS.origin(base_name(cell.student)) is None  # shipped students define sample_actions
+    if teacher.wants_evaluations and not shipped:
         plays = getattr(STUDENTS.get(cell.student), "sample_actions", None)
         if plays in (None, Student.sample_actions):
             raise ValueError(
@@ -243,10 +241,9 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
 
 
 def _world(cell: Cell, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return the canonical body, and the fields of a spec that challenge and environment determine.
+    """Return the canonical name of the body, and the spec's fields from challenge and environment.
 
-    Resets are shares of the budget there. The canonical body has the parameters that make a difference, so
-    that one body has one name.
+    Resets are shares of the budget.
     """
     check_body(cell.environment, cell.embodiment)
     environment = make_environment(cell.environment, **options)
@@ -257,9 +254,9 @@ def _world(cell: Cell, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]
         threshold = mastery_return(environment)
         body_type, body = "", cell.embodiment
         if environment.has_wrapper_attr("embodiment"):
-            found = environment.get_wrapper_attr("embodiment")
-            body_type = str(found.body_type)
-            body = join_name(base_name(body), split_name(found.name)[1])
+            embodiment = environment.get_wrapper_attr("embodiment")
+            body_type = str(embodiment.body_type)
+            body = join_name(base_name(body), split_name(embodiment.name)[1])
     finally:
         environment.close()
     name, bounds = challenge_bounds(cell.challenge, cell.space)
@@ -302,7 +299,7 @@ def _check_spaces(cell: Cell, environment: gymnasium.Env[Any, Any]) -> None:
 
 
 def _own_test_set(name: str, space: TaskSpace) -> TestSet:
-    """Return the test set of an environment that ships none: a small grid, else uniform draws."""
+    """Return a grid, or uniform draws in over two dimensions, for an environment without a test set."""
     if space.size <= 2:
         return TestSet.grid(name, space, OWN_TEST_SET_SIZE if space.size == 1 else 10)
     return TestSet(name, space.names, space.sample(np.random.default_rng(0), OWN_TEST_SET_SIZE))

@@ -1,4 +1,4 @@
-"""Checkpoints of a run: complete or absent, checksummed, incremental, never written twice under one name."""
+"""Checkpoints of runs: atomic, checksummed, incremental, with unique names."""
 
 import hashlib
 import json
@@ -69,37 +69,40 @@ class Checkpoint:
 
     @classmethod
     def from_bytes(cls, name: str, data: bytes) -> "Checkpoint":
-        """Return the checkpoint of an index file; a DamagedFileError for anything else."""
+        """Return the checkpoint of an index file.
+
+        Raises:
+            DamagedFileError: if it is not one.
+        """
         return replace(decode_json(data, cls, f"the index of checkpoint {name}"), name=name)
 
 
 class Checkpoints:
-    """The checkpoints of one run, as one attempt sees them.
+    """Checkpoints of one run, read and written by one attempt.
 
-    A checkpoint exists once its index does, which is written last. Files that did not change since the
-    checkpoint before, such as full segments of a replay buffer, are named there and not written again.
-    Names hold the attempt, and an attempt deletes nothing of a later one, so that a lost attempt that
-    comes back to life never takes anything from its successor. They hold pickles: load them from your
-    own results root only.
+    The index of a checkpoint is written last and makes it valid. Files unchanged since the previous
+    checkpoint, such as full segments of a replay buffer, are referenced and not written again. Names contain
+    the attempt, and an attempt deletes nothing of later ones, so that a revived one does no harm. Checkpoints
+    contain pickles: load only those of a trusted results root.
     """
 
     def __init__(self, store: Store, run_id: str, attempt: int) -> None:
         self._store = store
         self._folder = f"{CHECKPOINTS}/{check_id(run_id)}"
         self._attempt = attempt
-        self._latest: Checkpoint | None = None  # that was written or loaded
-        self._intact = False  # whether it holds what the run last saved or loaded
+        self._latest: Checkpoint | None = None  # last written or loaded
+        self._intact = False  # True if `_latest` is what the run last saved or loaded
 
     def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> int:
-        """Write a checkpoint of `run`, then drop all but the one before it; return the bytes written."""
+        """Write a checkpoint of `run`, delete all but the previous one, and return the bytes written."""
         step = run.progress.step
         name = f"{step:012d}-attempt-{self._attempt:03d}"
-        incremental, self._intact = self._intact, False  # until the index is there
-        with tempfile.TemporaryDirectory() as place, explained_disk(place, DISK_FULL):
-            unchanged = run.save(Path(place), incremental)
+        incremental, self._intact = self._intact, False  # until the index is written
+        with tempfile.TemporaryDirectory() as folder, explained_disk(folder, DISK_FULL):
+            unchanged = run.save(Path(folder), incremental)
             new = {}
-            for source in sorted(path for path in Path(place).rglob("*") if path.is_file()):
-                path, data = source.relative_to(place).as_posix(), source.read_bytes()
+            for source in sorted(path for path in Path(folder).rglob("*") if path.is_file()):
+                path, data = source.relative_to(folder).as_posix(), source.read_bytes()
                 self._store.write_bytes(f"{self._folder}/{name}/{path}", data)
                 new[path] = StateFile(f"{name}/{path}", hashlib.sha256(data).hexdigest(), len(data))
         before = self._latest.files if self._latest and unchanged else {}
@@ -112,27 +115,27 @@ class Checkpoints:
         return len(index) + sum(file.size for file in new.values())
 
     def restore(self, run: Run) -> Checkpoint | None:
-        """Load the newest complete and undamaged checkpoint into a new `run`; return it, or None."""
+        """Load the newest intact checkpoint into a new `run` and return it, or None."""
         indices = [path for path in self._store.files(self._folder) if path.endswith(f"/{INDEX}")]
         for path in reversed(indices):
-            with tempfile.TemporaryDirectory() as place:
-                checkpoint = self._fetch(PurePosixPath(path).parent.name, Path(place))
+            with tempfile.TemporaryDirectory() as folder:
+                checkpoint = self._fetch(PurePosixPath(path).parent.name, Path(folder))
                 if checkpoint is None:
                     logger.warning("checkpoint %s is damaged; trying the one before", self._store.where(path))
                     continue
-                run.load(Path(place))
+                run.load(Path(folder))
                 self._latest, self._intact = checkpoint, True
                 return checkpoint
         return None
 
     def drop(self) -> None:
-        """Delete all checkpoints of the run; called once its results are published."""
+        """Delete all checkpoints of the run, once its results are published."""
         self._store.delete(self._folder)
 
     def _tidy(self, kept: Sequence[Checkpoint]) -> None:
-        """Delete files that no kept checkpoint needs; the index of each first, so that no half is valid."""
-        needed = {f"{each.name}/{INDEX}" for each in kept}
-        needed |= {file.path for each in kept for file in each.files.values()}
+        """Delete files that no kept checkpoint needs, indices first, so that no partial one is valid."""
+        needed = {f"{checkpoint.name}/{INDEX}" for checkpoint in kept}
+        needed |= {file.path for checkpoint in kept for file in checkpoint.files.values()}
         folders: dict[str, list[str]] = {}
         for path in self._store.files(self._folder):
             inner = path.removeprefix(f"{self._folder}/")
@@ -147,7 +150,7 @@ class Checkpoints:
             for inner in sorted(set(paths) - needed):  # "index.json" sorts before "run.pickle" and "student/"
                 self._store.delete(f"{self._folder}/{inner}")
 
-    def _fetch(self, name: str, place: Path) -> Checkpoint | None:
+    def _fetch(self, name: str, folder: Path) -> Checkpoint | None:
         try:
             data = self._store.read_bytes(f"{self._folder}/{name}/{INDEX}")
             checkpoint = Checkpoint.from_bytes(name, data)
@@ -155,7 +158,7 @@ class Checkpoints:
                 data = self._store.read_bytes(f"{self._folder}/{file.path}")
                 if hashlib.sha256(data).hexdigest() != file.sha256:
                     return None
-                target = place / PurePosixPath(path)
+                target = folder / PurePosixPath(path)
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_bytes(data)
             for part in checkpoint.parts:

@@ -1,4 +1,4 @@
-"""Placement and status of a run, and the fingerprint of what computes it: no part of its specification."""
+"""Placement, status and hardware fingerprint of runs, which are not part of their specification."""
 
 import json
 import os
@@ -15,9 +15,9 @@ from tma_ray.support.quantities import PROCESSES, SECONDS
 from tma_ray.support.validation import check_fields
 
 DEVICES = ("cpu", "cuda", "mps", "xpu")
-"""Kinds of torch devices that a student can train on; Ray counts CUDA's and Intel's as GPUs."""
+"""Torch devices on which a student can train; Ray counts CUDA's and Intel's as GPUs."""
 
-PLAYER_NICENESS = 5  # increase of the niceness of a player's thread: many players wait for the same learner
+PLAYER_NICENESS = 5  # added niceness of a player's thread, since many players wait for one learner
 
 LIBRARIES = ("numpy", "torch", "stable-baselines3", "gymnasium", "pymunk", "numba", "scikit-learn", "scipy")
 
@@ -48,10 +48,10 @@ class Placement:
         SECONDS.check("outage_seconds", self.outage_seconds)
 
     def give_way(self) -> None:
-        """Lower the priority of the calling thread for good, if its student learns in a cohort.
+        """Permanently lower the priority of the calling thread if its student learns in a cohort.
 
-        Call it once, in a process of its own. With more players than cores a learner would otherwise wait
-        for a core as long as each of them, and all of them for the learner.
+        Call it once per process. With more players than cores, all would otherwise wait for the learner,
+        which waits for a core.
         """
         if self.learner is not None and hasattr(os, "nice"):
             os.nice(PLAYER_NICENESS)
@@ -73,7 +73,7 @@ class Status:
 
 
 def check_device(device: str) -> None:
-    """Check that a text is torch's name of a kind of device."""
+    """Check that `device` is one of `DEVICES`, optionally with index 0."""
     kind, _, index = device.partition(":")
     if kind not in DEVICES:
         raise ValueError(f"device {device!r}: {nearest(kind, DEVICES)}expected one of {', '.join(DEVICES)}")
@@ -96,18 +96,18 @@ def is_available(device: str) -> bool:
         return True
     import torch
 
-    found: dict[str, Callable[[], bool]] = {
+    available: dict[str, Callable[[], bool]] = {
         "cuda": torch.cuda.is_available,
         "mps": torch.backends.mps.is_available,
         "xpu": torch.xpu.is_available,
     }
-    return found[kind]()
+    return available[kind]()
 
 
 def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = None) -> str:
-    """Return CPU model, vector extensions, threads, device and versions of what computes, as JSON.
+    """Return CPU model, vector extensions, threads, device and library versions, as JSON.
 
-    Virtual machines may hide the model: "AMD EPYC" is several, and not all have AVX-512.
+    Vector extensions tell CPUs apart whose model a virtual machine hides, such as "AMD EPYC".
 
     Args:
         threads: torch's threads of the run.
@@ -115,7 +115,7 @@ def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = 
         hardware: result of `gpu` for that device, or of `ask_learner` for a cohort.
     """
     described = dict(hardware or {})
-    if "vector_extensions" not in described:  # a learner names its own: its players do without torch
+    if "vector_extensions" not in described:  # a learner reports its own, since players have no torch
         import torch
 
         described["vector_extensions"] = torch.backends.cpu.get_cpu_capability()
@@ -133,7 +133,7 @@ def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = 
 
 
 def gpu(device: str) -> dict[str, str]:
-    """Return the model of the GPU if `device` is one, as an entry of the fingerprint."""
+    """Return the fingerprint's entry of a GPU, empty for other devices."""
     if device.partition(":")[0] != "cuda" or not is_available(device):
         return {}
     import torch
@@ -144,8 +144,8 @@ def gpu(device: str) -> dict[str, str]:
 def usable_cores(root: Path = Path("/")) -> int:
     """Return the number of cores that this process may use, at least 1.
 
-    These are the cores of its CPU affinity, as set by ``taskset`` or a batch system, within the quota of its
-    control groups, as set for a container. A fraction of a core counts for nothing.
+    It is limited by the CPU affinity, as set by ``taskset`` or a batch system, and by the quota of control
+    groups, as set for a container, rounded down.
 
     Args:
         root: folder that holds ``proc`` and ``sys``.
@@ -156,7 +156,7 @@ def usable_cores(root: Path = Path("/")) -> int:
 
 
 def _quotas(root: Path) -> list[float]:
-    """Return the quotas of this process's control groups and of those around them, in cores (Linux)."""
+    """Return the quotas of this process's control groups and their parents, in cores (Linux)."""
     groups, quotas = root / "proc/self/cgroup", []
     for line in groups.read_text().splitlines() if groups.exists() else []:
         _, controllers, path = line.split(":", 2)
@@ -164,14 +164,14 @@ def _quotas(root: Path) -> list[float]:
             continue
         mount = root / "sys/fs/cgroup" / ("cpu" if controllers else "")  # version 1 or 2
         group = mount / path.lstrip("/")
-        # Within a container the path may be the host's, which is not mounted there.
+        # in a container the path may be the host's, which is not mounted
         for folder in [folder for folder in (group, *group.parents) if folder.is_relative_to(mount)]:
             quotas += _quota(folder)
     return quotas
 
 
 def _quota(folder: Path) -> list[float]:
-    """Return the quota of one control group, in cores, of version 2 or 1; nothing if it has none."""
+    """Return the quota of a control group of version 2 or 1, in cores, or an empty list."""
     try:
         if (limit := folder / "cpu.max").exists():
             quota, period = limit.read_text().split()

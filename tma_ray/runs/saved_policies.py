@@ -1,4 +1,4 @@
-"""Policies that runs saved: found by run or folder, copied, loaded."""
+"""Saved policies of runs."""
 
 import tempfile
 from collections.abc import Callable
@@ -26,11 +26,11 @@ SPEC_FILE = "spec.json"  # name of the file with the spec of a run, next to its 
 
 @dataclass(frozen=True)
 class SavedPolicy:
-    """A policy that a run saved.
+    """Saved policy of a run.
 
     Attributes:
-        store: store that has it.
-        folder: path of its files in the store.
+        store: store of its files.
+        folder: folder of its files in the store.
         spec: spec of the run.
     """
 
@@ -38,33 +38,33 @@ class SavedPolicy:
     folder: str
     spec: RunSpec
 
-    def copy(self, place: Path) -> None:
-        """Copy its files, not those of folders among them, into the existing folder `place`."""
+    def copy(self, folder: Path) -> None:
+        """Copy its files, without subfolders, into an existing folder."""
         for path in map(PurePosixPath, self.store.files(self.folder)):
             if path.parent == PurePosixPath(self.folder):
-                (place / path.name).write_bytes(self.store.read_bytes(str(path)))
+                (folder / path.name).write_bytes(self.store.read_bytes(str(path)))
 
-    def read(self, place: Path, reader: Callable[[str, Path], ResultT]) -> ResultT:
-        """Return the result of `reader` for the student's name and the copy in `place`."""
+    def read(self, folder: Path, reader: Callable[[str, Path], ResultT]) -> ResultT:
+        """Return the result of `reader` for the student's name and a copy in `folder`."""
         try:
-            return reader(self.spec.student, place)
-        except PolicyFileError as error:  # which names the copy
+            return reader(self.spec.student, folder)
+        except PolicyFileError as error:  # it names the copy's file
             where = self.store.where(f"{self.folder}/{error.file.name}")
             raise PolicyFileError(where, error.problem) from error
 
     def load(self, observations: spaces.Box, actions: spaces.Box) -> StepPolicy:
-        """Return a function from observation to action that acts without exploration.
+        """Return the policy as a function from observation to action, without exploration.
 
         Raises:
-            PolicyFileError: one of its files is missing, damaged or of another format.
-            ValueError: it was trained with another body, or in another environment, than has these spaces.
+            PolicyFileError: if a file is missing, damaged or of another format.
+            ValueError: if the policy has other spaces.
         """
-        with tempfile.TemporaryDirectory() as place:
-            self.copy(Path(place))
-            policy = self.read(Path(place), load_policy)
+        with tempfile.TemporaryDirectory() as temporary:
+            self.copy(Path(temporary))
+            policy = self.read(Path(temporary), load_policy)
         try:
             shape = policy(np.zeros((1, *observations.shape), np.float32)).shape
-        except (ValueError, RuntimeError):  # a matrix product of numpy, of torch
+        except (ValueError, RuntimeError):  # matrix products of numpy and torch
             shape = ()
         if shape != (1, *actions.shape):
             raise ValueError(
@@ -76,15 +76,14 @@ class SavedPolicy:
 
 
 def find_policy(name: str, results: str | Path) -> SavedPolicy:
-    """Return the policy called `name`.
+    """Return a saved policy.
 
     Args:
-        name: folder of a saved policy or a file in it; else a run of `results`: its id, or the beginning
-            of that of no other run.
-        results: folder or URI of a results root.
+        name: folder of a saved policy or a file in it, or the id of a run or an unambiguous prefix.
+        results: results root of the run.
 
     Raises:
-        ValueError: the policy does not exist, or several runs could be meant.
+        ValueError: if the policy does not exist, or the prefix is ambiguous.
     """
     path = Path(name)
     if path.exists() or path.is_symlink():
@@ -98,25 +97,25 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
             fetch(Store.open(folder.parent.parent), saved.spec)
         return saved
     try:
-        found = Results.open(results)
+        root = Results.open(results)
     except ResultsRootError as error:
         raise ValueError(f"no policy {name!r}: it is not a folder, and {error}") from error
-    saved = _in_folder(found.store, policy_folder(found.find(name).run.run_id))
-    fetch(found.store, saved.spec)
+    saved = _in_folder(root.store, policy_folder(root.find(name).run.run_id))
+    fetch(root.store, saved.spec)
     return saved
 
 
 def results_of(saved: SavedPolicy, results: str | Path) -> Results | None:
-    """Return the results of the run of `saved`, of its own root or `results`; None if neither has them."""
+    """Return the results root with the run of `saved`, its own or `results`, or None."""
     folder = Path(saved.store.where(saved.folder))
-    beside = not saved.store.is_object_store and folder.parent.name == POLICIES
-    for root in [folder.parent.parent, results] if beside else [results]:
+    in_root = not saved.store.is_object_store and folder.parent.name == POLICIES
+    for path in [folder.parent.parent, results] if in_root else [results]:
         try:
-            found = Results.open(root)
+            root = Results.open(path)
         except ResultsRootError:
             continue
-        if any(manifest.run.run_id == saved.spec.run_id for manifest in found.runs()):
-            return found
+        if any(manifest.run.run_id == saved.spec.run_id for manifest in root.runs()):
+            return root
     return None
 
 

@@ -1,4 +1,4 @@
-"""The teacher's side of a run, wherever it lives: one message an episode each way."""
+"""The teacher's side of a run, in its process or another, with one message per episode each way."""
 
 import copy
 import pickle
@@ -25,13 +25,13 @@ from tma_ray.teachers import Teacher, make_teacher
 
 @dataclass(frozen=True)
 class Reply:
-    """Reply of a teacher to an episode: the next task, or a query that comes before it.
+    """Reply of a teacher to an episode: the next task, or a query to answer first.
 
     Attributes:
-        task: the next task float32 (d,), None while `query` waits for its answer.
+        task: next task float32 (d,), None with a query.
         query: query to answer first, or None.
         updates: log entries since the last reply.
-        wants_trajectory: True if the run is to record the next episode.
+        wants_trajectory: True if the teacher needs the next episode's trajectory.
         trains: True if the student learns from the next episode.
     """
 
@@ -46,13 +46,13 @@ class TeacherLink(Protocol):
     """Interface of a run to its teacher, in this process or another."""
 
     def exchange(self, episode: Episode | None) -> Reply:
-        """Report a finished episode (none before the first) and ask for the next task."""
+        """Report a finished episode (None before the first) and return the teacher's reply."""
 
     def answer(self, answer: Answer) -> Reply:
         """Answer the query of the last reply."""
 
     def probe(self, count: int) -> Task:
-        """Return tasks (count, d) without exploration; leave no trace."""
+        """Return tasks (count, d) without exploration or side effects."""
 
     def save(self) -> bytes:
         """Return the teacher's complete state."""
@@ -70,13 +70,13 @@ def _can_be_pickled(value: object) -> bool:
 
 
 class CheckedTeacher:
-    """A started teacher whose tasks and queries are checked.
+    """Started teacher whose tasks and queries are checked.
 
-    Every method raises ValueError where the teacher returns something else than it declares.
+    Every method raises ValueError if the teacher returns anything that it does not declare.
 
     Args:
-        teacher: the teacher, after `start`.
-        name: its name, for messages.
+        teacher: teacher after `start`.
+        name: name of the teacher, for messages.
     """
 
     def __init__(self, teacher: Teacher, name: str) -> None:
@@ -97,7 +97,7 @@ class CheckedTeacher:
         return self._checked(self._teacher.answer(answer))
 
     def probe(self, count: int) -> Task:
-        """Return tasks (count, d) without exploration; leave no trace."""
+        """Return tasks (count, d) without exploration or side effects."""
         tasks = self._teacher.probe(count)
         self._check(tasks, (count, self._teacher.space.size))
         return tasks
@@ -115,8 +115,8 @@ class CheckedTeacher:
 
     def _check(self, tasks: Any, shape: tuple[int, ...]) -> None:
         if not isinstance(tasks, np.ndarray) or tasks.shape != shape or tasks.dtype != np.float32:
-            got = f"{tasks.dtype} {tasks.shape}" if isinstance(tasks, np.ndarray) else repr(tasks)
-            raise ValueError(f"teacher {self._name!r} gave {got}; expected float32 tasks of shape {shape}")
+            actual = f"{tasks.dtype} {tasks.shape}" if isinstance(tasks, np.ndarray) else repr(tasks)
+            raise ValueError(f"teacher {self._name!r} gave {actual}; expected float32 tasks of shape {shape}")
         space = self._teacher.space
         if not space.contains(tasks):
             raise ValueError(
@@ -126,10 +126,10 @@ class CheckedTeacher:
 
 
 class InlineTeacher:
-    """The teacher of `spec`, in this process.
+    """Link to the teacher of `spec` in this process.
 
     Raises:
-        ValueError: a hyper-parameter that the teacher refuses, or a plug-in with another source.
+        ValueError: if the teacher refuses a hyper-parameter, or a plug-in has another source.
     """
 
     def __init__(self, spec: RunSpec) -> None:
@@ -150,10 +150,10 @@ class InlineTeacher:
         self._checked = CheckedTeacher(self._teacher, spec.teacher)
 
     def exchange(self, episode: Episode | None) -> Reply:
-        """Report a finished episode (none before the first) and ask for the next task.
+        """Report a finished episode (None before the first) and return the teacher's reply.
 
         Raises:
-            ValueError: the teacher proposes something else than a task of its space.
+            ValueError: if the teacher does not propose a task of its space.
         """
         query = None if episode is None else self._checked.observe(episode)
         return self._reply(query)
@@ -163,14 +163,14 @@ class InlineTeacher:
         return self._reply(self._checked.answer(answer))
 
     def probe(self, count: int) -> Task:
-        """Return tasks (count, d) without exploration; leave no trace."""
+        """Return tasks (count, d) without exploration or side effects."""
         return self._checked.probe(count)
 
     def save(self) -> bytes:
         """Return the teacher's complete state.
 
         Raises:
-            ValueError: an attribute that cannot be pickled, by its name.
+            ValueError: if an attribute cannot be pickled.
         """
         try:
             return pickle.dumps(self._teacher.state())
