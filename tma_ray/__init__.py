@@ -1,6 +1,6 @@
 """tma_ray: fair, distributed comparison of automatic curriculum learning teachers.
 
-Importing it makes the environments known to `gymnasium.make`.
+Importing the package registers the environments with `gymnasium.make`.
 """
 
 from importlib import import_module
@@ -10,18 +10,20 @@ from typing import Any
 from tma_ray.support.interrupts import expect_early, is_command
 
 LIBRARY = ("RunsFailedError", "TrainedRun", "run_campaign", "train")
-"""Names of `tma_ray.api` that this package has, too."""
+"""Names of `tma_ray.api` that the package exports."""
 
 __version__ = "0.1.0"
 
-if is_command(orig_argv):  # starts at once; what it does with environments makes them known
+if is_command(orig_argv):  # starts at once, and registers environments when it needs them
     expect_early()
 else:
     import_module("tma_ray.envs.registration")
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name of `LIBRARY` when it is first asked for: it loads all that a run needs."""
+    """Import a name of `LIBRARY` on first use, since it loads all that a run needs."""
+    if name == "library":  # former name of the module
+        return import_module("tma_ray.api")
     if name not in LIBRARY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module("tma_ray.api"), name)

@@ -53,7 +53,7 @@ def run(*, options: RunOptions = RunOptions(), json: Json = False) -> int:
     """Train one student under one teacher, without Ray.
 
     The results go where those of campaigns go, and the same command continues a run that was interrupted.
-    In Python, `tma_ray.train` does the same.
+    In Python, tma_ray's `train` does the same.
 
     Examples:
         tma-ray run --teacher alp_gmm --student ppo --steps 200k
