@@ -1,4 +1,4 @@
-"""Analysis of results: measures, statistics, figures, and a report in one page.
+"""Analysis of results: measures, statistics, figures, and a one-page report.
 
 Where to begin::
 
@@ -75,7 +75,7 @@ __getattr__, __dir__ = attach(__name__, __file__)
 
 
 def load(root: str | Path) -> Frames:
-    """Return a results root, finished or not, or a release; missing tables become empty frames and warnings.
+    """Load a results root (finished or not) or a release, with empty frames and warnings for missing tables.
 
     Args:
         root: a folder, an ``s3://`` or ``gs://`` address, or the name of a release.

@@ -1,4 +1,4 @@
-"""Cards of baselines, ``README.md``, on their content, origin, use and citation."""
+"""Baseline cards (``README.md``): content, origin, use and citation of a baseline."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -61,13 +61,13 @@ def card(
 
 
 def _configurations(paths: Iterable[str]) -> dict[str, str]:
-    """Return the pattern of the files of each table by name."""
+    """Return the file pattern of each table, by table name."""
     folders = sorted({PurePosixPath(path).parent for path in paths})
     return {folder.name: f"{folder}/*.parquet" for folder in folders}
 
 
 def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return sorted distinct values of columns, and counts, as JSON values."""
+    """Return the sorted distinct values of columns, and some counts, as JSON values."""
     distinct = {name: sorted(set(values)) for name, values in columns.items()}
     return {name: values for name, values in distinct.items() if values and values != [""]} | dict(counts)
 
@@ -83,12 +83,12 @@ def _plain(name: str, value: Any) -> str:
 
 
 def _safe(text: str) -> str:
-    """Return a text with all characters escaped that Markdown could interpret."""
+    """Escape all characters of a text that Markdown could interpret."""
     return re.sub(r"[^\w +./:=-]", lambda match: f"&#{ord(match[0])};", text)
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Return 0, 1, 2, 5 as "0 to 2, 5"."""
+    """Return numbers as text with ranges: 0, 1, 2, 5 becomes "0 to 2, 5"."""
     runs: list[list[int]] = []
     for number in sorted(numbers):
         if runs and number == runs[-1][1] + 1:

@@ -1,4 +1,4 @@
-"""Baselines by name or location, their manifests, and reading of several sources as one."""
+"""Find baselines by name or location, read their manifests, and read several sources as one."""
 
 import hashlib
 import json
@@ -31,7 +31,7 @@ class BaselineError(ValueError):
 
 
 class BaselineKind(StrEnum):
-    """Kind of the tables of a baseline."""
+    """Kind of a baseline's tables."""
 
     RUNS = "runs"
     """Tables of a results root."""
@@ -163,7 +163,7 @@ class BaselineManifest:
             raise BaselineError(str(error)) from error
 
 
-SHIPPED: Final = Path(__file__).parent  # folder of the baselines of the package
+SHIPPED: Final = Path(__file__).parent  # folder of the baselines shipped with the package
 
 BASELINES_VARIABLE: Final = "TMA_BASELINES"
 """Environment variable with baselines and folders of baselines, separated as in PATH."""
@@ -211,14 +211,14 @@ class Baseline:
         return published_frame(self.store())
 
     def store(self) -> Store:
-        """Return the store of the files, which verifies checksums if it is at an address."""
+        """Return the store of the files, which verifies their checksums if it is remote."""
         store = Store.open(self.location)
         recorded = {file.path: file.sha256 for file in self.manifest.files}
         return store.recorded(recorded) if "://" in self.location else store
 
 
 def baselines() -> tuple[Baseline, ...]:
-    """Return the named baselines: those of the package and of `BASELINES_VARIABLE`.
+    """Return the named baselines: those shipped with the package and those in `BASELINES_VARIABLE`.
 
     Raises:
         BaselineError: if a location in `BASELINES_VARIABLE` has none, or one is damaged.
@@ -277,7 +277,7 @@ def find_baseline(name: str | Path) -> Baseline:
 
 
 def as_baseline(root: str | Path) -> Baseline | None:
-    """Return a baseline by name, folder or address; None for a results root.
+    """Return a baseline by name, folder or address, or None for a results root.
 
     Raises:
         BaselineError: if the baseline is damaged.
@@ -300,7 +300,7 @@ def as_baseline(root: str | Path) -> Baseline | None:
 
 
 def _within(entry: str) -> Iterator[str]:
-    """Yield the location of a baseline, or of those in the folders directly below it."""
+    """Yield `entry` if it is a baseline, else the baselines in the folders directly below it."""
     store = Store.open(entry)
     if store.holds(BASELINE_FILE):
         yield entry
@@ -321,7 +321,7 @@ Sources: TypeAlias = str | Path | Sequence[str | Path]
 
 
 def read(sources: Sources) -> Frames:
-    """Return the runs of all sources as if of one root, with the errors of `read_source`."""
+    """Return the runs of all sources as if from one root, and raise the same errors as `read_source`."""
     return joined([read_source(source) for source in source_list(sources)])
 
 
@@ -338,7 +338,7 @@ def source_list(sources: Sources) -> tuple[str | Path, ...]:
 
 
 def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
-    """Return the teachers, except Random, of the results roots that are read with baselines."""
+    """Return the teachers, except Random, in the results roots that are read along with baselines."""
     distinct = source_list(sources)
     roots = [source for source in distinct if as_baseline(source) is None]
     if not 0 < len(roots) < len(distinct):

@@ -1,4 +1,4 @@
-"""Croissant metadata of a release, ``croissant.json``, for data-set search and loaders.
+"""Croissant metadata of a release (``croissant.json``) for data-set search engines and loaders.
 
 The format is MLCommons' Croissant 1.0 with fields of its vocabulary for responsible AI (RAI 1.0).
 """
@@ -100,7 +100,7 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
 
 
 def _distribution(table: Table, files: Sequence[BaselineFile]) -> Iterator[dict[str, Any]]:
-    """Yield the entries of the files of a table, and of their set."""
+    """Yield an entry for each file of a table, and one for the set of files."""
     for file in files:
         yield {
             "@type": "cr:FileObject",
@@ -121,7 +121,7 @@ def _distribution(table: Table, files: Sequence[BaselineFile]) -> Iterator[dict[
 
 
 def _field(table: Table, column: pa.Field) -> dict[str, Any] | None:
-    """Return the entry of a column; None for structures and maps, which have no type in Croissant."""
+    """Return the entry of a column, or None for structs and maps, which have no Croissant type."""
     kind, repeated = column.type, pa.types.is_list(column.type)
     kind = kind.value_type if repeated else kind
     kind = kind.value_type if pa.types.is_dictionary(kind) else kind

@@ -1,4 +1,4 @@
-"""Packing of campaigns as releases that others load, verify and cite."""
+"""Pack campaigns as releases that others can load, verify and cite."""
 
 import json
 import re
@@ -62,7 +62,7 @@ def release(
     contents: results.CopyOptions = results.WHOLE,
     about: About = DEFAULT_ABOUT,
 ) -> Path:
-    """Pack the finished campaigns of a root into a folder that is a results root, too.
+    """Pack the finished campaigns of a root into a folder that is itself a results root.
 
     Checkpoints, logs, and files of policies other than JSON and safetensors are left out.
 
@@ -122,7 +122,7 @@ def _draft(
     missing: str,
     planned: Mapping[str, int],
 ) -> BaselineManifest:
-    """Return the manifest of a release without contents, with defaults of the manifest `before`."""
+    """Return a release manifest without contents, with defaults taken from the manifest `before`."""
     return BaselineManifest(
         name=name,
         kind=BaselineKind.RUNS,
@@ -181,7 +181,7 @@ def _release_folder(name: str, output: Path | None) -> Path:
 
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str) -> str:
-    """Return a text on missing runs, by default `lacking`.
+    """Raise if a root is unfinished, else return a text on its missing runs, by default `lacking`.
 
     Raises:
         BaselineError: if a campaign is running, or the root is empty or, unless `partial`, incomplete.
@@ -263,7 +263,7 @@ def add_to_release(
     *,
     about: About = DEFAULT_ABOUT,
 ) -> Path:
-    """Add the new finished runs of a root to a release, or a new one, as one lean file per table.
+    """Add the new finished runs of a root to an existing or new release, as one lean file per table.
 
     The other files of the release stay, except its card and metadata. A campaign may be running on the root.
     An interruption leaves the release unchanged.
@@ -300,7 +300,7 @@ def add_to_release(
         cells = source.table(results.Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
         planned = cells.groupby("campaign")["run_id"].nunique().to_dict()
         for campaign, count in before.planned.items() if before else ():
-            planned[campaign] = max(count, planned.get(campaign, 0))  # the root may have a part of it
+            planned[campaign] = max(count, planned.get(campaign, 0))  # the root may hold part of it
         _complete(_draft(name, licence, about, before, "", planned), aside, added)
         if folder.exists():
             old = folder.parent / f".{folder.name}-{uuid4().hex[:8]}-old"
@@ -335,7 +335,7 @@ def _copied(folder: Path, aside: Path) -> BaselineManifest:
 
 
 def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.CopyOptions:
-    """Return the options of a lean release with the policy of each cell's run with the median `HEADLINE`.
+    """Return options for a lean release that keeps only each cell's policy with the median `HEADLINE`.
 
     The weights are float16.
 

@@ -37,7 +37,7 @@ class Verification:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Messages on all damage."""
+        """Messages about all damage found."""
         return tuple(map(str, self.damage))
 
     @property
@@ -108,7 +108,7 @@ COMBINATION = ["campaign", "experiment", *CELL_COLUMNS]
 
 
 def lacking(baseline: Baseline) -> list[str]:
-    """Return the reasons why a release is not complete.
+    """Return the reasons why a release is incomplete.
 
     In a complete release all planned runs are done under one version of the benchmark, all teachers of a cell
     have the same seeds, at least 3, attempts name no machines, there is a licence, and the size is limited.
@@ -149,7 +149,7 @@ def _lacking_runs(frames: Frames) -> Iterator[str]:
 
 
 def publish(folder: str | Path, address: str) -> str:
-    """Copy a release from a disk to an address, and verify it there.
+    """Copy a release from disk to an address, and verify it there.
 
     An interrupted upload is continued by the same call, since ``baseline.json`` is written last.
 

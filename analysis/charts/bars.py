@@ -16,7 +16,7 @@ from analysis.data.reference import is_baseline
 from analysis.names import label, order, short_labels, title
 from analysis.teacher_styles import INK, MUTED, TeacherStyle, teacher_style
 
-COLUMNS = 3  # panels side by side if `by` gives a single column
+COLUMNS = 3  # number of panels side by side if `by` gives a single column
 MOST_BRACKETS = 12  # largest number of brackets in a panel; with more pairs all panels have letters
 LANE = 0.055  # width of a lane of brackets or letters, as a share of the axis
 DOUBT = "\N{DAGGER}"  # mark of a doubtful published result
@@ -36,7 +36,7 @@ class PanelResults:
     """Results of one panel."""
 
     titles: tuple[str, str]  # titles of the row and the column of panels
-    rows: pd.DataFrame  # mean, whisker and doubt by teacher
+    rows: pd.DataFrame  # mean, whisker, and whether the result is doubtful, by teacher
     different: list[Pair]  # pairs that differ significantly
     untested: list[Pair]  # pairs without a test
 
@@ -49,7 +49,7 @@ def bars_with_pairs(
     whisker: Whisker = Whisker.DEVIATION,
     by: tuple[str, str] = ("challenge", "expert_knowledge"),
 ) -> base.Chart:
-    """Return mean results as bars, a row of panels per challenge and a column per level of expert knowledge.
+    """Return mean results as bars, with a row of panels per challenge and a column per knowledge level.
 
     Brackets join teachers that differ significantly. If a panel has over `MOST_BRACKETS` of them, all panels
     have letters instead: two teachers share a letter exactly if they do not differ significantly. A dashed
@@ -163,7 +163,7 @@ def _bars(results: PanelResults, teachers: Sequence[str], start: float) -> Itera
 def _brackets(
     results: PanelResults, teachers: Sequence[str], start: float, lane: float
 ) -> Iterator[tuple[int, base.Mark]]:
-    """Yield the lane and the bracket of each pair of teachers that differ."""
+    """Yield the lane and bracket of each pair of teachers that differ significantly."""
     ys = {teacher: y for y, teacher in enumerate(teachers)}
     spans = lanes({(min(s), max(s)) for s in ((ys[a], ys[b]) for a, b in results.different)})
     for (low, high), number in spans.items():
@@ -176,7 +176,7 @@ def _brackets(
 def _letters(
     results: PanelResults, teachers: Sequence[str], start: float, lane: float
 ) -> Iterator[tuple[int, base.Mark]]:
-    """Yield the lane and the mark of each teacher's letters; "?" without any test."""
+    """Yield the lane and mark of each teacher's letters, or "?" for a teacher without any test."""
     names = list(results.rows.index)
     never = [name for name in names if sum(name in pair for pair in results.untested) >= len(names) - 1]
     letters = compact_letter_display([name for name in names if name not in never], results.different)
@@ -202,7 +202,7 @@ def _notes(panels: Sequence[PanelResults], brackets: bool) -> Iterator[str]:
 
 
 def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> dict[str, list[int]]:
-    """Return the compact letter display of names: two share a letter exactly if they do not differ.
+    """Return a compact letter display, where two names share a letter if and only if they do not differ.
 
     Piepho's insert-and-absorb algorithm (Journal of Computational and Graphical Statistics 13, 2004) needs no
     order among names, so it is exact for tests with unequal variances, which are not transitive.
@@ -227,7 +227,7 @@ def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> d
 
 
 def lanes(spans: Collection[tuple[int, int]]) -> dict[tuple[int, int], int]:
-    """Return lanes of spans without overlap, the longest spans outermost."""
+    """Assign spans to lanes without overlap, with the longest spans outermost."""
     lane_of: dict[tuple[int, int], int] = {}
     for low, high in sorted(spans, key=lambda span: (span[1] - span[0], span)):
         taken = {lane for (start, end), lane in lane_of.items() if start < high and low < end}

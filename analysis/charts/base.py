@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from analysis.statistics import SIGNIFICANCE
 from analysis.teacher_styles import INK, TeacherStyle
 
-END = "end"  # moment of the ends of runs; other moments are steps
+END = "end"  # moment at which runs end; all other moments are steps
 
 ONE_COLUMN, TWO_COLUMNS, PAGE_WIDTH = 3.3, 6.9, 10.2
 """Widths of a paper's column, of both columns, and of a page on the screen, inches."""
@@ -63,7 +63,7 @@ class PanelAxis:
     last_tick: float | None = None  # largest value with a tick; None for all
     whole: bool = False  # True if only whole numbers have ticks
     grid: bool = False  # True for grid lines at the ticks
-    shown: bool = True  # False for an axis without line and ticks
+    shown: bool = True  # False to hide the axis line and its ticks
 
     @property
     def bounded(self) -> bool:
@@ -85,7 +85,7 @@ class ColourScale:
     high: float  # value of the last colour
     title: str = ""  # name of the quantity
     open: bool = False  # True if values lie beyond the ends
-    mark: float | None = None  # value with a mark; None for none
+    mark: float | None = None  # value to mark; None for none
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,8 +94,8 @@ class Mark:
 
     look: TeacherStyle = PLAIN  # colour, marker and dashes
     name: str = ""  # entry of the legend; empty for none
-    teacher: str = ""  # teacher of the mark, by which pages hide it; empty for none
-    comparison: str = ""  # anchor of the comparison of the mark, by which pages hide it; empty for none
+    teacher: str = ""  # teacher of the mark, used by pages to hide it; empty for none
+    comparison: str = ""  # anchor of the mark's comparison, used by pages to hide it; empty for none
     texts: Sequence[str] = ()  # text of each point, or one for all
     hover: str = ""  # template of the text under the pointer, as ``{x}, {y:.1f}, {value}, {text}``
     svg_id: str = ""  # identifier in SVG files; empty for none
@@ -107,8 +107,8 @@ class Curve(Mark):
 
     x: Array  # positions (n,)
     y: Array | None = None  # heights (n,); None for a band alone
-    low: Array | None = None  # lower ends of the band (n,); None for none
-    high: Array | None = None  # upper ends of the band (n,); None for none
+    low: Array | None = None  # lower ends of the band (n,); None for no band
+    high: Array | None = None  # upper ends of the band (n,); None for no band
     n: NDArray[Any] | None = None  # number of runs (n,); the line is thin if some are missing
     fill: str = ""  # colour inside markers; empty for that of the line
     width: float = 2.0  # width of the line, CSS pixels; lines under 1.5 have no markers
@@ -121,9 +121,9 @@ class Scatter(Mark):
 
     x: Sequence[float] | Array  # positions (n,)
     y: Sequence[float] | Array  # heights (n,)
-    values: Sequence[float] | Array | None = None  # on the colour scale (n,)
+    values: Sequence[float] | Array | None = None  # values on the colour scale (n,)
     colours: ColourScale | None = None  # colour scale of `values`
-    size: float | Array = 5.0  # diameters, of each point or of all, CSS pixels
+    size: float | Array = 5.0  # diameter of each point, or of all points, CSS pixels
     hollow: bool = False  # True for rings
     opacity: float = 1.0  # opacity in [0, 1]
     edge: str = ""  # colour of a fine outline; empty for none
@@ -168,7 +168,7 @@ class Outline:
 
     xs: Array  # corners (n,), the first repeated at the end
     ys: Array  # corners (n,)
-    weight: float = 0.5  # opacity of its filling, in [0, 1]
+    weight: float = 0.5  # opacity of the filling, in [0, 1]
     score: float | None = None  # value on the colour scale; None for the colour of the mark
 
 
@@ -235,10 +235,10 @@ class Panel:
     side: str = ""  # title of the row of panels, shown by the first panel of a row
     teacher: str = ""  # teacher of the panel; empty for several
     stars: Sequence[StarRow] = ()  # rows of stars above the panel, the uppermost first
-    empty_text: str = ""  # text of an empty panel
+    empty_text: str = ""  # text shown in an empty panel
     frame: str = ""  # colour of a frame; empty for none
-    moments: Sequence[Any] = ()  # steps and `END` of an animated panel, in order; empty for a still one
-    moment: Callable[[Any], "Panel"] | None = None  # panel at a moment, with the same marks
+    moments: Sequence[Any] = ()  # steps and `END` of an animated panel, in order; empty for a static one
+    moment: Callable[[Any], "Panel"] | None = None  # returns the panel at a moment
 
     def at(self, moment: object) -> "Panel":
         """Return the panel at a moment."""
@@ -261,7 +261,7 @@ class Chart:
     name: str  # name of the files, and identifier on a page
     panels: Sequence[Sequence[Any]]  # panels by row; None for a gap
     title: str = ""  # title on a page
-    caption: str = ""  # content and number of runs, for a page
+    caption: str = ""  # caption on a page: content and number of runs
     heading: str = ""  # text above all panels on paper
     note: str = ""  # text below all panels on paper
     keys: Sequence[LegendEntry] = ()  # entries of the legend for markers
@@ -277,7 +277,7 @@ class Chart:
 
 
 def animated(at: Callable[[Any], Panel], moments: Sequence[Any], shown: Any) -> Panel:
-    """Return the panel of the moment `shown`, animated over all `moments`."""
+    """Return the panel at the moment `shown`, animated over all `moments`."""
     return replace(at(shown), moments=moments, moment=at)
 
 
@@ -288,7 +288,7 @@ def spaced_indices(count: int, most: int) -> list[int]:
 
 
 def grid(panels: Sequence[Panel], columns: int) -> list[list[Panel | None]]:
-    """Return panels in rows of equal length, the last one filled up with None."""
+    """Arrange panels in rows of equal length, with the last row padded with None."""
     columns = max(1, min(columns, len(panels)))
     filled: list[Panel | None] = [*panels, *[None] * (-len(panels) % columns)]
     return [filled[start : start + columns] for start in range(0, len(filled), columns)]

@@ -1,4 +1,4 @@
-"""Catalogue of what pages and papers draw of a comparison of teachers."""
+"""Catalogue of the charts that pages and papers draw for a comparison of teachers."""
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -70,7 +70,7 @@ def page_charts(comparison: TeacherComparison) -> Iterator[Chart]:
 
 
 def trained_steps_chart(comparison: TeacherComparison) -> Iterator[Chart]:
-    """Yield learning curves against trained steps, if some steps of a teacher do not train."""
+    """Yield learning curves against trained steps, if some teacher does not train on all of its steps."""
     frames, evaluations = comparison.frames, comparison.evaluations
     teachers = evaluations.drop_duplicates("run_id").set_index("run_id")["teacher"]
     shares = trained_shares(frames).groupby(teachers.to_dict()).mean()
@@ -93,7 +93,7 @@ def trained_steps_chart(comparison: TeacherComparison) -> Iterator[Chart]:
 
 
 def page_panels(comparison: TeacherComparison) -> Iterator[Chart]:
-    """Yield the charts with a panel for each teacher: mastered, training and probed tasks, and logs."""
+    """Yield the charts with a panel per teacher: mastered tasks, training tasks, probed tasks, and logs."""
     if comparison.finals.empty:
         return
     frames, axes, curricula = comparison.frames, comparison.axes, comparison.curricula
@@ -126,12 +126,12 @@ def page_panels(comparison: TeacherComparison) -> Iterator[Chart]:
 
 
 def page_pictures(comparison: TeacherComparison) -> Iterator[Chart]:
-    """Yield the curricula of the teachers shown at first by dimension, where the space is not a plane."""
+    """Yield curricula by dimension, of the initially shown teachers, if the task space is not a plane."""
     axes, shown = comparison.axes, comparison.measurements.shown
     curricula = {teacher: each for teacher, each in comparison.curricula.items() if teacher in shown}
     probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}
     varied = sum(axis.low < axis.high for axis in axes)
-    whole_plane = len(axes) == varied == 2  # which charts show step by step
+    whole_plane = len(axes) == varied == 2  # other charts show a whole plane step by step
     if not 0 < varied <= MOST_DIMENSIONS or whole_plane or len(moments(probed)) < 2:
         return
     caption = (
@@ -252,6 +252,6 @@ def _which_runs(curricula: Mapping[str, RunCurriculum]) -> str:
 
 
 def _whose_space(curricula: Mapping[str, RunCurriculum]) -> str:
-    """Return a sentence on the axes if the task space is shuffled, else nothing."""
+    """Return a sentence on the axes if the task space is shuffled, else an empty string."""
     shuffled = any(curriculum.shuffled for curriculum in curricula.values())
     return " The task space is shuffled: axes are the teacher's, not the world's." if shuffled else ""

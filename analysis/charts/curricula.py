@@ -53,7 +53,7 @@ def film_strip(
     steps: Sequence[int] | None = None,
     width: float = base.TWO_COLUMNS,
 ) -> base.Chart:
-    """Return probed tasks, Gaussians and boxes: a row per run, a column per step.
+    """Return a chart of probed tasks, Gaussians and boxes, with a row per run and a column per step.
 
     Gaussians are drawn at two standard deviations, more opaque for more weight; a single box as an outline;
     several boxes coloured by score, with a scale per row. A row whose tasks lie in a small part of the plane
@@ -83,14 +83,14 @@ def film_strip(
 
 
 def sheets(runs: Sequence[Run]) -> list[Sequence[Run]]:
-    """Return runs in the fewest parts of similar size with at most `MOST_SHOTS` each."""
+    """Split runs into as few parts of similar size as possible, each with at most `MOST_SHOTS` runs."""
     count = math.ceil(len(runs) / MOST_SHOTS)
     ends = [round(len(runs) * number / count) for number in range(1, count + 1)]
     return [runs[first:last] for first, last in itertools.pairwise([0, *ends])]
 
 
 def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> base.Chart:
-    """Return an animated film strip: a panel per run, a frame per step.
+    """Return an animated film strip, with a panel per run and a frame per step.
 
     Args:
         shots: runs as in `film_strip`, at most `MOST_SHOTS`.
@@ -112,7 +112,7 @@ def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> b
 
 
 def _animated(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> base.Panel:
-    """Return the animated panel of a run, in the bounds of the plane or of its tasks."""
+    """Return the animated panel of a run, within the bounds of the plane or of its tasks."""
     view, updates = TaskView(plane), [shot.curriculum.update_at(step) for step in steps]
     boxes = [boxes_of(update) for update in updates if update is not None]
     scores = [float(box["score"]) for regions in boxes if len(regions) > 1 for box in regions]
@@ -159,7 +159,7 @@ def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
 
 
 def curriculum_strip(curricula: Mapping[str, RunCurriculum], plane: tuple[Axis, Axis]) -> base.Chart:
-    """Return training tasks, coloured by return: a row per teacher, a column per part of the run."""
+    """Return training tasks coloured by return, with a row per teacher and a column per part of the run."""
     view, colours = TaskView(plane), return_colours(curricula)
     rows: list[list[base.Panel]] = []
     for teacher, side in short_labels(curricula, 16).items():
@@ -176,7 +176,7 @@ def curriculum_strip(curricula: Mapping[str, RunCurriculum], plane: tuple[Axis, 
 
 
 def dimension_bands(curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis]) -> base.Chart:
-    """Return quantiles of probed tasks against steps: a row per dimension, a column per teacher.
+    """Return quantiles of probed tasks against steps, with a row per dimension and a column per teacher.
 
     Dark lines are the bounds of a single box, or two standard deviations of a single Gaussian; dots are the
     means of several Gaussians, larger for more weight.
@@ -255,7 +255,7 @@ def scalars_of(curriculum: RunCurriculum) -> dict[str, pd.Series]:
 
 
 def scalar_chart(curricula: Mapping[str, RunCurriculum], name: str, caption: str) -> base.Chart | None:
-    """Return a panel per scalar, at most `MOST_PER_TEACHER` per teacher."""
+    """Return a chart with a panel per scalar, at most `MOST_PER_TEACHER` per teacher."""
     panels = []
     for teacher, label in short_labels(curricula, base.LONGEST_NAME).items():
         for scalar, values in list(scalars_of(curricula[teacher]).items())[:MOST_PER_TEACHER]:
@@ -269,7 +269,7 @@ def scalar_chart(curricula: Mapping[str, RunCurriculum], name: str, caption: str
 
 
 def hidden_scalars(curricula: Mapping[str, RunCurriculum]) -> int:
-    """Return the number of scalars that are not drawn."""
+    """Return the number of scalars that are left out of the chart."""
     counts = (len(scalars_of(curriculum)) for curriculum in curricula.values())
     return sum(max(0, count - MOST_PER_TEACHER) for count in counts)
 

@@ -22,7 +22,7 @@ AXIS_TITLES = {"mastered_percent": base.MASTERED, "training_return": "Mean train
 """Measures of `knowledge_panels`, with the titles of their axes."""
 
 STAR_STEPS = 5_000_000  # steps between two stars (paper, figures of Parkour)
-MOST_PAIR_ROWS = 9  # largest number of rows of `pairwise_curves`, above which a matrix takes their place
+MOST_PAIR_ROWS = 9  # largest number of rows of `pairwise_curves`; above it, a matrix takes their place
 FLATTENED = 0.5  # share of the ceiling that curves must reach for it to be drawn
 MOST_MARKED = 45  # largest number of points of a line with markers
 
@@ -73,7 +73,7 @@ def learning_curves(
 
 
 def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
-    """Return `learning_curves` of the runs of one comparison.
+    """Return the learning curves of one comparison's runs, drawn by `learning_curves`.
 
     Args:
         curves: teacher, run_id, step and `value`.
@@ -84,7 +84,7 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
 
 
 def _rows_by_teacher(table: pd.DataFrame) -> dict[str, base.Array]:
-    """Return step, mean, standard_error and n (n, 4) by teacher, of the rows with a mean."""
+    """Return step, mean, standard_error and n of each teacher's rows with a mean, as arrays (rows, 4)."""
     columns = ("step", "mean", "standard_error", "n")
     rows = np.column_stack([table[column].to_numpy(np.float64) for column in columns])
     teachers, known = table["teacher"].to_numpy(object), ~np.isnan(rows[:, 1])
@@ -94,7 +94,7 @@ def _rows_by_teacher(table: pd.DataFrame) -> dict[str, base.Array]:
 def _curves(
     rows: Mapping[str, base.Array], teacher: str, style: TeacherStyle, name: str, width: float, fill: str = ""
 ) -> Iterator[base.Curve]:
-    """Yield the curve of a teacher's mean and standard_error, if there are any."""
+    """Yield the curve of a teacher's mean and standard error, if it has any."""
     chosen = rows.get(teacher, np.empty((0, 4)))
     if not len(chosen):
         return
@@ -149,7 +149,7 @@ class CurvePanel:
     ceiling: float | None = None
 
     def parts(self) -> list["CurvePanel"]:
-        """Return the panel split into several with Random and at most `TEACHERS_PER_PANEL` others."""
+        """Split the panel into several, each with Random and at most `TEACHERS_PER_PANEL` others."""
         teachers = sorted(self.curves["teacher"].unique(), key=teacher_order) if len(self.curves) else []
         others = [teacher for teacher in teachers if not is_baseline(teacher)]
         if len(others) <= base.TEACHERS_PER_PANEL:
@@ -319,7 +319,7 @@ def body_panels(
     name: str = base.MASTERED,
     ceiling: float | None = None,
 ) -> list[CurvePanel]:
-    """Return a panel over all bodies of a pool, if it has several, and one for each, tested against Random.
+    """Return a panel per body of a pool, and one over all if it has several, with tests against Random.
 
     Args:
         runs: rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison.
@@ -349,7 +349,7 @@ def knowledge_panels(
     measures: Mapping[str, str] = AXIS_TITLES,
     reference: KnowledgeLevel | None = KnowledgeLevel.HIGH,
 ) -> list[CurvePanel]:
-    """Return a row of panels per challenge and a panel per measure, with all levels of expert knowledge.
+    """Return a row of panels per challenge, with one panel per measure over all levels of expert knowledge.
 
     Args:
         runs: rows of `pooling.pool_runs` with the `measures` at each step.
@@ -454,7 +454,7 @@ def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> It
 def _difference_matrix(
     table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequence[str], name: str
 ) -> base.Chart:
-    """Return the differences of the rows' teachers to the columns', with dots where they are significant."""
+    """Return a matrix of differences, row teacher minus column teacher, with dots on significant ones."""
     last = table["step"].max()
     means = table[table["step"] == last].set_index("teacher")["mean"].reindex(teachers).to_numpy(float)
     differences = means[:, None] - means[None, :]

@@ -20,7 +20,7 @@ from analysis.teacher_styles import teacher_style
 
 
 def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
-    """Return a row per teacher with its runs as rings and their mean with its 95 % interval.
+    """Return a chart with a row per teacher: its runs as rings, and their mean with its 95 % interval.
 
     Args:
         points: teacher, seed, step (of an evaluation, or `END`) and value, in per cent.
@@ -94,7 +94,7 @@ def _chart(
 def overview_chart(
     points: pd.DataFrame, rows: Mapping[str, str], quantity: str, heading: str, caption: str
 ) -> base.Chart:
-    """Return a row per comparison with the mean of each teacher and its 95 % interval.
+    """Return a chart with a row per comparison: the mean of each teacher and its 95 % interval.
 
     Args:
         points: comparison (anchor), teacher, step (of an evaluation, or `END`) and value (%) of a run.
@@ -122,7 +122,7 @@ def overview_chart(
     def at(step: Any) -> base.Panel:
         by_pair = samples.get(step, {})
         evaluated = {anchor for anchor, _ in by_pair}
-        # comparisons without this step show their ends
+        # comparisons without this step show the ends of their runs
         latest = samples.get(base.END, {}) if step != base.END else {}
         shown = [(by_pair if pair[0] in evaluated else latest).get(pair, none) for pair in pairs]
         marks = [
@@ -142,7 +142,7 @@ def overview_chart(
 
 
 def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> base.Chart:
-    """Return a row per teacher with its rank by the mean and the range of ranks that tests allow.
+    """Return a chart with a row per teacher: its rank by the mean, and the range of ranks that tests allow.
 
     Args:
         boards: ranks, the best first, by heading and subtitle, separated by a colon; each is a panel.
@@ -191,7 +191,7 @@ DIFFERENCES = (
 def difference_chart(
     beside: Sequence[AgainstRandom], names: Mapping[str, str], heading: str, name: str = "differences"
 ) -> base.Chart:
-    """Return a row per teacher and a panel per axis, with differences to Random and their intervals.
+    """Return differences from Random with their intervals, a row per teacher and a panel per axis.
 
     Small marks are differences per trained step.
 
@@ -228,11 +228,11 @@ def difference_chart(
     return base.Chart(name, [panels], heading, DIFFERENCES, size=size, letters=7.5)
 
 
-FEWEST_WITH_BAND = 5  # least number of runs of a line with a band, which would else fill the panel
+FEWEST_WITH_BAND = 5  # least number of runs for a line to have a band, which would otherwise fill the panel
 
 
 def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
-    """Return the share of runs over each threshold, as a line per teacher.
+    """Return a chart of the share of runs above each threshold, with a line per teacher.
 
     Args:
         table: teacher, threshold, share, low, high and n, of `aggregates.profiles`.
@@ -277,7 +277,7 @@ ORDERS = (
 def budget_chart(
     comparison: BudgetComparison, names: Mapping[str, str], heading: str, name: str = "budgets"
 ) -> base.Chart:
-    """Return a line per teacher through its rank after each budget, and a panel per axis.
+    """Return a chart of the teachers' ranks after each budget, with a line per teacher and a panel per axis.
 
     Args:
         comparison: teachers at several budgets.

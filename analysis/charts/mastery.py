@@ -19,7 +19,7 @@ ACROSS = 180  # width of all marks side by side, CSS pixels
 def mastery_chart(
     shares: pd.DataFrame, tasks: pd.DataFrame, axes: Sequence[Axis], name: str = "mastery", caption: str = ""
 ) -> base.Chart:
-    """Return a panel per teacher with a mark per test task, darker for more runs that master it.
+    """Return a panel per teacher with a mark per test task, darker the more runs master it.
 
     Tasks with two dimensions lie on the task plane, others in a square, the most mastered ones first.
 
@@ -86,7 +86,7 @@ def _panel(
 
 
 def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> base.Chart:
-    """Return the share of runs that master each test task at their ends.
+    """Return a map of the share of runs that master each test task at the end.
 
     A panel per teacher if the tasks form a grid on the plane, else a row per teacher and a column per task,
     from the most to the least mastered.
@@ -115,7 +115,7 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
 
 
 def _heatmap(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], base.Mark] | None:
-    """Return a function that draws values (n,) of a full grid of tasks (n, 2); None for other tasks."""
+    """Return a function that draws values (n,) on a full grid of tasks (n, 2), or None for other tasks."""
     xs, columns = np.unique(points[:, 0], return_inverse=True)
     ys, rows = np.unique(points[:, 1], return_inverse=True)
     full = len(xs) * len(ys) == len(np.unique(points, axis=0)) == len(points)

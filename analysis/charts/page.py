@@ -1,4 +1,4 @@
-"""Charts on pages as data of plotly.js, with frames of what changes by step."""
+"""Charts on pages as data for plotly.js, with frames of what changes from step to step."""
 
 import base64
 import gzip
@@ -44,7 +44,7 @@ Trace: TypeAlias = dict[str, Any]  # trace of plotly.js
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Panel of a chart as plain data of plotly.js, whose own classes are slow to validate."""
+    """Panel of a chart as plain data for plotly.js, since plotly's own classes are slow to validate."""
 
     name: str  # identifier on the page, and name of saved pictures
     title: str  # title of the chart
@@ -94,13 +94,13 @@ def on_page(chart: base.Chart) -> PageChart:
 @cache
 def plotly_library() -> str:
     """Return plotly.js without remote addresses, `packed` for a script element."""
-    # string literals with an address that is no XML namespace
+    # string literals with an address that is not an XML namespace
     address = r"""(["'`])https?://(?!www\.w3\.org/)[^"'`]*\1"""
     return packed(re.sub(address, r"\1\1", str(get_plotlyjs())))
 
 
 def packed(text: str) -> str:
-    """Return a text as base64 of gzip, which is safe within a script element and unpacked by page.js."""
+    """Return a text as base64-encoded gzip, safe within a script element and unpacked by page.js."""
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
@@ -124,7 +124,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _traces(panel: base.Panel) -> list[Trace]:
-    """Return the traces of a panel, each name once in the legend."""
+    """Return the traces of a panel, with each name only once in the legend."""
     traces, named = [], set[str]()
     for mark in panel.marks:
         for trace in _traces_of(mark, panel):
@@ -388,7 +388,7 @@ def _hover(mark: base.Mark, extra: str = "<extra></extra>") -> dict[str, Any]:
 
 
 def _template(hover: str, value: str) -> str:
-    """Return `hover` with its fields in the syntax of plotly.js; `value` is the field of a point's value."""
+    """Return `hover` with its fields in plotly.js syntax; `value` names the field of a point's value."""
     return re.sub(r"\{(x|y|text)(:[^}]*)?\}", r"%{\1\2}", hover).replace("{value", f"%{{{value}")
 
 
@@ -403,13 +403,13 @@ def _transparent(colour: str, opacity: float) -> str:
 
 @cache
 def colour_scale(name: str) -> list[list[Any]]:
-    """Return plotly.py's colour scale. plotly.js uses the same names for different scales."""
+    """Return a colour scale of plotly.py, since plotly.js uses the same names for different scales."""
     return [[position, colour] for position, colour in get_colorscale(name)]
 
 
 @lru_cache(100_000)  # texts repeat at every step
 def _shown(text: str) -> str:
-    """Return `text` with HTML escaped, which plotly.js would interpret."""
+    """Escape the HTML in `text`, which plotly.js would otherwise interpret."""
     return html.escape(text, quote=False)
 
 

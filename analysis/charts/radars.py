@@ -1,4 +1,4 @@
-"""Radar charts of teachers' results on all challenges as ratios of Random's."""
+"""Radar charts of teachers' results on all challenges, as ratios to Random's results."""
 
 import math
 import textwrap
@@ -21,7 +21,7 @@ HEIGHT = 3.08  # height of a radar on paper without notes, inches
 
 
 class Ratios(NamedTuple):
-    """Results at one level of expert knowledge as ratios of Random's."""
+    """Results at one level of expert knowledge, as ratios to Random's results."""
 
     ratios: dict[str, list[float]]  # by teacher and axis; infinite if Random alone is at 0
     shares: dict[tuple[str, int], float]  # share of the best result where ratios are infinite
@@ -37,9 +37,9 @@ class Radar:
 
     title: str  # heading
     axes: Sequence[str]  # titles of the axes, clockwise from the top
-    rim: float  # ratio of Random at the outermost ring
+    rim: float  # ratio to Random at the outermost ring
     beyond: bool  # True for a band outside the rim, for infinite ratios
-    teachers: Mapping[str, str]  # entries of the legend by teacher, for those that are drawn
+    teachers: Mapping[str, str]  # legend entries by teacher, for the teachers that are drawn
     results: Ratios  # results of these and other teachers
     note: Sequence[str]  # lines of text below the radar
 
@@ -57,7 +57,7 @@ def radar(
     challenges: Sequence[Matrix] = STUMP_TRACKS_CHALLENGES,
     original: Matrix = ORIGINAL_SPACE,
 ) -> base.Chart:
-    """Return results on challenges as ratios of Random's mean, one panel per level of expert knowledge.
+    """Return results on challenges as ratios to Random's mean, with one panel per level of expert knowledge.
 
     Stars at the end of an axis mark teachers that are significantly better than Random; markers are filled
     where teachers differ from Random. A plus is the best result on the original space as a ratio of Random on

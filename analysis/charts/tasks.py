@@ -45,7 +45,7 @@ class TaskView:
 
     @property
     def hover(self) -> str:
-        """Text under the pointer at a task."""
+        """Text shown when the pointer is over a task."""
         return "task {x}, {y}" if self.plane else "{y} of the range"
 
     def scales(self) -> tuple[base.PanelAxis, base.PanelAxis]:
@@ -106,7 +106,7 @@ class TaskView:
 
 
 def ellipse(mean: base.Array, covariance: base.Array) -> tuple[base.Array, base.Array]:
-    """Return xs and ys of a two-dimensional Gaussian (mean (2,), covariance (2, 2)) at two deviations."""
+    """Return xs and ys of the two-sigma ellipse of a Gaussian (mean (2,), covariance (2, 2))."""
     angles = np.linspace(0, 2 * np.pi, CORNERS)
     values, vectors = np.linalg.eigh(covariance)
     circle = np.stack([np.cos(angles), np.sin(angles)])
@@ -148,7 +148,7 @@ def state_marks(
 def probed_tasks(
     curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> base.Chart | None:
-    """Return the probed tasks of each teacher over the steps; None without probes."""
+    """Return the probed tasks of each teacher over the steps, or None if there are no probes."""
     view, panels = TaskView(axes), []
     for teacher, label in short_labels(curricula, base.LONGEST_NAME).items():
         steps = sorted({int(step) for step in curricula[teacher].probes["step"]})
@@ -162,7 +162,7 @@ def probed_tasks(
 
 
 def _animated(marks: Mapping[int, list[base.Mark]], view: TaskView, name: str, teacher: str) -> base.Panel:
-    """Return the panel of a teacher's marks by step, which shows the last step first."""
+    """Return the animated panel of a teacher's marks by step, initially at the last step."""
 
     def at(step: int) -> base.Panel:
         return base.Panel(*view.scales(), marks[step], name, teacher=teacher)
@@ -179,7 +179,7 @@ def _grid(panels: Sequence[base.Panel], name: str, heading: str, caption: str) -
 def training_tasks(
     curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> base.Chart | None:
-    """Return the training tasks in each part of a run, coloured by return; None without episodes."""
+    """Return the training tasks in each part of a run, coloured by return, or None without episodes."""
     view, panels = TaskView(axes), []
     shown = {teacher: curriculum for teacher, curriculum in curricula.items() if len(curriculum.episodes)}
     if not shown or not view.varied:
@@ -197,7 +197,7 @@ def training_tasks(
 
 
 def return_colours(curricula: Mapping[str, RunCurriculum]) -> base.ColourScale:
-    """Return the colours of returns for all runs, with the mastery threshold marked."""
+    """Return the colour scale of returns over all runs, with the mastery threshold marked."""
     mastery = next(iter(curricula.values())).mastery
     low, high = return_range(curricula, mastery)
     return base.ColourScale(RETURN_COLOURS, low, high, "Return of the episode", open=True, mark=mastery)

@@ -43,7 +43,7 @@ Drawn = dict[Panel, Axes]  # axes of the panels of a chart, row by row
 
 
 def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
-    """Decorate a function that returns a chart to return it as a figure of matplotlib."""
+    """Decorate a function that returns a chart so that it returns a matplotlib figure."""
 
     @functools.wraps(chart_of)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -54,7 +54,7 @@ def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
 
 @styled
 def draw(chart: Chart) -> Figure:
-    """Return a chart as a figure of matplotlib, with animated panels at the end."""
+    """Return a chart as a matplotlib figure, with animated panels at their last moment."""
     if isinstance(chart.all_panels[0], Radar):
         return draw_radars(chart)
     size, names = chart.letters, ("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
@@ -155,7 +155,7 @@ def _prepare(axes: Axes, panel: Panel, ticks: int, letters: int) -> None:
 
 
 def _prepare_axis(axis: XAxis | YAxis, scale: PanelAxis, ticks: int, flat: bool = False) -> None:
-    """Set the bounds and ticks of an axis, of a flat panel at the bounds only."""
+    """Set the bounds and ticks of an axis, with ticks only at the bounds in a flat panel."""
     upright = isinstance(axis, YAxis)
     bounds = axis.axes.set_ylim if upright else axis.axes.set_xlim
     axis.grid(scale.grid)
@@ -247,7 +247,7 @@ def finish(figure: Figure, drawn: Drawn, chart: Chart) -> None:
 
 
 def _handles(chart: Chart) -> list[Line2D]:
-    """Return the handles of the legend, of named marks and of keys."""
+    """Return the legend handles of named marks and of keys."""
     marks = {mark.name: mark for panel in chart.all_panels for mark in panel.marks if mark.name}
     lines = [] if chart.legend is Legend.BESIDE else [line_handle(mark) for mark in marks.values()]
     return [*lines, *map(mark_handle, chart.keys)]

@@ -48,7 +48,7 @@ def _draw(mark: base.Mark, *_: object) -> None:
 
 @_draw.register
 def _(mark: base.Curve, axes: Axes, panel: base.Panel) -> None:
-    """Draw a line from the first step with values of all runs, thin after the last one."""
+    """Draw a line from the first step with values of all runs, thinner after the last such step."""
     whole = np.ones(len(mark.x), bool) if mark.n is None else mark.n == mark.n.max()
     start, end = (int(index) for index in np.flatnonzero(whole)[[0, -1]])
     x, colour = mark.x[start:], mark.look.colour
@@ -234,7 +234,7 @@ def line_handle(mark: base.Mark) -> Line2D:
 
 
 def look_handle(look: TeacherStyle, name: str, fill: str = "", line: bool = True) -> Line2D:
-    """Return a legend handle in a style."""
+    """Return a legend handle in a given style."""
     edge = look.colour if fill and fill != look.colour else "white"
     style: dict[str, Any] = {"color": look.colour, "marker": look.marker, "markersize": 4, "linewidth": 1.3}
     style |= {
@@ -271,7 +271,7 @@ def legend(figure: Figure, handles: Sequence[Line2D], loc: Any, size: float = 7,
 
 
 def legend_height(handles: Sequence[Line2D], width: float, size: float = 7) -> float:
-    """Return the height of a `legend` in a figure of a given width, inches."""
+    """Return the height of a `legend` in a figure of a given width, in inches."""
     rows = -(-len(handles) // _columns(handles, width, size))
     return (rows * 1.6 + 0.6) * size / POINTS_PER_INCH if handles else 0.0
 

@@ -175,7 +175,7 @@ class RadarAxes:
         self._axes.annotate(text, (0, ring), xytext=(-2, 0), textcoords="offset points", **style)
 
     def _anchor(self, axis: int) -> tuple[tuple[float, float], str, int]:
-        """Return the anchor and alignment of an axis's name, and 1 or -1 if it grows up or down."""
+        """Return the anchor and alignment of an axis's name, and 1 if it grows upwards or -1 if downwards."""
         angle = float(self._angles[axis])
         x, y = RADIUS * math.sin(angle), RADIUS * math.cos(angle)
         if abs(x) < 0.05 * RADIUS:

@@ -1,4 +1,4 @@
-"""Style of figures, and their files."""
+"""Style of figures, and saving of figures to files."""
 
 import functools
 import io
@@ -57,7 +57,7 @@ R = TypeVar("R")
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Decorate a function to draw in `STYLE`, independent of the user's settings of matplotlib."""
+    """Decorate a function to draw in `STYLE`, regardless of the user's matplotlib settings."""
 
     @functools.wraps(draw)
     def draw_in_style(*args: P.args, **kwargs: P.kwargs) -> R:
