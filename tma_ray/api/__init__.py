@@ -1,4 +1,4 @@
-"""Runs and campaigns as functions, exported by `tma_ray`: for notebooks, services and searches."""
+"""Functions that train runs and campaigns, exported by `tma_ray` for notebooks, services and searches."""
 
 import tempfile
 from collections.abc import Callable
@@ -45,7 +45,7 @@ class TrainedRun:
 
 
 class RunsFailedError(RuntimeError):
-    """Some runs of a campaign failed; `outcome` has the numbers of runs."""
+    """Error raised if runs of a campaign failed; its `outcome` counts the runs by outcome."""
 
     def __init__(self, outcome: Snapshot, results: str | Path) -> None:
         super().__init__(
@@ -97,7 +97,7 @@ def train(
 
 
 def trained_run(plan: Plan, results: str | Path, placement: Placement) -> TrainedRun:
-    """Execute the only run of a plan if the results root lacks it, and return it; see `train` for errors."""
+    """Return the only run of a plan, executing it if the results root lacks it; see `train` for errors."""
     outcome, (spec,) = execute_single(plan, results, placement, HiddenProgress()), plan.runs
     if outcome is not AttemptOutcome.DONE:
         raise KeyboardInterrupt(f"the run was {outcome}; with a results root the same call continues")
@@ -122,7 +122,7 @@ def run_campaign(
     view: ProgressDisplay | None = None,
     **options: Any,
 ) -> Snapshot:
-    """Run the missing runs of a campaign on Ray, and return the numbers of runs by outcome.
+    """Execute the missing runs of a campaign on Ray, and return the number of runs by outcome.
 
     It neither asks for confirmation nor exits the process.
 
@@ -137,7 +137,7 @@ def run_campaign(
         KeyboardInterrupt: if it was stopped; the same call continues.
         Exception: if `tma_ray.campaign.execution.execute_plan` raises it.
     """
-    from tma_ray.campaign.execution import execute_plan  # deferred: ray
+    from tma_ray.campaign.execution import execute_plan  # imported late, since it imports ray
 
     chosen = CampaignOptions(results=str(results), **options)
     plan = chosen_campaign(campaign, chosen).plan()

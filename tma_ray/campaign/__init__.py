@@ -1,4 +1,4 @@
-"""Campaigns: cells become runs, and runs become actors on a Ray cluster. The only user of Ray.
+"""Campaigns, whose cells become runs and whose runs become Ray actors; no other package uses Ray.
 
 What is listed here is imported when it is first asked for: looking at a root needs none of it.
 """

@@ -1,4 +1,4 @@
-"""Estimated cost of a plan: speeds, hours, disk and memory.
+"""Estimated cost of a plan: speeds, hours, disk space and memory.
 
 Speeds come from a table, scaled to this machine, or are measured. ``python -m tma_ray.campaign.costs``
 measures in a separate process, and prints them as JSON.
@@ -38,7 +38,7 @@ from tma_ray.support.texts import counted, estimated_duration, hours_text, size_
 SpeedKey = tuple[Any, ...]
 """Properties of a run that determine its speed: environment with options and files, and student."""
 
-DEFAULT_BODY: Final = "classic_bipedal"  # body whose row serves bodies that the table lacks
+DEFAULT_BODY: Final = "classic_bipedal"  # body whose row is used for bodies that the table lacks
 REFERENCE_ROUNDS: Final = 247.0  # `machine_speed` of the table's machine
 
 LEARNER_SPEEDS: Final = {
@@ -59,7 +59,7 @@ PLAYER_SPEEDS: Final = 30_000.0, 20_000.0
 MEASURED_SECONDS = 0.6
 """Shortest measurement, s, after a warm-up of half that time."""
 
-MACHINE_SECONDS: Final = 0.4  # duration of `machine_speed`, s
+MACHINE_SECONDS: Final = 0.4  # time that `machine_speed` takes, s
 
 SMALLER: Final = {"exploration_steps": 1_000, "learning_starts": 1_000, "buffer_size": 50_000}
 """Largest values of students' hyper-parameters in a measurement."""
@@ -106,20 +106,20 @@ SpeedFinder = Callable[[Mapping[SpeedKey, RunSpec], ExecutionConfig, int], Mappi
 
 
 def speed_key(spec: RunSpec) -> SpeedKey:
-    """Return the properties of a run that determine its speed."""
+    """Return those properties of a run that determine its speed."""
     options, inputs = sorted(spec.environment_options.items()), sorted(spec.inputs.items())
     return spec.environment, repr(options), repr(inputs), spec.student
 
 
 def label_of(spec: RunSpec) -> str:
-    """Return student, environment and body of a run for display."""
+    """Return a run's student, environment and body as a label for display."""
     return f"{spec.student} on {spec.environment} {spec.embodiment}".strip()
 
 
 def known_speeds(
     examples: Mapping[SpeedKey, RunSpec], config: ExecutionConfig, at_once: int
 ) -> Mapping[SpeedKey, Throughput]:
-    """Return speeds from the table, scaled to this machine, and measure those that it lacks.
+    """Return speeds from the table, scaled to this machine, and measured speeds where the table lacks them.
 
     Raises:
         ValueError: if a measured run fails.
@@ -150,7 +150,7 @@ def measured_speeds(
     config: ExecutionConfig,
     at_once: int = 1,  # noqa: ARG001  # as of a `SpeedFinder`
 ) -> dict[SpeedKey, Throughput]:
-    """Benchmark each kind of run on this machine. Cohort speeds come from `LEARNER_SPEEDS`.
+    """Benchmark each kind of run on this machine, with the speeds of cohorts from `LEARNER_SPEEDS`.
 
     Each takes a few seconds, or half a minute if kernels must be compiled. A separate process measures, so
     that this one loads neither torch nor a GPU.
@@ -161,7 +161,7 @@ def measured_speeds(
     if not examples:
         return {}
     alone = config
-    if config.width or not is_available(config.device):  # as if sent to a cluster
+    if config.width or not is_available(config.device):  # as for runs sent to a cluster
         alone = replace(config, device="cpu", cohort=0, resources=replace(config.resources, gpus=0))
     specs = list(examples.values())
     request = pickle.dumps(([spec.to_dict() for spec in specs], alone, contents(specs), sys.path))
@@ -183,7 +183,7 @@ def measured_speeds(
 
 @cache
 def machine_speed(at_once: int) -> float:
-    """Return the speed of a core with `at_once` processes, in rounds of `ROUNDS` per second."""
+    """Return the speed of a core while `at_once` processes run, in rounds of `ROUNDS` per second."""
     processes = [
         subprocess.Popen(  # noqa: S603
             [sys.executable, "-c", ROUNDS, str(MACHINE_SECONDS)],
@@ -206,7 +206,7 @@ def measure(spec: RunSpec, config: ExecutionConfig) -> Throughput:
     values |= {name: min(values[name], most) for name, most in SMALLER.items() if name in values}
     if "updates" in values:
         values["updates"] = (
-            "interleaved"  # the updates due after a long episode take longer than a measurement
+            "interleaved"  # updates due after a long episode would take longer than a measurement
         )
     parts = base_name(spec.student), observations, actions, np.random.SeedSequence(0), values
     student = make_student(*parts, config.device, threads)
@@ -238,7 +238,7 @@ def measure(spec: RunSpec, config: ExecutionConfig) -> Throughput:
     training = training_speed(MEASURED_SECONDS)
     environment.close()
     playing = 0.0
-    for tasks in (spec.test_set.tasks[:1], spec.test_set.tasks[::10]):  # the first compiles
+    for tasks in (spec.test_set.tasks[:1], spec.test_set.tasks[::10]):  # the first pass compiles
         evaluation = Evaluation(replace(spec, test_set=replace(spec.test_set, tasks=tasks)))
         start = clock()
         steps = sum(row["length"] for row in evaluation(student.act_greedily))
@@ -250,7 +250,7 @@ def measure(spec: RunSpec, config: ExecutionConfig) -> Throughput:
 
 @cache
 def _table() -> Mapping[tuple[str, str], Throughput]:
-    """Return the shipped speeds of students on one core, by student and body."""
+    """Return the students' shipped speeds on one core, by student and body."""
     text = resources.files("tma_ray.campaign").joinpath("speeds.csv").read_text()
     return {
         (row["student"], row["embodiment"]): Throughput(
@@ -261,7 +261,7 @@ def _table() -> Mapping[tuple[str, str], Throughput]:
 
 
 def _shared(alone: Throughput, spec: RunSpec, config: ExecutionConfig) -> Throughput:
-    """Return the speed in a cohort if `config` has one, else `alone`."""
+    """Return the speed in a cohort if `config` uses cohorts, else `alone`."""
     if not config.width:
         return alone
     student, device = base_name(spec.student), config.device.partition(":")[0]
@@ -289,7 +289,7 @@ NETWORK_BYTES = 5e6  # size of a run's two checkpoints without a replay buffer (
 BUFFER_SHARE = 1.3
 """Size of both checkpoints as a multiple of the replay buffer's (measured)."""
 
-LONGEST_HOURS = 1.0  # longest time on this machine that needs no confirmation, h
+LONGEST_HOURS = 1.0  # longest time on this machine without a confirmation, h
 
 SLOWEST = Throughput("any", training=20, playing=2_000, transition_bytes=0, learner=20)
 """Lower bound of all speeds: plans of under an hour at this speed need no better estimate."""
@@ -356,7 +356,7 @@ def estimate(
     find_speeds: SpeedFinder | None = None,
     nodes: Nodes | None = None,
 ) -> Cost:
-    """Return the estimated cost of `plan`, without the milliseconds of teachers.
+    """Return the estimated cost of `plan`, neglecting the milliseconds that teachers take.
 
     Args:
         plan: runs to estimate.
@@ -381,7 +381,7 @@ def estimate(
     hours = learner_hours = disk = largest_buffer = 0.0
     for key, spec in examples.items():
         speed, schedule = throughputs[speed_key(spec)], spec.schedule
-        # before the first step, at each interval, and after the last
+        # before the first step, at the end of each interval, and after the last step
         tests = (math.ceil(schedule.steps / schedule.evaluation_interval) + 1) * len(spec.test_set)
         seconds = START_SECONDS + schedule.steps / speed.training + tests * TEST_STEPS / speed.playing
         hours += counts[key] * seconds / 3600
@@ -424,7 +424,7 @@ def estimate(
 
 
 def _learners_and_cores(config: ExecutionConfig, nodes: Nodes, runs: int) -> tuple[int, float]:
-    """Return the number of cohorts that `nodes` hold and the runs need, and the cores left for players."""
+    """Return the number of cohorts that `nodes` hold and the runs need, and the cores left to players."""
     player = config.player.cpus
     learners, free = 0, 0.0
     for node in nodes.resources:
@@ -440,7 +440,7 @@ def _learners_and_cores(config: ExecutionConfig, nodes: Nodes, runs: int) -> tup
 def quote(
     plan: Plan, results: str, config: ExecutionConfig, nodes: Nodes | None, *, whole: bool
 ) -> tuple[Cost | None, Cost | None]:
-    """Return the cost of all of `plan` if `whole`, and its `long_cost`, at the same speeds."""
+    """Return the cost of the whole plan (only if `whole`) and its `long_cost`, at the same speeds."""
     cost = estimate(plan, config, nodes=nodes) if whole else None
     return cost, long_cost(plan, results, config, cost.throughputs if cost else None, nodes)
 
@@ -452,7 +452,7 @@ def long_cost(
     speeds: Mapping[SpeedKey, Throughput] | None = None,
     nodes: Nodes | None = None,
 ) -> Cost | None:
-    """Return the cost of a plan's runs that `results` lacks, None if they take up to an hour here.
+    """Return the cost of a plan's runs that `results` lacks, or None if they take at most an hour here.
 
     See `estimate` for `speeds` and `nodes`.
 
@@ -472,18 +472,18 @@ def long_cost(
 
 
 def unfinished(plan: Plan, results: str) -> Plan:
-    """Return a plan of the runs that are not done in a results root; see `check_usable` for errors."""
+    """Return a plan of the runs not yet done in a results root; see `check_usable` for errors."""
     store = Store.open(results)
     check_usable(store)
     try:
         done = {record.run.run_id for record in Results(store).runs() if record.status is RunStatus.DONE}
-    except ResultsRootError:  # no root yet
+    except ResultsRootError:  # there is no root yet
         return plan
     return replace(plan, runs=tuple(spec for spec in plan.runs if spec.run_id not in done))
 
 
 def _main() -> None:
-    """Measure the runs on standard input, one after the other."""
+    """Measure the runs given on standard input, one after the other."""
     contents_of_specs, config, files, search_path = pickle.load(sys.stdin.buffer)
     sys.path[:] = dict.fromkeys((*sys.path, *search_path))
     provide(files)

@@ -52,7 +52,7 @@ def execute_plan(
     address: str | None = None,
     view: ProgressDisplay | None = None,
 ) -> Snapshot:
-    """Execute the runs of `plan` that a results root lacks; return the numbers of runs by outcome.
+    """Execute the runs of `plan` that a results root lacks, and return the number of runs by outcome.
 
     Invalid input is refused before the first step. Without an address, a Ray is started on this machine.
 
@@ -103,7 +103,7 @@ def execute_plan(
                 lease.release()
 
             stop = stack.enter_context(stop_signals())
-            if connection.is_own:  # a cluster may come back
+            if connection.is_own:  # an existing cluster may come back
                 watch = exit_on_head_loss(head, plan.name, BEGUN, grace=GRACE_SECONDS, conclude=conclude)
                 stack.enter_context(watch)
             return scheduler.execute(plan.runs, lambda: stop.is_set() or lease.asked_to_stop())
@@ -118,7 +118,7 @@ def check_installation() -> None:
         ConnectionError: if a node has another version or none.
     """
 
-    def installed() -> str:  # nested, so that Ray pickles it by value
+    def installed() -> str:  # nested so that Ray pickles it by value
         from importlib.metadata import version
 
         import tma_ray  # noqa: F401
@@ -142,7 +142,7 @@ def check_installation() -> None:
 
 
 def _submit(node: str, task: Any, *arguments: Any) -> Any:
-    """Return the future of a task on a node, by Ray's id, or on another node if that one is gone."""
+    """Return the future of a task on the node with a Ray id, or on another node if that one is gone."""
     strategy = NodeAffinitySchedulingStrategy(node, soft=True)
     return task.options(scheduling_strategy=strategy).remote(*arguments)
 
@@ -152,7 +152,7 @@ def _cause(error: RayError) -> Exception:
 
 
 def check_feasible(resources: Resources) -> None:
-    """Check that a node can hold a run, which Ray would otherwise queue forever.
+    """Check that some node can hold a run, since Ray would otherwise queue the run forever.
 
     Raises:
         ValueError: if a run needs more than any node has.
@@ -205,7 +205,7 @@ def _check_access(store: Store, nodes: Sequence[dict[str, Any]], probe: str | No
 
 
 def can_access(store: Store, probe: str | None) -> bool:
-    """Return True if this node sees the file `probe` of `store`; check the bucket if that is None."""
+    """Return True if this node sees the file `probe` of `store`, or can use the bucket if `probe` is None."""
     if probe is not None:
         return store.exists(probe)
     store.check_access()
@@ -217,7 +217,7 @@ _tried: set[tuple[str, object]] = set()
 
 
 def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
-    """Construct every environment of `specs` once on every node, and import every plug-in there.
+    """Construct every environment of `specs`, and import every plug-in, once on every node.
 
     This fills the nodes' compilation caches, so that actors do not all compile at once. The driver tries
     environments without plug-ins itself. Nodes that join later compile in their first run.
@@ -248,7 +248,7 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     for (node, recipe), spec in due.items():
         if (node, recipe) not in _tried:
             tasks[node].append(spec.to_dict())
-    # One call per process, which would keep imported plug-ins; one process per node, which is slow to start.
+    # One call per process, since it keeps imported plug-ins; one process per node, since it starts slowly.
     task, files = ray.remote(max_calls=1, num_cpus=0)(_try_all), contents(specs)
     try:
         ray.get([_submit(node, task, planned, files) for node, planned in tasks.items()])

@@ -1,4 +1,4 @@
-"""Planning, pricing and execution of the benchmark's experiments."""
+"""Planning, cost estimates and execution of the benchmark's experiments."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from tma_ray.support.component_names import nearest
 
 
 def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> int:
-    """Run the selected part of `experiment`, after printing its size and cost; see `run_plan`."""
+    """Print the size and cost of the selected part of `experiment`, and run it; see `run_plan`."""
     for reason in exclusions(experiment, options):
         print_line(reason)
     return run_plan(experiment_plan(experiment, options), str(options.results), options, show_cost=True)
@@ -52,7 +52,7 @@ def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
 
 
 def exclusions(experiment: Experiment, options: ExperimentOptions) -> list[str]:
-    """Return the reasons why the tier leaves out bodies that the options choose."""
+    """Return the reasons why the tier leaves out bodies that the options select."""
     reasons = experiment.size_at(options.tier).excluded_bodies
     bodies = {body for matrix in selected_matrices(experiment, options) for body in matrix.embodiments}
     return [reason for body, reason in reasons.items() if body in bodies & set(options.embodiments or bodies)]
@@ -107,14 +107,14 @@ def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptio
 
 
 def plan_and_cost(experiment: Experiment, options: ExperimentOptions) -> tuple[Plan, Cost]:
-    """Return the selected runs and their cost, on a cluster if the options have its address."""
+    """Return the selected runs and their estimated cost, on a cluster if the options include an address."""
     plan, config = experiment_plan(experiment, options), options.config()
     nodes = options.nodes(config.device) if options.address else None
     return plan, estimate(plan, config, nodes=nodes)
 
 
 def show_plan(title: str, plan: Plan, cost: Cost) -> None:
-    """Print the size of each experiment of a plan, and its cost."""
+    """Print the size of each experiment of a plan, and the plan's cost."""
     console, parts = terminal(), planned_experiments(plan)
     table = Table("experiment", box=None, pad_edge=False, header_style="bold")
     for heading in ("teachers", "cells", "with seeds", "executed", "steps"):

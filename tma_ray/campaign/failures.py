@@ -1,4 +1,4 @@
-"""Handling of failures: retries of lost runs and refused writes, silent runs, stop signals."""
+"""Handling of failures: retries of lost runs and failed writes, silent runs, and stop signals."""
 
 import logging
 import math
@@ -15,7 +15,7 @@ from tma_ray.runs.spec import RunSpec
 
 
 class HeadLostError(RuntimeError):
-    """Ray's head died, was stopped, or was silent for as long as Ray waits for it."""
+    """Ray's head died, was stopped, or has not answered for as long as Ray waits for it."""
 
 
 Arguments = ParamSpec("Arguments")
@@ -23,11 +23,11 @@ Result = TypeVar("Result")
 
 
 class OutageError(RuntimeError):
-    """The storage of a campaign's results failed for longer than its settings allow."""
+    """The storage of a campaign's results failed for longer than the settings allow."""
 
 
 class RetryingCommitter:
-    """Wrapper of a `Committer` that retries calls which the storage refuses.
+    """Wrapper around a `Committer` that repeats calls when the storage fails.
 
     It checks the lease on the root before every call: during a long outage another campaign may have
     acquired it.
@@ -39,7 +39,7 @@ class RetryingCommitter:
         self._seconds = seconds
 
     def keep_lease(self) -> None:
-        """Renew the lease, with the retries and errors of `call`."""
+        """Renew the lease, with the same retries and errors as `call`."""
         self._retry(self._keep_lease)
 
     def call(
@@ -90,11 +90,11 @@ class Retries:
 
     @property
     def specs(self) -> list[RunSpec]:
-        """Runs that wait."""
+        """Specs of the runs that wait."""
         return [spec for _, spec in self._pausing]
 
     def add_loss(self, spec: RunSpec, node: str) -> bool:
-        """Add a run that was lost on `node` (empty if unknown); return False if it is given up."""
+        """Add a run that was lost on `node` (empty if unknown), or return False if the run is given up."""
         self._lost_on.setdefault(spec.run_id, []).append(node)
         losses = self.losses(spec.run_id)
         if losses > self._most_losses:
@@ -103,14 +103,14 @@ class Retries:
         return True
 
     def due(self) -> list[RunSpec]:
-        """Remove and return the runs whose pause is over."""
+        """Remove and return the runs whose pause has ended."""
         now = self._clock()
         due = [spec for end, spec in self._pausing if end <= now]
         self._pausing = [(end, spec) for end, spec in self._pausing if end > now]
         return due
 
     def losses(self, run_id: str) -> int:
-        """Return the number of losses of a run."""
+        """Return how often a run was lost."""
         return len(self._lost_on.get(run_id, ()))
 
     def nodes_to_avoid(self, run_id: str) -> tuple[str, ...]:
@@ -125,7 +125,7 @@ logger = logging.getLogger(__name__)
 
 
 class SilentRuns:
-    """Runs that do not answer, given up after `most_seconds`."""
+    """Runs that do not answer and are given up after `most_seconds`."""
 
     def __init__(self, most_seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._most_seconds = most_seconds
@@ -134,7 +134,7 @@ class SilentRuns:
         self._logged = -math.inf
 
     def has_expired(self, run_id: str) -> bool:
-        """Record that a run did not answer; return True if it has been silent for too long.
+        """Record that a run did not answer, and return True if it has been silent for too long.
 
         All silent runs are logged once a minute.
         """
@@ -155,13 +155,13 @@ class SilentRuns:
         return now - since > self._most_seconds
 
     def end(self, run_id: str) -> None:
-        """Record that a run answers, or is lost."""
+        """Stop tracking a run, which has answered or is lost."""
         self._since.pop(run_id, None)
 
 
 @contextmanager
 def stop_signals() -> Iterator[threading.Event]:
-    """Context manager of an event set by the first SIGINT or SIGTERM; a second raises KeyboardInterrupt.
+    """Context manager of an event that a first SIGINT or SIGTERM sets; a second raises KeyboardInterrupt.
 
     Enter it after `ray.init`, which installs its own handlers. It does nothing outside the main thread,
     where Python cannot handle signals.

@@ -42,11 +42,11 @@ from tma_ray.tasks import KnowledgeLevel
 
 MAX_SEEDS = 100_000  # largest number of seeds that an option may name
 OFF = "off"  # value of ``--cohort`` for runs that learn alone
-SCHEDULE = tuple(field.name for field in fields(Schedule))  # attributes of the schedule's options
+SCHEDULE = tuple(field.name for field in fields(Schedule))  # attributes set by the schedule's options
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Return comma-separated names."""
+    """Parse comma-separated names."""
     listed = bodies(text)
     if not all(listed):
         raise refused(text, "expected names, separated by commas")
@@ -54,12 +54,12 @@ def names(text: str) -> tuple[str, ...]:
 
 
 def bodies(text: str) -> tuple[str, ...]:
-    """Return comma-separated names of bodies, which are empty for an environment without bodies."""
+    """Parse comma-separated names of bodies; an empty name stands for an environment without bodies."""
     return tuple(name.strip() for name in text.split(","))
 
 
 def parse_assignment(text: str) -> tuple[str, str]:
-    """Return name and value of NAME=VALUE.
+    """Return the name and value in NAME=VALUE.
 
     Examples:
         >>> parse_assignment("swinging_creepers=true")
@@ -72,7 +72,7 @@ def parse_assignment(text: str) -> tuple[str, str]:
 
 
 def parse_space(text: str) -> dict[str, tuple[float, float]]:
-    """Return the bounds of a task space.
+    """Parse the bounds of a task space.
 
     Examples:
         >>> parse_space("stump_height=0:0.3,obstacle_spacing=3:6")
@@ -95,16 +95,16 @@ def parse_space(text: str) -> dict[str, tuple[float, float]]:
 
 
 def parse_hours(text: str) -> float:
-    """Return the hours of a time such as 8h, 30min or 8."""
+    """Return the number of hours in a text such as 8h, 30min or 8."""
     match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(h|min)?", text.strip())
     hours = float(match[1]) / (60 if match[2] == "min" else 1) if match else 0.0
-    if not 0 < hours < 100_000:  # more is a slip
+    if not 0 < hours < 100_000:  # a larger number must be a mistake
         raise refused(text, "expected a time such as 8h or 30min")
     return hours
 
 
 def parse_points(text: str) -> float:
-    """Return a margin in percentage points."""
+    """Parse a margin in percentage points."""
     points = float(text) if re.fullmatch(r"\d+(\.\d+)?", text.strip()) else 0.0
     if not 0 < points < 100:
         raise refused(text, "expected points of mastered tasks, over 0 and under 100")
@@ -112,7 +112,7 @@ def parse_points(text: str) -> float:
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
-    """Return the first seeds ("4"), or the listed ones ("8-11", "0,5").
+    """Parse a number of seeds ("4") or a list of seeds ("8-11", "0,5").
 
     Examples:
         >>> parse_seeds("3"), parse_seeds("8-10"), parse_seeds("0,5")
@@ -132,7 +132,7 @@ def parse_seeds(text: str) -> tuple[int, ...]:
 
 
 def parse_levels(names: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
-    """Return levels of expert knowledge by name."""
+    """Parse the names of levels of expert knowledge."""
     unknown = [name for name in names if name not in list(KnowledgeLevel)]
     if unknown:
         raise ValueError(
@@ -143,20 +143,20 @@ def parse_levels(names: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
 
 
 def parse_device(text: str) -> str:
-    """Return torch's name of a device, which this machine need not have."""
+    """Parse torch's name of a device, which this machine need not have."""
     check_device(text)
     return text
 
 
 def parse_results(text: str) -> str:
-    """Return a results root to write to, an address or a folder, which need not exist."""
+    """Parse the folder or address of a results root to write to, which need not exist."""
     if "://" not in root(text):
         Store.open(text).check_location()
     return text
 
 
 def parse_source(text: str) -> str:
-    """Return an existing results root or release to read."""
+    """Parse the folder or address of an existing results root or release to read."""
     try:
         check_root(Store.open(root(text)))
     except OSError as error:
@@ -165,13 +165,13 @@ def parse_source(text: str) -> str:
 
 
 def parse_address(text: str) -> str:
-    """Return the address of a Ray cluster, which need not answer."""
+    """Parse the address of a Ray cluster, which need not be reachable."""
     host_and_port(text)
     return text
 
 
 def parse_cohort(text: str) -> int:
-    """Return the width of a cohort, 0 for "off".
+    """Parse the width of a cohort, with 0 for "off".
 
     Examples:
         >>> parse_cohort("48"), parse_cohort("off")
@@ -210,7 +210,7 @@ Yes = Annotated[
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ScheduleOptions:
-    """Options of the schedule; None for the run's default.
+    """Options of the schedule, where None stands for the run's default.
 
     Attributes:
         steps: training budget of each run, in environment steps
@@ -253,7 +253,7 @@ class CellOptions:
     test_set: Annotated[str | None, value(named("the name of a test set"), "NAME", **WHAT)] = None
 
     def environment_name(self, name: str) -> str:
-        """Return the name of an environment with these options."""
+        """Return an environment's name with these options."""
         return name + "".join(join_name("", {key: text}) for key, text in self.environment_option)
 
 
@@ -295,7 +295,7 @@ class RunOptions(CellOptions, ScheduleOptions):
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ChoiceOptions(ScheduleOptions):
-    """Options that select cells; None for all.
+    """Options that select cells, where None selects all.
 
     Attributes:
         teachers: teachers, with hyper-parameters if wanted, as in alp_gmm:fit_every=100,riac
@@ -375,11 +375,11 @@ class ExecutionOptions:
         )
 
     def chosen_address(self) -> str | None:
-        """Return the cluster's address, None for this machine."""
+        """Return the cluster's address, or None for this machine."""
         return None if self.local else self.address or os.environ.get("RAY_ADDRESS") or None
 
     def nodes(self, device: str) -> Nodes | None:
-        """Return the cluster's nodes for runs on `device`, None for this machine or a dry run.
+        """Return the cluster's nodes for runs on `device`, or None for this machine and for dry runs.
 
         Raises:
             ValueError: if the address is malformed.
@@ -388,7 +388,7 @@ class ExecutionOptions:
         address = self.chosen_address()
         if address is None or self.dry_run:
             return None
-        from tma_ray.campaign.cluster.nodes import cluster_nodes  # deferred: ray
+        from tma_ray.campaign.cluster.nodes import cluster_nodes  # imported late, since it imports ray
 
         check_address(address)
         return cluster_nodes(address, gpus=device != "cpu", autoscaling=self.autoscaling)
@@ -457,7 +457,7 @@ EXECUTION_DEFAULTS = {
 
 
 def flag(name: str) -> str:
-    """Return the option of an attribute."""
+    """Return the command-line option that sets an attribute."""
     return f"--{name.replace('_', '-')}"
 
 
@@ -468,12 +468,12 @@ EXPERIMENT_DEFAULTS = EXECUTION_DEFAULTS | {
 
 
 def schedule_defaults(schedule: Schedule) -> dict[str, str]:
-    """Return the values of a schedule for a help text, by option."""
+    """Return a schedule's values by option, for a help text."""
     return {flag(name): f"{getattr(schedule, name):,}" for name in SCHEDULE}
 
 
 def campaign_defaults(campaign: CampaignSpec) -> dict[str, str]:
-    """Return the values of a campaign for a help text, by option."""
+    """Return a campaign's values by option, for a help text."""
     options = ("teachers", "students", "challenges", "embodiments", "expert_knowledge", "environment")
     defaults = {}
     for name in options:

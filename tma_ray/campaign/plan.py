@@ -1,4 +1,4 @@
-"""Campaigns as data, from cells or the benchmark's matrices, and their plans of runs."""
+"""Campaigns as data, made of cells or the benchmark's matrices, and the plans of their runs."""
 
 import itertools
 import os
@@ -40,7 +40,7 @@ class Plan:
 
     @property
     def steps(self) -> int:
-        """Environment steps of all runs."""
+        """Total environment steps of all runs."""
         return sum(spec.schedule.steps for spec in self.runs)
 
     @property
@@ -63,7 +63,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class CampaignSpec:
-    """Set of cells with seeds and a budget.
+    """A set of cells with seeds and a budget.
 
     Attributes:
         name: letters, digits, "_" and "-"; part of file names.
@@ -97,7 +97,7 @@ class CampaignSpec:
             )
 
     def plan(self) -> Plan:
-        """Return the distinct runs of all cells and seeds.
+        """Return the plan of the distinct runs of all cells and seeds.
 
         Raises:
             ValueError: if a cell cannot run.
@@ -139,12 +139,12 @@ def cells_of(
 
 
 def lease_holder(campaign: str) -> str:
-    """Return the name of a campaign's lease on a root."""
+    """Return the name under which a campaign holds the lease of a root."""
     return f"campaign {campaign!r} on {platform.node()}, process {os.getpid()}"
 
 
 def cell_row(experiment: str, cell: Cell, spec: RunSpec) -> dict[str, Any]:
-    """Return a row of the table of cells, with canonical names and the requested level of knowledge."""
+    """Return a row for the table of cells, with canonical names and the requested level of knowledge."""
     names = ("environment", "challenge", "embodiment", "student", "teacher", "seed", "run_id")
     requested = {"experiment": experiment, "expert_knowledge": cell.expert_knowledge.value}
     return {name: getattr(spec, name) for name in names} | requested
@@ -156,7 +156,7 @@ def matrix_cells(
     teacher_hyperparameters: Mapping[str, Any] | None = None,
     student_hyperparameters: Mapping[str, Any] | None = None,
 ) -> tuple[Cell, ...]:
-    """Return the cells of one point of `matrix`, without teachers that lack expert knowledge.
+    """Return the cells at one point of `matrix`, leaving out teachers that lack their expert knowledge.
 
     Args:
         matrix: matrix to run.
@@ -198,7 +198,7 @@ def matrix_cells(
 def matrix_campaigns(
     matrices: Iterable[Matrix], teachers: Sequence[str] = (), schedule: Schedule | None = None
 ) -> tuple[CampaignSpec, ...]:
-    """Return a campaign for each grid point of `matrices` that any teacher can run.
+    """Return one campaign per grid point of `matrices`, leaving out points that no teacher can run.
 
     Args:
         matrices: matrices to run.
@@ -209,7 +209,7 @@ def matrix_campaigns(
         UnknownNameError: if a teacher is unknown.
     """
     for teacher in teachers:
-        TEACHERS.get(teacher)  # raises even if no matrix would use it
+        TEACHERS.get(teacher)  # raises an error for an unknown teacher even if no matrix would use it
     campaigns = []
     for matrix in matrices:
         points, timing = matrix.points(), schedule or Schedule()
@@ -222,7 +222,7 @@ def matrix_campaigns(
 
 
 def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
-    """Return one plan for all of `campaigns`, as experiments of the campaign `name`.
+    """Join `campaigns` into one plan, as experiments of the campaign `name`.
 
     All cells' first seeds come before all second seeds, so that unfinished experiments can be compared.
 

@@ -1,4 +1,4 @@
-"""Progress of campaigns, live in their drivers, or read from a results root on any machine."""
+"""Progress of campaigns, shown live by their driver or read from a results root on any machine."""
 
 import math
 import time
@@ -35,7 +35,7 @@ from tma_ray.support.texts import duration
 
 
 def learner_line(learner: LearnerProgress) -> str:
-    """Return the progress of a cohort's learner in one line."""
+    """Describe the progress of a cohort's learner in one line."""
     kind = "memory" if learner.device == "cpu" else "GPU memory"
     return (
         f"learner on {learner.host}, {learner.device}: {learner.runs} of {learner.width} slots, "
@@ -49,7 +49,7 @@ MAX_ROWS = 20  # largest number of runs shown on a terminal
 
 @dataclass(frozen=True)
 class ActiveRun:
-    """Running run with its budget in steps and its status."""
+    """A running run with its budget in steps and its status."""
 
     run_id: str
     steps: int
@@ -58,7 +58,7 @@ class ActiveRun:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Progress of a campaign at one moment.
+    """Progress of a campaign at one point in time.
 
     Attributes:
         total: runs of the campaign.
@@ -83,7 +83,7 @@ class Snapshot:
     learners: Sequence[LearnerProgress] = ()
 
     def headline(self) -> str:
-        """Return the progress in one line, with the time left at the current speed."""
+        """Describe the progress in one line, with the time left at the current speed."""
         parts = [f"{self.done}/{self.total} runs done"]
         parts += [f"{self.failed} failed"] if self.failed else []
         parts += [f"{self.stopped} stopped"] if self.stopped else []
@@ -104,7 +104,7 @@ class ProgressDisplay(Protocol):
         """Show a snapshot."""
 
     def close(self, snapshot: Snapshot) -> None:
-        """Show the last snapshot."""
+        """Show the final snapshot."""
 
 
 class HiddenProgress:
@@ -118,7 +118,7 @@ class HiddenProgress:
 
 
 class PublishedProgress:
-    """Display that writes heartbeats into the results root, and passes snapshots to another display."""
+    """Display that writes heartbeats to the results root, and passes snapshots on to another display."""
 
     def __init__(self, view: ProgressDisplay, heartbeat: HeartbeatWriter) -> None:
         self._view = view
@@ -133,13 +133,13 @@ class PublishedProgress:
         self._view.update(snapshot)
 
     def close(self, snapshot: Snapshot) -> None:
-        """Show the last snapshot."""
+        """Show the final snapshot."""
         self._heartbeat.end()
         self._view.close(snapshot)
 
 
 class ProgressView:
-    """Display with a live table on a terminal, or a line every `line_seconds` otherwise."""
+    """Display that shows a live table on a terminal, and otherwise prints a line every `line_seconds`."""
 
     def __init__(self, console: Console | None = None, line_seconds: float = 15.0) -> None:
         self._console = terminal(console)
@@ -173,7 +173,7 @@ class ProgressView:
         self._live.update(shown, refresh=True)
 
     def close(self, snapshot: Snapshot) -> None:
-        """Show the last snapshot and end the live table."""
+        """Show the final snapshot and end the live table."""
         if self._live is not None and self._started:
             self._live.update(Text(snapshot.headline()), refresh=True)
             self._live.stop()
@@ -187,7 +187,7 @@ class ProgressView:
 CELL_COLUMNS = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
 """Columns that identify a cell."""
 
-INTERRUPTED = "interrupted"  # state of an unfinished run whose last attempt or campaign has ended
+INTERRUPTED = "interrupted"  # state of an unfinished run after its last attempt or its campaign has ended
 WAITING = "waiting"  # state of a run that was never started
 
 
@@ -234,12 +234,12 @@ class Overview:
 
 
 def overview(root: str | Path, now: float) -> Overview:
-    """Return the state of a root at `now`, s since 1970."""
+    """Return the state of a root at the Unix time `now`."""
     return Observer(root).overview(now)
 
 
 class Observer:
-    """Reader of a root's state that rereads only changed files."""
+    """Reader of a root's state that rereads only files that have changed."""
 
     def __init__(self, root: str | Path) -> None:
         self._store = Store.open(root)
@@ -248,7 +248,7 @@ class Observer:
         self._cached: dict[Table, tuple[object, list[dict[str, Any]]]] = {}
 
     def overview(self, now: float) -> Overview:
-        """Return the state of the root at `now`, s since 1970.
+        """Return the state of the root at the Unix time `now`.
 
         Raises:
             ResultsRootError: if the root does not exist, or has another version.
@@ -281,7 +281,7 @@ class Observer:
         return Overview(campaigns, heartbeat, TrialFile.load(self._store))
 
     def _rows(self, table: Table, unfinished: Collection[str], *which: Any) -> list[dict[str, Any]]:
-        """Return rows of a table, cached until one of its files or a run's state changes."""
+        """Return the rows of a table, cached until one of its files or a run's state changes."""
         assert self._results is not None
         version = self._store.stamps(f"{TABLES}/{table}"), list(unfinished)
         if table not in self._cached or self._cached[table][0] != version:
@@ -303,13 +303,13 @@ class Observer:
 
 
 STATES = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAITING)
-MAX_ERRORS, MAX_RUNS = 5, 3  # largest numbers of errors, and of runs of each, that are listed
+MAX_ERRORS, MAX_RUNS = 5, 3  # largest number of errors listed, and of runs listed per error
 MIN_NAME_WIDTH = 32  # width of the first column, in characters
-REFRESH_SECONDS = 5.0  # time between two updates of a watched status, s
+REFRESH_SECONDS = 5.0  # time between two updates of a status that is watched, s
 
 
 def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:
-    """Print the state of a root's campaigns and the causes of failures; return True if runs failed.
+    """Print the state of a root's campaigns and the causes of failures, and return True if runs failed.
 
     With `cells` there is a line for every cell, instead of one for all teachers.
     """
@@ -347,7 +347,7 @@ def _status_page(root: str | Path, overview: Overview, cells: bool, now: float) 
         runs = _distinct(chain.from_iterable(by_cell.values()))
         done = sum(run.state == RunStatus.DONE for run in runs)
         speed = sum(run.steps_per_second for run in runs)
-        budget = max((run.steps for run in runs), default=0)  # assumed for waiting runs
+        budget = max((run.steps for run in runs), default=0)  # also assumed for waiting runs
         left = sum((run.steps or budget) - run.step for run in runs if run.state != RunStatus.FAILED)
         eta = f", {speed:,.0f} steps/s, about {duration(left / speed)} left" if speed else ""
         headline = f"\ncampaign {campaign}: {done}/{len(runs)} runs done{eta}"
@@ -372,7 +372,7 @@ def _heartbeat_line(heartbeat: Heartbeat | None, now: float) -> str:
 
 
 def _grid(groups: dict[str, list[RunState]]) -> Grid:
-    """Return a table with a line per group and a column per occurring state."""
+    """Return a table with a row per group and a column per state that occurs."""
     members = {name: _distinct(runs) for name, runs in groups.items()}
     counts = {name: Counter(run.state for run in runs) for name, runs in members.items()}
     states = [state for state in STATES if any(count[state] for count in counts.values())]
@@ -388,7 +388,7 @@ def _grid(groups: dict[str, list[RunState]]) -> Grid:
 
 
 def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
-    """Yield the errors, most frequent first, and commands to inspect and repeat their runs."""
+    """Yield the errors, most frequent first, with commands to inspect and repeat the failed runs."""
     kinds: dict[str, list[str]] = {}
     for run in runs:
         if run.state == RunStatus.FAILED:
@@ -406,7 +406,7 @@ def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
 
 
 def _distinct(runs: Sequence[RunState] | Iterator[RunState]) -> list[RunState]:
-    """Return every run once, since cells may share runs."""
+    """Return each run once, since cells may share runs."""
     return list({run.run_id: run for run in runs}.values())
 
 

@@ -1,4 +1,4 @@
-"""Plans that repeat a release for other teachers, or unfinished runs of a results root."""
+"""Plans that repeat a release with other teachers, or the unfinished runs of a results root."""
 
 import json
 from collections.abc import Collection, Iterator, Sequence
@@ -23,7 +23,7 @@ COMPONENT_FIELDS = ("plugins", "algorithm_versions", "inputs")  # fields with an
 
 @dataclass(frozen=True)
 class _Setting:
-    """Cells of a release that differ only in teacher and seed, with the spec of one and the seeds of all."""
+    """Cells of a release that differ only in teacher and seed, with the spec of one run and all seeds."""
 
     experiment: str
     level: KnowledgeLevel
@@ -39,7 +39,7 @@ def like_plan(
     challenges: Collection[str] = (),
     seeds: Collection[int] = (),
 ) -> Plan:
-    """Return the runs of `teachers` on a release's cells, with its seeds and settings.
+    """Return the runs of `teachers` on a release's cells, with the same seeds and settings.
 
     All cells' first seeds come before all second seeds.
 
@@ -84,7 +84,7 @@ def _check_released(kind: str, values: Collection[Any], released: Collection[Any
 def trial_plan(
     name: str, released: Results, teacher: str, places: Sequence[tuple[str, ...]], seeds: Sequence[int]
 ) -> Plan:
-    """Return the runs of `teacher` on cells of a release with other seeds, cell by cell.
+    """Return, cell by cell, the runs of `teacher` on cells of a release with other seeds.
 
     Args:
         name: name of the campaign.
@@ -145,7 +145,7 @@ def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
 
 
 def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[RunSpec, dict[str, Any]]]:
-    """Yield the spec of each seed of a cell, and its row in the table of cells.
+    """Yield the spec of each seed of a cell, and the run's row in the table of cells.
 
     Raises:
         ValueError: if they differ from the release's runs in more than the teacher.
@@ -191,7 +191,7 @@ RELEASED_OPTIONS = (
 
 
 def run_like(name: str, release: str, core: Collection[str], options: CampaignOptions) -> int:
-    """Run the selected cells and seeds of a release; return the exit code.
+    """Run the selected cells and seeds of a release, and return the exit code.
 
     See `like_plan` and `run_plan` for further errors.
 
@@ -212,7 +212,7 @@ def run_like(name: str, release: str, core: Collection[str], options: CampaignOp
 
 
 def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
-    """Return the plan of unfinished runs of a root, given by ids or prefixes, and all that `failed`.
+    """Return a plan of a root's unfinished runs: those given by id or prefix, plus failed ones if `failed`.
 
     Raises:
         ValueError: if nothing is named, a run does not exist or is done, or a plug-in was edited, which makes

@@ -1,4 +1,4 @@
-"""Scheduling of runs: execution, commits of results, repeated attempts after losses."""
+"""Scheduling of runs: their execution, the commits of results, and new attempts after losses."""
 
 import logging
 import time
@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass
 class _Running:
-    """A run with its current attempt and last report."""
+    """A run with its current attempt and latest report."""
 
     spec: RunSpec
     number: int
@@ -56,7 +56,7 @@ class Scheduler:
         self._done = self._failed = self._stopped = 0
 
     def execute(self, specs: Sequence[RunSpec], stop_requested: Callable[[], bool]) -> Snapshot:
-        """Execute in order those `specs` whose results the root lacks; return the counts of outcomes.
+        """Execute, in order, those `specs` whose results the root lacks, and return the counts of outcomes.
 
         Once `stop_requested` returns True, runs stop with a checkpoint and nothing new starts.
 
@@ -79,13 +79,13 @@ class Scheduler:
             self._record_lost()
             self._running.clear()
             raise
-        finally:  # even after an error, no attempt outlives its campaign
+        finally:  # no attempt outlives its campaign, even after an error
             self._executor.close()
             self._view.close(self._snapshot())
         return self._snapshot()
 
     def record_loss(self) -> None:
-        """Record all runs as lost and close the view, while another thread waits for Ray."""
+        """Record all runs as lost and close the display, while another thread waits for Ray."""
         self._record_lost()
         self._view.close(self._snapshot())
 
@@ -98,7 +98,7 @@ class Scheduler:
             self._running[spec.run_id] = _Running(spec, number, datetime.now(UTC))
 
     def _poll(self, seconds: float) -> None:
-        """Commit the executor's events of the next `seconds`, and show the progress."""
+        """Commit what the executor reports within the next `seconds`, and show the progress."""
         events = self._executor.poll(seconds, last=not (self._waiting or self._retries))
         self._committer.keep_lease()
         for event in events:
@@ -119,7 +119,7 @@ class Scheduler:
             self._committer.call(Committer.finish, record, number, ending.files)
             Checkpoints(self._store, record.run_id, number).drop()
             self._done += 1
-        if ending.without_fault and running.report is None:  # it has not begun
+        if ending.without_fault and running.report is None:  # the run has not begun
             self._committer.call(Committer.withdraw, record.run_id, number)
         else:
             self._record(running, ending.outcome)
@@ -145,7 +145,7 @@ class Scheduler:
             self._fail(running, f"it was lost {self._retries.losses(loss.run_id)} times, last: {loss.reason}")
 
     def _stop(self) -> None:
-        """Request checkpoints of all runs and wait for them, for the grace period at most."""
+        """Request checkpoints of all runs, and wait for them during at most the grace period."""
         self._executor.stop()
         deadline = time.monotonic() + self._settings.grace_seconds
         while self._running and time.monotonic() < deadline:
@@ -157,7 +157,7 @@ class Scheduler:
             self._record(running, AttemptOutcome.LOST)
 
     def _record(self, running: _Running, outcome: AttemptOutcome) -> None:
-        """Write the row of an attempt, with only its start before the first report."""
+        """Write the row of an attempt, which has only a start time before the first report."""
         if running.report is None:
             run_id, started_at = running.spec.run_id, running.started_at
             record = AttemptRecord(run_id, running.number, started_at, 0.0, 0.0, "", "{}", outcome)

@@ -42,7 +42,7 @@ from tma_ray.support.texts import counted
 
 @dataclass(frozen=True)
 class Campaign(CampaignSpec):
-    """A campaign with the command line of a script, `main`; see `CampaignSpec` for its attributes."""
+    """A campaign with a command line for scripts, `main`; see `CampaignSpec` for its attributes."""
 
     def main(self, arguments: Sequence[str] | None = None) -> None:
         """Run the campaign as a script with the shared options, and exit.
@@ -68,12 +68,12 @@ def script(campaign: CampaignSpec) -> App:
 
 
 def execute(campaign: CampaignSpec, options: CampaignOptions) -> int:
-    """Run the selected part of `campaign`; return the exit code."""
+    """Run the selected part of `campaign`, and return the exit code."""
     return run_plan(chosen_campaign(campaign, options).plan(), str(options.results), options)
 
 
 def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, show_cost: bool = False) -> int:
-    """Print the size of `plan` and run it; return the exit code, as of `Campaign.main`.
+    """Print the size of `plan`, run it, and return the same exit code as `Campaign.main`.
 
     Over an hour on this machine must be confirmed, on a cluster by ``--yes``. With `show_cost` the whole
     cost is printed, even if short.
@@ -109,7 +109,7 @@ def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, show_cost: 
 
 
 def copy_released(store: Store, options: ExecutionOptions) -> str:
-    """Copy the runs of `options.start_from` to `store`, except in a dry run; return a line to print."""
+    """Copy the runs of `options.start_from` to `store`, except in a dry run, and return a line to print."""
     if not options.start_from or options.dry_run:
         return ""
     source = Store.open(options.start_from)
@@ -117,7 +117,7 @@ def copy_released(store: Store, options: ExecutionOptions) -> str:
 
 
 def confirm(name: str, cost: Cost, *, yes: bool, address: str | None = None) -> None:
-    """Ask at the terminal whether to start a long campaign, unless `yes`.
+    """Ask in the terminal whether to start a long campaign, unless `yes` is set.
 
     With a cluster's `address` it does not ask: nobody watches the terminal of ``ray submit --tmux``.
 
@@ -135,11 +135,11 @@ def confirm(name: str, cost: Cost, *, yes: bool, address: str | None = None) -> 
 
 def execute_and_report(plan: Plan, results: str, config: ExecutionConfig, address: str | None) -> int:
     """Execute `plan`, print why it ended early if it did, and return the exit code."""
-    from tma_ray.campaign.execution import execute_plan  # deferred: ray
+    from tma_ray.campaign.execution import execute_plan  # imported late, since it imports ray
 
     try:
         outcome = execute_plan(plan, results, config, address)
-    except KeyboardInterrupt:  # the second one: runs continue from their previous checkpoints
+    except KeyboardInterrupt:  # the second Ctrl-C: runs will continue from their previous checkpoints
         return INTERRUPTED
     except OutageError as error:
         sys.stderr.write(f"{plan.name}: {error}\n")
@@ -162,11 +162,11 @@ def execute_and_report(plan: Plan, results: str, config: ExecutionConfig, addres
 
 
 class SingleRunError(RuntimeError):
-    """A single run failed; the cause is the error that it raised."""
+    """A single run failed; the cause of this error is what the run raised."""
 
 
 def confirmed_single(options: RunOptions) -> tuple[Plan, Placement]:
-    """Return plan and placement of the run of ``tma-ray run``, after confirmation of a long one.
+    """Return the plan and placement of the run of ``tma-ray run``, asking for confirmation if it is long.
 
     Raises:
         ValueError: if the run is impossible, or long and not confirmed.
@@ -193,7 +193,7 @@ def confirmed_single(options: RunOptions) -> tuple[Plan, Placement]:
 
 
 def run_single(options: RunOptions) -> int:
-    """Execute the run of ``tma-ray run``; return the exit code.
+    """Execute the run of ``tma-ray run``, and return the exit code.
 
     Raises:
         ValueError: if the run is impossible, or long and not confirmed.
@@ -219,7 +219,7 @@ def run_single(options: RunOptions) -> int:
 def execute_single(
     plan: Plan, results: str | Path, placement: Placement, view: ProgressDisplay
 ) -> AttemptOutcome:
-    """Execute the only run of a plan in this process; return its outcome.
+    """Execute the only run of a plan in this process, and return its outcome.
 
     Args:
         plan: plan of one run.

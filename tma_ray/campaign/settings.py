@@ -13,7 +13,7 @@ from tma_ray.support.validation import check_fields
 
 GIB = 2**30
 
-PLENTY: Final = float(sys.maxsize)  # memory that suffices for any run, in bytes
+PLENTY: Final = float(sys.maxsize)  # more memory than any run needs, in bytes
 
 AUTOSCALING_QUEUE = 64
 """Queued runs on an autoscaling cluster, which would add nodes one by one for a single run."""
@@ -22,7 +22,7 @@ COHORT_WIDTH = CohortSettings.width  # default number of slots of a cohort on a 
 
 
 class TeacherPlacement(StrEnum):
-    """Placement of teachers; results do not depend on it."""
+    """Placement of teachers, which does not affect results."""
 
     ACTOR = "actor"
     """In a separate actor on the run's node."""
@@ -66,7 +66,7 @@ class Resources:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Nodes for which a cost is estimated.
+    """Nodes for which costs are estimated.
 
     Attributes:
         resources: Ray's resources of each node, with memory in bytes.

@@ -1,4 +1,4 @@
-"""Simulated runs as a results root, for rankings, comparisons and releases."""
+"""Results roots of simulated runs, for rankings, comparisons and releases."""
 
 import json
 import re
@@ -35,7 +35,7 @@ FRACTION = 64
 
 
 class SimulatedRoot:
-    """Results root of simulated runs, written one by one, with expected returns and average episode lengths.
+    """Results root of simulated runs that are written one by one, with expected returns and episode lengths.
 
     Raises:
         ResultsRootError: if the folder has other files.
@@ -71,12 +71,12 @@ class SimulatedRoot:
         self._committer.write_cells(CAMPAIGN, rows)
 
     def kept(self) -> list[SimulatedRun]:
-        """Return the planned runs in the root."""
+        """Return those planned runs that the root has."""
         done = self._committer.done(_record(run, self._episodes).run_id for run in self._planned)
         return played_runs(Results(self._committer.store), done)
 
     def add(self, run: SimulatedRun) -> None:
-        """Write a run unless the root has it."""
+        """Write a run unless the root already has it."""
         record = _record(run, self._episodes)
         plugin = TEACHERS.plugin(run.teacher)
         if plugin is not None:
@@ -102,7 +102,7 @@ class SimulatedRoot:
 
 
 def played_runs(results: Results, run_ids: Collection[str] | None = None) -> list[SimulatedRun]:
-    """Return the finished runs of simulated students in a results root or a release."""
+    """Return the finished runs of simulated students in a results root or release."""
     records = {m.run.run_id: m.run for m in results.runs() if m.status is RunStatus.DONE}
     columns = ["run_id", "step", "task_index", "episodic_return"]
     table = results.table(Table.EVALUATIONS, run_ids, columns).to_pandas().sort_values(columns[:3])
@@ -116,7 +116,7 @@ def played_runs(results: Results, run_ids: Collection[str] | None = None) -> lis
 
 
 def _record(run: SimulatedRun, episodes: int) -> RunRecord:
-    """Return the record of a run, with a spec that has the names of a `RunSpec`."""
+    """Return the record of a run, with a spec that has the same keys as a `RunSpec`."""
     challenge = find_simulated_challenge(run.challenge)
     tests = challenge.tests()
     plugin = TEACHERS.plugin(run.teacher)

@@ -1,4 +1,4 @@
-"""Execution of a trial's interim looks within a budget."""
+"""Execution of a trial's interim looks, within a budget."""
 
 import re
 import time
@@ -18,16 +18,16 @@ from tma_ray.results import NotRunningError, Store, ask_to_stop
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.testing import EPISODES, find_simulated_challenge, matrix
 
-Judge = Callable[[], bool]  # function that evaluates the looks so far, and returns True to end the trial
+Judge = Callable[[], bool]  # evaluates the looks so far, and returns True to end the trial
 
 
 def campaign_of(teacher: str) -> str:
-    """Return the name of a trial's campaign, unique per teacher since a release may take several trials."""
+    """Return the name of a trial's campaign, unique per teacher since a release may have several trials."""
     return f"trial_{re.sub('[^0-9a-z]+', '_', teacher.lower()).strip('_')}"
 
 
 class TrialRuns:
-    """Runs of a trial with their execution.
+    """Runs of a trial and how they are executed.
 
     Args:
         plans: runs up to each look, including those of earlier looks.
@@ -41,11 +41,11 @@ class TrialRuns:
 
     @cached_property
     def nodes(self) -> Nodes | None:
-        """Nodes of the cluster, None for this machine."""
+        """Nodes of the cluster, or None for this machine."""
         return self._options.nodes(self.config.device)
 
     def remaining(self) -> list[Plan]:
-        """Return the unfinished runs up to each look.
+        """Return the runs up to each look that are unfinished.
 
         Raises:
             ResultsRootError: if the results root belongs to something else.
@@ -53,18 +53,18 @@ class TrialRuns:
         return [unfinished(plan, self.results) for plan in self.plans]
 
     def cost(self) -> Cost | None:
-        """Return the cost of all unfinished runs, None if nothing is left."""
+        """Return the cost of all unfinished runs, or None if nothing is left."""
         left = self.remaining()[-1]
         return estimate(left, self.config, nodes=self.nodes) if left.runs else None
 
     def hours(self, plan: Plan, cost: Cost | None) -> float:
-        """Return the estimated time of a plan at the speeds of another cost, h."""
+        """Return the estimated time of a plan in hours, at the speeds of another cost."""
         speeds = cost.throughputs if cost else None
         return estimate(plan, self.config, speeds, nodes=self.nodes).wall_hours if plan.runs else 0.0
 
 
 def affordable_look(trial: TrialRuns, cost: Cost | None) -> int | None:
-    """Return the index of the last look within the budget, None for all."""
+    """Return the index of the last look within the budget, or None for all looks."""
     if cost is None or not trial.budget:
         return None
     hours = [trial.hours(plan, cost) for plan in trial.remaining()]
@@ -72,7 +72,7 @@ def affordable_look(trial: TrialRuns, cost: Cost | None) -> int | None:
 
 
 def run_looks(trial: TrialRuns, cost: Cost | None, judge: Judge) -> int:
-    """Run and evaluate each look until the trial stops or its budget is spent; return the exit code.
+    """Run and evaluate looks until the trial stops or its budget is spent, and return the exit code.
 
     A look starts only if the budget suffices for its missing runs. One that takes longer than estimated is
     stopped with checkpoints, and the same command continues it.
@@ -100,7 +100,7 @@ def run_looks(trial: TrialRuns, cost: Cost | None, judge: Judge) -> int:
 
 @contextmanager
 def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
-    """Context manager that stops the campaign on a results root at a time of the monotonic clock."""
+    """Context manager that stops the campaign on a results root at a given time of the monotonic clock."""
     if deadline is None:
         yield
         return
@@ -119,7 +119,7 @@ def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
 
 
 def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[matrix.SimulatedCell]:
-    """Return the cells of a trial on simulated students, for the `places` of its design.
+    """Return the cells of a trial on simulated students, one for each of the `places` in its design.
 
     Raises:
         ValueError: if a challenge exceeds the limits that the teacher declares.
@@ -134,7 +134,7 @@ def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[mat
 def simulate_looks(
     cells: Sequence[matrix.SimulatedCell], looks: Sequence[Sequence[int]], options: TrialOptions, judge: Judge
 ) -> int:
-    """Run a trial on simulated students, as `run_looks`; `looks` has the seeds up to each look.
+    """Run a trial on simulated students, as in `run_looks`; `looks` has the seeds up to each look.
 
     Raises:
         ProcessLostError: if a process was killed; the same call continues.

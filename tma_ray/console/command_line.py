@@ -1,4 +1,4 @@
-"""Command lines by cyclopts: typed functions whose docstrings are the help.
+"""Command lines based on cyclopts, made of typed functions whose docstrings are the help.
 
 A metavar in capitals names the kind of a value (`METAVARS`), ``NAME,...`` is a list, ``NAME=VALUE`` an
 assignment, and ``{a,b}`` a fixed set. Our own parsers read every value, since the library's conversion of
@@ -68,17 +68,17 @@ METAVARS: Mapping[str, str] = {
 }
 """Kinds of values in help texts."""
 
-HELP_COLUMN = 22  # first column of descriptions in a help text
+HELP_COLUMN = 22  # column at which descriptions begin in a help text
 
 Parse = Callable[[str], Any]
 
 
 class UsageError(ValueError):
-    """Invalid command line; the message begins with the command."""
+    """Error for an invalid command line; its message begins with the command."""
 
 
 def value(parse: Parse, metavar: str, **settings: Any) -> Parameter:
-    """Return the annotation of an option or argument with one value, the last if repeated.
+    """Return the annotation of an option or argument with one value, the last one if repeated.
 
     Args:
         parse: function that returns the value of a text, or raises ValueError.
@@ -119,14 +119,14 @@ def _parameter(convert: Callable[..., Any], parse: Parse, metavar: str, settings
 
 
 class HelpFormatter(PlainFormatter):
-    """Plain text in two columns, with each option's default, which `defaults` may override."""
+    """Formatter of plain text in two columns, with each option's default, which `defaults` may override."""
 
     def __init__(self, defaults: Mapping[str, str] | None = None) -> None:
         super().__init__()
         self.defaults = defaults or {}
 
     def render_usage(self, console: Console, options: ConsoleOptions, usage: Any) -> None:  # noqa: ARG002
-        """Print the usage line, in lower case like the titles of groups."""
+        """Print the usage line in lower case, like the titles of groups."""
         console.print(f"usage: {str(usage).strip()}\n", markup=False, highlight=False)
 
     def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:  # noqa: ARG002
@@ -155,7 +155,7 @@ class HelpFormatter(PlainFormatter):
 def command(
     *, name: str = "", defaults: Mapping[str, str] | None = None, **settings: Any
 ) -> Callable[[Callable[..., int]], App]:
-    """Return a decorator that makes a function a command line, with its docstring as the help.
+    """Return a decorator that turns a function into a command line, with the docstring as the help.
 
     The function returns the exit code. Positional-only parameters are arguments, keyword-only ones options.
     The name is the function's by default; see `HelpFormatter` for `defaults`.
@@ -178,7 +178,7 @@ def command(
 
 
 def description(docstring: str) -> str:
-    """Return the text of a docstring before its sections, with a line for each paragraph."""
+    """Return the text of a docstring before its sections, with one line per paragraph."""
     paragraphs = takewhile(lambda text: not text.startswith(("Args:", "Examples:")), docstring.split("\n\n"))
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
@@ -214,7 +214,7 @@ def run(
         except UsageError as error:
             sys.stderr.write(f"{error}\n")
             return REFUSED
-        if before is not None and call.func.__module__ != "cyclopts.core":  # neither help nor version
+        if before is not None and call.func.__module__ != "cyclopts.core":  # neither the help nor the version
             before()
         return call() or 0
 
@@ -222,7 +222,7 @@ def run(
 
 
 def read(app: App, words: Sequence[str]) -> partial[int | None]:
-    """Return the call of a command line with its parsed values.
+    """Parse a command line, and return the function to call with its values.
 
     Raises:
         UsageError: if a word or option is unknown or missing, or a value is refused.
@@ -239,7 +239,7 @@ def read(app: App, words: Sequence[str]) -> partial[int | None]:
 
 
 def commands(app: App) -> Iterator[tuple[tuple[str, ...], App]]:
-    """Yield the words of `app` and each command below it, with its command line."""
+    """Yield `app` and each command below it, as words and command line."""
     yield (), app
     for name in app:
         if not name.startswith("-"):
@@ -263,7 +263,7 @@ def help_text(app: App, words: Iterable[str] = (), width: int = 80) -> str:
 
 
 def _check_options(program: str, app: App, words: Sequence[str]) -> None:
-    """Reject unknown options and wrong value counts, before reporting missing arguments."""
+    """Reject unknown options and wrong numbers of values, before missing arguments are reported."""
     accepted = arguments(app) if app.default_command else []
     options = {name: option for option in accepted for name in option.names if name.startswith("-")}
     before = list(takewhile(lambda word: word != "--", words))

@@ -1,4 +1,4 @@
-"""Exit codes of commands, and messages of refusals."""
+"""Exit codes of commands, and messages for refused requests."""
 
 import os
 import sys
@@ -13,16 +13,16 @@ from tma_ray.support.interrupts import INTERRUPTED, raised_interrupts
 
 FAILED = 1  # exit code of an error, or of a failed check
 REFUSED = 2  # exit code of a refusal, with its reason on standard error
-RAY_LOST = 75  # exit code after the loss of Ray, `os.EX_TEMPFAIL`; the same command continues
-BROKEN_PIPE = 141  # exit code after a broken pipe, 128 + SIGPIPE as in a shell
+RAY_LOST = 75  # exit code after the loss of Ray (`os.EX_TEMPFAIL`); the same command resumes
+BROKEN_PIPE = 141  # exit code after a broken pipe: 128 + SIGPIPE, as in shells
 
 
 class RefusedError(RuntimeError):
-    """Valid request that cannot be met now; the message is for the user."""
+    """Error for a valid request that cannot be met now; its message is for the user."""
 
 
 def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> int:
-    """Run a command, print refusals as a sentence on standard error, and return the exit code.
+    """Run a command, print a refusal as a sentence to standard error, and return the exit code.
 
     Control characters in its output are replaced, except rich's. Internal errors are raised; `debug` prints
     the traceback of a refusal, too.
@@ -37,7 +37,7 @@ def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> 
         except KeyboardInterrupt:
             return INTERRUPTED
         except BrokenPipeError:
-            # so that Python does not flush into the closed pipe at exit
+            # prevent Python from flushing into the closed pipe at exit
             with suppress(OSError, ValueError), Path(os.devnull).open("w") as nowhere:
                 os.dup2(nowhere.fileno(), sys.stdout.fileno())
             return BROKEN_PIPE
@@ -49,13 +49,13 @@ def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> 
             sys.stderr.write(f"{name}: {sentence(error)}\n")
             return REFUSED
         except Exception:
-            if interrupts:  # a library may convert KeyboardInterrupt
+            if interrupts:  # a library may have converted KeyboardInterrupt
                 return INTERRUPTED
             raise
 
 
 def sentence(error: BaseException) -> str:
-    """Return the message of an error for users."""
+    """Return the message of an error as a sentence for users."""
     if isinstance(error, MemoryError):
         return f"there is not enough memory for this: {str(error) or 'ask for less'}"
     if isinstance(error, OSError) and error.filename is not None and error.strerror:

@@ -14,13 +14,13 @@ _MODES: Final = {"stdin": "r", "stdout": "w", "stderr": "w"}  # in the order of 
 
 
 class VisibleStream:
-    """Stream that replaces control characters; rich writes directly to the wrapped stream."""
+    """Stream that replaces control characters, wrapped around one to which rich writes directly."""
 
     def __init__(self, stream: Any) -> None:
         self.rich_proxied_file = stream
 
     def write(self, text: str) -> int:
-        """Write a text; return its length."""
+        """Write a text, and return its length."""
         self.rich_proxied_file.write(visible(text))
         return len(text)
 
@@ -51,13 +51,13 @@ def standard_streams() -> Iterator[None]:
 
 
 def _open_missing() -> None:
-    """Open the null device for every standard stream that was closed at start.
+    """Open the null device for every standard stream that was closed at startup.
 
     Otherwise another file would take its descriptor, and receive the output of child processes.
     """
     for descriptor, (name, mode) in enumerate(_MODES.items()):
         if getattr(sys, name) is None:
             stream = Path(os.devnull).open(mode, encoding="utf-8")  # noqa: SIM115  # open until the end
-            if stream.fileno() == descriptor:  # the lowest that was free
+            if stream.fileno() == descriptor:  # the file got the lowest free descriptor
                 os.set_inheritable(descriptor, True)
             setattr(sys, name, stream)

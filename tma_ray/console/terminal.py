@@ -11,7 +11,7 @@ from tma_ray.support.texts import visible
 
 
 class _Terminal(Console):
-    """Console that replaces control characters in texts, except its own."""
+    """Console that replaces all control characters in texts except its own."""
 
     @property
     def file(self) -> IO[str]:
@@ -45,5 +45,5 @@ def terminal(console: Console | None = None, **settings: Any) -> Console:
 
 
 def print_line(text: str) -> None:
-    """Print a text without rich's colours and line breaks."""
+    """Print a text without rich's colours or line breaks."""
     terminal().print(text, highlight=False, soft_wrap=True)

@@ -15,7 +15,7 @@ SCHEMES: Final = ("s3", "gs", "gcs", "abfs", "abfss", "hdfs", "viewfs", "file", 
 
 
 def root(text: str) -> str:
-    """Return a results root, an address or a folder, which need not exist."""
+    """Parse the folder or address of a results root, which need not exist."""
     check_visible(text, "a folder, s3://bucket/folder or gs://bucket/folder")
     if "://" not in text:
         folder(text)
@@ -31,7 +31,7 @@ def root(text: str) -> str:
 
 
 def folder(text: str) -> Path:
-    """Return a folder, which need not exist."""
+    """Parse the path of a folder, which need not exist."""
     if "://" in text:
         raise refused(text, "expected a folder of this machine")
     mode = _mode(text, "a folder")
@@ -41,7 +41,7 @@ def folder(text: str) -> Path:
 
 
 def new_file(text: str) -> Path:
-    """Return a file to write."""
+    """Parse the path of a file to write."""
     mode = _mode(text, "a file")
     if mode is not None and stat.S_ISDIR(mode):
         raise refused(text, "it is a folder; expected a file")
@@ -49,7 +49,7 @@ def new_file(text: str) -> Path:
 
 
 def _mode(text: str, expected: str) -> int | None:
-    """Return the mode of the file or folder at `text`, None if it does not exist but could."""
+    """Return the mode of the file or folder at `text`, or None if it does not exist but could."""
     check_visible(text, expected)
     path = expanded(text)
     try:
@@ -70,13 +70,13 @@ _LONGEST_LICENCE: Final = 200
 
 
 def check_visible(text: str, expected: str) -> None:
-    """Refuse an empty text and control characters; `expected` describes a valid one for the message."""
+    """Refuse empty texts and control characters; `expected` describes a valid text for the message."""
     if not text.strip() or min(text) < " ":
         raise refused(text, f"expected {expected}")
 
 
 def named(expected: str) -> Callable[[str], str]:
-    """Return a parser of non-empty texts; see `check_visible`."""
+    """Return a parser for non-empty texts; see `check_visible`."""
 
     def parse(text: str) -> str:
         check_visible(text, expected)
@@ -86,7 +86,7 @@ def named(expected: str) -> Callable[[str], str]:
 
 
 def licence(text: str) -> str:
-    """Return a licence: an SPDX expression without parentheses.
+    """Parse a licence: an SPDX expression without parentheses.
 
     Examples:
         >>> licence("CC-BY-4.0"), licence("MIT OR Apache-2.0")

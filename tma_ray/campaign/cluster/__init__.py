@@ -1,1 +1,1 @@
-"""Connection to Ray: its nodes, a watched head, shipping of plug-ins."""
+"""Connection to Ray: the nodes, the watched head and the shipping of plug-ins."""

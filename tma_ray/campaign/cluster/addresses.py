@@ -12,7 +12,7 @@ _HOST: Final = re.compile(r"[\w.-]+|[0-9a-fA-F:.]*:[0-9a-fA-F:.]+(%\w+)?")
 
 
 def check_address(address: str) -> None:
-    """Check that a campaign could join a cluster at an address.
+    """Check that a campaign could join a cluster at this address.
 
     Args:
         address: "host:port" of a cluster's head, or "auto": RAY_ADDRESS if set, else the Ray on this
@@ -34,7 +34,7 @@ def check_address(address: str) -> None:
 
 
 def host_and_port(address: str) -> tuple[str, int] | None:
-    """Return host and port of a cluster's head, None for "auto".
+    """Return the host and port of a cluster's head, or None for "auto".
 
     Raises:
         ValueError: if it is not such an address.
@@ -57,7 +57,7 @@ def host_and_port(address: str) -> tuple[str, int] | None:
 
 
 def connection_advice(address: str, reason: str) -> str:
-    """Return the message of a failed connection to `address`, with its reason and remedies."""
+    """Return a message on a failed connection to `address`, with its cause and remedies."""
     return (
         f"no Ray cluster was joined at {address!r}: {reason}. From one of its nodes use '--address auto'; "
         f"from elsewhere submit the campaign instead ('ray job submit', 'ray submit'). A cluster that asks "

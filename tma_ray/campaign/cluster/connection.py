@@ -37,9 +37,9 @@ CORE: Final = {"gcs_server": "head (GCS)", "raylet": "node manager (raylet)"}
 """Names in messages of the processes that a Ray cannot do without, by their process names."""
 
 HEAD_CHECK_SECONDS: Final = 2.0  # time between two checks of a head, and longest wait for a connection, s
-END_SECONDS: Final = 3.0  # longest wait for processes that end, s
-MARK: Final = "made-by-tma_ray"  # file that marks a folder of ours; nothing is removed without it
-PREFIX: Final = "tma_ray-"  # prefix of the names of these folders
+END_SECONDS: Final = 3.0  # longest wait for processes to end, s
+MARK: Final = "made-by-tma_ray"  # file that marks our folders; folders without it are never removed
+PREFIX: Final = "tma_ray-"  # prefix of these folders' names
 
 MAX_PARENT_BYTES: Final = (103 if sys.platform == "darwin" else 107) - len(
     f"/{PREFIX}12345678/ray/session_2026-01-01_00-00-00_123456_1234567/sockets/plasma_store"
@@ -52,7 +52,7 @@ TOKEN: Final = secrets.token_hex(32)
 
 
 class LocalRayWatch:
-    """Watch over the processes of a Ray that this process starts afterwards."""
+    """Watch over the processes of a Ray instance that this process starts afterwards."""
 
     def __init__(self) -> None:
         self._unrelated = set(psutil.Process().children())
@@ -63,7 +63,7 @@ class LocalRayWatch:
         self._refreshed_at = -math.inf
 
     def refresh(self) -> None:
-        """Record new processes, and which core processes listen; this takes about 30 ms.
+        """Record new processes and the core processes that listen, which takes about 30 ms.
 
         Core processes are direct children: the node manager's own children have its name, too, until they
         become workers, which may end at any time. A head that hangs after SIGTERM has closed its ports.
@@ -86,7 +86,7 @@ class LocalRayWatch:
         """Return the core processes that have ended or closed their ports; see `Watched`."""
         if time.monotonic() - self._refreshed_at >= HEAD_CHECK_SECONDS:
             self.refresh()
-        core = list(self._core.items())  # a copy, since another thread may refresh
+        core = list(self._core.items())  # a copy, since another thread may call `refresh`
         gone = [name for process, name in core if process in self._closed or not _lives(process)]
         if not gone:
             return None
@@ -96,7 +96,7 @@ class LocalRayWatch:
         )
 
     def kill(self) -> None:
-        """Kill the remaining processes of this Ray, some of which would live for minutes; see `Watched`."""
+        """Kill Ray's remaining processes, some of which would otherwise live for minutes; see `Watched`."""
         self.refresh()
         for process in self._core:
             with suppress(psutil.NoSuchProcess):
@@ -106,7 +106,7 @@ class LocalRayWatch:
                 process.kill()
 
     def wait(self) -> None:
-        """Wait for the processes to end, for `END_SECONDS` at most."""
+        """Wait for the processes to end, but for at most `END_SECONDS`."""
         psutil.wait_procs(self._started, timeout=END_SECONDS)
 
 
@@ -119,7 +119,7 @@ def _lives(process: psutil.Process) -> bool:
 
 
 class LocalHead:
-    """Head of a private Ray, whose processes are children of this process.
+    """Head of a private Ray instance whose processes are children of this process.
 
     Its servers listen on the loopback address only, metrics servers are off, and every request needs a token
     known only to its processes. Its files are in a folder that only this user can open, and are removed.
@@ -140,7 +140,7 @@ class LocalHead:
             with loopback_only():
                 ray.init(
                     address="local",
-                    num_cpus=usable_cores(),  # Ray's own count ignores CPU affinity
+                    num_cpus=usable_cores(),  # Ray's own core count ignores CPU affinity
                     include_dashboard=False,
                     object_store_memory=OBJECT_STORE_BYTES,
                     _system_config={"enable_metrics_collection": False},
@@ -159,11 +159,11 @@ class LocalHead:
         return self._nodes
 
     def is_connected(self) -> bool:
-        """Return True if this process is connected to this Ray."""
+        """Return True if this process is connected to this Ray instance."""
         return ray.is_initialized() and ray.get_runtime_context().gcs_address == self._address
 
     def check(self) -> None:
-        """End this Ray if one of its core processes is gone; see `Head`."""
+        """Shut down this Ray instance if one of its core processes is gone; see `Head`."""
         reason = self._watch.failure_reason()
         if reason is not None:
             self._left = True
@@ -173,27 +173,27 @@ class LocalHead:
             raise HeadLostError(reason)
 
     def failure_reason(self, patience: float = 0.0) -> str | None:
-        """Return the core processes that are gone, None after `check` has raised; see `Watched`."""
+        """Return the core processes that are gone, or None once `check` has raised; see `Watched`."""
         return None if self._left else self._watch.failure_reason(patience)
 
     def kill(self) -> None:
-        """Kill the remaining processes of this Ray; see `Watched`."""
+        """Kill the remaining processes of this Ray instance; see `Watched`."""
         self._watch.kill()
 
     def close(self) -> None:
-        """Do nothing: the watch has no thread."""
+        """Do nothing, since the watch has no thread."""
 
     def _clean(self, folder: Path) -> None:
-        """Shut down this Ray and remove its folder at interpreter exit, before Ray's own exit handler."""
+        """Shut down Ray and remove its folder at interpreter exit, before Ray's own exit handler runs."""
         if self.is_connected():
             ray.shutdown()
         self._watch.wait()
-        with suppress(OSError):  # the next Ray of this user removes the rest
+        with suppress(OSError):  # the user's next Ray instance removes the rest
             _remove(folder)
 
 
 def private_folder() -> Path | None:
-    """Return a new private folder for Ray's files, None if the user has set RAY_TMPDIR.
+    """Return a new private folder for Ray's files, or None if the user has set RAY_TMPDIR.
 
     All users of a machine may write into Ray's default folder. This process locks the folder for its
     lifetime; marked folders of this user without a lock are removed.
@@ -204,7 +204,7 @@ def private_folder() -> Path | None:
     if len(os.fsencode(parent)) > MAX_PARENT_BYTES:
         parent = Path("/tmp")  # noqa: S108  # a new folder is made there
     for folder in parent.glob(f"{PREFIX}*"):
-        with suppress(OSError):  # another user's, in use, or with foreign files: left alone
+        with suppress(OSError):  # leave folders that are another user's, in use, or have foreign files
             descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -219,7 +219,7 @@ def private_folder() -> Path | None:
 
 
 def _remove(folder: Path) -> None:
-    """Remove a marked folder, its mark last, so that an interrupted removal can be repeated."""
+    """Remove a marked folder, with its mark last so that an interrupted removal can be repeated."""
     if (folder / "ray").exists():
         shutil.rmtree(folder / "ray")
     (folder / MARK).unlink()
@@ -240,7 +240,7 @@ logger = logging.getLogger(__name__)
 
 
 class JoinedHead:
-    """Head of an existing cluster, polled for its nodes in a thread.
+    """Head of an existing cluster; a thread polls it for its nodes.
 
     It is waited for as long as Ray itself waits (`PATIENCE_SETTING`): with fault tolerance it may come back,
     and actors go on without it.
@@ -258,11 +258,11 @@ class JoinedHead:
         threading.Thread(target=self._watch, name="ray-head", daemon=True).start()
 
     def nodes(self) -> list[dict[str, Any]]:
-        """Return the nodes of the last answer; see `Head`."""
+        """Return the nodes in the head's last answer; see `Head`."""
         return self._nodes
 
     def check(self) -> None:
-        """Warn once a minute while the head is silent; disconnect before Ray ends this process."""
+        """Warn once a minute while the head is silent, and disconnect before Ray would end this process."""
         silent = time.monotonic() - self._answered
         if silent < WARNING_SECONDS:
             return
@@ -280,7 +280,7 @@ class JoinedHead:
             )
 
     def failure_reason(self, patience: float) -> str | None:
-        """Return the duration of the head's silence if it exceeds `patience`; see `Watched`."""
+        """Return how long the head has been silent if that exceeds `patience`; see `Watched`."""
         silent = time.monotonic() - self._answered
         if silent <= patience:
             return None
@@ -290,10 +290,10 @@ class JoinedHead:
         )
 
     def kill(self) -> None:
-        """Do nothing: this process has not started the cluster."""
+        """Do nothing, since this process has not started the cluster."""
 
     def close(self) -> None:
-        """End the thread."""
+        """Stop the thread."""
         self._left.set()
 
     def _watch(self) -> None:
@@ -302,13 +302,13 @@ class JoinedHead:
                 socket.create_connection(self._address, timeout=HEAD_CHECK_SECONDS).close()
                 self._nodes = living_nodes()
                 self._answered = time.monotonic()
-            except Exception as error:  # including Ray's, as after a shutdown
+            except Exception as error:  # includes Ray's errors, such as those after a shutdown
                 logger.debug("the head of the Ray cluster does not answer: %s", error)
 
 
 @dataclass(frozen=True)
 class Connection:
-    """Connection of this process to Ray.
+    """The connection of this process to Ray.
 
     Attributes:
         head: watched head.
@@ -326,7 +326,7 @@ _local: list[LocalHead] = []
 
 
 def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connection:
-    """Join the cluster at `address`, or start a Ray on this machine if that is None.
+    """Join the cluster at `address`, or start Ray on this machine if `address` is None.
 
     An existing connection of this process is reused, after checking the address.
 
@@ -341,7 +341,7 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connec
         return Connection(_local[0] if is_own else JoinedHead(), shipped=False, is_own=is_own)
     _local.clear()
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    # No tracebacks of runs that a campaign no longer waits for.
+    # Print no tracebacks of runs that a campaign no longer waits for.
     os.environ.setdefault("RAY_IGNORE_UNHANDLED_ERRORS", "1")
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     with runtime_environment(plugins) as environment:

@@ -15,12 +15,12 @@ from tma_ray.support.texts import counted
 
 
 def capacity(resources: Resources, nodes: Sequence[dict[str, Any]]) -> int:
-    """Return the number of runs that `nodes` hold at once."""
+    """Return the number of runs that `nodes` can hold at once."""
     return sum(resources.fit_into(node["Resources"]) for node in nodes)
 
 
 def resource_text(nodes: Sequence[Mapping[str, float]]) -> str:
-    """Return the resources of nodes as messages show them."""
+    """Return a text for messages that lists the resources of nodes."""
     return "; ".join(
         f"{node.get('CPU', 0):g} CPUs, {node.get('GPU', 0):g} GPUs, {node.get('memory', 0) / GIB:.1f} GiB"
         for node in nodes
@@ -28,7 +28,7 @@ def resource_text(nodes: Sequence[Mapping[str, float]]) -> str:
 
 
 def working_nodes() -> list[dict[str, Any]]:
-    """Return the living nodes that may get a run, or all nodes if no worker has joined yet.
+    """Return the live nodes that may get a run, or all nodes if no worker has joined yet.
 
     Every run needs some share of a core, which the head node of many clusters does not offer.
     """
@@ -58,7 +58,7 @@ def cluster_nodes(address: str, *, gpus: bool, autoscaling: bool) -> Nodes:
 
 
 def autoscaled_nodes(heads: Collection[str], *, gpus: bool) -> list[dict[str, float]]:
-    """Return the nodes that the autoscaler on this machine may start, the largest first.
+    """Return the nodes that the autoscaler on this machine may start, largest first.
 
     Args:
         heads: addresses of its head.

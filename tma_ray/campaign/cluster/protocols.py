@@ -1,4 +1,4 @@
-"""The contract of a watched Ray head, and the exit of a process that loses it."""
+"""The protocol of a watched Ray head, and the exit of a process that loses its head."""
 
 import os
 import sys
@@ -11,23 +11,23 @@ from tma_ray.console.exit_codes import RAY_LOST
 
 
 class Watched(Protocol):
-    """Ray cluster whose head is watched while a campaign runs."""
+    """A Ray cluster whose head is watched while a campaign runs."""
 
     def failure_reason(self, patience: float) -> str | None:
-        """Return why the head counts as lost after `patience` seconds of silence; None while it does not."""
+        """Return why the head counts as lost after `patience` seconds of silence, or None if it does not."""
 
     def kill(self) -> None:
-        """Kill the remaining processes of a Ray that this process has started, without calling Ray."""
+        """Kill Ray's remaining processes, without calling Ray, if this process has started Ray."""
 
 
 class Head(Watched, Protocol):
-    """Head node of a Ray, with the Global Control Store (GCS) that every process of a cluster needs."""
+    """Head node of a Ray cluster; it runs the Global Control Store (GCS) that all other processes need."""
 
     def nodes(self) -> list[dict[str, Any]]:
-        """Return Ray's record of each living node, with "NodeID" and "Resources", without waiting for Ray."""
+        """Return Ray's record of each live node, with "NodeID" and "Resources", without waiting for Ray."""
 
     def check(self) -> None:
-        """Check that the head is alive, cheaply enough for every iteration of a loop.
+        """Check that the head is alive, at a cost low enough for every iteration of a loop.
 
         Raises:
             HeadLostError: if it is lost. This process is disconnected from Ray then.
@@ -37,9 +37,9 @@ class Head(Watched, Protocol):
         """End the watch; this process stays connected to Ray."""
 
 
-PATIENCE_SECONDS: Final = 20.0  # silence of a head after which a campaign that has not begun is given up, s
+PATIENCE_SECONDS: Final = 20.0  # silence of a head after which a campaign that has not begun gives up, s
 CHECK_SECONDS: Final = 1.0  # time between two checks, s
-GRACE_SECONDS: Final = 6.0  # time for a loop that checks the head itself to end, s
+GRACE_SECONDS: Final = 6.0  # time that a loop with its own check of the head has to end, s
 
 NOT_BEGUN: Final = "no run had been started; give the same command again"
 
@@ -55,7 +55,7 @@ def exit_on_head_loss(
     grace: float = 0.0,
     conclude: Callable[[], None] = lambda: None,
 ) -> Iterator[None]:
-    """Context manager that ends this process with a message and `RAY_LOST` if Ray's head is lost.
+    """Context manager that ends this process with a message and exit code `RAY_LOST` if Ray's head is lost.
 
     A call of Ray without a head blocks uninterruptibly until Ray ends the process silently, after 60 s. The
     block has `grace` seconds to notice the loss and end itself; `conclude` runs last and may not call Ray.

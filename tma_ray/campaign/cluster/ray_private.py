@@ -1,4 +1,4 @@
-"""Wrappers of Ray's private API, which no other module uses.
+"""Wrappers around Ray's private API; no other module uses it.
 
 Each names the reason why the public API does not suffice, and the test that fails if Ray changes.
 """
@@ -12,12 +12,12 @@ from ray._private import ray_constants, services, worker
 from ray._private.state import state
 from ray._raylet import GcsClient  # type: ignore[attr-defined]  # compiled
 
-ANSWER_SECONDS: Final = 10  # time in which a head has to list its nodes, s
-ALIVE: Final = 0  # state of a living node in the head's list
+ANSWER_SECONDS: Final = 10  # time limit for a head to list its nodes, s
+ALIVE: Final = 0  # state of a live node in the head's list
 
 
 def living_nodes() -> list[dict[str, Any]]:
-    """Return Ray's record of each living node.
+    """Return Ray's record of each live node.
 
     Without a head it waits until Ray ends this process. `ray.nodes` would start a Ray where there is none.
     Tested by ``tests/campaign/test_own_ray.py``.
@@ -36,7 +36,7 @@ def system_config() -> dict[str, Any]:
 
 
 def head_address(address: str) -> str:
-    """Return the "host:port" of the head that `address` stands for, such as "auto".
+    """Return the "host:port" of the head to which an `address` such as "auto" refers.
 
     Only `ray.init` resolves it publicly, and connects. Tested by ``tests/campaign/test_joined_head.py``.
 
@@ -48,7 +48,7 @@ def head_address(address: str) -> str:
 
 
 def resources_at(head: str) -> list[dict[str, float]]:
-    """Return the resources of each living node of a cluster, without joining it.
+    """Return the resources of each live node of a cluster, without joining it.
 
     Publicly this takes the dashboard. Tested by ``tests/campaign/test_joined_head.py``.
 
@@ -61,7 +61,7 @@ def resources_at(head: str) -> list[dict[str, float]]:
 
 @contextmanager
 def loopback_only() -> Iterator[None]:
-    """Context manager in which a new local Ray listens on the loopback address alone.
+    """Context manager in which a new local Ray instance listens only on the loopback address.
 
     Ray does so where it forms no clusters (macOS, Windows); elsewhere it replaces a loopback address.
     Tested by ``tests/campaign/test_own_ray.py``.
@@ -74,7 +74,7 @@ def loopback_only() -> Iterator[None]:
 
 
 def sockets_folder() -> Path:
-    """Return the folder of this node's sockets, whose path is short enough for one.
+    """Return the folder of this node's sockets, which has a path short enough for a socket.
 
     Ray has no public name for it. Tested by ``tests/campaign/test_cohorts.py``.
     """

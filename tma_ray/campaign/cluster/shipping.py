@@ -18,7 +18,7 @@ MAX_SHIPPED_BYTES = 20 * 2**20
 
 @contextmanager
 def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, Any] | None]:
-    """Context manager of a Ray runtime environment that ships plug-ins to every worker of a job.
+    """Context manager that yields a Ray runtime environment which ships plug-ins to every worker of a job.
 
     It ships copies: edits during a campaign do not reach the workers. Installed packages are not shipped;
     every node needs them.

@@ -1,1 +1,1 @@
-"""The two ways in which attempts at runs are executed: processes of this machine, and Ray actors."""
+"""Execution of attempts at runs, in processes of this machine or in Ray actors."""

@@ -1,4 +1,4 @@
-"""Ray actors of runs, their teachers, and learners of cohorts."""
+"""Ray actors that host runs, their teachers, and the learners of cohorts."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from tma_ray.students import Learner
 from tma_ray.students.rollout_workers import CohortSettings
 from tma_ray.support.import_hacks import skip_pandas
 
-NODE_LABEL = "ray.io/node-id"  # label that Ray gives every node
+NODE_LABEL = "ray.io/node-id"  # label that Ray gives to every node
 
 
 def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
-    """Return Ray's scheduling strategy for a required node, by id, or for any but preferably not `avoid`."""
+    """Return Ray's scheduling strategy for the node with an id, or for any, but preferably not `avoid`."""
     if node:
         return NodeAffinitySchedulingStrategy(node, soft=False)
     others: Any = NotIn
@@ -41,7 +41,7 @@ def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
 
 
 def launcher(kind: type, resources: Resources, strategy: Any, concurrent_calls: int) -> Any:
-    """Return a factory of actors of class `kind`, called by ``remote``; Ray does not restart them."""
+    """Return a factory, called by ``remote``, of actors of class `kind` that Ray does not restart."""
     remote: Any = ray.remote(kind)
     return remote.options(
         num_cpus=resources.cpus,
@@ -61,16 +61,16 @@ SEED_CALLS = 4
 
 
 class TeacherActor(InlineTeacher):
-    """Ray actor of a teacher, which imports torch only if its algorithm does.
+    """Ray actor that hosts a teacher and imports torch only if the teacher's algorithm does.
 
     `start` constructs the teacher: an actor whose constructor raises counts as dead, and its run as lost.
     """
 
     def __init__(self) -> None:
-        """Do nothing until `start`."""
+        """Do nothing until `start` is called."""
 
     def start(self, spec: dict[str, Any], inputs: Mapping[str, bytes]) -> None:
-        """Construct and start the teacher of a run.
+        """Construct and start a run's teacher.
 
         Raises:
             Exception: if the teacher raises it.
@@ -83,7 +83,7 @@ class TeacherActor(InlineTeacher):
 def _remote(
     method: Callable[Concatenate[InlineTeacher, Arguments], Result],
 ) -> Callable[Concatenate[RemoteTeacher, Arguments], Result]:
-    """Return a method of `RemoteTeacher` that calls `method` of its actor, with one message each way."""
+    """Return a method of `RemoteTeacher` that calls its actor's `method`, with one message each way."""
 
     def call(self: RemoteTeacher, /, *arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
         if self.starting is not None:
@@ -96,7 +96,7 @@ def _remote(
 
 
 class RemoteTeacher:
-    """Link to a teacher actor on this node, which ends with this process; see `TeacherLink`."""
+    """Link to a teacher actor on this node that ends with this process; see `TeacherLink`."""
 
     def __init__(self, spec: RunSpec) -> None:
         this_node = node_strategy(ray.get_runtime_context().get_node_id())
@@ -113,7 +113,7 @@ class RemoteTeacher:
 
 
 class SeedActor:
-    """Ray actor of one attempt, created by `launch`: `report` and `request_stop` are answered during `run`.
+    """Ray actor of one attempt, created by `launch`, that answers `report` and `request_stop` during `run`.
 
     Ray does not restart it: each attempt has a number of its own, which the scheduler assigns.
     """
@@ -135,11 +135,11 @@ class SeedActor:
 
     @classmethod
     def launch(cls, resources: Resources, strategy: Any, *arguments: Any) -> Any:
-        """Return the handle of a new seed actor, placed by a strategy of `node_strategy`."""
+        """Return the handle of a new seed actor, placed by a strategy from `node_strategy`."""
         return launcher(cls, resources, strategy, SEED_CALLS).remote(*arguments)
 
     def run(self) -> tuple[PartFile, ...] | None:
-        """Execute the attempt; return the canonical result files, or None after a stop.
+        """Execute the attempt, and return the canonical result files, or None after a stop.
 
         A repeated call, as after a network failure, waits for the first and returns its result.
 
@@ -161,17 +161,17 @@ class SeedActor:
         return self._outcome.result()
 
     def report(self) -> Report | None:
-        """Return the progress of the attempt, None during its setup."""
+        """Return the progress of the attempt, or None during its setup."""
         report = self._attempt.report()
         return report and replace(report, node=ray.get_runtime_context().get_node_id())
 
     def request_stop(self) -> None:
-        """Request a checkpoint and the end of `run` after the episode."""
+        """Request a checkpoint and the end of `run` after the current episode."""
         self._stop.set()
 
 
 def reason_for_loss(error: Exception) -> str:
-    """Return the reason for a loss in one line, without Ray's details."""
+    """Return the cause of a loss in one line, without Ray's details."""
     lines = str(getattr(error, "cause", None) or error).splitlines()
     return " ".join(line for line in lines if not line.startswith("\t"))
 
@@ -204,11 +204,11 @@ class LearnerActor:
 
     @classmethod
     def launch(cls, settings: CohortSettings, resources: Resources, node: str) -> Any:
-        """Return the handle of a new learner on a node, by Ray's id; with "" Ray chooses."""
+        """Return the handle of a new learner on the node with a Ray id, or on any node for ""."""
         return launcher(cls, resources, node_strategy(node), LEARNER_CALLS).remote(settings)
 
     def open(self) -> tuple[Learner, str]:
-        """Wait until players can connect; return the address and Ray's id of the node.
+        """Wait until players can connect, and return the address and the node's Ray id.
 
         Raises:
             MemoryError: if the device has too little memory.
@@ -221,7 +221,7 @@ class LearnerActor:
         return self._learner, ray.get_runtime_context().get_node_id()
 
     def serve(self) -> None:
-        """Block until the learner fails; several calls may wait.
+        """Block until the learner fails, which several callers may do at once.
 
         Raises:
             MemoryError: if the device has too little memory. Players stay connected until this process ends.
@@ -233,7 +233,7 @@ class LearnerActor:
             raise self._failure
 
     def report(self) -> LearnerProgress | None:
-        """Return the progress of the learner, None before it listens."""
+        """Return the progress of the learner, or None before it listens."""
         if self._server is None:
             return None
         account, now = dict(self._server.account), time.monotonic()
@@ -262,21 +262,21 @@ class LearnerActor:
 
     def _work(self) -> None:
         try:
-            # deferred: torch takes seconds, and a failing import must not kill the actor
+            # imported late: torch takes seconds, and a failed import must not kill the actor
             from tma_ray.students.cohort.server import LearnerServer
 
             self._server = LearnerServer(self._learner, self._settings)
             self._listens.set()
             self._server.serve(lambda: False)
         except Exception as error:
-            from torch import OutOfMemoryError  # the driver, without torch, cannot unpickle it
+            from torch import OutOfMemoryError  # the driver cannot unpickle it without torch
 
             out_of_memory = isinstance(error, (MemoryError, OutOfMemoryError))
             self._failure = MemoryError(str(error).partition("\n")[0]) if out_of_memory else error
 
 
 def wait_for_end(thread: threading.Thread, turned_at: Callable[[], float | None]) -> None:
-    """Wait for the end of a learner's thread; `turned_at` returns the time of its last update, s.
+    """Wait for a learner's thread to end; `turned_at` returns the time of its last update in seconds.
 
     Raises:
         TimeoutError: if an update takes longer than `LONGEST_TURN`.

@@ -1,4 +1,4 @@
-"""The contract of executors, which start attempts at runs, report on them and stop them."""
+"""The protocol of executors, which start attempts at runs, report on them and stop them."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -34,20 +34,20 @@ class AttemptEnd:
 
 
 class Executor(Protocol):
-    """Executor of concurrent attempts at runs; retries and commits are the scheduler's."""
+    """Executor of concurrent attempts at runs, without retries and commits, which the scheduler does."""
 
     @property
     def learners(self) -> Sequence[LearnerProgress]:
         """Progress of the learners of cohorts."""
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
-        """Remove and return a run of `waiting` that can start now, or None."""
+        """Remove and return a run of `waiting` that can start now, or return None."""
 
     def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:
-        """Start attempt `number` at a run that `take` returned, preferably not on the nodes to `avoid`."""
+        """Start attempt `number` at a run that `take` returned, preferably not on the nodes in `avoid`."""
 
     def poll(self, seconds: float, *, last: bool) -> Sequence[Report | AttemptEnd]:
-        """Return new reports and ends of attempts, waiting for at most `seconds`.
+        """Wait for at most `seconds`, and return new reports and ends of attempts.
 
         The last report of an attempt comes before its end. With `last` no other run will start.
 
@@ -56,7 +56,7 @@ class Executor(Protocol):
         """
 
     def stop(self) -> None:
-        """Request a checkpoint and the end of every attempt.
+        """Ask every attempt to write a checkpoint and end.
 
         Attempts that have not begun to train are killed, and lost without fault.
         """

@@ -1,4 +1,4 @@
-"""Cohorts on Ray: learners, and the runs in the slots of each."""
+"""Cohorts on Ray: learners and the runs in their slots."""
 
 import logging
 import math
@@ -27,7 +27,7 @@ from tma_ray.support.component_names import base_name
 
 
 class StackKey(NamedTuple):
-    """Properties that runs must share to be stacked in one learner."""
+    """Properties that runs must share in order to be stacked in one learner."""
 
     student: str
     observation: int
@@ -36,7 +36,7 @@ class StackKey(NamedTuple):
 
 
 def stack_keys(specs: Sequence[RunSpec]) -> dict[str, StackKey]:
-    """Return the stack key of each run by its id, constructing every environment once.
+    """Return the stack key of each run by run id, constructing every environment once.
 
     Raises:
         ValueError: if a student cannot learn in a cohort, or does not support the spaces.
@@ -62,27 +62,27 @@ def stack_keys(specs: Sequence[RunSpec]) -> dict[str, StackKey]:
     return keys
 
 
-PROCESS_GIB = {"cpu": 1.0, "cuda": 4.0}  # memory of a learner's process without replay, GiB
-ROW_BYTES = 4.2  # size of a stored transition per number, with observations stored once
+PROCESS_GIB = {"cpu": 1.0, "cuda": 4.0}  # memory of a learner's process without its replay buffers, GiB
+ROW_BYTES = 4.2  # bytes per number of a transition, with each observation stored once
 
 
 def learner_resources(
     settings: ExecutionConfig, specs: Iterable[RunSpec], keys: Mapping[str, StackKey]
 ) -> Resources:
-    """Return the resources of the learner of a full cohort of `specs`; on a GPU all of it."""
+    """Return the resources that the learner of a full cohort of `specs` needs; a GPU is taken whole."""
     replays = []
     for spec in specs:
         rows = min(int(spec.student_hyperparameters.get("buffer_size", 0)), spec.schedule.steps)
         key = keys[spec.run_id]
         replays.append(ROW_BYTES * rows * (key.observation + key.action + 2))
     device = settings.device.partition(":")[0]
-    copies = 1 if device == "cuda" else 2  # a checkpoint's; on a CPU the learner's, too
+    copies = 1 if device == "cuda" else 2  # the checkpoint's copy and, on a CPU, the learner's
     replay = copies * settings.width * max(replays, default=0.0) / GIB
     return Resources(1.0, float(device == "cuda"), PROCESS_GIB[device] + replay)
 
 
 def room_of(node: Mapping[str, float], settings: ExecutionConfig, learner: Resources) -> tuple[int, int]:
-    """Return how many learners a node with these resources holds, and how many players beside each."""
+    """Return how many learners a node with these resources holds, and how many players next to each."""
     player = settings.player
     whole = Resources(
         learner.cpus + settings.width * player.cpus,
@@ -101,7 +101,7 @@ def room_of(node: Mapping[str, float], settings: ExecutionConfig, learner: Resou
 
 
 def check_room(settings: ExecutionConfig, specs: Sequence[RunSpec], keys: Mapping[str, StackKey]) -> None:
-    """Check that a node can hold a learner and a run, which Ray would otherwise queue forever.
+    """Check that some node can hold a learner and a run, since Ray would otherwise queue them forever.
 
     Raises:
         ValueError: if no node can.
@@ -119,7 +119,7 @@ def check_room(settings: ExecutionConfig, specs: Sequence[RunSpec], keys: Mappin
     )
 
 
-AUTOSCALING_LEARNERS = 4  # learners that wait for nodes of an autoscaling cluster
+AUTOSCALING_LEARNERS = 4  # learners that may wait for nodes of an autoscaling cluster
 
 LONGEST_INTERVAL = 5.0
 """Longest interval between two polls that counts as a learner's silence, s: the driver may have slept."""
@@ -146,7 +146,7 @@ class _Cohort:
     polled_at: float = field(default_factory=time.monotonic)
 
     def choose(self, waiting: Sequence[RunSpec], keys: Mapping[str, StackKey]) -> int | None:
-        """Return the index of the run that fits best, one of a known stack if possible."""
+        """Return the index of the run that fits best, preferring runs of an existing stack."""
         if len(self.runs) >= self.max_runs:
             return None
         counts, new = Counter(self.runs.values()), None
@@ -160,7 +160,7 @@ class _Cohort:
 
 
 class Cohorts:
-    """Learners of cohorts, one per GPU or per `width` runs on a CPU, and the runs of each.
+    """Learners of cohorts, one per GPU or per `width` runs on CPUs, and the runs of each learner.
 
     A lost learner is replaced, and its runs continue with another. If memory runs out, later learners have
     half as many slots.
@@ -182,7 +182,7 @@ class Cohorts:
         self._compiled = compilation(specs) if self._resources.gpus else False
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
-        """Remove and return a run of `waiting` for which a learner has a slot, or None."""
+        """Remove and return a run of `waiting` for which a learner has a slot, or return None."""
         for cohort in self._cohorts:
             index = None if cohort.learner is None else cohort.choose(waiting, self._keys)
             if index is not None:
@@ -194,7 +194,7 @@ class Cohorts:
         return None
 
     def learner_of(self, run_id: str) -> tuple[Learner | None, str]:
-        """Return the learner of a run that was taken, and Ray's id of its node."""
+        """Return the learner of a run that was taken, and the Ray id of the learner's node."""
         return next((cohort.learner, cohort.node) for cohort in self._cohorts if run_id in cohort.runs)
 
     def leave(self, run_id: str) -> None:
@@ -204,17 +204,17 @@ class Cohorts:
             cohort.runs.pop(run_id, None)
 
     def lost_without_fault(self, run_id: str) -> bool:
-        """Return True if the learner of this run ran out of memory."""
+        """Return True if this run's learner ran out of memory."""
         return run_id in self._blameless
 
     def update(self, *, over: bool) -> Sequence[LearnerProgress]:
-        """Update the state of all learners and return their progress; with `over` end idle ones."""
+        """Update the state of all learners and return their progress, ending idle learners if `over`."""
         for cohort in list(self._cohorts):
             if not self._lives(cohort) or (over and not cohort.runs):
                 self._end(cohort)
                 continue
             if cohort.learner is None and _is_ready(cohort.opened):
-                with suppress(RayError, MemoryError):  # handled when its end is received
+                with suppress(RayError, MemoryError):  # handled when the end of the run is received
                     cohort.learner, node_id = ray.get(cohort.opened)
                     for node in self._head.nodes() if not cohort.node else ():
                         if node["NodeID"] == node_id:
@@ -229,7 +229,7 @@ class Cohorts:
             self._end(cohort)
 
     def _grow(self, waiting: int) -> None:
-        """Start learners for waiting runs while nodes have room."""
+        """Start learners for waiting runs as long as nodes have room."""
         free = sum(cohort.max_runs - len(cohort.runs) for cohort in self._cohorts if cohort.learner is None)
         while waiting > free:
             room = self._free_node()
@@ -244,7 +244,7 @@ class Cohorts:
             free += max_runs
 
     def _free_node(self) -> tuple[str, int] | None:
-        """Return a node with room for a learner ("" for a future one), and its number of players."""
+        """Return a node with room for a learner ("" for a future node), and its number of players."""
         taken = Counter(cohort.node for cohort in self._cohorts)
         for node in self._head.nodes():
             learners, players = room_of(node["Resources"], self._settings, self._resources)
@@ -267,7 +267,7 @@ class Cohorts:
         cohort.report = cohort.actor.report.remote()
 
     def _lives(self, cohort: _Cohort) -> bool:
-        """Return False, and log the reason, if a learner has certainly ended."""
+        """Return True unless a learner has certainly ended, in which case the reason is logged."""
         if not _is_ready(cohort.ended):
             if cohort.unanswered < self._settings.unreachable_seconds:
                 return True
@@ -316,7 +316,7 @@ class Cohorts:
 
 
 def compilation(specs: Sequence[RunSpec]) -> bool | str:
-    """Return the compilation mode of updates on a GPU, with autotuning if all products are bfloat16.
+    """Return the compilation mode of updates on a GPU, with autotuning if all matrix products use bfloat16.
 
     With bfloat16 it doubles the speed, for minutes at the start. It chooses kernels by their time, so that
     rounding depends on the machine and its cache, which smaller gains would not justify.

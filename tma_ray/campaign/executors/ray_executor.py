@@ -1,4 +1,4 @@
-"""Attempts in Ray actors, on this machine or a cluster."""
+"""Executor of attempts in Ray actors, on this machine or a cluster."""
 
 import time
 from collections import deque
@@ -46,7 +46,7 @@ class _Running:
 
 
 class RayExecutor:
-    """Executor with a new Ray actor for each attempt; see `Executor`.
+    """Executor that creates a new Ray actor for each attempt; see `Executor`.
 
     Without cohorts, it submits more runs than the nodes hold, as demand for an autoscaler.
     """
@@ -89,14 +89,14 @@ class RayExecutor:
         if self._running:
             seconds = 0.0 if self._pending else seconds
             ended, _ = ray.wait(list(self._running), num_returns=1, timeout=seconds)
-            if ended:  # all that have
+            if ended:  # every attempt that has ended
                 ended, _ = ray.wait(list(self._running), num_returns=len(self._running), timeout=0)
         elif not self._pending:
             time.sleep(seconds)
         try:
-            self._head.check()  # first, since actors end with their head
+            self._head.check()  # checked first, since actors end with their head
         except HeadLostError:
-            self._connected = False  # further calls would start another Ray
+            self._connected = False  # further calls would start another Ray instance
             raise
         if self._cohorts is not None:
             self.learners = self._cohorts.update(over=last)
@@ -107,9 +107,9 @@ class RayExecutor:
         return events
 
     def stop(self) -> None:
-        """Request checkpoints of runs that train, and kill the others; see `Executor`."""
+        """Ask runs that are training to write checkpoints, and kill all others; see `Executor`."""
         silent = [running for running in self._running.values() if not running.has_reported]
-        self._collect_reports(silent, UNREACHABLE_PAUSE)  # a run may train since the last poll
+        self._collect_reports(silent, UNREACHABLE_PAUSE)  # a run may have begun training since the last poll
         for result, running in list(self._running.items()):
             if running.has_reported:
                 running.actor.request_stop.remote()
@@ -118,7 +118,7 @@ class RayExecutor:
                 self._leave(running, AttemptEnd(running.run_id, AttemptOutcome.LOST, without_fault=True))
 
     def close(self) -> None:
-        """Kill all actors, unless disconnected from Ray."""
+        """Kill all actors, unless this process is disconnected from Ray."""
         if self._connected:
             for running in self._running.values():
                 ray.kill(running.actor)
@@ -126,12 +126,12 @@ class RayExecutor:
                 self._cohorts.close()
 
     def _collect_reports(self, attempts: Collection[_Running], seconds: float = 0.0) -> None:
-        """Receive pending reports, waiting for `seconds` at most, and request the next."""
+        """Receive pending reports, waiting for at most `seconds`, and request the next ones."""
         pending = [running.report for running in attempts if running.report is not None]
         ready = set(ray.wait(pending, num_returns=len(pending), timeout=seconds)[0]) if pending else set()
         for running in attempts:
             if running.report in ready:
-                with suppress(RayActorError):  # handled when its result is received
+                with suppress(RayActorError):  # handled when the result is received
                     self._receive(running, ray.get(running.report))
             if running.report is None or running.report in ready:
                 running.report = running.actor.report.remote()
@@ -156,10 +156,10 @@ class RayExecutor:
             ending = self._loss(running, error)
         except (RayActorError, ActorUnschedulableError, *LOSSES) as error:
             ending = self._loss(running, error)
-        except RayTaskError as error:  # its text has colours
+        except RayTaskError as error:  # its text contains colour codes
             ending = AttemptEnd(running.run_id, AttemptOutcome.FAILED, reason=visible(str(error)))
         else:
-            with suppress(RayActorError, GetTimeoutError):  # the previous report remains
+            with suppress(RayActorError, GetTimeoutError):  # keep the previous report
                 self._receive(running, ray.get(running.actor.report.remote(), timeout=FINAL_REPORT_SECONDS))
             if files is not None:
                 ending = AttemptEnd(running.run_id, AttemptOutcome.DONE, files)
