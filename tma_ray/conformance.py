@@ -23,9 +23,9 @@ from tma_ray.tasks import Task, TaskSpace
 from tma_ray.testing import TeacherConformance
 from tma_ray.testing.conformance import global_state
 
-STEPS = 200  # random steps of a play
-KEPT = 10  # observations compared with later ones
-FASTEST = 100.0  # speed of the head over which joints have torn a body apart, m/s
+STEPS = 200  # number of random steps in a play
+KEPT = 10  # number of observations kept to check that they do not change
+FASTEST = 100.0  # head speed above which joints have torn a body apart, in m/s
 
 
 class BodyConformance:
@@ -45,12 +45,12 @@ class BodyConformance:
     environments: ClassVar[Sequence[str]] = ("stump_tracks", "parkour")
 
     def pytest_generate_tests(self, metafunc: Any) -> None:
-        """Parametrise tests by environment (a hook of pytest)."""
+        """Parametrise tests by environment (pytest hook)."""
         if "environment" in metafunc.fixturenames:
             metafunc.parametrize("environment", self.environments)
 
     def test_its_file_is_read(self) -> None:
-        """Check that parts, joints and sensors are consistent and masses positive."""
+        """Check that parts, joints and sensors are consistent and that masses are positive."""
         loaded = load_embodiment(self.body)
         for part in loaded.parts:
             assert part.mass > 0, f"a part has mass {part.mass}: check its shape and density"
@@ -65,7 +65,7 @@ class BodyConformance:
             assert sum(signal.size for signal in signals) == size, f"{kind}s have {size} values"
 
     def test_it_stays_together_under_random_actions(self, environment: str) -> None:
-        """Check that observations stay finite and the head is not shot away by conflicting joints."""
+        """Check that observations stay finite and that conflicting joints do not shoot the head away."""
         for seed in range(3):
             for observation, speed in self._played(environment, seed):
                 assert np.isfinite(observation).all(), f"{self.body}: an observation is not finite"
@@ -74,7 +74,7 @@ class BodyConformance:
                 )
 
     def test_seed_and_actions_determine_its_way(self, environment: str) -> None:
-        """Check that a repeated episode is equal bit for bit in a new instance."""
+        """Check that an episode repeated in a new instance is equal bit for bit."""
         first, second = (
             [observation.tobytes() for observation, _ in self._played(environment, 1)] for _ in range(2)
         )
@@ -90,7 +90,7 @@ class BodyConformance:
         assert (still[:steps] != moved[:steps]).any(), f"{self.body}: its motors change nothing"
 
     def _played(self, environment: str, seed: int, scale: float = 1.0) -> list[tuple[Any, float]]:
-        """Return observations of an episode on the central task, with the speed of the head in m/s."""
+        """Return the observations of an episode on the central task, and the speed of the head in m/s."""
         made, rng = make_environment(environment, embodiment=self.body), np.random.default_rng(seed)
         task = made.get_wrapper_attr("task_space").centre
         observation, _ = made.reset(seed=seed, options={"task": task})
@@ -123,13 +123,13 @@ class EnvironmentConformance:
     longest_episode: ClassVar[int] = 10_000
 
     def test_gymnasium_accepts_it(self) -> None:
-        """Check spaces, types and seeding with Gymnasium's checker."""
+        """Check spaces, types and seeding with Gymnasium's environment checker."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # observations need no bounds
+            warnings.simplefilter("ignore")  # the checker warns of unbounded observations, which are allowed
             check_env(gymnasium.Wrapper(self._made()).unwrapped, skip_render_check=True)
 
     def test_its_spaces_suit_students(self) -> None:
-        """Check that observations and actions are one-dimensional boxes, and actions bounded."""
+        """Check that observations and actions are one-dimensional boxes and that actions are bounded."""
         made = self._made()
         for kind in ("observation_space", "action_space"):
             space = getattr(made, kind)
@@ -138,7 +138,7 @@ class EnvironmentConformance:
         assert _actions(made).is_bounded(), f"{made.action_space} must have bounds: students scale to them"
 
     def test_it_declares_its_tasks(self) -> None:
-        """Check that the task space is inside of the valid domain and has the same names."""
+        """Check that the task space lies inside the valid domain and has the same dimension names."""
         space, domain = self._spaces()
         assert space.names == domain.names, f"task_space has {space.names}, valid_domain {domain.names}"
         for corner in (space.low, space.high):
@@ -146,7 +146,7 @@ class EnvironmentConformance:
         mastery_return(self._made())
 
     def test_it_builds_every_task_of_its_domain(self) -> None:
-        """Check that `reset` builds tasks of the whole valid domain, and returns them in `info`."""
+        """Check that `reset` builds tasks from the whole valid domain and returns them in `info`."""
         made, domain = self._made(), self._spaces()[1]
         tasks = [domain.low, domain.high, *domain.sample(np.random.default_rng(0), 5)]
         for task in tasks:
@@ -158,7 +158,7 @@ class EnvironmentConformance:
             assert not shared, "info['task'] is the array that reset was given: copy it"
 
     def test_tasks_outside_its_domain_are_refused(self) -> None:
-        """Check that tasks outside of the domain, or NaN, raise a ValueError with the dimension."""
+        """Check that tasks outside the domain, or NaN, raise a ValueError that names the dimension."""
         made, domain = self._made(), self._spaces()[1]
         for index, name in enumerate(domain.names):
             for value in (domain.low[index] - domain.width[index], np.nan):
@@ -169,7 +169,7 @@ class EnvironmentConformance:
                 assert name in error, f"the refusal of {name} = {value} does not name it: {error!r}"
 
     def test_without_a_task_it_draws_one(self) -> None:
-        """Check that a missing task is drawn from the task space by the seed."""
+        """Check that a missing task is drawn from the task space as determined by the seed."""
         made, space = self._made(), self._spaces()[0]
         drawn = [np.float32(made.reset(seed=seed)[1]["task"]) for seed in (1, 2, 1)]
         assert all(space.contains(task) for task in drawn), f"{drawn} are not all inside of task_space"
@@ -177,7 +177,7 @@ class EnvironmentConformance:
         assert (drawn[0] != drawn[1]).any(), "another seed must draw another task"
 
     def test_seed_and_actions_determine_what_it_gives(self) -> None:
-        """Check that episodes depend on seed and actions alone, bit for bit."""
+        """Check that episodes depend only on seed and actions, bit for bit."""
         made = self._made()
         first = self._play(made, 1)
         self._play(made, 2)
@@ -223,7 +223,7 @@ class EnvironmentConformance:
         raise AssertionError(f"an episode goes on after {self.longest_episode} steps; truncate it")
 
     def test_values_are_finite_and_in_their_spaces(self) -> None:
-        """Check that observations are in their space and rewards finite under random actions."""
+        """Check that, under random actions, observations stay in their space and rewards are finite."""
         made, rng = self._made(), np.random.default_rng(0)
         made.reset(seed=0)
         for _ in range(STEPS):
@@ -242,7 +242,7 @@ class EnvironmentConformance:
         return made.get_wrapper_attr("task_space"), made.get_wrapper_attr("valid_domain")
 
     def _play(self, made: Environment, seed: int) -> list[bytes]:
-        """Return the observations, rewards and ends of episodes under random actions."""
+        """Return observations, rewards and episode ends of a play with random actions."""
         rng = np.random.default_rng(seed)
         seen = [made.reset(seed=seed)[0].tobytes()]
         for _ in range(STEPS):
@@ -276,11 +276,11 @@ OBSERVATIONS = spaces.Box(-np.inf, np.inf, (3,), np.float32)
 ACTIONS = spaces.Box(np.array([-2, -1], np.float32), np.array([1, 3], np.float32))
 """Action space of the test environment, with odd bounds to reveal students that assume [-1, 1]."""
 
-EPISODE = 20  # steps of an episode of the test environment
+EPISODE = 20  # length of the test environment's episodes, in steps
 
 
 class StudentConformance:
-    """Conformance tests of a student in a small noisy environment.
+    """Conformance tests of a student, run in a small noisy environment.
 
     Inherit from it in a test module, and name the student::
 
@@ -301,12 +301,12 @@ class StudentConformance:
         """Check that all hyper-parameters have defaults."""
         kind = STUDENTS.get(self.student)
         if not isinstance(kind, type):
-            return  # a factory checks them itself
+            return  # a factory checks its hyper-parameters itself
         assert issubclass(kind, Student), f"{self.student} does not inherit from Student"
         kind.hyperparameters_type()
 
     def test_actions_are_inside_of_the_action_space(self) -> None:
-        """Check that exploring and greedy actions are in the action space."""
+        """Check that exploring and greedy actions lie in the action space."""
         student = self._made()
         for action in _train(student, self.steps, 0):
             assert action in ACTIONS, f"act gave {action!r}: expected float32 inside of {ACTIONS}"
@@ -315,7 +315,7 @@ class StudentConformance:
         assert all(action.astype(np.float32) in ACTIONS for action in greedy), f"{greedy} leave {ACTIONS}"
 
     def test_the_same_seed_acts_the_same(self) -> None:
-        """Check that equal seeds give equal actions, bit for bit, and another seed others."""
+        """Check that equal seeds give equal actions, bit for bit, and another seed gives others."""
         first, second, other = (_train(self._made(seed), self.steps, 0) for seed in (1, 1, 2))
         np.testing.assert_array_equal(
             first, second, "two students of one seed differ: is all randomness its own?"
@@ -323,7 +323,7 @@ class StudentConformance:
         assert (first != other).any(), "another seed makes no difference: is the seed used?"
 
     def test_a_loaded_state_goes_on_as_if_nothing_had_been(self) -> None:
-        """Check that a student with a loaded state acts and learns like the one that saved it."""
+        """Check that a student that loads a state acts and learns like the one that saved it."""
         student, other = self._made(1), self._made(9)
         _train(student, self.steps, 0)
         _train(other, EPISODE, 3)
@@ -367,7 +367,7 @@ class StudentConformance:
             np.testing.assert_allclose(policy(_states(5)), student.act_greedily(_states(5)), atol=1e-5)
 
     def test_it_forgets(self) -> None:
-        """Check that the student acts and learns after a reset."""
+        """Check that the student still acts and learns after a reset."""
         student = self._made()
         _train(student, self.steps, 0)
         student.reset()
@@ -383,7 +383,7 @@ def _states(number: int) -> np.ndarray[Any, np.dtype[np.float32]]:
 
 
 def _train(student: Student, steps: int, seed: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Return the actions of `steps` steps in a noisy linear environment."""
+    """Train for `steps` steps in a noisy linear environment, and return the actions."""
     rng, actions = np.random.default_rng(seed), []
     state = rng.normal(size=3)
     for step in range(1, steps + 1):

@@ -18,7 +18,7 @@ built-in teacher, student or environment, as a test checks. Runs and releases re
 
 TEST_SETS = Path(__file__).parent / "test_sets"
 
-THINNING = "every"  # setting in the name of a thinned test set
+THINNING = "every"  # name of the setting that thins a test set
 
 STUMP_TRACKS_UNITS = {"stump_height": "terrain steps of 0.4667 m", "obstacle_spacing": "m"}
 
@@ -90,7 +90,7 @@ def _parkour(
     delta: float = 10.0,
     tests: str = "",
 ) -> Challenge:
-    """Return a challenge of Parkour with three intervals of `theta`, tested on `tests` or by body type."""
+    """Return a Parkour challenge with three intervals of `theta`, tested on `tests` or by body type."""
     bounds = {
         **dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True)),
         "water_level": water,
@@ -117,7 +117,7 @@ FLAT_GROUND = (0.87, 0.93), (0.66, 0.72), (0.47, 0.53)
 """Theta of the gentlest ground, which with delta 40 changes by at most 0.8 m within 2.33 m."""
 
 FLAT_CEILING = (-0.15, -0.05), (0.9, 1.0), (0.1, 0.15)  # theta of a nearly flat ceiling
-EASY_THETA = (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)  # easy space of Parkour (paper, appendix C)
+EASY_THETA = (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)  # theta in Parkour's easy space (paper, appendix C)
 
 CHALLENGES: tuple[Challenge, ...] = (
     _stump_tracks("original", "Original task space"),
@@ -156,7 +156,7 @@ gentle dry ground, deep water, a nearly flat ceiling."""
 
 
 def challenges_of(environment: str) -> dict[str, Challenge]:
-    """Return the challenges of `environment` by name, ignoring its options, none if it is unknown."""
+    """Return the challenges of `environment` by name, ignoring its options; empty if it is unknown."""
     name = base_name(environment)
     return {challenge.name: challenge for challenge in CHALLENGES if challenge.environment == name}
 
@@ -186,12 +186,12 @@ def _shipped(name: str, every: int) -> TestSet:
 
 
 def thinned(name: str, every: int) -> str:
-    """Return the name of the test set with every nth task of `name`, from the first one on."""
+    """Return the name of the test set that contains every nth task of `name`, starting with the first."""
     return name if every == 1 else join_name(name, {THINNING: every})
 
 
 def load_test_set(name_or_path: str | Path) -> TestSet:
-    """Return a shipped test set by name, or another one from a CSV file.
+    """Return a test set: a shipped one by name, or any other from its CSV file.
 
     ``stump_tracks:every=2`` has every second task of ``stump_tracks``, from the first one on.
 

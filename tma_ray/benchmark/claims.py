@@ -28,7 +28,7 @@ class Reading:
 
 
 class Relation(StrEnum):
-    """Relation between two readings, by the 95 % interval of their difference and a margin.
+    """Relation between two readings, judged by the 95 % interval of their difference and a margin.
 
     Attributes:
         BETTER: higher than the other.
@@ -56,7 +56,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Bounded:
-    """Statement that the mean of a reading, or its best seed, is between two percentages."""
+    """Statement that the mean of a reading, or its best seed, lies between two percentages."""
 
     reading: Reading
     most: float = 100.0
@@ -86,7 +86,7 @@ Statement = Compared | Bounded | Ranked | Scaled
 
 @dataclass(frozen=True)
 class Claim:
-    """Claim about results, as a sentence and statements.
+    """Claim about results: a sentence, and statements that test it.
 
     Attributes:
         name: short name for tables and links.
@@ -113,7 +113,7 @@ class Claim:
 
     @property
     def threshold(self) -> str:
-        """Description of the origin of the number of statements that must hold."""
+        """Description of where the number of statements that must hold comes from."""
         return "needed by our reading" if self.ours else "claimed"
 
 
@@ -146,13 +146,13 @@ def _parkour(teacher: str, embodiment: str = "") -> Reading:
 
 
 def _in_parkour(teacher: str, relation: Relation, other: str = "random", share: float = 1.0) -> Compared:
-    """Return a comparison of two teachers in Parkour, after a share of the budget."""
+    """Return a comparison of two teachers in Parkour after a share of the budget."""
     first, second = (Reading(name, "original", LOW, "parkour", share=share) for name in (teacher, other))
     return Compared(first, relation, second)
 
 
 def _top(teacher: str, count: int, share: float = 1.0) -> tuple[Ranked, ...]:
-    """Return statements that `teacher` is among the best at high knowledge, one per challenge."""
+    """Return one statement per challenge that `teacher` is among the best at high knowledge."""
     return tuple(
         Ranked(Reading(teacher, challenge, HIGH, share=share), count) for challenge in FIVE_CHALLENGES
     )

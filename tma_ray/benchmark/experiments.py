@@ -1,4 +1,4 @@
-"""Experiments of the benchmark, their tiers, and stages of releases."""
+"""Experiments of the benchmark, their tiers, and the stages of releases."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,7 +34,7 @@ class Tier(StrEnum):
 
 @dataclass(frozen=True)
 class Size:
-    """Overrides of a tier for every experiment, None to keep its value.
+    """Overrides that a tier applies to every experiment; None keeps the experiment's value.
 
     Attributes:
         students: students, unless the experiment searches their hyper-parameters.
@@ -61,7 +61,7 @@ class Size:
     training_window: int | None = None
 
     def of(self, matrix: Matrix) -> Matrix:
-        """Return `matrix` reduced to this size, perhaps without bodies."""
+        """Return `matrix` reduced to this size, possibly with no bodies left."""
         return replace(
             matrix,
             embodiments=tuple(body for body in matrix.embodiments if body not in self.excluded_bodies),
@@ -120,7 +120,7 @@ LATER_CHALLENGES = ("original", "mostly_unfeasible", "rugged_difficulty")
 
 
 def _lite(matrix: Matrix, seeds: int, *levels: KnowledgeLevel) -> Matrix:
-    """Return `matrix` for PPO and 2 million steps, with its first seeds and the given levels."""
+    """Return `matrix` reduced to PPO, 2 million steps, its first seeds and the given levels."""
     return replace(
         matrix,
         students=("ppo",),
@@ -156,7 +156,7 @@ LITE_2_SIZE = Size(evaluation_interval=125_000, probe_interval=250_000, training
 
 
 def _decisive(matrices: Sequence[Matrix], *teachers: str) -> tuple[Matrix, ...]:
-    """Return `matrices` for the student chosen by the pilot, evaluated on every second task."""
+    """Return `matrices` with the student chosen by the pilot, evaluated on every second test task."""
     student = ("ppo:preset=decisive",)
     return tuple(replace(m, students=student, test_every=2, teachers=teachers) for m in matrices)
 
@@ -221,7 +221,7 @@ TEACHERS = ("random", *sorted(TEACHER_GRIDS))  # the teachers compared in the pa
 
 @dataclass(frozen=True)
 class Experiment:
-    """Experiment with a script.
+    """Experiment that has its own script.
 
     Attributes:
         name: name of the experiment, its script and its campaign.
@@ -244,11 +244,11 @@ class Experiment:
     size: Size = field(default_factory=Size)
 
     def size_at(self, tier: Tier) -> Size:
-        """Return its size at `tier`, its own one at the largest."""
+        """Return the size of the experiment at `tier`; at the largest, it is the experiment's own."""
         return self.size if tier is Tier.PAPER else SIZES[tier]
 
     def stage(self, name: str | None) -> tuple[Matrix, ...]:
-        """Return the matrices of a stage, all for None, or raise a ValueError for an unknown stage."""
+        """Return the matrices of a stage, or of all stages for None; an unknown stage raises a ValueError."""
         if name is None:
             return self.matrices
         if name not in self.stages:

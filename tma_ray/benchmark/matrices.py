@@ -1,4 +1,4 @@
-"""Experiment matrices of the paper, and grids of its hyper-parameter searches."""
+"""Experiment matrices of the paper, and the grids of its hyper-parameter searches."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ class Grid:
             )
 
     def points(self, most: int | None = None) -> tuple[dict[str, Any], ...]:
-        """Return the paper's choice and up to `most` - 1 other points evenly spread over the grid."""
+        """Return the paper's choice and up to `most` - 1 other points spread evenly over the grid."""
         others = [point for point in self._combinations() if point != dict(self.chosen)]
         count = len(others) if most is None else min(max(most - 1, 0), len(others))
         spread = (others[index * len(others) // count] for index in range(count))
@@ -172,18 +172,18 @@ class Matrix:
         find_challenge(self.environment, self.challenge)
 
     def taught_by(self, teachers: Sequence[str]) -> "Matrix":
-        """Return the matrix with `teachers`, unless it has its own."""
+        """Return the matrix with `teachers`, unless it defines its own."""
         return self if self.teachers else replace(self, teachers=tuple(teachers))
 
     def points(self) -> tuple[tuple[dict[str, Any], dict[str, Any]], ...]:
-        """Return the hyper-parameters of teacher and student of each point, empty ones without grids."""
+        """Return the hyper-parameters of teacher and student at each point, or empty ones without grids."""
         teachers = self.teacher_grid.points(self.most_points) if self.teacher_grid else ({},)
         students = self.student_grid.points(self.most_points) if self.student_grid else ({},)
         return tuple(itertools.product(teachers, students))
 
 
 def _parkour(locomotion: str, embodiment: str, first_seed: int) -> Matrix:
-    """Return the Parkour experiment of one body, with its own 16 seeds."""
+    """Return the Parkour experiment of one body, which has its own 16 seeds."""
     return Matrix(
         name=f"parkour_{locomotion}",
         environment="parkour",
@@ -225,7 +225,7 @@ MATRICES: tuple[Matrix, ...] = (ORIGINAL_SPACE, *STUMP_TRACKS_CHALLENGES, *PARKO
 
 
 def _case(study: str, challenge: str, *teachers: str) -> Matrix:
-    """Return a matrix of some teachers, whose runs are shared with the benchmark."""
+    """Return a matrix of some teachers that shares its runs with the benchmark."""
     return Matrix(f"{study}_{challenge}", "stump_tracks", challenge, teachers=teachers)
 
 
@@ -288,7 +288,7 @@ PPO_SEARCH = Matrix(
 
 
 def select(matrices: Sequence[Matrix], challenges: Sequence[str]) -> tuple[Matrix, ...]:
-    """Return the matrices with one of these names or challenges, or raise a ValueError for an unknown one."""
+    """Return the matrices with any of these names or challenges; an unknown one raises a ValueError."""
     names = {name for matrix in matrices for name in (matrix.name, matrix.challenge)}
     for name in challenges:
         if name not in names:

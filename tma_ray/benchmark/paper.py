@@ -1,4 +1,4 @@
-"""Tables of the paper as data: results, and knowledge requirements of teachers."""
+"""Tables of the paper as data: results and the teachers' knowledge requirements."""
 
 import csv
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from typing import Final
 
 from tma_ray.tasks import KnowledgeLevel
 
-PAPER_STEPS: Final = 20_000_000  # budget of a run in the paper, in environment steps
+PAPER_STEPS: Final = 20_000_000  # budget of each run in the paper, in environment steps
 
 RESULTS = Path(__file__).parent / "paper_results.csv"
 
@@ -42,7 +42,7 @@ class PaperResult:
 
 @cache
 def paper_results() -> tuple[PaperResult, ...]:
-    """Return the entries of the paper's tables on Stump Tracks and Parkour in order."""
+    """Return the entries of the paper's tables on Stump Tracks and Parkour, in order."""
     with RESULTS.open(newline="") as file:
         return tuple(
             PaperResult(
@@ -62,7 +62,7 @@ def paper_results() -> tuple[PaperResult, ...]:
 
 
 class Requirement(StrEnum):
-    """Use of a piece of expert knowledge by a teacher."""
+    """How a teacher uses a piece of expert knowledge."""
 
     REQUIRED = "required"
     OPTIONAL = "optional"
@@ -71,7 +71,7 @@ class Requirement(StrEnum):
 
 @dataclass(frozen=True)
 class KnowledgeRequirements:
-    """Use of each piece of `tma_ray.tasks.ExpertKnowledge` by a teacher.
+    """How a teacher uses each piece of `tma_ray.tasks.ExpertKnowledge`.
 
     Distributions exist at every level (the initial one is random without expert knowledge), but teachers that
     require the mastery range cannot run below level low.

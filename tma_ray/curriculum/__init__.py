@@ -1,4 +1,4 @@
-"""Teachers in anyone's training loop, imported on first access."""
+"""Teachers for use in any training loop; members are imported on first access."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Curriculum of a teacher in any training loop."""
+"""Curriculum that a teacher provides for any training loop."""
 
 import copy
 import os
@@ -45,14 +45,14 @@ STATE = "curriculum.pickle"  # file of a saved curriculum, beside its record
 
 
 def needs_of(teacher: type[Teacher]) -> list[str]:
-    """Return the arguments of a `Curriculum` that a teacher requires."""
+    """Return the names of the `Curriculum` arguments that a teacher requires."""
     evaluates = teacher.wants_evaluations and not teacher.withholds_episodes
     needed = {"values": teacher.wants_values, "act": teacher.withholds_episodes, "evaluate": evaluates}
     return [name for name, needs in needed.items() if needs]
 
 
 def teacher_needs() -> pd.DataFrame:
-    """Return the requirements of each teacher on a training loop.
+    """Return what each teacher requires of a training loop.
 
     Returns:
         Columns ``teacher``, ``needs`` (arguments of `Curriculum`), ``expert_knowledge`` (the lowest level)
@@ -67,7 +67,7 @@ def teacher_needs() -> pd.DataFrame:
 
 
 class Curriculum:
-    """Curriculum of a teacher in any training loop.
+    """Curriculum that a teacher provides for any training loop.
 
     Wrap the loop's environments: each `reset` takes the teacher's next task, and each end of an episode, by
     truncation, too, is reported to the teacher. Episodes from which the student must not learn (those of
@@ -142,7 +142,7 @@ class Curriculum:
         )
         self._teacher.start(self.space, knowledge, teaching)
         self._checked = CheckedTeacher(self._teacher, self._name)
-        # assignments under way, with the attributes that the teacher's `sample` set for them
+        # assignments under way, with the attributes that the teacher's `sample` set for each
         self._open: dict[int, tuple[Assignment, dict[str, Any]]] = {}
         self._assigned = 0
         self._rows: list[EpisodeRow] = []
@@ -150,13 +150,13 @@ class Curriculum:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Initialise attributes of this process, which are not saved."""
+        """Initialise the attributes that belong to this process and are not saved."""
         self._lock, self._process = RLock(), os.getpid()
         self._server: CurriculumServer | None = None
 
     @property
     def episodes(self) -> pd.DataFrame:
-        """Reported episodes: step, task by name ("task_mass"), return, length, success, trains."""
+        """Reported episodes, with columns for step, task ("task_mass"), return, length, success, trains."""
         tasks = [f"task_{name}" for name in self.space.names]
         columns = ["episode", "step", *tasks, "episodic_return", "length", "success", "trains"]
         with self._lock:
@@ -274,7 +274,7 @@ class Curriculum:
             return self._checked.probe(count)
 
     def save(self, folder: str | Path) -> None:
-        """Write the curriculum, without episodes under way, and its record as a results root.
+        """Write the curriculum, except episodes under way, with its record as a results root.
 
         A curriculum saved in the folder before is replaced.
 
@@ -295,7 +295,7 @@ class Curriculum:
         act: Act | None = None,
         evaluate: Evaluate | None = None,
     ) -> "Curriculum":
-        """Load a curriculum written by `save`, which continues bit for bit.
+        """Load a curriculum written by `save`; it continues bit for bit.
 
         It is a pickle: load only files that you trust. The functions are not saved; see the class.
         """
@@ -386,7 +386,7 @@ def _task_space(space: Space) -> TaskSpace:
 
 
 def _new_teacher(teacher: str | type[Teacher] | Teacher) -> tuple[Teacher, str]:
-    """Return a teacher that has not been started, and its name."""
+    """Return a new teacher, not yet started, and its name."""
     if isinstance(teacher, str):
         return make_teacher(teacher), teacher
     if isinstance(teacher, type) and issubclass(teacher, Teacher):

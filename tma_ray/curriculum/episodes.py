@@ -1,4 +1,4 @@
-"""Episodes of a curriculum: assignments of tasks, and reports of played episodes."""
+"""Episodes of a curriculum: assigned tasks and reports of played episodes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ class Assignment:
 
 @dataclass(frozen=True, eq=False)
 class PlayedEpisode:
-    """Finished episode, with fields of `tma_ray.tasks.Episode` and the number of its assignment."""
+    """Finished episode, with the fields of `tma_ray.tasks.Episode` and the number of its assignment."""
 
     number: int
     episodic_return: float
@@ -40,7 +40,7 @@ class PlayedEpisode:
 
 
 class Link(Protocol):
-    """Curriculum of a world, in this process or another."""
+    """Connection of a world to its curriculum, in this process or another."""
 
     space: TaskSpace
     gamma: float
@@ -107,14 +107,14 @@ class EpisodeUnderWay:
 
 
 def by_name(space: TaskSpace, task: Task) -> dict[str, float]:
-    """Return a task (d,) as a dict of names to values."""
+    """Return a task (d,) as a dict from names to values."""
     return dict(zip(space.names, map(float, task), strict=True))
 
 
 def reset_to(
     environment: Environment, task: Mapping[str, float], apply: Apply | None, **kwargs: Any
 ) -> tuple[Any, dict[str, Any]]:
-    """Reset `environment` to a task by name, with `apply` or, if None, with the option "task"."""
+    """Reset `environment` to a task given by name, using `apply` or, if None, the option "task"."""
     if apply is not None:
         apply(environment, task)
         return environment.reset(**kwargs)
@@ -125,7 +125,7 @@ def reset_to(
 def next_assignment(
     environment: Environment, link: Link, apply: Apply | None, seed: int | None = None
 ) -> tuple[Assignment, int | None]:
-    """Return the next assignment for the training loop, after playing those without learning.
+    """Return the training loop's next assignment, after playing those from which nothing is learned.
 
     Returns:
         Assignment, and the `seed` of the next `reset` if no episode has used it.
@@ -145,7 +145,7 @@ def next_assignment(
 
 
 class TaskEvaluation:
-    """Evaluation of tasks in a copy of the training loop's environment, for the argument `evaluate`.
+    """Evaluation of tasks in a copy of the training loop's environment, to pass as `evaluate`.
 
     Args:
         make: function that returns a copy of the environment.

@@ -1,4 +1,4 @@
-"""Record of a curriculum as a results root, for figures and reports."""
+"""Record of a curriculum, stored as a results root for figures and reports."""
 
 import json
 import re
@@ -14,12 +14,12 @@ from tma_ray.support.component_names import base_name
 from tma_ray.tasks import Episode, Task, TaskSpace
 from tma_ray.teachers import Teacher, hyperparameters_of
 
-EXTERNAL = "external"  # environment, embodiment, student, test set and engine of a curriculum's run
-PROBE_SIZE = 100  # tasks of the probe at the end
+EXTERNAL = "external"  # stands for the environment, body, student, test set and engine of a curriculum's run
+PROBE_SIZE = 100  # number of tasks in the final probe
 
 
 class EpisodeRow(NamedTuple):
-    """Reported episode, with fields of `Episode`."""
+    """Reported episode, with the fields of `Episode`."""
 
     step: int
     task: Task
@@ -51,7 +51,7 @@ class Recorded(Protocol):
 
 
 def write_record(folder: Path, curriculum: Recorded, state_file: str, state: bytes) -> None:
-    """Write the record and the state of a curriculum, in place of one saved in `folder` before.
+    """Write the record and the state of a curriculum, replacing any saved in `folder` before.
 
     Raises:
         FileExistsError: if the folder has other contents.
@@ -88,7 +88,7 @@ def _write_root(root: Path, curriculum: Recorded) -> None:
 
 
 def _run_record(curriculum: Recorded) -> RunRecord:
-    """Return the run of a curriculum, with a spec in the fields of a `RunSpec`."""
+    """Return the run record of a curriculum, with a spec that has the fields of a `RunSpec`."""
     common: dict[str, Any] = {
         "environment": EXTERNAL,
         "challenge": EXTERNAL,

@@ -1,4 +1,4 @@
-"""Curriculum shared by several processes: its server, and picklable handles."""
+"""Curriculum shared by several processes: its server and picklable handles."""
 
 import os
 import secrets
@@ -12,11 +12,11 @@ from tma_ray.curriculum.episodes import Apply, Array, Assignment, Environment, L
 from tma_ray.curriculum.wrappers import CurriculumEnvironment
 from tma_ray.tasks import TaskSpace
 
-BACKLOG = 256  # processes that may connect at the same time
+BACKLOG = 256  # number of processes that may connect at the same time
 
 
 class CurriculumServer:
-    """Server for the handles of other processes, with a thread per process.
+    """Server for the handles in other processes, with one thread per process.
 
     Episodes of a process that dies are abandoned. `host` is the name or address of this machine for other
     machines, None for a local socket.
@@ -34,7 +34,7 @@ class CurriculumServer:
         while True:
             try:
                 connection = self._listener.accept()
-            except (OSError, EOFError, AuthenticationError):  # concerns one process only
+            except (OSError, EOFError, AuthenticationError):  # a process failed to connect
                 continue
             Thread(target=self._serve, args=(connection,), name="tma_ray curriculum", daemon=True).start()
 
@@ -45,7 +45,7 @@ class CurriculumServer:
                 method, arguments = connection.recv()
                 try:
                     result = getattr(self._link, method)(*arguments)
-                except Exception as error:  # raised in the calling process
+                except Exception as error:  # sent to the calling process, which raises it
                     connection.send((False, f"{type(error).__name__}: {error}"))
                     continue
                 if method == "begin":
@@ -62,7 +62,7 @@ class CurriculumServer:
 
 
 class SharedCurriculum:
-    """Handle of a curriculum for other processes, pickled or forked.
+    """Handle of a curriculum for use in other processes, pickled or forked.
 
     It connects on first use to the process with the curriculum, which must be alive. `Curriculum.shared`
     makes it.

@@ -57,7 +57,7 @@ class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
         return observation, {**info, "task": assignment.task.copy(), "trains": assignment.trains}
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Take a step, and report the episode if it ends."""
+        """Take a step, and report the episode if it has ended."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         episode = self._episode
         if episode is not None:
@@ -87,7 +87,7 @@ class CurriculumWorlds(VectorWrapper):
         super().__init__(env)
         self._worlds: VectorEnvironment = env.unwrapped  # type: ignore[assignment]
         self._link = link
-        self._spare = copy.deepcopy(self._worlds.envs[0])  # plays episodes without learning
+        self._spare = copy.deepcopy(self._worlds.envs[0])  # for episodes without learning
         self._spare_seed: int | None = None
         self._assigned: list[Assignment] = []
         self._episodes: list[EpisodeUnderWay | None] = [None] * self.num_envs
@@ -96,7 +96,7 @@ class CurriculumWorlds(VectorWrapper):
         self._worlds.next_task = self._next_task
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin episodes on the next tasks of the curriculum, unless the caller gives tasks."""
+        """Begin episodes on the next tasks of the curriculum, unless the caller specifies tasks."""
         mask = (options or {}).get("reset_mask")
         begun = np.ones(self.num_envs, np.bool_) if mask is None else np.asarray(mask)
         self._abandon(begun)

@@ -1,4 +1,4 @@
-"""Bodies as data (parts, joints, motors), each loaded from a file with parameters."""
+"""Bodies as data (parts, joints, motors), loaded from files with parameters."""
 
 from tma_ray.embodiments.embodiment import (
     BodyType,

@@ -65,7 +65,7 @@ class Polygon:
         return float(about_origin - self.area * np.sum(np.square(self.centroid)))
 
     def distance(self, point: Point) -> float:
-        """Return the signed distance of `point` from the polygon's farthest edge line in m, <= 0 inside."""
+        """Return the largest signed distance of `point` from the lines of the edges, in m (<= 0 inside)."""
         edges = np.roll(self.points, -1, axis=0) - self.points
         outwards = _cross(np.asarray(point) - self.points, edges) / np.hypot(edges[:, 0], edges[:, 1])
         return float(np.max(outwards))
@@ -81,7 +81,7 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
 
 @dataclass(frozen=True)
 class Part:
-    """Rigid part with a frame of its own.
+    """Rigid part with its own coordinate frame.
 
     Attributes:
         name: unique name in the body.
@@ -116,19 +116,19 @@ class Part:
         return self.density * self.shape.second_moment
 
     def local(self, point: Point) -> Point:
-        """Transform a `point` relative to the spawn point into the part's frame, in m."""
+        """Transform a `point`, given relative to the spawn point in m, to the part's frame."""
         x, y = point[0] - self.position[0], point[1] - self.position[1]
         sine, cosine = math.sin(self.angle), math.cos(self.angle)
         return cosine * x + sine * y, cosine * y - sine * x
 
     def distance(self, point: Point) -> float:
-        """Return the signed distance of `point`, relative to the spawn point, from the part, in m."""
+        """Return the signed distance in m from the part to `point`, given relative to the spawn point."""
         return self.shape.distance(self.local(point))
 
 
 @dataclass(frozen=True)
 class Joint:
-    """Hinge between two parts, with a motor or passive.
+    """Hinge between two parts, either motorised or passive.
 
     The joint's angle is that of `part_b` minus that of `part_a`, 0 in the drawn pose.
 
@@ -170,7 +170,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class GripSensor:
-    """Circle welded to a part, which can hold the object that it touches and does not collide.
+    """Circle welded to a part that can hold the object it touches, and does not collide.
 
     Attributes:
         name: unique name among the body's parts and sensors.
@@ -197,11 +197,11 @@ class GripSensor:
         return self.mass * self.radius**2 / 2
 
 
-ANCHOR_TOLERANCE = 0.02  # distance of an anchor outside its parts, in m: drawings round to the pixel
+ANCHOR_TOLERANCE = 0.02  # how far an anchor may lie outside its parts, in m: drawings round to pixels
 
 
 class EmbodimentError(ValueError):
-    """Error if a body cannot be built."""
+    """Error raised if a body cannot be built."""
 
 
 def _check_parts(parts: Sequence[Part], grip_sensors: Sequence[GripSensor]) -> None:
@@ -387,7 +387,7 @@ class Embodiment:
 
     @property
     def stretched(self) -> bool:
-        """True if a joint of the body is drawn stretched."""
+        """True if any joint of the body is drawn stretched."""
         return any(joint.anchor_b is not None for joint in self.joints)
 
     @property

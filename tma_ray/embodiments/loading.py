@@ -28,34 +28,34 @@ from tma_ray.support.quantities import BODY_SIZE, TORQUE
 
 Entry = dict[str, Any]
 
-POSITION_FIELDS = ("position", "anchor", "anchor_b")  # shifted in copies
-LAST = "last"  # value of `head`: true in the last copy only
-NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")  # number k = 1, 2, ... of a copy in texts: {k}, {2k-1}, {k+1}
+POSITION_FIELDS = ("position", "anchor", "anchor_b")  # fields of an entry that are shifted in copies
+LAST = "last"  # value of `head` that means: true in the last copy only
+NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")  # a copy's number k = 1, 2, ... in texts: {k}, {2k-1}, {k+1}
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """Section whose entries are expanded once per copy, with the copy's number in their texts."""
+    """Section whose entries are expanded once per copy, with the copy's number inserted in their texts."""
 
-    parameter: str  # name of the number of copies
+    parameter: str  # name of the parameter that sets the number of copies
     count: int  # default number of copies
     at_most: int  # largest number of copies
     parts: list[Entry]  # entries of parts
     joints: list[Entry]  # entries of joints
     links: list[Entry]  # entries of joints between copies k and k + 1
     grip_sensors: list[Entry]  # entries of grip sensors
-    # offset between the copies, in m, which are centred on the given position
+    # offset in m from one copy to the next; the copies are centred on the given position
     step: tuple[float, float] = (0.0, 0.0)
 
     def check(self, count: object) -> None:
-        """Check that a number of copies, int or float, is a whole number from 1 to `at_most`."""
+        """Check that the number of copies, given as int or float, is a whole number from 1 to `at_most`."""
         is_number = isinstance(count, int | float) and not isinstance(count, bool)
         if not is_number or count not in range(1, self.at_most + 1):
             raise ValueError(f"{self.parameter} {count!r} must be a whole number from 1 to {self.at_most}")
 
 
 def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
-    """Return the repeated sections of a body's file by parameter.
+    """Return the repeated sections of a body's file, by parameter.
 
     Raises:
         ValueError: if a section is invalid or its parameter is repeated.
@@ -78,7 +78,7 @@ def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
 
 
 def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return a body's file with its repeated sections expanded to `counts` copies."""
+    """Return the contents of a body's file with its repeated sections expanded to `counts` copies."""
     expanded = {name: list(data.get(name, [])) for name in ("parts", "joints", "grip_sensors")}
     for parameter, section in repeats(data).items():
         count = counts[parameter]
@@ -91,7 +91,7 @@ def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[s
 
 
 def _copied(entry: Entry, section: Repeat, number: int, count: int) -> Entry:
-    """Return copy `number` of `count`."""
+    """Return an entry of the copy with this `number`, out of `count`."""
 
     def numbered(match: re.Match[str]) -> str:
         return str(int(match[1] or 1) * number + int(match[2] or 0))
@@ -128,7 +128,7 @@ def body_parameters(text: str) -> tuple[str, dict[str, float]]:
 
 
 def resized(body: Embodiment, size: float) -> Embodiment:
-    """Return `body` with all lengths multiplied by `size`, and the same densities and torques.
+    """Return `body` with all lengths multiplied by `size`, keeping densities and torques.
 
     Raises:
         ValueError: if the size is not positive, or implausible.
@@ -176,8 +176,8 @@ def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
 
 SIZE, MOTOR_TORQUE = "size", "motor_torque"
 SURVIVAL = ("steps_survivable_under_water", "steps_survivable_outside_water")
-ENTRIES = ("parts", "joints", "grip_sensors", "repeat")  # fields of a body's file that are lists of sections
-LARGEST_NUMBER = 1e9  # bound of every number in a body's file
+ENTRIES = ("parts", "joints", "grip_sensors", "repeat")  # fields that are lists of sections
+LARGEST_NUMBER = 1e9  # bound on the absolute value of every number in a body's file
 
 _FOLDER = resources.files("tma_ray.embodiments") / "data"
 
@@ -233,7 +233,7 @@ def _shipped(name: str, settings: tuple[tuple[str, float], ...]) -> Embodiment:
 
 
 def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
-    """Return the body of a file with `settings`, and with those that make a difference in its name."""
+    """Return the body of a file with `settings`, named after those that make a difference."""
     try:
         if isinstance(path, Path):
             check_file(path, MOST_TEXT_BYTES)
@@ -252,7 +252,7 @@ def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
 
 
 def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
-    """Return the body of a file's contents with `settings`, under the file's name."""
+    """Return the body described by a file's contents with `settings`, named after the file."""
     for name in ENTRIES:
         tables = data.get(name, [])
         if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
@@ -291,7 +291,7 @@ def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
 def _decoded(
     what: str, entry: dict[str, Any], kind: type[Embodiment | Part | Joint | GripSensor]
 ) -> dict[str, Any]:
-    """Convert the fields of an entry to the types in `kind`, except nested lists of entries."""
+    """Convert the fields of an entry to the types declared in `kind`, except nested lists of entries."""
     types = _TYPES[kind]
     vertices = {"shape": "vertices"} if kind is Part else {}
     names = {field.name: vertices.get(field.name, field.name) for field in fields(kind)}
@@ -322,7 +322,7 @@ def _decoded(
 
 
 def _is_bounded(value: object) -> bool:
-    """Return True if all numbers in `value` are finite and plausible."""
+    """Return True if all numbers in `value` are finite and not implausibly large."""
     if isinstance(value, list):
         return all(map(_is_bounded, value))
     return not isinstance(value, (int, float)) or abs(value) <= LARGEST_NUMBER

@@ -1,4 +1,4 @@
-"""Gymnasium environments with procedurally generated worlds, imported on first access."""
+"""Gymnasium environments with procedurally generated worlds; members are imported on first access."""
 
 from typing import TYPE_CHECKING
 

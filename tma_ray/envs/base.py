@@ -1,4 +1,4 @@
-"""Base of the benchmark's environments: one body in a world generated from a task."""
+"""Base class of the benchmark's environments: one body in a world generated from a task."""
 
 from abc import abstractmethod
 from functools import cached_property
@@ -30,7 +30,7 @@ from tma_ray.terrain import Terrain
 if TYPE_CHECKING:
     from tma_ray.envs.drawing import Renderer
 
-MAX_EPISODE_STEPS = 2000  # before truncation, which the original release leaves to its students
+MAX_EPISODE_STEPS = 2000  # steps before truncation, which the original release leaves to its students
 PUSH = 5.0  # largest random push on the head in the first step, in N
 
 NOT_RUNNING = "the episode has ended or not begun; call reset()"
@@ -86,7 +86,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     @cached_property
     def _engine(self) -> Engine:
-        """Engine, created on first use, so that reading the spaces does not compile it."""
+        """Engine, created on first use so that reading the spaces does not trigger compilation."""
         return make_engine(self.embodiment, self.rules)
 
     @property
@@ -118,7 +118,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed)
         task = self._chosen_task(options or {})
         push = self.np_random.uniform(-PUSH, PUSH)
-        engine = self._engine  # first: loading the engine registers all kernels, before `build` compiles one
+        engine = self._engine  # first, since it registers all kernels before `build` compiles one
         self._terrain = self.build(task, self.np_random)
         observation = engine.reset(self._terrain, push)
         self._observation = observation
@@ -150,7 +150,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         return observation, reward, terminated, truncated, info
 
     def release_engine(self) -> Engine:
-        """Return the engine of the episode under way, which ends for the environment itself.
+        """Hand over the engine of the episode under way, which ends for the environment itself.
 
         Raises:
             gymnasium.error.ResetNeeded: if the episode has ended or not begun.
@@ -165,7 +165,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self.render_mode is None:
             gymnasium.logger.warn("render() needs a render_mode: make the environment with 'rgb_array'")
             return None
-        from tma_ray.envs.drawing import Renderer  # deferred: training must not load pygame
+        from tma_ray.envs.drawing import Renderer  # deferred, so that training does not load pygame
 
         if self._renderer is None:
             window = self.render_mode == "human"
@@ -194,12 +194,12 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
 
 def embodiment_of(embodiment: str | Path | Embodiment) -> Embodiment:
-    """Return a body, loaded if given by name or path."""
+    """Return a body, loading it if it is given by name or path."""
     return embodiment if isinstance(embodiment, Embodiment) else load_embodiment(embodiment)
 
 
 def _observation_space(size: int, rules: Rules) -> spaces.Space[Observation]:
-    """Return the space of observations, without bounds for joints, which overshoot their limits when hit."""
+    """Return the observation space; joints, which can overshoot their limits when hit, are unbounded."""
     low, high = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
     if rules.observes_medium:
         low[4:6], high[4:6] = 0.0, 1.0

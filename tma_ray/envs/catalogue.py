@@ -1,4 +1,4 @@
-"""Registry of the environments, without gymnasium."""
+"""Registry of the environments, which does not import gymnasium."""
 
 from __future__ import annotations
 

@@ -29,17 +29,17 @@ GOAL, TRACK = (216, 66, 50), (120, 140, 158)
 
 
 WIDTH, HEIGHT = 600, 400  # size of a frame, in pixels
-PIXELS_PER_METRE = 48  # of the nearest view, and of every view under an open sky
-HEAD_SHARE = 0.3  # x of the head as a share of the width: the lidars point ahead
+PIXELS_PER_METRE = 48  # scale of the closest view, and of every view under an open sky
+HEAD_SHARE = 0.3  # x of the head as a share of the width, left of the middle since the lidars point ahead
 
-# shares of the frame's height
-GROUND_SHARE = 0.22  # height of the ground, unless the head would leave the frame
-PASSAGE_SHARE = 0.8  # height of a low passage
+# as shares of the frame's height
+GROUND_SHARE = 0.22  # height of the ground where the head stays in the frame
+PASSAGE_SHARE = 0.8  # height of the view that a low passage takes up
 SOLID_SHARE = 0.12  # height of the ground in the lowest view, and of the ceiling in the highest
-HEAD_MARGIN = 0.15  # least distance of the head from the upper and lower edge
+HEAD_MARGIN = 0.15  # smallest distance of the head from the upper and lower edge
 
 HIGHEST_VIEW = 12.0  # height of the view in a high passage, in m
-REACH = 5.0  # half width in m over which ground and ceiling are averaged, so that the camera does not shake
+REACH = 5.0  # distance in m over which ground and ceiling are averaged to keep the camera steady
 
 
 class Viewport(NamedTuple):
@@ -61,7 +61,7 @@ class Viewport(NamedTuple):
 
 
 def view_of(head: NDArray[np.float64], terrain: Terrain) -> Viewport:
-    """Return the viewport for a head at `head` (2,).
+    """Return the viewport for a body whose head is at `head` (2,).
 
     Under an open sky the scale is fixed, and the camera rises only with a head that would leave the frame.
     Under a ceiling it follows the head, and shows the whole height of a low passage.
@@ -83,26 +83,26 @@ def view_of(head: NDArray[np.float64], terrain: Terrain) -> Viewport:
 
 
 def height_at(segments: NDArray[np.float64], x: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Return the height in m of ground or ceiling, `segments` (m, 4) of a Terrain, at each of `x`."""
+    """Return the height in m at each of `x` of ground or ceiling, given as `segments` (m, 4) of a Terrain."""
     ends = np.append(segments[:, 0], segments[-1, 2]), np.append(segments[:, 1], segments[-1, 3])
     return np.asarray(np.interp(x, *ends))
 
 
 def _around(segments: NDArray[np.float64], x: float) -> float:
-    """Return the mean height around `x`, weighted by proximity."""
+    """Return the mean height of `segments` around `x`, weighted by proximity."""
     offsets = np.linspace(-1, 1, 41)
     weights = 1 + np.cos(np.pi * offsets)
     return float(np.average(height_at(segments, x + REACH * offsets), weights=weights))
 
 
 SUPERSAMPLING = 2
-CROP = 10.0  # distance outside the frame at which shapes are cut, in m: pygame's coordinates are small
+CROP = 10.0  # distance outside the frame at which shapes are cut, in m: pygame's coordinates are limited
 
 Floats = NDArray[np.float64]
 
 
 class Canvas:
-    """Canvas for shapes and text in world coordinates, with widths in pixels of a frame."""
+    """Canvas for shapes and text in world coordinates, with line widths in pixels of a frame."""
 
     def __init__(self) -> None:
         self.surface = pygame.Surface((WIDTH * SUPERSAMPLING, HEIGHT * SUPERSAMPLING))
@@ -124,10 +124,10 @@ class Canvas:
         return pygame.transform.smoothscale(self.surface, (WIDTH, HEIGHT))
 
     def pixels(self, smooth: bool = True) -> NDArray[np.uint8]:
-        """Return the frame (height, width, 3), or the larger surface if not `smooth`."""
+        """Return the frame (height, width, 3), or the supersampled surface if not `smooth`."""
         frame = self.frame() if smooth else self.surface
         width, height = frame.get_size()
-        content = bytearray(pygame.image.tobytes(frame, "RGB"))  # several times faster than pygame.surfarray
+        content = bytearray(pygame.image.tobytes(frame, "RGB"))  # several times as fast as pygame.surfarray
         return np.frombuffer(content, np.uint8).reshape(height, width, 3)
 
     def line(self, ends: Floats, colour: Colour, width: int) -> None:
@@ -136,7 +136,7 @@ class Canvas:
         pygame.draw.line(self.surface, colour, start, end, width * SUPERSAMPLING)
 
     def fill(self, points: Floats, colour: Colour, outline: Colour | None = None) -> None:
-        """Draw a polygon with the corners `points` (n, 2), and its outline."""
+        """Draw a filled polygon with the corners `points` (n, 2), and its outline."""
         corners = self._pixels(self._cropped(points)).tolist()
         pygame.draw.polygon(self.surface, colour, corners)
         if outline is not None:
@@ -156,12 +156,12 @@ class Canvas:
         self.surface.blit(self._glass, (0, row), (0, 0, WIDTH * SUPERSAMPLING, height - row))
 
     def text(self, point: Floats, text: str, colour: Colour) -> None:
-        """Write under a point (2,)."""
+        """Write text under a point (2,)."""
         drawn = self._font.render(text, True, colour)
         self.surface.blit(drawn, drawn.get_rect(midtop=self._pixels(point).tolist()))
 
     def bar(self, share: float, colours: tuple[Colour, Colour, Colour]) -> None:
-        """Draw a progress bar along the top, with colours of the track, the done share, and the end."""
+        """Draw a progress bar along the top, with colours for the track, the share done, and the end."""
         left, right, y = (SUPERSAMPLING * value for value in (20, WIDTH - 20, 16))
         x, (track, done, end) = left + share * (right - left), colours
         pygame.draw.line(self.surface, track, (left, y), (right, y), 2 * SUPERSAMPLING)
@@ -170,11 +170,11 @@ class Canvas:
         pygame.draw.circle(self.surface, end, (right, y), 4 * SUPERSAMPLING)
 
     def sees(self, left: Floats, right: Floats) -> NDArray[np.bool_]:
-        """Return True (n,) for objects between x = `left` and `right` (n,) that are in the frame."""
+        """Return a mask (n,) of the objects, from x = `left` to `right` (n,), that are in the frame."""
         return np.asarray((right >= self.view.left) & (left <= self.view.right))
 
     def _pixels(self, points: Floats) -> Floats:
-        """Return world `points` (..., 2) in pixels of the surface."""
+        """Convert `points` (..., 2) from world coordinates to pixels of the surface."""
         scale = self.view.scale * SUPERSAMPLING
         x = (points[..., 0] - self.view.left) * scale
         y = HEIGHT * SUPERSAMPLING - (points[..., 1] - self.view.bottom) * scale
@@ -185,13 +185,13 @@ class Canvas:
         return np.clip(points, low, np.array([self.view.right + CROP, self.view.top + CROP]))
 
 
-SMALLEST_GRIP = 4.0  # smallest radius of a drawn grip sensor, in pixels
+SMALLEST_GRIP = 4.0  # smallest radius at which a grip sensor is drawn, in pixels
 FLAGPOLE = 3.2  # height of the goal's flag, in m
 MARK_SPACING = 5  # distance between marks on the ground, in m
 
 
 class Renderer:
-    """Renderer of frames of one body.
+    """Renderer of frames that show one body.
 
     Args:
         body: body to draw.
@@ -247,13 +247,13 @@ class Renderer:
             self._window = None
 
     def _draw_world(self, scene: Scene) -> None:
-        """Draw water, creepers, ground and ceiling, and marks of the distance from the start."""
+        """Draw water, creepers, ground, ceiling, and marks that show the distance from the start."""
         canvas, view, terrain = self._canvas, self._canvas.view, scene.terrain
         canvas.tint(terrain.water_y, WATER, 120)
         edge = np.array([[view.left, terrain.water_y], [view.right, terrain.water_y]])
         if view.bottom < terrain.water_y < view.top:
             canvas.line(edge, WATER_EDGE, 1)
-        # creepers before the solids, into which they reach under a sloping ceiling
+        # creepers come before the solids, because they reach into a sloping ceiling
         sizes = terrain.creepers[:, 2:] - terrain.creepers[:, :2]
         reach = np.hypot(*sizes.T) / 2
         seen = canvas.sees(scene.creepers[:, 0] - reach, scene.creepers[:, 0] + reach)
@@ -277,11 +277,11 @@ class Renderer:
                 canvas.text(position, f"{mark} m", MARK)
 
     def _draw_body(self, scene: Scene) -> None:
-        """Draw the parts from the farthest, which is the last, to the head, in grey if the body is dead."""
+        """Draw the parts from the farthest (the last) to the head, in grey if the body is dead."""
         canvas, body, poses = self._canvas, self._body, scene.poses
         head, limb, far_limb, outline = DEAD_COLOURS if scene.dead else COLOURS
         for joint in body.joints:
-            if joint.outside_parts:  # a neck
+            if joint.outside_parts:  # draw a neck
                 first, second = (body.part_index(name) for name in (joint.part_a, joint.part_b))
                 end = _placed(poses[second], np.array(body.parts[second].local(joint.anchors[1])))
                 canvas.line(np.stack([poses[first, :2], end]), outline, 5)
@@ -298,11 +298,11 @@ class Renderer:
 
 
 def _placed(pose: Floats, points: Floats) -> Floats:
-    """Transform `points` (..., 2) from a frame at `pose` (x, y, angle) to world coordinates."""
+    """Transform `points` (..., 2) from a coordinate frame at `pose` (x, y, angle) to world coordinates."""
     sine, cosine = np.sin(pose[2]), np.cos(pose[2])
     return np.asarray(pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]]))
 
 
 def _base(terrain: Terrain, x: float) -> float:
-    """Return the height of the ground at `x` in m, below any stump."""
+    """Return the height in m of the ground at `x`, ignoring stumps."""
     return float(height_at(terrain.surface, x)) if len(terrain.ceiling) else GROUND_HEIGHT

@@ -1,4 +1,4 @@
-"""Registration of the environments with gymnasium, and their creation by name."""
+"""Registration of the environments with gymnasium, and creation of environments by name."""
 
 import math
 from collections.abc import Callable
@@ -18,7 +18,7 @@ Environment = gymnasium.Env[Any, Any]
 ``options={"task": …}``. Optional attributes are `mastery_return`, the episodic return over which a task is
 mastered, and `observation_signals` and `action_signals` (sequences of `Signal`)."""
 
-JSON_TYPES = (str, int, float, list, dict)  # types of options in the spec of a run
+JSON_TYPES = (str, int, float, list, dict)  # types of the options in the spec of a run
 
 GYMNASIUM_IDS = {
     "tma_ray/StumpTracks-v0": ("tma_ray.envs.stump_tracks:StumpTracks", "tma_ray.envs.vector:stump_tracks"),
@@ -28,7 +28,7 @@ GYMNASIUM_IDS = {
 
 
 def register_environments() -> None:
-    """Register the environments with gymnasium, as importing this module does."""
+    """Register the environments with gymnasium; importing this module calls it."""
     for name, (single, vector) in GYMNASIUM_IDS.items():
         if name not in gymnasium.registry:
             gymnasium.register(
@@ -37,7 +37,7 @@ def register_environments() -> None:
 
 
 def make_environment(name: str, **kwargs: Any) -> Environment:
-    """Return a new environment.
+    """Return a new environment called `name`.
 
     Args:
         name: a name in ENVIRONMENTS, or ``module:Name``, with optional settings
@@ -80,7 +80,7 @@ def box_spaces(environment: Environment) -> tuple[spaces.Box, spaces.Box]:
 
 
 def mastery_return(environment: Environment) -> float:
-    """Return the mastery return of `environment`, which defaults to the benchmark's.
+    """Return the mastery return of `environment`, by default the benchmark's.
 
     Raises:
         ValueError: if the environment's attribute is not a finite number.

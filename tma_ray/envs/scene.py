@@ -1,4 +1,4 @@
-"""Scene of a frame, and options of frames, without pygame."""
+"""Content and options of frames, independent of pygame."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Scene:
-    """Content of a frame."""
+    """Everything that a frame shows."""
 
     poses: Floats  # x, y, angle of every part's frame (p, 3), in m and rad
     terrain: Terrain  # terrain of the world
@@ -27,7 +27,7 @@ class Scene:
 
 
 def scene_of(engine: Engine, terrain: Terrain, observation: NDArray[np.float32]) -> Scene:
-    """Return the scene of `engine` after its last `observation` (o,)."""
+    """Return the scene of `engine`, which last returned `observation` (o,)."""
     poses, body = engine.state[:, :3], engine.arrays
     rays = len(body.rays)
     if body.observes_medium:
@@ -47,7 +47,7 @@ def scene_of(engine: Engine, terrain: Terrain, observation: NDArray[np.float32])
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """Options of an environment's frames.
+    """Options of the frames that an environment draws.
 
     Attributes:
         lidars: True to draw the rays.

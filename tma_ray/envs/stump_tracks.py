@@ -11,7 +11,7 @@ from tma_ray.tasks import Task, TaskSpace
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks
 
-# lidars of all bodies point down and ahead, as in the original release
+# the lidars of all bodies point down and ahead, as in the original release
 RULES = Rules("stump_tracks", LidarLayout.DOWN, observes_medium=False)
 
 _UNITS = {"stump_height": "terrain steps", "obstacle_spacing": "m"}

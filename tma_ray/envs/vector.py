@@ -1,4 +1,4 @@
-"""Vector environments: n worlds, each on its own task, stepped in one compiled call."""
+"""Vector environments: n worlds, each with its own task, stepped in one compiled call."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
 
 
 class Outcome(NamedTuple):
-    """Outcome of a step of k environments."""
+    """Outcome of one step in k environments."""
 
     observations: NDArray[np.float32]  # (k, o)
     rewards: NDArray[np.float64]  # (k,)
     terminated: NDArray[np.bool_]  # (k,)
-    truncated: NDArray[np.bool_]  # (k,), True at an episode's longest length
+    truncated: NDArray[np.bool_]  # (k,), True at an episode's time limit
 
     @property
     def over(self) -> NDArray[np.bool_]:
-        """True for episodes that have ended (k,)."""
+        """Mask (k,) of the episodes that have ended."""
         return self.terminated | self.truncated
 
 
 @runtime_checkable
 class EngineEnvironment(Protocol):
-    """Environment whose steps are those of its engine."""
+    """Environment whose steps are computed by its engine alone."""
 
     max_episode_steps: int
 
@@ -47,7 +47,7 @@ class EngineEnvironment(Protocol):
 
 
 def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> "LockStep":
-    """Return the fastest stepper of new `environments` of one kind.
+    """Return the fastest stepper for new `environments` of one kind.
 
     Raises:
         ValueError: if there are more threads than environments, or several without the benchmark's engine.
@@ -62,7 +62,7 @@ def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1)
 
 
 class LockStep:
-    """Stepper of n environments of one kind, in turn.
+    """Stepper that steps n environments of one kind in turn.
 
     Attributes:
         episodic_returns: sum of the rewards of each episode so far (n,).
@@ -73,12 +73,12 @@ class LockStep:
         self.episodic_returns = np.zeros(len(environments))
 
     def read_limits(self) -> None:
-        """Update the longest lengths of episodes from the environments."""
+        """Update the time limits of episodes from the environments."""
 
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
-        """Begin episodes in some environments, in all of them on the first call.
+        """Begin episodes in some environments; the first call must begin one in each.
 
         Args:
             rows: indices of the environments (k,).
@@ -119,7 +119,7 @@ class LockStep:
 
 
 class EngineLockStep(LockStep):
-    """Stepper of environments with engines, in one compiled call."""
+    """Stepper that steps environments with engines in one compiled call."""
 
     def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> None:
         super().__init__(environments)
@@ -129,7 +129,7 @@ class EngineLockStep(LockStep):
         self.read_limits()
 
     def read_limits(self) -> None:
-        """Update the longest lengths of episodes; see `LockStep`."""
+        """Update the time limits of episodes; see `LockStep`."""
         self._longest = np.array([environment.max_episode_steps for environment in self._environments])  # type: ignore[attr-defined]
 
     def reset(
@@ -168,7 +168,7 @@ OPTIONS = ("reset_mask", "task")  # options of a reset
 
 
 class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
-    """Environments of one kind, stepped together with the same bits as alone.
+    """Environments of one kind, stepped together with bit-for-bit the same results as alone.
 
     Each world begins its next episode as in Gymnasium's vector environments: in the next step, whose action
     is ignored (NEXT_STEP), in the same step, with the last observation and info under "final_obs" and
@@ -240,13 +240,13 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     @property
     def envs(self) -> tuple[Environment, ...]:
-        """Environments (n), for their attributes; their engines are stepped without them."""
+        """The n environments, for access to attributes; their engines are stepped without them."""
         return tuple(self._environments)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
-        """Begin episodes, in all worlds or in those of a mask.
+        """Begin episodes in all worlds, or in those of a mask.
 
         Args:
             seed: seeds of the worlds, or that of the first one, from which the others count up.
@@ -346,7 +346,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return VectorEnvironment, arguments, {"spec": self.spec}
 
     def _begin(self, mask: Flags, seeds: Sequence[int | None], tasks: Sequence[Task | None]) -> Observations:
-        """Begin episodes in the worlds of `mask`, and return the observations of all, not copied."""
+        """Begin episodes in the worlds of `mask`, and return the observations of all worlds, uncopied."""
         chosen = self._rows[mask]
         self._running[chosen] = False  # remains False if a task is refused
         observations, played = self._worlds.reset(
@@ -359,7 +359,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return self._observations
 
     def _step_after_ends(self, actions: NDArray[np.float32]) -> tuple[Outcome, Flags]:
-        """Begin episodes in worlds whose last one ended, step the others, and return a mask of the latter."""
+        """Begin episodes in worlds whose last one has ended, step the others, and return a mask of those."""
         moved, begun = self._running.copy(), self._ended.copy()
         if self.autoreset_mode is AutoresetMode.DISABLED or not (moved | begun).all():
             over = ", ".join(map(str, self._rows[~moved]))
@@ -377,7 +377,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return Outcome(observations, rewards, terminated, truncated), moved
 
     def _begin_same_step(self, over: Flags, success: Flags) -> dict[str, Any]:
-        """Begin the next episodes of the worlds `over`, and return `info` of the step."""
+        """Begin the next episodes in the worlds `over`, and return the `info` of the step."""
         assert self._observations is not None
         last = np.full(self.num_envs, None, dtype=object)
         for row in self._rows[over]:
@@ -418,7 +418,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return list(values)
 
     def _chosen_task(self, task: Task | None) -> Task | None:
-        """Return `task` or, if None, the next of `next_task`; None to draw one."""
+        """Return `task` or, if it is None, the result of `next_task`; None means that one is drawn."""
         if task is not None or self.next_task is None:
             return task
         return np.asarray(task_values(self.next_task(), self.valid_domain), np.float32)
@@ -470,7 +470,7 @@ def make_vector_environment(
 
 
 def _shortened(environment: Environment, steps: int) -> Environment:
-    """Return `environment` with episodes of at most `steps`, which must not exceed its own length."""
+    """Return `environment` with episodes of at most `steps`, which must not exceed its own limit."""
     check_whole("max_episode_steps", steps, least=1)
     if not isinstance(environment, EngineEnvironment):
         return TimeLimit(environment, steps)

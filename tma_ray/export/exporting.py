@@ -46,7 +46,7 @@ def export(
     onnx: bool = True,
     playground: bool = False,
 ) -> Export:
-    """Write a policy, its ONNX file and its model card atomically into the folder `output`.
+    """Write a policy with its ONNX file and model card to the folder `output`, atomically.
 
     The result can be loaded like the policy of a run.
 
@@ -75,7 +75,7 @@ def export(
         with _unfinished(output) as folder:
             saved.copy(folder)
             write_inputs(saved.spec, folder)
-            for name in (CARD_FILE, ONNX_FILE, PLAYGROUND_FILE):  # if the policy is itself an export
+            for name in (CARD_FILE, ONNX_FILE, PLAYGROUND_FILE):  # left if the policy is itself an export
                 (folder / name).unlink(missing_ok=True)
             saved.load(*box_spaces(environment))  # raises an error if the policy does not fit
             difference = _write_onnx(saved, environment, folder) if onnx else None
@@ -103,7 +103,7 @@ def _check_output(output: Path) -> None:
 
 @contextmanager
 def _unfinished(output: Path) -> Iterator[Path]:
-    """Yield a temporary folder that becomes `output` unless there is an error."""
+    """Yield a temporary folder that becomes `output` unless an error occurs."""
     output = output.resolve()
     folder = output.with_name(f".{output.name}-{uuid4().hex}")
     folder.mkdir(parents=True)
@@ -115,7 +115,7 @@ def _unfinished(output: Path) -> Iterator[Path]:
 
 
 def _write_onnx(saved: SavedPolicy, environment: Environment, folder: Path) -> float:
-    """Write the ONNX file, and return the largest difference of its actions from the policy's."""
+    """Write the ONNX file, and return the largest difference between its actions and the policy's."""
     observations, actions = box_spaces(environment)
     policy: Policy = saved.read(folder, load_policy)
     layers, spec = saved.read(folder, policy_layers), saved.spec
@@ -131,7 +131,7 @@ def _write_onnx(saved: SavedPolicy, environment: Environment, folder: Path) -> f
         "tma_ray_version": __version__,
     }
     model = onnx_model(layers, (observations.shape[0], actions.shape[0]), properties)
-    # random observations, uniform between bounds, else normal
+    # random observations: uniform where bounded, else normal
     rng = np.random.default_rng(0)
     bounded = np.isfinite(observations.low) & np.isfinite(observations.high)
     low, high = (np.where(bounded, bound, 0.0) for bound in (observations.low, observations.high))

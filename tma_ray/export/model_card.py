@@ -26,12 +26,12 @@ from tma_ray.support.component_names import base_name
 from tma_ray.support.decoding import DamagedFileError, decode_json
 from tma_ray.tasks import TaskSpace
 
-SHOWN_EVALUATIONS: Final = 11  # largest number on a card
+SHOWN_EVALUATIONS: Final = 11  # largest number of evaluations on a card
 CARD_FILE: Final = "README.md"
 
 
 def history_of(saved: SavedPolicy, results: str | Path) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """Return the evaluations of the run of `saved` by step, and the library versions of its last attempt.
+    """Return the evaluations of the run of `saved`, by step, and the library versions of its last attempt.
 
     They come from its own results root, else from `results`, and are empty if neither has the run.
     """
@@ -58,7 +58,7 @@ def history_of(saved: SavedPolicy, results: str | Path) -> tuple[list[dict[str, 
 
 
 def value_rows(environment: Environment, kind: str) -> list[dict[str, Any]]:
-    """Return one row per signal of the environment's "observation" or "action", with indices and bounds.
+    """Return one row per signal in the environment's "observation" or "action", with indices and bounds.
 
     Raises:
         ValueError: if the signals and the space have different numbers of values.
@@ -89,7 +89,7 @@ def model_card(
     difference: float | None,
     licence: str,
 ) -> str:
-    """Return the card of a policy, with the result of `history_of` and the files in `folder`."""
+    """Return the card of a policy, which shows the result of `history_of` and the files in `folder`."""
     evaluations, libraries = history
     body = environment.get_wrapper_attr("embodiment") if environment.has_wrapper_attr("embodiment") else None
     domain: TaskSpace = environment.get_wrapper_attr("valid_domain")
@@ -103,7 +103,7 @@ def model_card(
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=_plain,  # escapes Markdown, not HTML
+        finalize=_plain,  # escapes for Markdown, not for HTML
         autoescape=False,  # noqa: S701
     )
     filters = {"yaml": _yaml, "python": _python, "number": _number, "code": _code, "base": base_name}
@@ -152,12 +152,12 @@ def _python(value: object) -> Markup:
 
 
 def _code(value: object) -> Markup:
-    """Return a value as inline code, also for tables."""
+    """Return a value as inline code, escaped for use in tables."""
     return Markup(f"`{json.dumps(value)}`".replace("|", "\\|")) if value else Markup("none")  # noqa: S704
 
 
 def _plain(value: object) -> object:
-    """Escape the special characters of Markdown in a text."""
+    """Escape Markdown's special characters in a text."""
     if isinstance(value, Markup) or not isinstance(value, str):
         return value
     return "".join(

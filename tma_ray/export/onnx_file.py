@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
 ONNX_FILE: Final = "policy.onnx"
 
-COMPARED: Final = 256  # random observations for the comparison with the policy
-OPSET: Final = 20  # version of ONNX's operators: the first with GELU
+COMPARED: Final = 256  # number of random observations on which model and policy are compared
+OPSET: Final = 20  # version of ONNX's operator set: the first with GELU
 INPUT, OUTPUT = "observations", "actions"  # names of the graph's input and output
-TOLERANCE: Final = 1e-4  # largest difference between actions, as a share of their ranges
+TOLERANCE: Final = 1e-4  # largest accepted difference between actions, as a share of their ranges
 
 
 class NotExpressibleError(ValueError):
-    """Error if ONNX cannot express a policy, or not accurately enough."""
+    """Error raised if ONNX cannot express a policy, or not accurately enough."""
 
 
 def require_onnx() -> None:
-    """Check that the packages for ONNX files are installed.
+    """Check that the packages needed for ONNX files are installed.
 
     Raises:
         ValueError: if onnx or onnxscript is not installed.
@@ -62,7 +62,7 @@ def onnx_model(
     import torch
     from onnx import checker, helper
 
-    logger = logging.getLogger("torch.onnx")  # silenced: it warns of packages that are not installed
+    logger = logging.getLogger("torch.onnx")  # silenced, since it warns of packages that are not installed
     level = logger.level
     logger.setLevel(logging.ERROR)
     try:
@@ -89,7 +89,7 @@ def onnx_model(
     model: onnx.ModelProto = program.model_proto
     graph = model.graph
     for part in (graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
-        del part.metadata_props[:]  # may contain local paths
+        del part.metadata_props[:]  # cleared, since it may contain local paths
     model.producer_name, model.producer_version = "tma_ray", __version__
     helper.set_model_props(model, dict(properties))
     checker.check_model(model, full_check=True)
@@ -99,7 +99,7 @@ def onnx_model(
 def largest_difference(
     model: onnx.ModelProto, policy: Policy, observations: NDArray[np.float32], widths: NDArray[np.float32]
 ) -> float:
-    """Return the largest absolute difference between actions of `model` and of `policy`.
+    """Return the largest absolute difference between the actions of `model` and those of `policy`.
 
     The model is run by ONNX's reference implementation and, if installed, by onnxruntime, on all
     `observations` (n, o) and on the first one. `widths` (a,) are the ranges of actions.
