@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from tma_ray.support.texts import CONTROL
 
 if TYPE_CHECKING:
-    from tma_ray.api import TrainedRun
     from tma_ray.campaign.costs import Cost
     from tma_ray.campaign.plan import Plan
     from tma_ray.campaign.progress import Overview
@@ -100,20 +99,6 @@ def json_value(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value
-
-
-def run_record(run: TrainedRun, results: str | Path) -> dict[str, Any]:
-    """Return the JSON of ``run``."""
-    from tma_ray.results import policy_folder  # deferred: pyarrow
-
-    return {
-        "run_id": run.run_id,
-        "results": results,
-        "mastered_area": run.mastered_area,
-        "last_three": run.last_three,
-        "curve": run.curve.to_dict(orient="records"),
-        "policy": policy_folder(run.run_id),
-    }
 
 
 def status_record(root: str | Path, state: Overview, now: float) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from tma_ray.campaign.options import (
 )
 from tma_ray.campaign.plan import QUICKSTART
 from tma_ray.cli.common_options import Count, Json, Name, NewFile, Root
-from tma_ray.cli.json_output import plan_record, print_json, run_record
+from tma_ray.cli.json_output import plan_record, print_json
 from tma_ray.console.command_line import command, value
 from tma_ray.console.exit_codes import FAILED
 from tma_ray.console.types import named
@@ -65,6 +65,7 @@ def run(*, options: RunOptions = RunOptions(), json: Json = False) -> int:
     if not json:
         return run_single(options)
     from tma_ray.api import trained_run
+    from tma_ray.results import policy_folder
 
     plan, placement = confirmed_single(options)
     try:
@@ -74,7 +75,15 @@ def run(*, options: RunOptions = RunOptions(), json: Json = False) -> int:
     except SingleRunError as error:
         sys.stderr.write(f"{error}\n")
         return FAILED
-    print_json("run", run_record(trained, options.results))
+    record = {
+        "run_id": trained.run_id,
+        "results": options.results,
+        "mastered_area": trained.mastered_area,
+        "last_three": trained.last_three,
+        "curve": trained.curve.to_dict(orient="records"),
+        "policy": policy_folder(trained.run_id),
+    }
+    print_json("run", record)
     return 0
 
 
