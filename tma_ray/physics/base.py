@@ -1,4 +1,4 @@
-"""Protocol of physics engines, and the settings that they share."""
+"""Protocol of the physics engines and the settings that they share."""
 
 from typing import NamedTuple, Protocol
 
@@ -9,29 +9,29 @@ from tma_ray.embodiments import Embodiment
 from tma_ray.physics.rules import StepArrays
 from tma_ray.terrain import Terrain
 
-PHYSICS_VERSION = 3  # rises with each change of a trajectory; part of every run's identity
+PHYSICS_VERSION = 3  # raised by every change that affects trajectories; part of each run's identity
 
-TIME_STEP = 1 / 50  # between two actions, in s
+TIME_STEP = 1 / 50  # time between two actions, in s
 GRAVITY = -10.0  # in m/s²
 CEILING_TYPE = 1 << 20  # collision type of the ceiling's shapes
-HANGING_STEPS = 6  # with closed grips, before the episode of a body that starts hanging; others have one step
+HANGING_STEPS = 6  # steps with closed grips before the episode of a hanging body; others take one step
 
 
 class SolverSettings(NamedTuple):
-    """Settings of Chipmunk's solver, from the measurements in docs/fidelity.md."""
+    """Settings of Chipmunk's solver, chosen by the measurements in docs/fidelity.md."""
 
     iterations: int = 30  # solver iterations per substep
     substeps: int = 2  # substeps per time step
-    # share of a time step's substeps, the first ones, in which the motors act, in (0, 1]. The torque
+    # share, in (0, 1], of a time step's substeps in which the motors act, from the first one on. The torque
     # is divided by it, which keeps the largest impulse of a time step
     motor_share: float = 1.0
     joint_error_bias: float = 0.5**60  # share of a joint's error left after one second
-    # highest speed back into a joint's limits, in rad/s. Chipmunk leaves the joint that speed, so
+    # highest speed back into a joint's limits, in rad/s. The joint keeps that speed in Chipmunk, so
     # that a high one would be a bounce, which Box2D's limits do not have
     limit_correction_speed: float = 0.1
     collision_bias: float = 0.5**60  # share of a penetration left after one second
     collision_slop: float = 0.005  # allowed penetration, in m
-    skin_radius: float = 0.01  # rounding added around every part, in m (Box2D's polygons have it too)
+    skin_radius: float = 0.01  # rounding around every part, in m (as around Box2D's polygons)
 
 
 def settings_for(body: Embodiment) -> SolverSettings:
@@ -40,7 +40,7 @@ def settings_for(body: Embodiment) -> SolverSettings:
 
 
 def motor_substeps(settings: SolverSettings) -> int:
-    """Return the number of substeps in which the motors act, at least 1."""
+    """Return the number of substeps, at least 1, in which the motors act."""
     return max(1, round(settings.motor_share * settings.substeps))
 
 
@@ -69,7 +69,7 @@ class Engine(Protocol):
         ...
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Build a new world, run one step without torque as the original release does, and return (o,).
+        """Build a new world, run a step without torque like the original release, and return the observation.
 
         Under a ceiling, a body with grip sensors starts hanging and runs HANGING_STEPS instead.
 
@@ -91,7 +91,7 @@ class Engine(Protocol):
 
 
 def first_steps(engine: Engine, hanging: bool) -> NDArray[np.float32]:
-    """Run the steps before an episode, with closed grips if `hanging`, and return the observation (o,).
+    """Run the steps that precede an episode, with closed grips if `hanging`, and return the observation (o,).
 
     They do not count as time in a medium.
     """

@@ -1,4 +1,4 @@
-"""A body and a terrain in a Chipmunk space, built from arrays."""
+"""Construction of a body and a terrain in a Chipmunk space from arrays."""
 
 import math
 from functools import cache
@@ -13,13 +13,13 @@ from tma_ray.physics.base import CEILING_TYPE, TIME_STEP, SolverSettings
 from tma_ray.physics.rules import BodyArrays, StepArrays, body_arrays
 from tma_ray.terrain import FIXED, Terrain
 
-SETTLING_STEPS = 20  # in which a body bends into its limits; the softest joints keep 2 % of their error
-CLOSING_SWEEPS = 60  # corrections of every joint of a stretched body (Box2D's position iterations)
-CONTACT_CORRECTION = 0.2  # share of a penetration that one sweep corrects (Box2D's)
+SETTLING_STEPS = 20  # steps in which a body bends into its limits; the softest joints keep 2 % of the error
+CLOSING_SWEEPS = 60  # corrections of each joint of a stretched body (like Box2D's position iterations)
+CONTACT_CORRECTION = 0.2  # share of a penetration that one sweep corrects (value of Box2D)
 
 
 def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
-    """Add the solids of `terrain` to `space`, with the collision type CEILING_TYPE for the ceiling."""
+    """Add the solids of `terrain` to `space`; those of the ceiling get the collision type CEILING_TYPE."""
     shapes = [pymunk.Poly(space.static_body, corners) for corners in terrain.solids.tolist()]
     for index, shape in enumerate(shapes):
         shape.friction = math.sqrt(terrain.friction)
@@ -31,7 +31,7 @@ def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
 def add_parts(
     space: pymunk.Space, body: BodyArrays, spawn: NDArray[np.float64], skin_radius: float
 ) -> list[pymunk.Body]:
-    """Add the parts of `body` to `space`, part i with the collision type i + 1, and return them."""
+    """Add the parts of `body` to `space` and return them; part i gets the collision type i + 1."""
     parts = []
     for index in range(len(body.mass)):
         part = pymunk.Body(body.mass[index], body.inertia[index])
@@ -40,9 +40,9 @@ def add_parts(
         part.position = tuple((spawn + body.position[index]).tolist())
         corners = body.vertices[body.first_vertex[index] : body.first_vertex[index + 1]]
         shape = pymunk.Poly(part, corners.tolist(), radius=skin_radius)
-        # Chipmunk multiplies the coefficients of a contact; Box2D takes the root of their product
+        # Chipmunk multiplies the two coefficients of a contact; Box2D takes the root of their product
         shape.friction = math.sqrt(body.friction[index])
-        shape.filter = pymunk.ShapeFilter(group=1)  # parts of one group do not collide
+        shape.filter = pymunk.ShapeFilter(group=1)  # parts in one group do not collide
         shape.collision_type = index + 1
         space.add(part, shape)
         parts.append(part)
@@ -57,7 +57,7 @@ def add_joints(
     for index, ((a, b), anchors, (low, high)) in enumerate(
         zip(body.joint_parts.tolist(), body.anchors.tolist(), body.limits.tolist(), strict=True)
     ):
-        if index < body.motors:  # motor, limit, pivot: the order in which Box2D solves a joint
+        if index < body.motors:  # motor, limit, pivot: Box2D solves a joint in this order
             motors.append(pymunk.SimpleMotor(parts[a], parts[b], 0.0))
             motors[-1].max_force = 0.0
             space.add(motors[-1])
@@ -82,7 +82,7 @@ def hung(terrain: Terrain, body: BodyArrays, step: StepArrays) -> Terrain:
 
 @cache
 def settled(embodiment: Embodiment, settings: SolverSettings) -> BodyArrays:
-    """Return the arrays of `embodiment`, bent into its joint limits and with its stretched joints closed.
+    """Return the arrays of `embodiment`, bent into its joint limits, with its stretched joints closed.
 
     Bodies are drawn straight, which may be outside their limits. Box2D corrects that within the first step
     and without adding velocity; Chipmunk would add some, so the body is settled in an empty space.
@@ -103,7 +103,7 @@ def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
     for all of them at once would lift the body onto stiff legs.
     """
     for _ in range(CLOSING_SWEEPS):
-        space, parts = _still_space(body, settings)  # a new one: a reused one keeps its impulses
+        space, parts = _still_space(body, settings)  # a new space each time: a reused one keeps its impulses
         space.iterations = 1
         for constraint in space.constraints:
             constraint.error_bias = 0.0
@@ -119,7 +119,7 @@ def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
 
 
 def _still_space(body: BodyArrays, settings: SolverSettings) -> tuple[pymunk.Space, list[pymunk.Body]]:
-    """Return a space without gravity and momentum, and the parts of `body` in it."""
+    """Return a space without gravity or momentum, and the parts of `body` in it."""
     space = pymunk.Space()
     space.damping = 0.0
     parts = add_parts(space, body, np.zeros(2), settings.skin_radius)
@@ -136,21 +136,21 @@ def _posed(body: BodyArrays, parts: list[pymunk.Body]) -> BodyArrays:
     )
 
 
-DENSITY = 5.0  # of creepers, in kg/m² (original release)
-LARGEST_ANGLE = 0.4 * np.pi  # between a part of a creeper and its holder, in rad (original release)
+DENSITY = 5.0  # density of creepers, in kg/m² (original release)
+LARGEST_ANGLE = 0.4 * np.pi  # between a creeper's part and its holder, in rad (original release)
 
 
 class Chains(NamedTuple):
-    """Arrays from which an engine builds c creepers, empty if none of them swings.
+    """Arrays from which an engine builds c creepers; empty if none of them swings.
 
     Values of fixed creepers are not used.
     """
 
-    holders: NDArray[np.int64]  # holder of each creeper, as in Terrain (c,)
+    holders: NDArray[np.int64]  # holder of each creeper (c,), as in Terrain
     mass: NDArray[np.float64]  # masses (c,), in kg
-    inertia: NDArray[np.float64]  # moments of inertia about the centre (c,), in kg m²
+    inertia: NDArray[np.float64]  # moments of inertia about the centres (c,), in kg m²
     centre: NDArray[np.float64]  # centres at rest (c, 2), in m
-    anchors: NDArray[np.float64]  # hinges in the frames of the holder and of the creeper (c, 2, 2), in m
+    anchors: NDArray[np.float64]  # hinges (c, 2, 2), in m, in the frames of the holder and of the creeper
 
 
 def chains(terrain: Terrain) -> Chains:
@@ -171,7 +171,7 @@ def chains(terrain: Terrain) -> Chains:
 
 
 def add_creepers(space: pymunk.Space, creepers: Chains, settings: SolverSettings) -> dict[int, pymunk.Body]:
-    """Add the swinging creepers to `space` and return their bodies by index."""
+    """Add the swinging creepers to `space` and return their bodies by creeper index."""
     bodies: dict[int, pymunk.Body] = {}
     for index in np.flatnonzero(creepers.holders != FIXED).tolist():
         body = pymunk.Body(creepers.mass[index], creepers.inertia[index])

@@ -21,14 +21,14 @@ from tma_ray.terrain import FIXED, Terrain
 
 
 class World(NamedTuple):
-    """Terrain, water and creepers, as sensors and grips need them."""
+    """Terrain, water and creepers in the form that sensors and grips need."""
 
-    ground: NDArray[np.float64]  # lidar segments of the ground, as in Terrain (m, 4)
-    ceiling: NDArray[np.float64]  # lidar segments of the ceiling, as in Terrain (k, 4)
-    creepers: NDArray[np.float64]  # rectangles at rest, as in Terrain (c, 4)
-    poses: NDArray[np.float64]  # each creeper's centre in m, cosine and sine of its angle (c, 4)
-    movable: NDArray[np.int64]  # 1 for a swinging creeper, else 0 (c,)
-    sway: float  # largest distance of a creeper from its rest position, in m
+    ground: NDArray[np.float64]  # lidar segments of the ground (m, 4), as in Terrain
+    ceiling: NDArray[np.float64]  # lidar segments of the ceiling (k, 4), as in Terrain
+    creepers: NDArray[np.float64]  # rectangles at rest (c, 4), as in Terrain
+    poses: NDArray[np.float64]  # centre in m of each creeper, cosine and sine of its angle (c, 4)
+    movable: NDArray[np.int64]  # 1 for swinging creepers, otherwise 0 (c,)
+    sway: float  # largest distance of any creeper from its rest position, in m
     water_y: float  # height of the water's surface, in m; -inf in a dry world
     goal_x: float  # x of the goal, in m
 
@@ -65,8 +65,8 @@ Floats = NDArray[np.float64]
 GROUND_SIDE, CEILING_SIDE = (
     1.0,
     -1.0,
-)  # segments of the ground are solid on their right, the ceiling's on the left
-SOLID, CREEPER, WATER = 0.0, 1.0, -1.0  # kinds of objects that a lidar hits; SOLID also without a hit
+)  # the ground's segments are solid on their right, the ceiling's on their left
+SOLID, CREEPER, WATER = 0.0, 1.0, -1.0  # kinds of objects hit by a lidar; SOLID also if nothing is hit
 
 
 @kernel
@@ -168,8 +168,8 @@ def _box_fraction(x: float, y: float, ray: Floats, rectangle: Floats, pose: Floa
     return enter if outside and enter <= leave else 1.0
 
 
-SKIN = 0.01  # reach of a sensor beyond its radius, in m: the margin of the original release's polygons
-NOTHING, CEILING = -2, -1  # objects that a sensor touches or holds, besides the index of a creeper
+SKIN = 0.01  # reach of a sensor beyond its radius, in m: the polygon margin of the original release
+NOTHING, CEILING = -2, -1  # objects that a sensor touches or holds; others are creepers, by index
 
 
 @kernel
@@ -370,12 +370,12 @@ def step_outcome(
     return after - before - cost, state[body.head, 0] > goal_x, after
 
 
-DENSITY = 1.0  # of water, in kg/m²
-GRAVITY = 10.0  # weight of submerged water, in m/s²
-DRAG, LARGEST_DRAG = 0.25, 2000.0  # coefficient, and bound in N
+DENSITY = 1.0  # density of water, in kg/m²
+GRAVITY = 10.0  # gravitational acceleration of displaced water, in m/s²
+DRAG, LARGEST_DRAG = 0.25, 2000.0  # coefficient, and upper bound in N
 LIFT, LARGEST_LIFT = 0.25, 500.0  # coefficient, and upper bound in N
 PUSH, LARGEST_PUSH = 0.05, 20.0  # coefficient, and bound of each component in N
-TORQUE_SCALE = 60 / 50  # the release takes a motor's torque for steps of 1/60 s instead of 1/50 s
+TORQUE_SCALE = 60 / 50  # the original release computes torques for steps of 1/60 s instead of 1/50 s
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Engine on pymunk's public API: portable, and the reference for the compiled engine."""
+"""Engine that uses pymunk's public API: portable, and the reference for the compiled engine."""
 
 import math
 
@@ -38,7 +38,7 @@ STATE_FIELDS = _FIELDS.POSITION | _FIELDS.ANGLE | _FIELDS.VELOCITY | _FIELDS.ANG
 
 
 class PymunkEngine:
-    """Engine that calls Chipmunk through pymunk; arguments as of `make_engine`."""
+    """Engine that calls Chipmunk through pymunk; takes the same arguments as `make_engine`."""
 
     def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
         self.settings = settings or settings_for(body)
@@ -103,13 +103,13 @@ class PymunkEngine:
     def _build(self, terrain: Terrain, push: float) -> None:
         self._world = world_of(terrain)
         self.contacts = np.zeros_like(self.contacts)
-        # a new Space every time: a reused one keeps counters that change later trajectories
+        # a new Space each time: a reused one keeps counters that would affect later trajectories
         self._space = space = pymunk.Space()
         space.iterations = self.settings.iterations
         space.gravity = (0.0, GRAVITY)
         space.collision_slop = self.settings.collision_slop
         space.collision_bias = self.settings.collision_bias
-        add_terrain(space, terrain)  # before the body: the order of insertion changes trajectories
+        add_terrain(space, terrain)  # before the body, since the order of insertion affects trajectories
         self._parts = add_parts(space, self._body, terrain.spawn, self.settings.skin_radius)
         self._motors, _ = add_joints(space, self._body, self._parts, self.settings)
         self._creepers = add_creepers(space, chains(terrain), self.settings)
@@ -120,7 +120,7 @@ class PymunkEngine:
             self._parts[index].apply_impulse_at_local_point((push * TIME_STEP, 0.0), centre)
 
     def _drive(self, share: float) -> None:
-        """Command the motors, with their torques times `share`."""
+        """Command the motors, with their torques multiplied by `share`."""
         for motor, (speed, torque) in zip(self._motors, self._commands.tolist(), strict=True):
             motor.rate = -speed  # Chipmunk's rate is the speed of the first part relative to the second
             motor.max_force = share * torque
@@ -133,11 +133,11 @@ class PymunkEngine:
                 self._drive(share)
             elif index == driven:
                 self._drive(0.0)
-            if self._wet:  # Chipmunk forgets forces after each step
+            if self._wet:  # Chipmunk resets forces after each step
                 for part, (x, y, torque) in zip(self._parts, self._forces.tolist(), strict=True):
                     part.force, part.torque = (x, y), torque
             space.step(duration)
-            if index == driven - 1:  # torques are the impulses, spread over the time step
+            if index == driven - 1:  # torques are impulses divided by the time in which the motors act
                 for joint, motor in enumerate(self._motors):
                     torque = motor.impulse / (duration * share)
                     self._torques[joint] = math.copysign(torque, self._commands[joint, 0])
@@ -145,7 +145,7 @@ class PymunkEngine:
     def _read_state(self, space: pymunk.Space) -> None:
         self._buffer.clear()
         batch.get_space_bodies(space, STATE_FIELDS, self._buffer)
-        values = np.frombuffer(self._buffer.float_buf())  # after the parts come creepers and the static body
+        values = np.frombuffer(self._buffer.float_buf())  # parts first, then creepers and the static body
         self.state[:] = values[: self.state.size].reshape(self.state.shape)
         for index, creeper in self._creepers.items():
             self._world.poses[index] = *creeper.position, *creeper.rotation_vector

@@ -1,4 +1,4 @@
-"""Rules of an environment, and a body under them: arrays for engines and kernels, and signals."""
+"""Rules of an environment, with the arrays and signals of a body under these rules."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,18 +12,18 @@ from tma_ray.embodiments import Embodiment, GripSensor, Joint, LidarLayout, Part
 class BodyArrays(NamedTuple):
     """Arrays from which an engine builds p parts and h joints, those with motors first."""
 
-    mass: NDArray[np.float64]  # masses, including those of grip sensors on the part (p,), in kg
+    mass: NDArray[np.float64]  # masses (p,) in kg, including those of a part's grip sensors
     inertia: NDArray[np.float64]  # moments of inertia about the centre of mass (p,), in kg m²
     centre: NDArray[np.float64]  # centre of mass in the part's frame (p, 2), in m
     position: NDArray[np.float64]  # origin of the part's frame relative to the spawn point (p, 2), in m
     angle: NDArray[np.float64]  # angle of the part's frame (p,), in rad
-    friction: NDArray[np.float64]  # coefficients (p,)
+    friction: NDArray[np.float64]  # friction coefficients (p,)
     vertices: NDArray[np.float64]  # corners of all parts in their frames (v, 2), in m
     first_vertex: NDArray[np.int64]  # offsets of the parts' vertices (p + 1,)
-    pushed: NDArray[np.bool_]  # True for parts that get the push at an episode's start (p,)
-    joint_parts: NDArray[np.int64]  # indices of the two parts (h, 2)
-    anchors: NDArray[np.float64]  # anchors in the frames of the two parts (h, 2, 2), in m
-    limits: NDArray[np.float64]  # lowest and highest angle between the parts (h, 2), in rad
+    pushed: NDArray[np.bool_]  # True for parts that receive the push at the start of an episode (p,)
+    joint_parts: NDArray[np.int64]  # indices of the two parts of each joint (h, 2)
+    anchors: NDArray[np.float64]  # anchors of each joint in the frames of its two parts (h, 2, 2), in m
+    limits: NDArray[np.float64]  # lowest and highest angle between the two parts (h, 2), in rad
     motors: int  # number of joints with a motor
 
 
@@ -64,13 +64,13 @@ def joint_parts(body: Embodiment, joints: tuple[Joint, ...]) -> NDArray[np.int64
 
 
 def drawn_angle(body: Embodiment, joint: Joint) -> float:
-    """Return the angle of the joint's second part relative to the first at joint angle 0."""
+    """Return the angle between a joint's second part and its first at joint angle 0."""
     first, second = (body.parts[body.part_index(name)] for name in (joint.part_a, joint.part_b))
     return second.angle - first.angle
 
 
 def _mass(part: Part, sensors: list[GripSensor]) -> tuple[float, Point, float]:
-    """Return mass, centre of mass and inertia about it of `part` with its `sensors`."""
+    """Return the mass of `part` with its `sensors`, their centre of mass, and the inertia about it."""
     if not sensors:
         return part.mass, part.shape.centroid, part.inertia
     masses = np.array([part.mass, *[sensor.mass for sensor in sensors]])
@@ -83,10 +83,10 @@ def _mass(part: Part, sensors: list[GripSensor]) -> tuple[float, Point, float]:
 
 LIDARS = 10  # number of rays
 LIDAR_RANGE = 160 / 30  # length of a ray, in m
-UPRIGHT_WEIGHT = 5.0  # reward per radian by which the head's tilt shrinks
-NO_LIMIT = -1  # on the steps that a body survives in a medium
+UPRIGHT_WEIGHT = 5.0  # reward per radian by which the head's tilt decreases
+NO_LIMIT = -1  # stands for any number of steps survived in a medium
 
-# scales of the head's observed velocities
+# factors that scale the observed velocities of the head
 ANGULAR_VELOCITY_SCALE = 2 / 50
 VELOCITY_X_SCALE = 0.3 * (600 / 30) / 50
 VELOCITY_Y_SCALE = 0.3 * (400 / 30) / 50
@@ -96,31 +96,31 @@ Integers = NDArray[np.int64]
 
 
 class Rules(NamedTuple):
-    """Differences between environments other than their terrain."""
+    """Everything in which environments differ other than terrain."""
 
     environment: str  # name of the environment, which selects a body's critical parts
     lidars: LidarLayout  # directions of the rays
-    observes_medium: bool  # True if observations contain water, death and the kinds of objects hit by rays
+    observes_medium: bool  # True if observations contain water, death and the kinds of objects that rays hit
 
 
 class StepArrays(NamedTuple):
-    """Constants of a body for the kernels: p parts, v corners, j motors, g grip sensors, r lidar rays."""
+    """Constants of a body for the kernels: p parts, v corners, j motors, g grip sensors and r lidar rays."""
 
-    head: int  # index of the part
-    observes_medium: int  # 1 if observations contain the medium, else 0
-    may_touch_ceiling: int  # 1 if critical parts may touch the ceiling, else 0
+    head: int  # index of the head among the parts
+    observes_medium: int  # 1 if observations contain the medium, otherwise 0
+    may_touch_ceiling: int  # 1 if critical parts may touch the ceiling, otherwise 0
     survivable: Integers  # steps that the body survives under water and outside it (2,), or NO_LIMIT
-    critical: Integers  # 1 for parts whose contact ends the episode, else 0 (p,)
-    joint_parts: Integers  # indices of the two parts (j, 2)
-    contact_part: Integers  # index of the part whose contact is observed after the joint, -1 for none (j,)
+    critical: Integers  # 1 for parts whose contact ends the episode, otherwise 0 (p,)
+    joint_parts: Integers  # indices of the two parts of each motor's joint (j, 2)
+    contact_part: Integers  # index of the part whose contact is observed after each joint, or -1 (j,)
     first_vertex: Integers  # offsets of the parts' vertices (p + 1,)
-    grip_part: Integers  # index of the part that a sensor is welded to (g,)
-    torque_cost: float  # reward charged per action and step at full torque
+    grip_part: Integers  # index of the part that each sensor is welded to (g,)
+    torque_cost: float  # reward deducted per action and step at full torque
     upright_weight: float  # reward per radian of tilt, 0 if the tilt does not count
     motors: Floats  # torque in N m, speed in rad/s, and offset of the observed angle in rad (j, 3)
     rays: Floats  # ends of the lidar rays relative to the head (r, 2), in m
     vertices: Floats  # corners of all parts in their frames (v, 2), in m
-    # largest distance of a part's corners from its origin in m, its inertia about the origin in kg
+    # largest distance of each part's corners from its origin in m, its inertia about the origin in kg
     # m², and its centre of mass in its frame in m (p, 4)
     bounds: Floats
     # anchor in the frame of the second part in m, smallest and largest angle of the second part

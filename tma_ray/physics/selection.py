@@ -1,4 +1,4 @@
-"""Choice of the engine: compiled where that works, else pymunk, with the same bits."""
+"""Choice of the engine: the compiled one where it works, otherwise pymunk, with the same results."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-VARIABLE = "TMA_RAY_ENGINE"  # environment variable that forces an engine: "compiled" or "pymunk"
-TRIAL_STEPS = 40  # on which both engines must agree before the compiled one is used
+VARIABLE = "TMA_RAY_ENGINE"  # environment variable that selects an engine: "compiled" or "pymunk"
+TRIAL_STEPS = 40  # steps on which both engines must agree before the compiled one is used
 
 
 @dataclass(frozen=True)
 class EngineChoice:
-    """The engine of this process."""
+    """The engine that this process uses."""
 
     name: str  # "compiled" or "pymunk"
     reason: str  # reason for the choice, without a full stop
 
 
 def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> Engine:
-    """Return a new engine of the kind that `engine_in_use` chooses, with the body's settings by default."""
+    """Return a new engine of the kind chosen by `engine_in_use`, by default with the body's own settings."""
     return _engine_class(engine_in_use().name)(body, rules, settings)
 
 
 @cache
 def engine_in_use() -> EngineChoice:
-    """Choose the engine of this process, once.
+    """Return the engine of this process, chosen on the first call.
 
     Raises:
         ValueError: if TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
@@ -72,7 +72,7 @@ def _engine_class(name: str) -> type[CompiledEngine | PymunkEngine]:
 
 
 def _try_compiled() -> None:
-    """Compare a short trajectory of both engines.
+    """Run a short trajectory with both engines, and compare the results.
 
     Raises:
         RuntimeError: if the trajectories differ, or Chipmunk cannot be called on this machine.

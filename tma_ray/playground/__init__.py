@@ -1,1 +1,1 @@
-"""Playground: Stump Tracks and Parkour on a page, with the engine's kernels as WebAssembly."""
+"""Playground: a web page with Stump Tracks and Parkour that runs the engine's kernels as WebAssembly."""

@@ -1,4 +1,4 @@
-"""Build of the page's WebAssembly from the kernels, translated to C, and Chipmunk's sources."""
+"""Build of the page's WebAssembly from the kernels (translated to C) and Chipmunk's sources."""
 
 import subprocess
 import sys
@@ -28,9 +28,9 @@ from tma_ray.terrain.terrain import Terrain
 DATA: Final = Path(__file__).parent / "data"
 
 WASM: Final = DATA / "engine.wasm"
-ZIG: Final = "0.17.1"  # version of the PyPI package `ziglang`: another one gives other bytes
+ZIG: Final = "0.17.1"  # version of the PyPI package `ziglang`; other versions build other bytes
 
-UNUSED: Final = ("cpHastySpace.c", "cpPolyline.c", "cpMarch.c", "cpSpaceDebug.c")  # sources left out
+UNUSED: Final = ("cpHastySpace.c", "cpPolyline.c", "cpMarch.c", "cpSpaceDebug.c")  # unused files
 FLAGS: Final = (
     *("--target=wasm32-wasi", "-O2", "-std=c11", "-DNDEBUG", "-DCP_OVERRIDE_MESSAGE", "-mexec-model=reactor"),
     *("-ffp-contract=off", "-fno-builtin-sincos", "-g0", "-Wl,--strip-all", "-Wl,--gc-sections"),
@@ -39,11 +39,11 @@ FLAGS: Final = (
 
 
 class CompilerMissingError(RuntimeError):
-    """Error if the compiler is not installed in the pinned version."""
+    """Error raised if the compiler is not installed in the pinned version."""
 
 
 def build(folder: Path | None = None) -> bytes:
-    """Build the engine as WebAssembly, reproducibly.
+    """Build the engine as WebAssembly in a reproducible way.
 
     Args:
         folder: folder of Chipmunk's sources, ``Munk2D`` of pymunk's source distribution; None to download
@@ -82,7 +82,7 @@ def require_zig() -> None:
 
 
 def kernels_in_c() -> str:
-    """Return the functions that the page calls as a file in C."""
+    """Return the source of a C file with the functions that the page calls."""
     body = load_embodiment("climbing_chimpanzee")
     rules = Rules("parkour", load_embodiment("fish").lidars, True)
     settings, arrays, built = settings_for(body), step_arrays(body, rules), body_arrays(body)

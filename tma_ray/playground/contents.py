@@ -1,4 +1,4 @@
-"""Data of the page: bodies, worlds and constants, in the layout of the engine's memory."""
+"""Data of the page: bodies, worlds and constants, laid out like the engine's memory."""
 
 from collections.abc import Iterable
 from typing import Any, Final
@@ -21,17 +21,17 @@ from tma_ray.terrain.terrain import STARTPAD_STEPS, TERRAIN_STEP
 
 C_TYPES: Final = {"float64": "double", "float32": "float", "int64": "i64", "bool": "bool"}
 INTEGER_VIEWS: Final = ("contacts", "medium", "wet", "grips", "handles", "holds")
-PLAYED: Final = ("stump_tracks", "parkour")  # environments of the page
-BODY_SIZES: Final = (0.6, 0.8, 1.25, 1.6)  # offered besides a body's own size
+PLAYED: Final = ("stump_tracks", "parkour")  # environments on the page
+BODY_SIZES: Final = (0.6, 0.8, 1.25, 1.6)  # sizes offered besides a body's own
 
 
 def stored(values: NDArray[Any]) -> list[Any]:
-    """Return C type, shape and flat values of an array."""
+    """Return the C type, the shape and the flat values of an array."""
     return [C_TYPES[values.dtype.name], list(values.shape), values.ravel().tolist()]
 
 
 def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
-    """Return the data of `body` in an environment for the page's engine."""
+    """Return the data that the page's engine needs about `body` in an environment."""
     made: Any = make_environment(environment, embodiment=body)
     settings = settings_for(body)
     arrays, built = step_arrays(body, made.rules), settled(body, settings)
@@ -42,7 +42,7 @@ def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
         index = (part.ctypes.data - vector.ctypes.data) // 8 if part.size else 0
         views[name] = [index, list(part.shape)]
     reach = 0.0
-    if len(arrays.grips):  # height of a hanging body's highest grip sensor over its spawn point, in m
+    if len(arrays.grips):  # height of a hanging body's highest grip sensor above the spawn point, in m
         nothing, flat = np.zeros((0, 4)), np.array([[-1.0, 0.0, 1.0, 0.0]])
         world = Terrain(nothing, 1.0, nothing, np.zeros(2), 0.0, 0, flat, nothing, np.zeros(0, np.int64), 0.0)
         reach = -float(hung(world, built, arrays).spawn[1])
@@ -70,12 +70,12 @@ def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
 
 
 def variants(name: str) -> list[str]:
-    """Return the names of a body in all sizes of the page, its own first."""
+    """Return a body's names in all sizes that the page offers, its own size first."""
     return [name, *(f"{name}:size={size}" for size in BODY_SIZES)]
 
 
 def bodies(names: Iterable[str]) -> dict[str, Any]:
-    """Return records of bodies by name and environment."""
+    """Return the records of all bodies by name and environment."""
     return {
         name: {environment: body_record(load_embodiment(name), environment) for environment in PLAYED}
         for name in names
@@ -83,7 +83,7 @@ def bodies(names: Iterable[str]) -> dict[str, Any]:
 
 
 def constants() -> dict[str, dict[str, Any]]:
-    """Return the constants of the engine and of episodes, and those of the terrain modules."""
+    """Return the constants of the engine, of episodes and of the terrain modules."""
     engine: dict[str, float] = {
         "BEFORE": BEFORE,
         "GOAL_X": GOAL_X,
@@ -115,7 +115,7 @@ def space_record(space: TaskSpace) -> list[dict[str, Any]]:
 
 
 def worlds() -> dict[str, Any]:
-    """Return the task spaces by environment, and the network of Parkour."""
+    """Return the task spaces by environment, and Parkour's network."""
     weights = [CPPN.load().weights[name] for name in SHAPES]
     return {
         "spaces": {

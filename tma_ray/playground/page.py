@@ -1,4 +1,4 @@
-"""Playground page as one file with markup, style, scripts, engine, bodies and policies."""
+"""Playground page as one file that contains markup, style, scripts, engine, bodies and policies."""
 
 import base64
 import json
@@ -29,7 +29,7 @@ from tma_ray.support.component_names import base_name
 SOURCES: Final = Path(__file__).parent / "page"
 SCRIPTS: Final = ("engine.js", "worlds.js", "drawing.js", "play.js")
 
-RANDOM, ZERO = -2, -1  # indices of the two untrained policies, appended to the page's list
+RANDOM, ZERO = -2, -1  # indices of the two untrained policies, which are appended to the page's list
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class Start:
     """Initial settings of the page."""
 
     environment: str = "stump_tracks"  # name of the environment
-    embodiment: str = "classic_bipedal"  # name of the body, with its parameters
-    policies: tuple[int, ...] = (RANDOM,)  # indices in the list of policies, or RANDOM or ZERO
+    embodiment: str = "classic_bipedal"  # name of the body, including its parameters
+    policies: tuple[int, ...] = (RANDOM,)  # indices into the list of policies, RANDOM or ZERO
     task: tuple[float, ...] | None = None  # task (d,); None for the middle of the space
     seed: int = 0  # seed of the page's worlds
 
@@ -70,7 +70,7 @@ def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[
 
 
 def _packed(data: dict[str, Any]) -> bytes:
-    """Compress `data` as the length of a JSON text, the text, and the arrays that it references.
+    """Compress `data`, encoded as the length of a JSON text, the text, and the arrays that it references.
 
     Arrays are stored byte by byte, the first bytes of all numbers first, which compresses better.
     """
@@ -86,7 +86,7 @@ def _packed(data: dict[str, Any]) -> bytes:
 
 
 def policy_page(saved: SavedPolicy, results: str | Path) -> str:
-    """Return the page with one policy, in its environment and body; errors are those of `policy_record`."""
+    """Return the page with one policy in its environment and body, or raise an error like `policy_record`."""
     record = policy_record(saved, results)
     return page_html([record], Start(record["environment"], record["embodiment"], (0,)))
 
@@ -135,7 +135,7 @@ def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
 
 
 def network_record(layers: nn.Sequential) -> dict[str, Any]:
-    """Return the data of a network of a normaliser, linear layers with one activation, and action bounds.
+    """Return the data of a network: a normaliser, linear layers with one activation, and action bounds.
 
     Raises:
         ValueError: if there are other layers.
@@ -179,7 +179,7 @@ def _buffers(layer: Any) -> dict[str, list[float]]:
 
 
 def _history(results: Results | None, spec: RunSpec) -> dict[str, Any]:
-    """Return the run's curriculum over time, and its test tasks with their mastery at the end."""
+    """Return the run's curriculum over time, and its test tasks with their final mastery."""
     history: dict[str, Any] = {"curriculum": [], "tests": [], "tests_mastered": [], "mastered": None}
     if results is None:
         return history

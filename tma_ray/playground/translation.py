@@ -1,4 +1,4 @@
-"""Translation of kernels, in the subset of Python that they use, to C.
+"""Translation to C of kernels written in a subset of Python.
 
 As in numba, each function is specialised for the types of its arguments, and types of variables are inferred
 from assignments. Arrays are contiguous, and only constant indices may be negative. Sums and products keep
@@ -15,12 +15,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-FLAG, WHOLE, SINGLE, REAL, NOTHING = "bool", "i64", "float", "double", "void"  # scalar types in C
+FLAG, WHOLE, SINGLE, REAL, NOTHING = "bool", "i64", "float", "double", "void"  # C's scalar types
 
 _PROMOTION = (FLAG, WHOLE, SINGLE, REAL)
 _TYPES = {"float64": REAL, "float32": SINGLE, "int64": WHOLE, "bool": FLAG}
 _PAIRS = "Add +;Sub -;Mult *;Div /;FloorDiv /;Mod %;Lt <;LtE <=;Gt >;GtE >=;Eq ==;NotEq !="
-_SIGNS: dict[str, str] = dict(pair.split() for pair in _PAIRS.split(";"))  # C operators by names of nodes
+_SIGNS: dict[str, str] = dict(pair.split() for pair in _PAIRS.split(";"))  # C operators by names of AST nodes
 
 PRELUDE = """\
 #include <math.h>
@@ -41,12 +41,12 @@ EXTREMES(double) EXTREMES(float) EXTREMES(i64)
 
 
 class TranslationError(ValueError):
-    """Error if a kernel is outside the supported subset of Python."""
+    """Error raised if a kernel is outside the supported subset of Python."""
 
 
 @dataclass(frozen=True)
 class ArrayType:
-    """Type of a contiguous array, with the type of its values and its number of dimensions."""
+    """Type of a contiguous array: the type of its values and its number of dimensions."""
 
     kind: str
     dimensions: int
@@ -54,14 +54,14 @@ class ArrayType:
 
 @dataclass(frozen=True)
 class TupleType:
-    """Type of a tuple, with the types of its items, and their names if it is a NamedTuple."""
+    """Type of a tuple: the types of its items, with their names if it is a NamedTuple."""
 
     items: tuple["Type", ...]
     names: tuple[str, ...] = ()
 
     @property
     def uniform(self) -> bool:
-        """True for a plain tuple with items of one type, which can be indexed by a variable."""
+        """True for a plain tuple whose items share one type, so that a variable can index it."""
         return not self.names and len(set(self.items)) == 1
 
     def member(self, index: int) -> str:
@@ -72,7 +72,7 @@ class TupleType:
 
 
 Type: TypeAlias = str | ArrayType | TupleType
-Value: TypeAlias = tuple[str, Type]  # an expression in C and its type
+Value: TypeAlias = tuple[str, Type]  # a C expression and its type
 
 
 def type_of(example: Any) -> Type:
@@ -105,7 +105,7 @@ class Translation:
     _exports: list[str] = field(default_factory=list)
 
     def export(self, name: str, kernel: Callable[..., Any], *examples: Any) -> None:
-        """Export `kernel`, for arguments of the types of `examples`, under a name.
+        """Export `kernel` under a name, for arguments of the types of `examples`.
 
         Its parameters are the addresses of two vectors of doubles, for the arguments (an array is its address
         and sizes, a tuple its items) and for the result.
@@ -127,7 +127,7 @@ class Translation:
         )
 
     def text(self, externals: str = "") -> str:
-        """Return the file in C, with the code `externals` between types and functions."""
+        """Return the text of the C file, with the code `externals` between types and functions."""
         vector = f"typedef {self.name(TupleType((REAL, REAL)))} vector;"
         parts = [PRELUDE, *self._structs, vector, externals, *self.functions, *self._exports]
         return "\n".join(parts) + "\n"
@@ -143,7 +143,7 @@ class Translation:
         return self._types[kind]
 
     def function(self, kernel: Callable[..., Any], arguments: tuple[Type, ...]) -> Value:
-        """Return name and result type of `kernel` for the types of its arguments."""
+        """Return the name and the result type of `kernel` for the types of its arguments."""
         plain: Any = getattr(kernel, "py_func", None) or getattr(kernel, "_pyfunc", kernel)
         key = plain, arguments
         if key not in self._made:
@@ -163,7 +163,7 @@ class Translation:
         )
 
     def _unpacked(self, kind: Type, indices: Iterator[int]) -> str:
-        """Return an argument of an export, read from the next indices of the vector."""
+        """Return an argument of an exported function, read from the next indices of the vector."""
         if isinstance(kind, str):
             return f"({kind})in[{next(indices)}]"
         if isinstance(kind, ArrayType):
@@ -188,7 +188,7 @@ def _leaves(code: str, kind: Type) -> Iterator[str]:
 
 
 class _Function:
-    """Translation of one function: inference of its variables' types, then of its statements."""
+    """Translation of one function, which infers the types of its variables, then emits its statements."""
 
     def __init__(self, translation: Translation, function: Any, arguments: tuple[Type, ...]) -> None:
         self._translation, self._function = translation, function
@@ -202,9 +202,9 @@ class _Function:
         self._temporaries = 0
 
     def define(self, name: str) -> Type:
-        """Add the definition, and return the type of the result."""
+        """Add the definition of the function, and return the type of its result."""
         inferred = None
-        while inferred != (self._variables, self._result):  # a later assignment may change a type
+        while inferred != (self._variables, self._result):  # later assignments may change types
             inferred = dict(self._variables), self._result
             self._lines, self._temporaries = [], 0
             self._block(self._tree.body)
@@ -228,7 +228,7 @@ class _Function:
             handler(statement)
 
     def _do_expr(self, statement: ast.Expr) -> None:
-        if not isinstance(statement.value, ast.Constant):  # a docstring
+        if not isinstance(statement.value, ast.Constant):  # not a docstring
             self._lines.append(f"{self._value(statement.value)[0]};")
 
     def _do_continue(self, _statement: ast.Continue) -> None:
@@ -323,7 +323,7 @@ class _Function:
         self._variables[name] = _unified(self._variables[name], kind) if name in self._variables else kind
 
     def _items(self, node: ast.expr, count: int) -> list[Value]:
-        """Return the items of an expression, all evaluated before any is stored."""
+        """Return the items of an expression, all of which are evaluated before any is stored."""
         if isinstance(node, ast.Tuple):
             values = [self._value(item) for item in node.elts]
             return [self._kept(value) for value in values]
@@ -469,11 +469,11 @@ class _Function:
         return f"{name}({', '.join(code for code, _ in values)})", result
 
     def _library(self, module: str, name: str, node: ast.Call) -> Value:
-        """Return a call of `math`, numpy, or an external function."""
+        """Return a call to `math`, numpy or an external function."""
         if module == "numpy" and name in ("empty", "zeros"):
             return self._new_array(self._sizes(self._value(node.args[0])), _dtype(node, REAL))
         values = [self._value(argument) for argument in node.args]
-        if module == "numpy" and name in ("array", "float32"):  # arrays of tuples are only stored in rows
+        if module == "numpy" and name in ("array", "float32"):  # the array of a tuple is only stored in a row
             return values[0] if name == "array" else (f"(float)({values[0][0]})", SINGLE)
         if module in ("math", "numpy"):
             kind = values[0][1] if name in ("sqrt", "tanh") else REAL
@@ -512,7 +512,7 @@ class _Function:
         return self._kept(self._view(ArrayType(kind, len(sizes)), memory, sizes))
 
     def _shaped(self, address: str, shape: Value, kind: str) -> Value:
-        """Return the array at an address."""
+        """Return an array with a shape at an address."""
         sizes = self._sizes(shape)
         return self._view(ArrayType(kind, len(sizes)), f"({kind} *)(intptr_t)({address})", sizes)
 
@@ -567,13 +567,13 @@ _BUILT_IN: dict[str, Callable[[_Function, list[Value]], Value]] = {
 
 
 def _dtype(node: ast.Call, usual: str) -> str:
-    """Return the dtype among the arguments of a call, else the `usual` one."""
+    """Return the dtype given in the arguments of a call, otherwise the `usual` one."""
     names = [argument.attr for argument in node.args if isinstance(argument, ast.Attribute)]
     return next((_TYPES[name] for name in names if name in _TYPES), usual)
 
 
 def _unified(first: Type, second: Type) -> Type:
-    """Return the common type of values of both types."""
+    """Return the common type of values of two types."""
     if first == second:
         return first
     if not (isinstance(first, str) and isinstance(second, str)):
@@ -582,10 +582,10 @@ def _unified(first: Type, second: Type) -> Type:
 
 
 def _loaded(target: ast.expr) -> ast.expr:
-    """Return the target of an assignment as an expression."""
+    """Return the target of an assignment as an expression that reads it."""
     return ast.parse(ast.unparse(target), mode="eval").body
 
 
 def _safe(name: str) -> str:
-    """Return the name of a variable in C, which cannot be a keyword."""
+    """Return the name of a variable in C, avoiding keywords."""
     return f"{name}_"

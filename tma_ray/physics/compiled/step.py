@@ -38,7 +38,7 @@ SUBSTEPS, MOTOR_SUBSTEPS, COUNT_CONTACT, TERRAIN = 9, 10, 11, 12
 
 
 class Memory(NamedTuple):
-    """Memory of a step: constants of the body, then its state, and the addresses of the world's arrays.
+    """Memory of a step: constants of the body, its state, and the addresses of the world's arrays.
 
     Two vectors, because unboxing twenty arrays takes numba longer than Chipmunk takes to simulate a body.
     """
@@ -53,20 +53,20 @@ class SimulationState(NamedTuple):
     action: Floats  # values (j + g,)
     commands: Floats  # values (j, 2), as `command_motors` writes them
     state: Floats  # values (p, 6) in the layout of kernels.py
-    rotations: Floats  # cosine and sine of each part's angle (p, 2)
+    rotations: Floats  # cosine and sine of the angle of each part (p, 2)
     torques: Floats  # torque of each motor, in N m (j,)
     forces: Floats  # forces of the water on each part (p, 3), as `water_forces` writes them
     points: Floats  # positions of the sensors (g, 2), in m
     contacts: Integers  # number of pieces of ground and of ceiling that each part touches (p, 2)
     medium: Integers  # consecutive steps under water and outside it (2,)
-    wet: Integers  # 1 if the water exerts forces, else 0 (1,)
+    wet: Integers  # 1 if the water exerts forces, otherwise 0 (1,)
     grips: Integers  # object that each sensor touches and holds (g, 2)
     handles: Integers  # pointers to the space, p bodies, j motors, h limits and h pivots (1 + p + j + 2 h,)
-    holds: Integers  # pointer to the pivot of each closed grip, else 0 (g,)
+    holds: Integers  # pointer to the pivot of each closed grip, 0 for open grips (g,)
 
 
 def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, count_contact: int) -> Memory:
-    """Return a new memory with a copy of `body`, which has `all_joints` joints, passive ones included."""
+    """Return a new memory with a copy of `body`, which has `all_joints` joints including passive ones."""
     p, j, r = len(body.critical), len(body.motors), len(body.rays)
     v, g, h = len(body.vertices), len(body.grips), all_joints
     memory = Memory(
@@ -89,7 +89,7 @@ def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, coun
 
 
 def put_world(memory: Memory, world: World, swinging: Integers) -> None:
-    """Write sizes and addresses of the arrays of `world`, which must outlive `memory`, to it."""
+    """Write the sizes and addresses of the arrays of `world`, which must outlive `memory`, to `memory`."""
     memory.floats[[GOAL_X, WATER_Y, SWAY]] = world.goal_x, world.water_y, world.sway
     arrays = (world.ground, world.ceiling, world.creepers, world.poses, world.movable, swinging)
     sizes = len(world.ground), len(world.ceiling), len(world.creepers)
@@ -179,7 +179,7 @@ def world_in(floats: Floats, integers: Integers) -> tuple[World, Integers]:
 
 @kernel
 def drive(simulation: SimulationState, share: float) -> None:
-    """Command the motors, with their torques times `share`."""
+    """Command the motors, with their torques multiplied by `share`."""
     for joint in range(len(simulation.commands)):
         motor = simulation.handles[1 + len(simulation.state) + joint]
         # Chipmunk's rate is the speed of the first part relative to the second
@@ -189,7 +189,7 @@ def drive(simulation: SimulationState, share: float) -> None:
 
 @kernel
 def read_torques(simulation: SimulationState, duration: float) -> None:
-    """Read the motors' torques from their impulses over `duration` s."""
+    """Compute the motors' torques from their impulses over `duration` s."""
     for joint in range(len(simulation.commands)):
         motor = simulation.handles[1 + len(simulation.state) + joint]
         torque = cp.constraint_impulse(motor) / duration
@@ -200,14 +200,14 @@ def read_torques(simulation: SimulationState, duration: float) -> None:
 def advance(
     simulation: SimulationState, substeps: int, motor_substeps: int, duration: float, count_contact: int
 ) -> None:
-    """Run `substeps` of `duration` s with motors and water, then read state and contacts."""
+    """Run `substeps` of `duration` s with motors and water, then read the state and the contacts."""
     parts, share = len(simulation.state), substeps / motor_substeps
     for index in range(substeps):
         if index == 0:
             drive(simulation, share)
         elif index == motor_substeps:
             drive(simulation, 0.0)
-        if simulation.wet[0]:  # Chipmunk forgets forces after each step
+        if simulation.wet[0]:  # Chipmunk resets forces after each step
             for part in range(parts):
                 body, force = simulation.handles[1 + part], simulation.forces[part]
                 cp.body_set_force(body, force[0], force[1])
@@ -237,7 +237,7 @@ def move_creepers(world: World, swinging: Integers) -> None:
 
 @kernel
 def turn(simulation: SimulationState) -> None:
-    """Read the rotations of the parts."""
+    """Compute the rotations of the parts from their angles."""
     for part in range(len(simulation.state)):
         rotation = simulation.rotations[part]
         rotation[0], rotation[1] = cp.body_rotation(simulation.handles[1 + part])
@@ -245,7 +245,7 @@ def turn(simulation: SimulationState) -> None:
 
 @kernel
 def soak(simulation: SimulationState, body: StepArrays, water_y: float) -> None:
-    """Compute the forces of the water for the next step, if the body is near it."""
+    """Compute the forces of the water for the next step if the body is near the water."""
     lowest = math.inf
     for part in range(len(simulation.state)):
         lowest = min(lowest, simulation.state[part, 1] - body.bounds[part, 0])
@@ -262,7 +262,7 @@ def soak(simulation: SimulationState, body: StepArrays, water_y: float) -> None:
 
 @kernel
 def let_go(simulation: SimulationState) -> None:
-    """Open the grips whose action is not positive."""
+    """Open grips whose action is not positive."""
     joints = len(simulation.commands)
     for sensor in range(len(simulation.holds)):
         hold = simulation.holds[sensor]
@@ -276,7 +276,7 @@ def let_go(simulation: SimulationState) -> None:
 def take_hold(
     simulation: SimulationState, body: StepArrays, world: World, swinging: Integers, error_bias: float
 ) -> None:
-    """Attach the grips whose action is positive to the objects that they touch."""
+    """Attach grips whose action is positive to the objects that they touch."""
     joints, grips = len(simulation.commands), simulation.grips
     update_grip_contacts(simulation.state, simulation.rotations, body, world, simulation.points, grips)
     for sensor in range(len(simulation.holds)):
@@ -296,7 +296,7 @@ def take_hold(
 
 @kernel
 def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -> tuple[float, bool]:
-    """Run a step with the action in the memory, and write the `observation` (o,).
+    """Run a step with the action stored in the memory, and write the `observation` (o,).
 
     Returns:
         Reward, NaN if the action is not finite and nothing has moved, and True at the end of the episode.

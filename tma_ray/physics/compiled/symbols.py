@@ -1,4 +1,4 @@
-"""Chipmunk's C functions for compiled code, exported by pymunk's extension module.
+"""Access from compiled code to Chipmunk's C functions, exported by pymunk's extension module.
 
 A pointer is an intp. A cpVect argument is two doubles and a cpShapeFilter two integers, since the calling
 conventions of x86-64 (not on Windows) and AArch64 pass structs of these sizes so. Functions that take larger
@@ -20,7 +20,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 from pymunk import _chipmunk
 
-MACHINES = ("x86_64", "amd64", "aarch64", "arm64")  # with the calling conventions described above
+MACHINES = ("x86_64", "amd64", "aarch64", "arm64")  # machines with the calling conventions above
 
 STRUCT_SIZES = {
     "cpVect": 16,
@@ -34,7 +34,7 @@ STRUCT_SIZES = {
 
 
 def load() -> None:
-    """Load the symbols for compiled code.
+    """Load Chipmunk's symbols, so that compiled code can call them.
 
     Raises:
         RuntimeError: if numba is disabled, or this machine or pymunk has another calling convention.
@@ -62,7 +62,7 @@ def _function(name: str, result: types.Type, *arguments: types.Type) -> Any:
 
 
 def _vector_of(name: str) -> Any:
-    """Return the C getter `name` of a cpVect as a function from pointer to (x, y)."""
+    """Return the C getter `name`, whose result is a cpVect, as a function from a pointer to (x, y)."""
     _NAMES.append(name)
 
     @intrinsic
@@ -83,7 +83,7 @@ def _vector_of(name: str) -> Any:
 
 @intrinsic
 def _as_pointer(_context: Any, _address: Any) -> Any:
-    """Return an address (intp) as the pointer that numba's carray takes."""
+    """Convert an address (intp) to the pointer type that numba's carray takes."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
@@ -91,12 +91,12 @@ def _as_pointer(_context: Any, _address: Any) -> Any:
     return types.voidptr(types.intp), generate
 
 
-as_pointer: Any = _as_pointer  # called with the address alone
+as_pointer: Any = _as_pointer  # call with the address; numba adds the context
 
 
 @intrinsic
 def _part(_context: Any, vector: Any, _at: Any, shape: Any) -> Any:
-    """Return an unchecked view in `shape`, (n,) or (n, m), that begins at an index of a vector.
+    """Return an unchecked view of shape (n,) or (n, m) that begins at an index of a vector.
 
     It is one instruction; numba's slices and ``reshape`` check each size and call a function.
     """
@@ -115,7 +115,7 @@ def _part(_context: Any, vector: Any, _at: Any, shape: Any) -> Any:
     return kind(vector, types.intp, types.UniTuple(types.intp, shape.count)), generate  # type: ignore[no-untyped-call]
 
 
-part: Any = _part  # called with vector, index and shape
+part: Any = _part  # call with vector, index and shape
 
 
 @intrinsic
@@ -135,7 +135,7 @@ def _other_shape(_context: Any, _arbiter: Any) -> Any:
     return types.intp(types.intp), generate
 
 
-other_shape: Any = _other_shape  # called with the arbiter alone
+other_shape: Any = _other_shape  # call with the arbiter
 
 
 _void, _pointer, _int, _double = types.void, types.intp, types.intc, types.float64

@@ -1,4 +1,4 @@
-"""Compiled counterpart of chipmunk.py, in the same order, since the order changes trajectories."""
+"""Compiled counterpart of chipmunk.py, in the same order, which affects trajectories."""
 
 import math
 
@@ -15,13 +15,13 @@ from tma_ray.terrain import FIXED, Terrain
 
 Floats = NDArray[np.float64]
 Handles = NDArray[np.int64]  # pointers into Chipmunk
-PARTS_GROUP = 1  # shapes of one group do not collide
-EVERY_CATEGORY = -1  # all bits of a filter's categories and mask
+PARTS_GROUP = 1  # shapes in one group do not collide
+EVERY_CATEGORY = -1  # all bits set, for a filter's categories and mask
 
 
 @cfunc("void(intp, intp, CPointer(int64))", cache=True)
 def count_contact(_body, arbiter, counts):  # type: ignore[no-untyped-def]
-    """Count a contact with the ground or the ceiling in `counts` (2,); a callback of cpBodyEachArbiter."""
+    """Count a contact with ground or ceiling in `counts` (2,); callback for cpBodyEachArbiter."""
     kind = cp.shape_collision_type(cp.other_shape(arbiter))
     carray(counts, 2)[1 if kind == CEILING_TYPE else 0] += 1
 
@@ -35,7 +35,7 @@ def build(
     forces: tuple[float, float],
     handles: Handles,
 ) -> tuple[Handles, Handles]:
-    """Build a world, and write its pointers to `handles` (1 + p + j + 2 h,), as in `SimulationState`.
+    """Build a world, and write its pointers to `handles` (1 + p + j + 2 h,), ordered as in `SimulationState`.
 
     `forces` are gravity upwards in m/s², and an impulse forwards on each pushed part in N s.
 
@@ -63,7 +63,7 @@ def build(
 
 @kernel
 def release(handles: Handles, holds: Handles, shapes: Handles, swinging: Handles, parts: int) -> None:
-    """Free a world of `parts` parts, including the constraints that it `holds`."""
+    """Free a world whose body has `parts` parts, including the constraints of closed grips in `holds`."""
     cp.space_free(handles[0])
     for shape in shapes:
         cp.shape_free(shape)
@@ -83,7 +83,7 @@ def release(handles: Handles, holds: Handles, shapes: Handles, swinging: Handles
 
 @kernel
 def polygon(body: int, corners: Floats, radius: float) -> int:
-    """Return a new shape with the convex hull of `corners` (v, 2), in Chipmunk's order."""
+    """Return a new shape: the convex hull of `corners` (v, 2), in Chipmunk's order."""
     hull = corners.copy()
     count = cp.convex_hull(len(hull), hull.ctypes.data, hull.ctypes.data, 0, 0.0)
     shape: int = cp.polygon_new(body, count, hull.ctypes.data, radius)
@@ -124,13 +124,13 @@ def add_parts(
 
 @kernel
 def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: Handles) -> None:
-    """Add the joints of `body` between the parts in `handles`, and write their constraints there."""
+    """Add the joints of `body` between the parts in `handles`, and write their constraints to it."""
     joints = len(body.limits)
     parts = handles[1 : 1 + len(body.mass)]
     constraints = handles[1 + len(body.mass) :]
     for index in range(joints):
         a, b = parts[body.joint_parts[index, 0]], parts[body.joint_parts[index, 1]]
-        if index < body.motors:  # motor, limit, pivot: the order in which Box2D solves a joint
+        if index < body.motors:  # motor, limit, pivot: Box2D solves a joint in this order
             motor = cp.motor_new(a, b, 0.0)
             cp.constraint_set_max_force(motor, 0.0)
             cp.space_add_constraint(space, motor)
@@ -144,7 +144,7 @@ def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: 
 def hinge(
     space: int, parts: tuple[int, int], anchor: Floats, limits: tuple[float, float], settings: SolverSettings
 ) -> tuple[int, int]:
-    """Join two bodies at `anchor` (2, 2), in both frames, within `limits`, and return limit and pivot."""
+    """Join two bodies at `anchor` (2, 2), given in both frames, within `limits`; return limit and pivot."""
     a, b = parts
     limit = cp.limit_new(a, b, limits[0], limits[1])
     cp.constraint_set_max_bias(limit, settings.limit_correction_speed)
