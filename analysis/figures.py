@@ -1,4 +1,4 @@
-"""Figures for papers by matplotlib: a function for each, and all figures of a root.
+"""Figures for papers, drawn by matplotlib: one function per figure, and all figures of a root.
 
 `analysis.charts` makes the charts, and `analysis.style.save` writes figures to files.
 """
@@ -70,7 +70,7 @@ radar = figure_of(radars.radar)
 def animation(
     shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30, seconds: float = 6.0
 ) -> bytes:
-    """Return an animated film strip as a GIF that repeats, with a panel per run as in `film_strip`.
+    """Return an animated film strip as a looping GIF, with a panel per run as in `film_strip`.
 
     Args:
         shots: runs as in `film_strip`; at most `curricula.MOST_SHOTS`.
@@ -91,7 +91,7 @@ EARLY = 0.25  # share of the budget of the second radar (paper, sample efficienc
 FILE_NAME = ("experiment", "embodiment", "student", "expert_knowledge")
 """Columns whose values name the files of a comparison, unless another one has the same values."""
 
-STARS = 4  # number of rows of stars along a budget: every 5 of 20 million steps
+STARS = 4  # number of stars along a budget: one every 5 of 20 million steps
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def published_drawings(table: pd.DataFrame) -> Iterator[Drawing]:
 
 
 def drawings(measurements: Measurements) -> Iterator[Drawing]:
-    """Yield the figures of a root: a set for each set of conditions, largest first, and of comparisons."""
+    """Yield the figures of a root: for each set of conditions, largest first, and for each comparison."""
     frames = measurements.frames
     yield Drawing("ranks", partial(_ranks, frames))
     final = result_runs(frames, run_measures(frames))

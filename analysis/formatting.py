@@ -3,9 +3,9 @@
 import math
 from collections.abc import Iterable
 
-LISTED, FIRST = 12, 6  # largest number of names that are all listed, and number of names of a longer list
+LISTED, FIRST = 12, 6  # largest number of names listed in full, and number of names shown of a longer list
 
-FEW_SEEDS = 10  # number of seeds under which a sentence warns the reader; the paper used 16 to 48
+FEW_SEEDS = 10  # number of seeds below which a sentence warns the reader; the paper used 16 to 48
 
 
 def number(value: float, digits: int = 1) -> str:
@@ -50,7 +50,7 @@ def steps_text(steps: float) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names separated by commas; a long list is cut to its first names and the number of others."""
+    """Return names separated by commas, where a long list ends with the number of names left out."""
     texts = list(names)
     if len(texts) <= LISTED:
         return ", ".join(texts)
@@ -58,12 +58,12 @@ def listed(names: Iterable[str]) -> str:
 
 
 def few_seeds_suffix(smallest: float) -> str:
-    """Return ``; few seeds`` for tests with few runs in their smallest group, else nothing."""
+    """Return ``; few seeds`` for tests whose smallest group has few runs, else an empty string."""
     return "; few seeds" if smallest < FEW_SEEDS else ""
 
 
 def few_seeds_warning(smallest: float) -> str:
-    """Return a warning for tests with few runs in their smallest group, else nothing."""
+    """Return a warning for tests whose smallest group has few runs, else an empty string."""
     if not smallest < FEW_SEEDS:
         return ""
     seeds = f"{smallest:.0f} seed{'s' if smallest > 1 else ''}"

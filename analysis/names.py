@@ -1,4 +1,4 @@
-"""Labels and order of teachers, environments, challenges, levels and bodies in views."""
+"""Labels and ordering of teachers, environments, challenges, levels and bodies in views."""
 
 import hashlib
 import itertools
@@ -87,19 +87,19 @@ def marked_label(teacher: str) -> str:
 
 
 def mark_of(teacher: str) -> str:
-    """Return `YOURS` for a teacher of `own_first`, else nothing."""
+    """Return `YOURS` for a teacher of `own_first`, else an empty string."""
     return YOURS if teacher in _OWN.get() else ""
 
 
 def with_settings(name: str, settings: Mapping[str, str]) -> str:
-    """Return `name` with settings in brackets; a preset is one setting."""
+    """Return `name` with settings in brackets, where a preset counts as one setting."""
     shown = [value if key == PRESET else f"{key}={value}" for key, value in settings.items()]
     return f"{name} ({', '.join(shown)})" if shown else name
 
 
 @cache
 def challenge_title(environment: str, challenge: str, otherwise: str | None = None) -> str:
-    """Return the title of a challenge of the benchmark with its settings, or else `otherwise` or both names.
+    """Return the title of a benchmark challenge with its settings, or else `otherwise` or both names.
 
     Examples:
         >>> challenge_title("parkour:swinging_creepers=true", "easy", "")
@@ -167,7 +167,7 @@ def distinct_labels(teachers: Iterable[str]) -> dict[str, str]:
 
 
 def teacher_order(teacher: str) -> tuple[bool, bool, str]:
-    """Return a sort key of teachers: those of `own_first`, then Random, then by name."""
+    """Return a sort key for teachers: those of `own_first`, then Random, then the rest by name."""
     return (teacher not in _OWN.get(), plain_name(teacher) != "random", label(teacher).lower())
 
 
@@ -183,7 +183,7 @@ def title(column: str, value: object) -> str:
         return f"{'no' if value == KnowledgeLevel.NONE else value} expert knowledge".capitalize()
     if column == "challenge":
         titles = {challenge.title for challenge in CHALLENGES if challenge.name == value}
-        if len(titles) == 1:  # several environments have an "original"
+        if len(titles) == 1:  # several environments have a challenge named "original"
             return titles.pop()
     names = value if isinstance(value, tuple) else (value,)
     if column == "environment":
@@ -192,7 +192,7 @@ def title(column: str, value: object) -> str:
 
 
 def order(column: str, value: object) -> tuple[int, str]:
-    """Return a sort key of values: challenges as in the benchmark, levels by rank, others by name."""
+    """Return a sort key for values: challenges as in the benchmark, levels by rank, others by name."""
     values: list[object] = []
     if column == "expert_knowledge":
         values = [level.value for level in KnowledgeLevel]

@@ -1,4 +1,4 @@
-"""Styles of charts: colours, and the same colour, marker and dashes of a teacher in all of them."""
+"""Styles of charts: colours, and a colour, marker and dash pattern per teacher, the same in all charts."""
 
 import functools
 import hashlib
@@ -19,7 +19,7 @@ RULE = "#d9dce1"
 
 
 class TeacherStyle(NamedTuple):
-    """Colour, marker and dashes of a teacher, distinct without colour, too."""
+    """Colour, marker and dashes of a teacher, distinguishable even without colour."""
 
     colour: str
     marker: str
@@ -86,7 +86,7 @@ def shown_together(teachers: Iterable[str]) -> Iterator[None]:
 
 
 def _hashed(teacher: str) -> tuple[int, ...]:
-    """Return the indices of colour, marker and dashes that the name of a teacher gives."""
+    """Return the indices of colour, marker and dashes that follow from a teacher's name."""
     digest = hashlib.sha256(teacher.encode()).digest()
     return tuple(byte % size for byte, size in zip(digest, _SIZES, strict=False))
 
@@ -97,7 +97,7 @@ def _style(indices: tuple[int, ...]) -> TeacherStyle:
 
 
 def _assigned(teachers: Iterable[str]) -> dict[str, TeacherStyle]:
-    """Return the style of each teacher: that of its name if it is free, else the least used one."""
+    """Return the style of each teacher: the one its name gives if that is free, else the least used one."""
     taken: dict[str, tuple[int, ...]] = {}
     for teacher in sorted(teachers):
         cost = functools.partial(_cost, _hashed(teacher), taken.values())

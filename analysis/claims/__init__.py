@@ -1,1 +1,1 @@
-"""Standings of the paper's claims by results, and agreement of rankings."""
+"""Tests of the paper's claims on results, and agreement of rankings."""

@@ -1,4 +1,4 @@
-"""Rank agreement of results with the paper's tables by Kendall's tau."""
+"""Rank agreement between results and the paper's tables, by Kendall's tau."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -50,7 +50,7 @@ class Agreement:
 
 
 def agreements(frames: Frames) -> list[Agreement]:
-    """Return the agreement with the paper on each challenge and level, followed by their mean.
+    """Return the agreement with the paper on each challenge and level, followed by the mean agreement.
 
     Levels at which all teachers have the same runs are one row, compared with the means of the paper's
     entries.
@@ -84,7 +84,7 @@ Ranked: TypeAlias = dict[str, tuple[Sample, list[Description]]]
 
 
 def _rankings(root: RootSource) -> Iterator[tuple[Reading, tuple[KnowledgeLevel, ...], Ranked]]:
-    """Yield a reading of each ranking, its levels, and the results of each teacher."""
+    """Yield each ranking: a reading for it, the levels that share it, and each teacher's results."""
     paper = PaperSource()
     for environment, challenge in dict.fromkeys((m.environment, m.challenge) for m in MATRICES):
         by_runs: dict[object, tuple[list[KnowledgeLevel], Ranked]] = {}
@@ -108,7 +108,7 @@ def _rankings(root: RootSource) -> Iterator[tuple[Reading, tuple[KnowledgeLevel,
 
 
 def draws_of_runs(strata: Sequence[pd.Series], rng: np.random.Generator) -> Floats:
-    """Return bootstrap draws of a mean over strata with equal weights (n,); NaN with a single run.
+    """Return bootstrap draws (n,) of the equally weighted mean over strata, NaN with a single run.
 
     Runs are drawn within strata, and deviations scaled by the root of n / (n - 1), which corrects the
     bootstrap's variance for few runs.
@@ -131,7 +131,7 @@ def draws_of_entries(entries: Sequence[Description], rng: np.random.Generator) -
 
 
 def kendall(first: Floats, second: Floats) -> Floats:
-    """Return Kendall's tau-b of two rankings of values (..., n); NaN where all values of one are equal."""
+    """Return Kendall's tau-b of two arrays of values (..., n), NaN where all values of one are equal."""
     rows, columns = np.triu_indices(first.shape[-1], 1)
     signs = [np.sign(values[..., rows] - values[..., columns]) for values in (first, second)]
     ordered = [np.abs(sign).sum(axis=-1) for sign in signs]
@@ -140,7 +140,7 @@ def kendall(first: Floats, second: Floats) -> Floats:
 
 
 def tau_interval(tau: float, draws: Floats) -> tuple[float, float]:
-    """Return the 95 % prediction interval of tau for as many other runs of the same teachers.
+    """Return the 95 % prediction interval of tau for equally many new runs of the same teachers.
 
     Bootstrap percentiles are shifted to `tau`, since noise of the draws biases tau towards 0 once more. The
     bias by noise of the runs remains: the order of the true means may agree better.

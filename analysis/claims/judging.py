@@ -1,4 +1,4 @@
-"""Standings of the paper's claims by results."""
+"""Judge the paper's claims by results."""
 
 import math
 from collections import Counter
@@ -66,7 +66,7 @@ class ClaimVerdict:
         return f"{self.standing} ({self.conditions})" if self.standing is Standing.NOT_SEEN else self.standing
 
     def describe(self) -> str:
-        """Return a phrase on the number of statements of each standing."""
+        """Return a phrase with the number of statements of each standing."""
         counts = Counter(finding.standing for finding in self.findings)
         parts = [f"{counts[Standing.SUPPORTED]} of {len(self.findings)} statements supported"]
         parts += [f"{counts[s]} {s}" for s in Standing if s is not Standing.SUPPORTED and counts[s]]
@@ -80,7 +80,7 @@ class ClaimVerdict:
 
 
 def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[ClaimVerdict]:
-    """Return the standing of each claim by the results of `source`.
+    """Return the standing of each claim, judged by the results of `source`.
 
     Statements on the same runs, as at levels that a teacher does not use, count as one, with `needed` scaled
     down. Under other conditions than the paper's, refuted statements are not seen instead.
@@ -114,7 +114,7 @@ Levels: TypeAlias = Mapping[Reading, tuple[KnowledgeLevel, ...]]
 
 
 def _distinct(claim: Claim, source: Source) -> list[tuple[Statement, Levels]]:
-    """Return one statement of a claim for each set of runs, with the levels of its readings."""
+    """Return one statement of a claim for each distinct set of runs, with the levels that share it."""
     groups: dict[object, list[Statement]] = {}
     for index, statement in enumerate(claim.statements):
         samples = [source.sample(reading) for reading in _readings(statement)]
@@ -140,7 +140,7 @@ def _distinct(claim: Claim, source: Source) -> list[tuple[Statement, Levels]]:
 
 
 def _readings(statement: Statement) -> tuple[Reading, ...]:
-    """Return the readings of a statement."""
+    """Return the readings that a statement compares."""
     return tuple(value for value in vars(statement).values() if isinstance(value, Reading))
 
 
@@ -257,11 +257,11 @@ def _name(reading: Reading, levels: Levels) -> str:
 
 
 def decided(verdicts: Sequence[ClaimVerdict]) -> list[ClaimVerdict]:
-    """Return the verdicts of claims with data."""
+    """Return the verdicts on claims that have data."""
     return [verdict for verdict in verdicts if verdict.standing is not Standing.NO_DATA]
 
 
 def root_verdicts(frames: Frames) -> tuple[list[ClaimVerdict], list[str]]:
-    """Return the standings of the paper's claims in a root, and notes on the results that are used."""
+    """Return the standings of the paper's claims in a root, and notes on the results they are based on."""
     source = RootSource(frames)
     return judge(source), [source.note] if source.note else []

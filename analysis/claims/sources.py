@@ -93,7 +93,7 @@ class Sample:
         return compared_over_strata(pairs, stratum_weights([0] * len(pairs)), seeds)
 
     def times(self, factor: float) -> "Sample":
-        """Return the sample with its values times a factor, and new run ids."""
+        """Return the sample with its values multiplied by a factor, and with new run ids."""
         n, mean, std = self.description.n, self.description.mean, self.description.std
         strata = {
             name: (factor * values).rename(lambda run: (factor, run)) for name, values in self.strata.items()
@@ -106,7 +106,7 @@ class Source(Protocol):
     """Source of results for the statements of claims."""
 
     def sample(self, reading: Reading) -> Sample | None:
-        """Return the results of a reading; None if they are missing or incomplete."""
+        """Return the results of a reading, or None if they are missing or incomplete."""
 
     def teachers(self, reading: Reading) -> Sequence[str]:
         """Return the teachers with results in the challenge and level of a reading."""
@@ -120,10 +120,10 @@ USUAL = "the paper's bodies, students and test tasks"
 
 
 class PaperSource:
-    """The paper's tables, with final results only, and single bodies in Parkour only."""
+    """The paper's tables, which contain only final results, and single bodies only in Parkour."""
 
     def sample(self, reading: Reading) -> Sample | None:
-        """Return the entry of a reading; None if the tables have none."""
+        """Return the entry of a reading, or None if the tables have none."""
         entries = [result for result in _entries(reading) if result.teacher == reading.teacher]
         if reading.share < 1 or not entries:
             return None
@@ -162,7 +162,7 @@ class RootSource:
         }
 
     def sample(self, reading: Reading) -> Sample | None:
-        """Return the runs of a reading; None unless its pool is complete."""
+        """Return the runs of a reading, or None if its pool is incomplete."""
         return self._at(reading).get(reading.teacher)
 
     def teachers(self, reading: Reading) -> Sequence[str]:
@@ -183,7 +183,7 @@ class RootSource:
 
     def _runs(self, environment: str, share: float) -> pd.DataFrame:
         """Return the runs of the paper's teachers in an environment after a share of the budget."""
-        runs = pooling.runs_after(self._frames, share, training=share == 1)  # as pages compute them, too
+        runs = pooling.runs_after(self._frames, share, training=share == 1)  # computed as on the pages
         return runs[(runs["environment"] == environment) & runs["teacher"].isin(TEACHERS)]
 
     def _pooled(self, environment: str, share: float = 1.0, by: Sequence[str] = ()) -> pd.DataFrame:
@@ -194,7 +194,7 @@ class RootSource:
         self, environment: str, share: float, by_body: bool
     ) -> dict[tuple[str, ...], dict[str, Sample]]:
         """Return the complete samples after a share of the budget, by challenge, level, body and teacher."""
-        if environment not in self._conditions:  # no run of the paper's teachers has begun
+        if environment not in self._conditions:  # no run of the paper's teachers has started
             return {}
         by = ["embodiment"] if by_body else []
         runs, table = self._runs(environment, share), self._pooled(environment, share, by)
@@ -217,7 +217,7 @@ class RootSource:
 
 
 def _sample(labels: NDArray[np.object_], values: pd.Series, seeds: Seeds) -> Sample:
-    """Return the sample of a pool, with values by run id and the label of each run's stratum."""
+    """Return the sample of a pool: its values by run id, and the stratum label of each run."""
     measured = values.notna().to_numpy()
     strata = {str(name): values[measured & (labels == name)] for name in sorted(set(labels))}
     weights = stratum_weights([0] * len(strata))
@@ -228,7 +228,7 @@ def _sample(labels: NDArray[np.object_], values: pd.Series, seeds: Seeds) -> Sam
 
 
 def _with_least(samples: Mapping[str, Sample]) -> dict[str, Sample]:
-    """Return the samples of all teachers of a challenge with the least variances of its strata."""
+    """Return the samples of a challenge's teachers, with the least variances of its strata added."""
     groups: dict[str, list[pd.Series]] = {}
     for sample in samples.values():
         for name, values in sample.strata.items():
@@ -238,7 +238,7 @@ def _with_least(samples: Mapping[str, Sample]) -> dict[str, Sample]:
 
 
 def _chosen_conditions(tables: Mapping[str, pd.DataFrame]) -> tuple[dict[str, pd.Series], str]:
-    """Return the conditions used in each environment, and sentences on the others.
+    """Return the conditions used in each environment, and sentences on those not used.
 
     Args:
         tables: results of `pooling.pooled` by environment.

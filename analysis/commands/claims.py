@@ -1,4 +1,4 @@
-"""The paper's claims at the terminal, tested on results."""
+"""Print the paper's claims and how results support them."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -90,7 +90,7 @@ def _notes(verdicts: list[ClaimVerdict]) -> Iterator[str]:
 
 
 def _table(verdicts: list[ClaimVerdict]) -> Table:
-    """Return a row per claim: standing, text, numbers of supported and needed statements."""
+    """Return a row per claim: standing, text, and numbers of supported and required statements."""
     table = Table("standing", "claim of the paper", box=None, pad_edge=False, header_style="bold")
     for heading in ("holds", "needs", "of"):
         table.add_column(heading, justify="right", no_wrap=True)

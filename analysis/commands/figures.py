@@ -1,4 +1,4 @@
-"""Files of the paper's figures, and a LaTeX document with all tables and figures."""
+"""Export of the paper's figures, and of a LaTeX document with all tables and figures."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from tma_ray.support.component_names import nearest
 def write_figures(
     sources: Sources, output: Path, vector: Vector | str = Vector.PDF, only: str = ""
 ) -> Written:
-    """Write the figures of the paper that the data of a root or a baseline allows.
+    """Write those figures of the paper for which a root or a baseline has the data.
 
     Args:
         sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021`` only alone.
@@ -88,7 +88,7 @@ FIGURE = r"""\begin{figure}[p]
 
 
 def write_latex(sources: Sources, folder: Path) -> Written:
-    """Write the paper's tables and figures of a root, and a document with all of them.
+    """Write the paper's tables and figures for a root, and a document with all of them.
 
     Args:
         sources: results roots and baselines with runs.

@@ -1,4 +1,4 @@
-"""Leaderboards at the terminal and as Markdown: the answer, the table, and details on demand.
+"""Leaderboards in the terminal and as Markdown: the answer, the table, and details on demand.
 
 `names` are names of releases, folders or addresses of results; all known releases by default, the newest
 first. An unknown or damaged release raises `BaselineError`, and an address without results
@@ -105,7 +105,7 @@ def show_leaderboards(
 
 
 def show_board(board: Leaderboard, console: Console) -> None:
-    """Print the answer of a leaderboard, its table and the notes on it."""
+    """Print a leaderboard: its answer, its table and the notes on it."""
     if answer := board.answer():
         tell(console, answer)
     console.print(_table(board))
@@ -119,7 +119,7 @@ def tell(console: Console, text: str, style: str | None = None) -> None:
 
 
 def release_locations(names: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Return name, location and gaps of releases with runs, by default of all, the newest first."""
+    """Return name, location and gaps of releases with runs, by default of all releases, newest first."""
     if not names:
         releases = [release for release in baselines() if release.manifest.kind is BaselineKind.RUNS]
         return list(map(_described, sorted(releases, key=lambda release: release.manifest.created)[::-1]))
@@ -134,7 +134,7 @@ def _described(baseline: Baseline) -> tuple[str, str, str]:
 
 
 def difference_charts(name: str) -> Iterator[tuple[str, Chart]]:
-    """Yield file name and chart of each picture of `markdown`."""
+    """Yield the file name and the chart of each picture that `markdown` refers to."""
     for position, board in enumerate(leaderboards(frames := read(name)), start=1):
         if any(entry.against for entry in board.entries):
             compared = [entry.against for entry in board.entries if entry.against]
@@ -184,7 +184,7 @@ def markdown(name: str, pictures: str = ".") -> str:
 
 
 def _joined(location: str) -> list[tuple[Design, InterimLook]]:
-    """Return the trials by which teachers joined a release; none for other results."""
+    """Return the trials by which teachers joined a release, or none for other results."""
     from analysis.trials.interim import joined_trials  # deferred: scipy.optimize
 
     baseline = as_baseline(location)
@@ -265,7 +265,7 @@ def _table(board: Leaderboard) -> Table:
 
 
 def _challenges(board: Leaderboard) -> Table:
-    """Return results of teachers by challenge, without decimals so that six fit a line."""
+    """Return teachers' results by challenge, without decimals so that six fit on a line."""
     table = Table(box=None, pad_edge=False, padding=(0, 0, 0, 1))
     table.add_column("teacher", width=TEACHER_WIDTH, overflow="fold")
     for title in board.challenges:

@@ -1,4 +1,4 @@
-"""Results at the terminal: rankings, searches, detectable differences.
+"""Results in the terminal: rankings, searches, detectable differences.
 
 `sources` are results roots and baselines; a place without results raises `ResultsRootError`. All is shown at
 `console`, by default the terminal.
@@ -114,7 +114,7 @@ def _table(heads: Sequence[tuple[str, int]]) -> Table:
 
 
 def _add(table: Table, teacher: str, cells: Sequence[str], style: str | None = None) -> None:
-    """Add a row with the name wrapped to its column, before settings if possible."""
+    """Add a row, with the name wrapped to fit its column and broken before settings if possible."""
     lines: list[str] = []
     for index, part in enumerate(re.split(r"(?<=.)(?=:)", label(teacher))):
         indented = f"{'  ' if index else ''}{part}"
@@ -167,7 +167,7 @@ def _result(row: pd.Series) -> tuple[str, str]:
 def show_detectable_differences(
     cell_rows: Sequence[Mapping[str, Any]], budgets: Mapping[str, int], console: Console | None = None
 ) -> None:
-    """Print `detectable_differences`."""
+    """Print the table of `detectable_differences`."""
     table = Table("challenge", box=None, pad_edge=False, header_style="bold")
     for heading in ("seeds", "steadiest", "typical", "most varied", "as in"):
         table.add_column(heading, justify="right")

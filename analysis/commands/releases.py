@@ -1,4 +1,4 @@
-"""Releases at the terminal, and their findings as Markdown.
+"""Releases in the terminal, and their findings as Markdown.
 
 `console` is the terminal by default. An unknown or damaged release raises `BaselineError`, and an address
 without results `ResultsRootError`.
@@ -24,7 +24,7 @@ from tma_ray.console.terminal import terminal
 
 
 def show_baselines(console: Console | None = None) -> None:
-    """Print the known baselines with contents, licence and location.
+    """Print the known baselines with their contents, licence and location.
 
     Raises:
         BaselineError: if a baseline is damaged.

@@ -1,4 +1,4 @@
-"""Results of simulated students at the terminal: mastered tasks, recovery after resets."""
+"""Results of simulated students in the terminal: mastered tasks, recovery after resets."""
 
 import math
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ def check_file(path: Path) -> None:
 
 
 def write(frame: pd.DataFrame, path: Path) -> None:
-    """Write `frame` as CSV or Parquet, by the suffix of `path`."""
+    """Write `frame` as CSV or Parquet, depending on the suffix of `path`."""
     if path.suffix == ".csv":
         frame.to_csv(path, index=False, float_format="%.10g")
     else:
@@ -51,7 +51,7 @@ def show(frame: pd.DataFrame) -> None:
 
 
 def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return mastered per cent as text, mean ± 95 % margin over seeds: teachers x challenges.
+    """Return a table of mastered % as text, mean ± 95 % margin over seeds, with teachers x challenges.
 
     Args:
         frame: rows of `tma_ray.testing.matrix.tabulate`.
@@ -79,7 +79,7 @@ def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def recovery_table(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return mastered per cent around the first reset of forgetting students; see `mastered_table`."""
+    """Return mastered % around the first reset of forgetting students, formatted as in `mastered_table`."""
     forgetting = frame[frame["before_reset"].notna()]
     rows = [
         {"teacher": teacher, "expert knowledge": levels}
@@ -105,7 +105,7 @@ def rich_table(table: pd.DataFrame, title: str) -> Table:
 
 
 def _rows(frame: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Yield a teacher, levels with the same runs or none, and the rows of the first of these levels."""
+    """Yield each teacher with the levels that share its runs, if any, and the rows of the first level."""
     for teacher in dict.fromkeys(frame["teacher"]):
         rows = frame[frame["teacher"] == teacher]
         used = rows.drop_duplicates("expert_knowledge").set_index("expert_knowledge")["effective_knowledge"]

@@ -1,4 +1,4 @@
-"""Files of the paper's tables."""
+"""Export of the paper's tables."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +18,7 @@ from analysis.tables.table import SUFFIXES, ResultTable, TableFormat, render
 
 
 class Written(NamedTuple):
-    """Written files."""
+    """Written files, with remarks on what they lack."""
 
     files: tuple[Path, ...]  # files of tables; vector, PNG and GIF files of figures
     warnings: tuple[str, ...]  # sentences on limits of the data
@@ -32,7 +32,7 @@ def write_tables(
     kind: TableFormat | str = TableFormat.MARKDOWN,
     output: Path | None = None,
 ) -> Written:
-    """Return the paper's tables of a root, finished or not, and write them to a folder if one is given.
+    """Return the paper's tables for a root, finished or not, and write them to a folder if one is given.
 
     Args:
         sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021``, for the

@@ -1,4 +1,4 @@
-"""Differences from Random over challenges: sooner, in the end, and per trained step."""
+"""Differences from Random over challenges: during training, at the end, and per trained step."""
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Gap:
 
     @classmethod
     def of(cls, test: pd.Series | Mapping[str, Any]) -> "Gap":
-        """Return the difference of a row of `pairwise.pairwise`."""
+        """Return the difference in a row of `pairwise.pairwise`."""
         low, high = np.clip([test["simultaneous_low"], test["simultaneous_high"]], -LARGEST, LARGEST)
         return cls(float(test["difference"]), float(low), float(high), verdict(test))
 
@@ -47,11 +47,11 @@ class AgainstRandom:
     """Comparison of a teacher with Random over all challenges that both have."""
 
     teacher: str  # name of the teacher
-    newcomer: bool  # True if the teacher joined later, and is a family of its own
+    newcomer: bool  # True if the teacher joined later, and forms a family of its own
     across: Mapping[str, Any]  # values of `ACROSS`
     challenges: int  # number of challenges
-    fewest: int  # smallest number of runs of either on a challenge
-    gaps: Mapping[str, Gap]  # by measure; `TRAINED` if it trains on under `NEARLY_ALL` % of its steps
+    fewest: int  # smallest number of runs of either teacher on a challenge
+    gaps: Mapping[str, Gap]  # by measure; has `TRAINED` if it trains on less than `NEARLY_ALL` % of its steps
 
     @property
     def verdict(self) -> str:
@@ -61,7 +61,7 @@ class AgainstRandom:
 
 
 def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
-    """Return the comparison of each teacher with Random at each level and budget, soonest first.
+    """Return each teacher's comparison with Random, by level and budget, largest difference first.
 
     Args:
         frames: results with windows of training.
@@ -93,7 +93,7 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
 
 
 def _per_trained_step(curves: Curves, runs: pd.DataFrame, teacher: str) -> Gap:
-    """Return the difference from Random at the trained steps of `teacher`, from its runs and the core's."""
+    """Return the difference between `teacher` and Random per trained step, from its and the core's runs."""
     tests = over_challenges(trained_areas(curves, runs, teacher, STRATA), TRAINED, BASELINE)
     return Gap.of(tests[tests["first"] == teacher].iloc[0])
 
@@ -101,7 +101,7 @@ def _per_trained_step(curves: Curves, runs: pd.DataFrame, teacher: str) -> Gap:
 def sentences_against_random(
     comparisons: Collection[AgainstRandom], teachers: Collection[str] | None = None
 ) -> Iterator[str]:
-    """Yield a sentence for each verdict over several challenges, on `teachers` or all."""
+    """Yield a sentence for each verdict over several challenges, on `teachers` or on all teachers."""
     chosen = [
         entry
         for entry in comparisons

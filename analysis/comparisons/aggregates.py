@@ -77,7 +77,7 @@ def improvements(
     within: Sequence[str] = COMPARED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Return the probability that a run of one teacher beats one of another, one row per pair.
+    """Return the probability that a run of one teacher beats a run of another, one row per pair.
 
     Args:
         runs: rows of `pooling.pool_runs`.
@@ -95,7 +95,7 @@ def improvements(
         samples = {str(name): strata_of(part, measure) for name, part in group.groupby("teacher")}
         for first, second in pairs_of(list(samples), reference):
             values, others = dict(samples[first]), dict(samples.get(second, {}))
-            for stratum in values.keys() & others.keys():  # paired runs count by common seeds
+            for stratum in values.keys() & others.keys():  # paired runs are counted by their common seeds
                 values[stratum], others[stratum] = in_common(values[stratum], others[stratum], seeds)
             estimate = vars(probability_of_improvement(values, others))
             estimate |= {} if second in samples else {"reason": nobody(second)}
@@ -104,7 +104,7 @@ def improvements(
 
 
 def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = ACROSS) -> pd.DataFrame:
-    """Return the mean of each teacher over all challenges that it has, one row per teacher.
+    """Return the mean of each teacher over all challenges on which it has runs, one row per teacher.
 
     Weights are those of `pairwise.over_challenges`. Intervals of percentages stay within 0 and 100.
 
@@ -138,7 +138,7 @@ def profiles(
     by: Sequence[str] = POOLED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Return the share of runs over each threshold, group by group, with intervals.
+    """Return the share of runs above each threshold, with intervals, for each group.
 
     Args:
         runs: rows of `pooling.pool_runs`.

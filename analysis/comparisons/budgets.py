@@ -66,13 +66,13 @@ class BudgetComparison:
         return sorted(self.means.columns.get_level_values("budget").unique())
 
     def row(self, budget: int) -> list[str]:
-        """Return a later budget, and for `FINAL` and `HEADLINE` the correlation and the reversed pairs."""
+        """Return a later budget, with the correlation and the reversed pairs for `FINAL` and `HEADLINE`."""
         chosen = {each.measure: each for each in self.agreements if each.budget == budget}
         counts = (f"{chosen[axis].reversed_pairs} of {chosen[axis].pairs}" for axis in (FINAL, HEADLINE))
         return [steps_text(budget), str(chosen[FINAL]), next(counts), str(chosen[HEADLINE]), next(counts)]
 
     def sentence(self) -> str:
-        """Return what the early budget implies for the last one."""
+        """Return a sentence on what results at the early budget imply for the last one."""
         last = self.agreements[-1]
         return (
             f"The order of teachers over training after {steps_text(self.budgets[0])} steps agrees with "
@@ -82,7 +82,7 @@ class BudgetComparison:
 
 
 def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | None:
-    """Return the teachers of a leaderboard at each of `BUDGETS` that its runs reach; None below two.
+    """Return a leaderboard's teachers at each of `BUDGETS` that its runs reach, or None below two budgets.
 
     Args:
         frames: results that the runs are of.

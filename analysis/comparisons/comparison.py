@@ -1,4 +1,4 @@
-"""Measurements of a root, and its comparisons of teachers under the same conditions."""
+"""Measurements of a root, and comparisons of its teachers under the same conditions."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -25,9 +25,9 @@ from analysis.measures.tested import HEADLINE, MEASURES
 from analysis.names import challenge_title, label, teacher_order
 from tma_ray.support.component_names import base_name
 
-ALL_SHOWN = 12  # number of teachers up to which a page shows all of them at first
+ALL_SHOWN = 12  # number of teachers up to which a page initially shows all of them
 
-MOST_SHOWN = 8  # number of teachers that a page with more of them shows at first, beside Random
+MOST_SHOWN = 8  # number of teachers besides Random that a page with more of them initially shows
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,42 +43,42 @@ class Measurements:
 
     @cached_property
     def finals(self) -> pd.DataFrame:
-        """One row per run, of `evaluations.final_evaluations`."""
+        """One row per run, from `evaluations.final_evaluations`."""
         return final_evaluations(self.frames)
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """One row per teacher, of `evaluations.summarise`."""
+        """One row per teacher, from `evaluations.summarise`."""
         return summarise(self.frames, self.finals)
 
     @cached_property
     def tests(self) -> pd.DataFrame:
-        """One row per teacher and measure, the headline first, of `pairwise.against_baseline`."""
+        """One row per teacher and measure, headline first, from `pairwise.against_baseline`."""
         return against_baseline(self.finals, self.evaluations, MEASURES)
 
     @cached_property
     def evaluations(self) -> pd.DataFrame:
-        """One row per run and evaluation, of `evaluations.evaluation_curves`."""
+        """One row per run and evaluation, from `evaluations.evaluation_curves`."""
         return evaluation_curves(self.frames)
 
     @cached_property
     def training(self) -> pd.DataFrame:
-        """Returns in training, of `evaluations.training_curves`."""
+        """Training returns, from `evaluations.training_curves`."""
         return training_curves(self.frames)
 
     @cached_property
     def randoms(self) -> Randoms:
-        """Evaluations of Random, of `randoms_of`."""
+        """Evaluations of Random, from `randoms_of`."""
         return randoms_of(self.evaluations)
 
     @cached_property
     def shown(self) -> frozenset[str]:
-        """Teachers that a page shows at first."""
+        """Teachers that a page initially shows."""
         return leading(self.finals, HEADLINE, self.cells["teacher"], COMPARISON)
 
     @property
     def comparisons(self) -> tuple["TeacherComparison", ...]:
-        """The comparisons in a fixed order, as new objects, so that the curricula of each are freed."""
+        """The comparisons in a fixed order, as new objects so that cached curricula can be freed."""
         return tuple(TeacherComparison(measurements=self, **parts) for parts in self._parts)
 
     @cached_property
@@ -105,13 +105,13 @@ class TeacherComparison:
     """Teachers compared under the same conditions: rows of `Measurements` with one value of `COMPARISON`."""
 
     anchor: str  # identifier on a page
-    title: str  # title that no other comparison of the root has
+    title: str  # title, unique among the comparisons of the root
     cells: pd.DataFrame  # cells of `Frames`
     finals: pd.DataFrame  # one row per run
     summary: pd.DataFrame  # one row per teacher
     tests: pd.DataFrame  # one row per teacher and measure
     evaluations: pd.DataFrame  # one row per run and evaluation
-    training: pd.DataFrame  # returns in training
+    training: pd.DataFrame  # training returns
     measurements: Measurements = field(repr=False)  # measurements of the whole root
 
     @property
@@ -126,17 +126,17 @@ class TeacherComparison:
 
     @cached_property
     def ceiling(self) -> float | None:
-        """Test tasks that any run ever masters in the environment, in %; see `ceiling_percent`."""
+        """Percentage of test tasks that any run ever masters in the environment; see `ceiling_percent`."""
         return ceiling_percent(self.frames, str(self.cells["environment"].iloc[0]))
 
     @cached_property
     def reference(self) -> pd.DataFrame:
-        """Evaluations of Random, where needed those at another level or in another experiment."""
+        """Evaluations of Random, if necessary from another level or another experiment."""
         return reference_of(self.evaluations, self.measurements.randoms)
 
     @cached_property
     def median_runs(self) -> dict[str, pd.Series]:
-        """The run of each teacher with the median headline, else its first run that has begun."""
+        """Each teacher's run with the median headline, or else its first run that has started."""
         cells = self.cells[self.cells["status"].isin(["done", "running"])]
         ranked = self.finals.sort_values([HEADLINE, "evaluation_return"], kind="stable")
         finals = {
@@ -154,11 +154,11 @@ class TeacherComparison:
 
     @cached_property
     def curricula(self) -> dict[str, RunCurriculum]:
-        """The curriculum of each teacher's median run, if it has any episode."""
+        """The curriculum of each teacher's median run, if it has any episodes."""
         return self.read_curricula(self.median_runs)
 
     def read_curricula(self, teachers: Iterable[str]) -> dict[str, RunCurriculum]:
-        """Return the curricula of the median runs of some teachers, of those that have any episode."""
+        """Return the curricula of some teachers' median runs, leaving out runs without episodes."""
         runs = {teacher: self.median_runs[teacher] for teacher in teachers}
         curricula = zip(runs, curricula_of_runs(self.frames, list(runs.values())), strict=True)
         return {
@@ -195,7 +195,7 @@ def _titles(cells: Sequence[pd.Series]) -> list[str]:
 def leading(
     results: pd.DataFrame, measure: str, teachers: Iterable[object], within: Sequence[str] = ()
 ) -> frozenset[str]:
-    """Return the teachers that a page shows at first: all, or Random and the best of many.
+    """Return the teachers that a page initially shows: all of them, or Random and the best of many.
 
     The best are those with the highest mean of a measure over the challenges that each has results of, and
     the best one of each comparison that would otherwise be empty.

@@ -1,4 +1,4 @@
-"""Leaderboards, and estimates of each teacher, over all challenges.
+"""Leaderboards, and estimates for each teacher, over all challenges.
 
 `runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them, in per cent.
 """
@@ -80,11 +80,11 @@ class Leaderboard:
 
     @property
     def newcomers(self) -> bool:
-        """True if any teacher is not of the core."""
+        """True if any teacher is not in the core."""
         return any(entry.ranks[HEADLINE].newcomer for entry in self.entries)
 
     def best(self, axis: str) -> dict[str, float]:
-        """Return the chances of the fewest teachers that include the best one with probability `CREDIBLE`."""
+        """Return the chances of the fewest teachers that hold the best one with probability `CREDIBLE`."""
         chances = {entry.teacher: entry.ranks[axis].chance for entry in self.entries}
         best: dict[str, float] = {}
         for teacher in sorted(chances, key=lambda name: -chances[name]):
@@ -93,7 +93,7 @@ class Leaderboard:
         return best
 
     def answer(self) -> str:
-        """Return two sentences on the best teachers, sooner and in the end."""
+        """Return two sentences on the best teachers: over training, and at the end."""
         if len(self.entries) < 2:
             return ""
         leaders = {axis: self.best(axis) for axis in AXES}
@@ -115,7 +115,7 @@ class Leaderboard:
         return f"{self.names[entry.teacher]}{' ' * bool(marks)}{marks}{mark_of(entry.teacher)}"
 
     def on_each_challenge(self, axis: str) -> dict[tuple[str, str], Gap]:
-        """Return the difference from Random by teacher and title of the challenge.
+        """Return the difference from Random by teacher and challenge title.
 
         On each challenge the tests of the core against Random are a family, and so is that of each newcomer.
         """
@@ -165,7 +165,7 @@ def notes(board: Leaderboard) -> list[str]:
 def leaderboards(
     frames: Frames, runs: pd.DataFrame | None = None, *, subsets: bool = True
 ) -> list[Leaderboard]:
-    """Return leaderboards for each level of expert knowledge and budget, those with most runs first.
+    """Return leaderboards for each level of expert knowledge and budget, those with the most runs first.
 
     Besides the leaderboard of teachers with results on all challenges there is one for each set of
     `challenge_sets`. Only runs that have ended count. Levels with the same runs are one.
@@ -191,7 +191,7 @@ def leaderboards(
 
 
 def _blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
-    """Yield the values of `BLOCK_COLUMNS` and the runs of each set of challenges that teachers share."""
+    """Yield the values of `BLOCK_COLUMNS` and the runs for each set of challenges that teachers share."""
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
         for block, (part, of) in enumerate(challenge_sets(group)):
             challenges = int(part.groupby(CHALLENGE, dropna=False).ngroups)
@@ -199,7 +199,7 @@ def _blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[dict[str, Any], 
 
 
 def challenge_sets(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
-    """Yield the runs of each set of challenges, the largest first, and the number of all challenges.
+    """Yield the runs on each set of challenges, largest set first, with the total number of challenges.
 
     A set is all challenges that some teacher has with all of their bodies and students, and has the runs of
     all teachers on these.
@@ -217,7 +217,7 @@ def challenge_sets(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
 
 
 def _distinction(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFrame) -> list[str]:
-    """Return the environments and conditions that alone distinguish `part` from other `runs`, as text."""
+    """Return as text the environments and conditions that set `part` apart from the other `runs`."""
     for name in ("expert_knowledge", "steps", "engine", "physics_version"):
         runs = runs[runs[name].astype(str) == str(where[name])]
     environments = sorted(part["environment"].unique())
@@ -258,7 +258,7 @@ def _board(
 
 
 def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
-    """Return one row for each teacher at each level and budget, on the same challenges, the best first.
+    """Return one row per teacher at each level and budget, over shared challenges, best teacher first.
 
     Teachers are compared on the same challenges only, in a block of rows for each of `challenge_sets`.
 
@@ -324,7 +324,7 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
 
 
 def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the title and rows of `profiles`, every 2 per cent, of each block of teachers."""
+    """Yield the title and the rows of `profiles`, in steps of 2 %, for each block of teachers."""
     named = _named_conditions(runs)
     for where, part in _blocks(runs, measure):
         table = profiles(part, measure, range(0, 100, 2), by=[*ACROSS, "teacher"], strata=STRATA)
@@ -332,12 +332,12 @@ def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterato
 
 
 def _named_conditions(runs: pd.DataFrame) -> list[str]:
-    """Return the conditions in titles: the budget, and those that vary."""
+    """Return the conditions to name in titles: the budget, and those that vary."""
     return list(dict.fromkeys(["steps", *varying(runs)])) if len(runs) else []
 
 
 def _block_title(row: pd.Series, named: Sequence[str]) -> str:
-    """Return level and conditions of a block, and its number of challenges if that is not all."""
+    """Return the level and conditions of a block, and its number of challenges if it lacks some."""
     words = [f"expert knowledge {row['expert_knowledge']}", *condition_words(row, named)]
     if row["challenges"] < row["of"]:
         words.append(f"{row['challenges']} of {row['of']} challenges")

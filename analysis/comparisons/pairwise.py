@@ -1,4 +1,4 @@
-"""Tests between groups of runs, one row per pair; rankings, leaderboards, pages and sentences use them."""
+"""Tests between groups of runs, one row per pair, as used by rankings, leaderboards, pages and sentences."""
 
 import itertools
 import math
@@ -137,18 +137,18 @@ def pairwise(
 def over_challenges(
     runs: pd.DataFrame, measure: str, reference: str | Collection[str] | None = None
 ) -> pd.DataFrame:
-    """Return the tests over all challenges that two teachers have, with equal weights of challenges."""
+    """Return the tests over all challenges that two teachers share, with challenges weighted equally."""
     return pairwise(runs, measure, reference, ACROSS, strata=STRATA, detectable=False)
 
 
 def core_of(runs: pd.DataFrame) -> frozenset[str]:
-    """Return the teachers of the core among runs of a comparison, or all teachers without a core."""
+    """Return the core teachers among the runs of a comparison, or all teachers if there is no core."""
     core = runs["core"].to_numpy(bool) if "core" in runs else np.zeros(len(runs), bool)
     return frozenset(map(str, runs["teacher"][core if core.any() else ~core]))
 
 
 def from_both_sides(tests: pd.DataFrame) -> pd.DataFrame:
-    """Return each test and its mirror image, with first and second exchanged, under the same index."""
+    """Return each test and its mirror image (first and second swapped) under the same index."""
     exchanged = tests.assign(
         first=tests["second"],
         second=tests["first"],
@@ -203,7 +203,7 @@ def pairwise_from_statistics(
 
 
 def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measures: Iterable[str]) -> pd.DataFrame:
-    """Return the tests of every teacher of a report against Random, one row per teacher and measure.
+    """Return the tests of every teacher in a report against Random, one row per teacher and measure.
 
     Random may have been run at another level of expert knowledge or in another experiment. Until runs have
     ended, both groups are read at the same step, and the difference is not tested.
@@ -237,7 +237,7 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measures: Itera
 
 
 def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Return the test of every teacher against Random at every evaluation, with Holm's p by step.
+    """Return each teacher's test against Random at every evaluation, with Holm-adjusted p-values by step.
 
     Args:
         curves: results of `evaluation_curves`, of one comparison.
@@ -291,24 +291,24 @@ def _at_one_step(
 
 def _sample_of(rows: pd.DataFrame, measure: str) -> pd.Series:
     """Return the values of `measure` by run id."""
-    # of objects, since pandas would convert strings to Arrow's
+    # object dtype, since pandas would convert the strings to Arrow strings
     run_ids = pd.Index(rows["run_id"].to_numpy(object), dtype=object)
     return pd.Series(rows[measure].to_numpy(float), run_ids)
 
 
 def randoms_of(rows: pd.DataFrame) -> Randoms:
-    """Return the rows of Random by the columns `RANDOM_ALIKE`."""
+    """Return the rows of Random, grouped by the columns `RANDOM_ALIKE`."""
     return dict(list(baseline_rows(rows).groupby(RANDOM_ALIKE))) if len(rows) else {}
 
 
 def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
-    """Return the rows of Random, of `randoms_of`, that the rows of one comparison are tested against."""
+    """Return those of Random's rows, from `randoms_of`, against which one comparison is tested."""
     alike = randoms.get(tuple(teachers[RANDOM_ALIKE].iloc[0]), teachers.head(0))
     return baseline_runs(teachers, alike, RANDOM_APART).drop_duplicates(["run_id", "step"])
 
 
 def pairs_of(names: Sequence[str], reference: str | Collection[str] | None) -> Iterator[tuple[str, str]]:
-    """Yield each name with `reference`, the pairs that hold one of several, or all pairs if there is none."""
+    """Yield the pairs that hold `reference`, or any of several references, or all pairs for None."""
     if not isinstance(reference, str):
         pairs = itertools.combinations(names, 2)
         yield from (pair for pair in pairs if reference is None or not set(pair).isdisjoint(reference))
@@ -317,7 +317,7 @@ def pairs_of(names: Sequence[str], reference: str | Collection[str] | None) -> I
 
 
 def nobody(reference: str) -> str:
-    """Return the reason for no test against `reference` if it was not run."""
+    """Return the reason why nothing was tested against a `reference` that was not run."""
     return NO_BASELINE if is_baseline(reference) else f"no {reference} to compare with"
 
 
@@ -330,7 +330,7 @@ def _check_reference(reference: str | None, table: pd.DataFrame) -> None:
 def stratified_runs(
     runs: pd.DataFrame, measure: str, by: Sequence[str], strata: Sequence[str]
 ) -> pd.DataFrame:
-    """Return `by`, run_id, the measure, and the numbers of challenge and stratum with the name of the latter.
+    """Return `by`, run_id, the measure, and the numbers of challenge and stratum with the stratum's name.
 
     Strata, given by the columns `strata`, are numbered once rather than in each of hundreds of groups. A run
     with the measure counts once in each group. Columns members, core and step are kept.
@@ -360,14 +360,14 @@ def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
 
 
 def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
-    """Return the samples of bodies and students by challenge from rows of `stratified_runs`."""
+    """Return the samples by challenge and stratum (body or student), from rows of `stratified_runs`."""
     return _by_group(rows, measure, np.zeros(len(rows), np.int64)).get(0, {})
 
 
 def _by_group(
     rows: pd.DataFrame, measure: str, groups: NDArray[np.int64]
 ) -> dict[int, dict[Hashable, dict[str, pd.Series]]]:
-    """Return `by_challenge` of each group of rows by its number, without groups that have no values."""
+    """Return the result of `by_challenge` for each group of rows by group number, without empty groups."""
     columns = ("stratum_name", "stratum", "challenge_number")
     names, strata, challenges = (rows[column].to_numpy() for column in columns)
     measured = np.flatnonzero(rows[measure].notna().to_numpy())
@@ -395,7 +395,7 @@ CORRECTED = ["holm", "simultaneous_low", "simultaneous_high"]
 
 
 def corrected(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
-    """Return a table of tests with `CORRECTED`, for families with the columns `family` in common."""
+    """Return a table of tests with columns `CORRECTED`, where a family shares the columns `family`."""
     groups = table.groupby(list(family), dropna=False).indices.values() if family else [np.arange(len(table))]
     columns = ["difference", "low", "high", "degrees_of_freedom"]
     numbers, p_values = table[columns].to_numpy(float), table["p"].to_numpy(float)
@@ -409,7 +409,7 @@ def corrected(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
 
 
 def _family_of(first: str, second: str, core: frozenset[str]) -> str:
-    """Return the family of a test, `CORE`, `NEWCOMERS` or the name of a newcomer."""
+    """Return the family of a test: `CORE`, `NEWCOMERS` or the name of a newcomer."""
     newcomers = [name for name in (first, second) if name not in core]
     return NEWCOMERS if len(newcomers) > 1 else newcomers[0] if newcomers else CORE
 
@@ -437,13 +437,13 @@ class _Sample:
 
     @property
     def described(self) -> Description:
-        """Number of runs, and the standard deviation within strata of equal size."""
+        """Number of runs, and the standard deviation within strata if these are of equal size."""
         std = math.sqrt(sum(part.std**2 for part in self.parts.values()) / len(self.parts))
         return Description(self.n, math.nan, std)
 
 
 def _samples_of(rows: pd.DataFrame, measure: str, between: str) -> dict[str, _Sample]:
-    """Return the sample of each group by its name in the column `between`, sorted."""
+    """Return the sample of each group by its name in the column `between`, sorted by name."""
     groups, names = pd.factorize(rows[between], sort=True)
     challenges = _by_group(rows, measure, groups)
     counts = np.bincount(groups, rows[measure].notna().to_numpy(), len(names))
@@ -456,7 +456,7 @@ def _samples_of(rows: pd.DataFrame, measure: str, between: str) -> dict[str, _Sa
 
 
 def _detectable(row: Mapping[str, Any], first: _Sample, second: _Sample) -> float:
-    """Return the smallest detectable difference of `pairwise`."""
+    """Return the smallest detectable difference between two samples, as shown by `pairwise`."""
     if row["method"] is Method.PAIRED:
         return detectable_in_pairs(row["n"], (row["high"] - row["low"]) / 2)
     if row["method"] is Method.SIGN_FLIP:
@@ -467,7 +467,7 @@ def _detectable(row: Mapping[str, Any], first: _Sample, second: _Sample) -> floa
 def _least_variances(
     samples: Mapping[str, _Sample], core: Collection[str]
 ) -> dict[tuple[Hashable, str], float]:
-    """Return the least variance by challenge and stratum, over the core or else over all teachers."""
+    """Return the least variance by challenge and stratum, over the core or else all teachers."""
     values: dict[tuple[Hashable, str], dict[bool, list[Description]]] = {}
     for name, sample in samples.items():
         for stratum, part in sample.parts.items():
@@ -478,7 +478,7 @@ def _least_variances(
 def _compared(
     first: _Sample, second: _Sample, seeds: Seeds, least: Mapping[tuple[Hashable, str], float]
 ) -> dict[str, object]:
-    """Return the test of two groups over challenges that both have with the same strata, and its scope."""
+    """Return the test of two groups over challenges where both have the same strata, and its scope."""
     ours, others = first.challenges, second.challenges
     common = [key for key in ours if key in others and set(ours[key]) == set(others[key])]
     names = [(key, stratum) for key in common for stratum in sorted(ours[key])]

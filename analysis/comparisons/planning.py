@@ -1,4 +1,4 @@
-"""Power of experiments: differences that a plan can detect, and runs that a comparison with Random needs."""
+"""Power of experiments: differences that a plan can detect, and runs needed for comparisons with Random."""
 
 import math
 from collections.abc import Collection, Hashable, Mapping, Sequence
@@ -23,7 +23,7 @@ PAPER, LITE = "paper", ("lite-1", "lite-2")
 """Sources of standard deviations: the paper's last evaluations, or the headline of the first release with a
 student of the plan."""
 
-FLOOR = 5.0  # mastered tasks of the best teacher in % below which a challenge has no usable deviations
+FLOOR = 5.0  # mastered % of the best teacher below which a challenge's deviations are unusable
 
 LITE_BUDGET = 6_000_000
 """Largest budget in steps that is nearer, as a ratio, to the 2 million of `LITE` than to the paper's 20."""
@@ -73,7 +73,7 @@ def _lite_students(name: str) -> frozenset[str]:
 
 @cache
 def _lite_deviations(name: str) -> dict[Hashable, list[float]]:
-    """Return the standard deviations of a release's teachers with most seeds by environment and challenge.
+    """Return standard deviations by environment and challenge, of a release's teachers with the most seeds.
 
     Challenges on which no teacher masters `FLOOR` % are missing.
     """
@@ -88,7 +88,7 @@ def _lite_deviations(name: str) -> dict[Hashable, list[float]]:
 def plans_against_random(
     runs: pd.DataFrame, teachers: Collection[str], hours: pd.Series, measure: str = HEADLINE
 ) -> list[str]:
-    """Return a sentence on each teacher that does not differ from Random: runs and hours for a decision.
+    """Return a sentence per teacher undecided against Random, on the runs and hours that a decision needs.
 
     Args:
         runs: rows of `pooling.pool_runs`.

@@ -1,4 +1,4 @@
-"""Ranks of teachers over challenges: of the core by its own tests, and of newcomers among the core.
+"""Ranks of teachers over challenges: core teachers among themselves, and newcomers among the core.
 
 `runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them, in per cent.
 """
@@ -27,14 +27,14 @@ DRAWS = 20_000  # draws of true means for the probability of being the best
 
 @dataclass(frozen=True)
 class Rank:
-    """A teacher's rank among those of the core that have results on all of its challenges."""
+    """A teacher's rank among the core teachers that have results on all of its challenges."""
 
     teacher: str  # name of the teacher
     measure: str  # measure of the ranks
     newcomer: bool  # True if the teacher joined later; the core is ranked without it
     across: dict[str, Any]  # values of `ACROSS` that all ranked teachers have in common
     challenges: int  # number of challenges
-    mean: float  # mastered test tasks in per cent, the mean over challenges of equal weight
+    mean: float  # mastered test tasks in %, the equally weighted mean over challenges
     low: float  # lower end of the 95 % interval; NaN with one run on a challenge
     high: float  # upper end of the interval
     n: int  # number of runs
@@ -45,7 +45,7 @@ class Rank:
     worse: tuple[str, ...]  # teachers with a higher mean, p < 0.05 after Holm's correction
     undecided: tuple[str, ...]  # other ranked teachers
     left_out: tuple[str, ...]  # teachers without results on all of its challenges
-    chance: float  # probability of the highest true mean among teachers on as many challenges
+    chance: float  # probability of having the highest true mean of those on as many challenges
 
     @property
     def best(self) -> int:
@@ -92,7 +92,7 @@ def _listed(names: tuple[str, ...]) -> str:
 
 
 def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: str = HEADLINE) -> list[Rank]:
-    """Return the rank of each teacher, or of `teachers` alone, at each level and budget, the best first.
+    """Return the rank of each teacher, or only of `teachers`, at each level and budget, best first.
 
     At each level and budget, teachers of the core are ranked by one family of tests, and each newcomer is
     ranked with the core by a family of its own. Families have the pairs of a requested teacher with the
@@ -130,7 +130,7 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
 
 
 def _standing(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
-    """Return the attributes of a `Rank` from a teacher's mean and its tests with the core."""
+    """Return the attributes of a `Rank`, from a teacher's mean and its tests against the core."""
     ranked, others = tests["ranked"].to_numpy(bool), tests["second"].to_numpy(object)
     decided = ranked & (tests["holm"].to_numpy(float) < SIGNIFICANCE)
     differences = tests["difference"].to_numpy(float)
@@ -157,7 +157,7 @@ def _standing(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
 
 
 def _chances(means: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """Return the probability of the highest true mean among teachers on as many challenges.
+    """Return each teacher's probability of having the highest true mean of those on as many challenges.
 
     True means are drawn independently from Student's t around the observed means.
     """

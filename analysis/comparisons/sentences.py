@@ -1,4 +1,4 @@
-"""Sentences on comparisons with their uncertainty, and the ranking on each challenge."""
+"""Sentences on comparisons and their uncertainty, and the ranking on each challenge."""
 
 import math
 
@@ -39,7 +39,7 @@ OTHERS = "\N{OBJECT REPLACEMENT CHARACTER}"
 
 
 def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
-    """Return the sentences that open a comparison of a report, by the headline.
+    """Return the opening sentences of a comparison in a report, based on the headline.
 
     Args:
         summary: rows of `evaluations.summarise`.
@@ -86,7 +86,7 @@ def _gap(difference: float) -> str:
 
 
 def _certainty(ranked: pd.DataFrame, sooner: pd.DataFrame, end: pd.DataFrame) -> list[str]:
-    """Return sentences on the certainty of the order of finished teachers, by tests on both axes."""
+    """Return sentences on how certain the order of finished teachers is, by tests on both axes."""
     best = ranked["teacher"].iloc[0]
     if len(ranked) == 1:
         return []
@@ -128,7 +128,7 @@ def _against_random(teacher: str, test: pd.Series, end: pd.Series) -> str:
 
 
 def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.DataFrame:
-    """Return one row per teacher, challenge and level, pooled as the paper pools.
+    """Return one row per teacher, challenge and level, pooled as in the paper.
 
     Args:
         frames: results of `load`.
@@ -146,7 +146,7 @@ def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.D
 
 
 def ranked(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
-    """Return the rows of `ranking`, from runs of `pooling.runs_after`."""
+    """Return the rows of `ranking` for runs from `pooling.runs_after`."""
     measures = list(dict.fromkeys([measure, FINAL]))
     table = pooling.pooled(runs, measures)
     parts = runs.groupby([*columns.POOLED, *columns.PARTS], dropna=False, sort=True)[measures]
@@ -173,7 +173,7 @@ def ranking_sentences(table: pd.DataFrame) -> list[str]:
 
 
 def sentences(tests: pd.DataFrame) -> list[str]:
-    """Return sentences on rows of `pairwise.pairwise`, Random first, one for all teachers that share it.
+    """Return sentences on rows of `pairwise.pairwise`, Random first, merging teachers with the same sentence.
 
     Differences are significant where p is under 0.05 after Holm's correction.
     """
@@ -211,7 +211,7 @@ def _verdicts(rows: pd.DataFrame) -> str:
 
 
 def challenge_titles(table: pd.DataFrame) -> list[str]:
-    """Return the title of the challenge of each row, with conditions if the table has several under it.
+    """Return the title of each row's challenge, with conditions if the table has several under one title.
 
     Args:
         table: rows with the columns `COMPARED`.

@@ -1,4 +1,4 @@
-"""Results of several sources: those that may be compared, their tests, and those that stand apart."""
+"""Results of several sources: those that may be compared, their tests, and the incomparable rest."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -50,7 +50,7 @@ def result_set(frames: Frames, name: str) -> ResultSet:
 def named_jointly(
     yours: ResultSet, baselines: Sequence[ResultSet]
 ) -> tuple[ResultSet, list[ResultSet], tuple[str, ...]]:
-    """Return the results with names that are unambiguous across all, and a sentence on each split name.
+    """Return the results with names that are unambiguous across all of them, and a sentence per split name.
 
     A name as PPO may have other settings, or another version, in another root.
     """
@@ -64,7 +64,7 @@ def named_jointly(
 
 
 def baseline_results(name_or_root: str) -> ResultSet:
-    """Return the results of a baseline by name, or at a folder or address of a baseline or a root.
+    """Return the results of a baseline given by name, or of a baseline or root at a folder or address.
 
     Of published tables, only results that pool all runs of the table on a challenge count.
 
@@ -82,7 +82,7 @@ def baseline_results(name_or_root: str) -> ResultSet:
 
 
 def joined_frames(yours: ResultSet, baselines: Sequence[ResultSet]) -> Frames:
-    """Return the results of all sources that have runs, as those of one root."""
+    """Return the results of all sources that have runs, as if from one root."""
     return joined([source.frames for source in (yours, *baselines) if source.frames is not None])
 
 
@@ -115,13 +115,13 @@ def comparable_runs(
 
 
 def new_teachers(yours: ResultSet) -> list[str]:
-    """Return your teachers that are not of the benchmark, or all but Random if there are none."""
+    """Return your teachers that are not in the benchmark, or all but Random if there are none."""
     teachers = [teacher for teacher in yours.table["teacher"].unique() if not is_baseline(teacher)]
     return [teacher for teacher in teachers if teacher not in TEACHERS] or teachers
 
 
 def head_to_head(runs: pd.DataFrame, teachers: Sequence[str], measure: str = HEADLINE) -> pd.DataFrame:
-    """Return the test of each of `teachers` against every other one, challenge by challenge.
+    """Return the tests of each of `teachers` against every other teacher, challenge by challenge.
 
     Returns:
         Rows of `pairwise.pairwise` with one of `teachers` first, and `pairwise.CORRECTED` for all of its
@@ -168,7 +168,7 @@ def _differing_conditions(yours: ResultSet, baseline: ResultSet) -> str:
 
 
 def reference_only(yours: ResultSet, baseline: ResultSet) -> pd.DataFrame:
-    """Return the results of a baseline that are not comparable with yours, on challenges that you have.
+    """Return a baseline's results that are not comparable with yours, on challenges in your results.
 
     Returns:
         `CHALLENGE_LEVEL`, teacher, n, mastered_percent_mean and _std, and differs, the differences as text.
@@ -197,13 +197,13 @@ def _without_settings(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _same_challenge(places: pd.DataFrame, row: pd.Series) -> pd.Series:
-    """Return a mask of the rows of `places` at the challenge and level of `row`, settings apart."""
+    """Return a mask of the rows of `places` at the challenge and level of `row`, ignoring settings."""
     key = [base_name(row["environment"]), base_name(row["challenge"]), row["expert_knowledge"]]
     return (places[CHALLENGE_LEVEL] == key).all(axis=1)
 
 
 def _differences(row: pd.Series, yours: pd.DataFrame, baseline: ResultSet) -> str:
-    """Return the conditions of a result of `baseline` that differ from those of `yours` as text."""
+    """Return as text the conditions in which a result of `baseline` differs from `yours`."""
     if baseline.runs is None:
         differences = [f"engine {baseline.engine}"]
         if set(yours["steps"]) != {row["steps"]}:
@@ -220,7 +220,7 @@ def _differences(row: pd.Series, yours: pd.DataFrame, baseline: ResultSet) -> st
 
 
 def missing_challenges(yours: ResultSet, teachers: Sequence[str]) -> list[str]:
-    """Return the challenges of the benchmark on which `teachers` have no result at any level, as text."""
+    """Return as text the benchmark's challenges on which `teachers` have no result at any level."""
     results = yours.table[yours.table["n"] > 0]
     challenges = dict.fromkeys((matrix.environment, matrix.challenge) for matrix in MATRICES)
     sentences = []

@@ -1,1 +1,1 @@
-"""Results as frames: of roots, published tables and single curricula."""
+"""Results as frames, from roots, published tables and single curricula."""

@@ -14,7 +14,7 @@ from tma_ray.results import Table
 from tma_ray.support.validation import check_type
 from tma_ray.tasks import MASTERY_RETURN
 
-PANELS = 5  # number of equal parts of a run, with a panel each
+PANELS = 5  # number of equal parts of a run, each shown in a panel
 
 RETURN_RANGE = (-100.0, 300.0)
 """Returns at the ends of the colours in worlds of the benchmark: falling at once, and crossing the track.
@@ -34,7 +34,7 @@ class RunCurriculum:
 
     @property
     def shuffled(self) -> bool:
-        """True if the teacher's space is a shuffled one."""
+        """True if the teacher's task space is shuffled."""
         return bool(self.episodes["world_task"].notna().any())
 
     @property
@@ -53,24 +53,24 @@ class RunCurriculum:
         return replace(self, episodes=cut(self.episodes), probes=cut(self.probes), updates=cut(self.updates))
 
     def probed_at(self, step: int) -> NDArray[np.float32]:
-        """Return the tasks of the last probe up to `step` (n, d); (0, 0) if the probes end before it."""
+        """Return the tasks (n, d) of the last probe up to `step`, or (0, 0) if the probes end before it."""
         steps = self.probes["step"]
         last = steps[steps <= step].max() if (steps >= step).any() else None
         return stack(self.probes.loc[steps == last, "task"])
 
     def update_at(self, step: int) -> pd.Series | None:
-        """Return the teacher's last update up to `step`, None without updates."""
+        """Return the teacher's last update up to `step`, or None if there was none."""
         earlier = self.updates[self.updates["step"] <= step].sort_values("step", kind="stable")
         return None if earlier.empty else earlier.iloc[-1]
 
 
 def stack(tasks: pd.Series) -> NDArray[np.float32]:
-    """Return a column of tasks as one array (n, d), (0, 0) without tasks."""
+    """Return a column of tasks as one array (n, d), which is (0, 0) without tasks."""
     return np.stack(tasks.to_list()).astype(np.float32) if len(tasks) else np.empty((0, 0), np.float32)
 
 
 def return_range(curricula: Mapping[str, RunCurriculum], mastery: float) -> tuple[float, float]:
-    """Return the returns at the ends of the colours, `RETURN_RANGE` in worlds of the benchmark."""
+    """Return the lowest and highest return of the colour scale: `RETURN_RANGE` for the benchmark's worlds."""
     if mastery == MASTERY_RETURN:
         return RETURN_RANGE
     returns = np.concatenate(
@@ -98,7 +98,7 @@ def gaussians_of(update: pd.Series) -> list[dict[str, Any]]:
 
 
 def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
-    """Return the boxes of an update in drawing order: the largest first, and projections by `above`."""
+    """Return the boxes of an update in drawing order: largest first, with projections ordered by `above`."""
     boxes = update["boxes"] if update["boxes"] is not None else ()
 
     def height(box: dict[str, Any]) -> tuple[float, float]:
@@ -134,7 +134,7 @@ def curricula_of_runs(frames: Frames, runs: Sequence[pd.Series]) -> list[RunCurr
 
 
 class Axis(NamedTuple):
-    """Dimension of the task space: label with the unit, and bounds."""
+    """Dimension of the task space: its label with the unit, and its bounds."""
 
     name: str
     low: float
@@ -142,7 +142,7 @@ class Axis(NamedTuple):
 
 
 def task_axes(cells: pd.DataFrame) -> tuple[Axis, ...]:
-    """Return the dimensions of the teachers' task space in the runs of `cells`, none if unknown."""
+    """Return the dimensions of the teachers' task space in the runs of `cells`, or none if unknown."""
     check_columns("cells", cells, ["spec"])
     axes = []
     for axis in parsed(next(iter(cells["spec"].dropna()), None)).get("task_space", []):

@@ -1,4 +1,4 @@
-"""The class of results as pandas frames, ready to group by cell, and checks of its tables."""
+"""The class that holds results as pandas frames, ready to group by cell, and checks of its tables."""
 
 import functools
 import inspect
@@ -66,7 +66,7 @@ class Frames:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings for readers of a comparison, on evaluations and training."""
+        """Warnings about evaluations and training, for readers of a comparison."""
         return (*self.cell_warnings, *training_warnings(self.training_returns))
 
     @property
@@ -82,12 +82,12 @@ class Frames:
 
     @functools.cached_property
     def training(self) -> pd.DataFrame:
-        """Windows of training of all runs, as stored."""
+        """Training windows of all runs, as stored."""
         return self._rows(Table.TRAINING, SCHEMAS[Table.TRAINING].names, self._run_ids)
 
     @functools.cached_property
     def training_returns(self) -> pd.DataFrame:
-        """The columns `WINDOW_COLUMNS` of the windows of training."""
+        """The columns `WINDOW_COLUMNS` of the training windows."""
         if "training" in vars(self):
             return self.training[WINDOW_COLUMNS]
         return self._rows(Table.TRAINING, WINDOW_COLUMNS, self._run_ids)
@@ -99,7 +99,7 @@ class Frames:
 
     @property
     def run_hours(self) -> pd.Series:
-        """Wall-clock hours of all attempts at each run, by run id; empty if unknown."""
+        """Wall-clock hours spent in all attempts at each run, by run id; empty if unknown."""
         attempts = self.attempts
         return attempts["wall_seconds"].astype(float).groupby(attempts["run_id"].astype(str)).sum() / 3600
 
@@ -108,12 +108,12 @@ class Frames:
         return list(self.cells["run_id"].unique())
 
     def with_core(self, campaigns: Sequence[str]) -> "Frames":
-        """Return the same results with a core of `campaigns`, or of all if there are none."""
+        """Return the same results with `campaigns` as their core, or all campaigns if none are given."""
         core = self.cells["campaign"].isin(campaigns) if campaigns else True
         return replace(self, cells=self.cells.assign(core=core), core=tuple(campaigns))
 
     def results_of(self, run_id: str) -> Results:
-        """Return the results with the long tables of a run."""
+        """Return the results that hold the long tables of a run."""
         return self.other_roots.get(run_id, self.results)
 
     def episode_returns(self, run_ids: Sequence[str]) -> pd.DataFrame:
@@ -144,7 +144,7 @@ class Frames:
         return {run_id: rows.take(indices.get(run_id, empty)).reset_index(drop=True) for run_id in run_ids}
 
     def evaluations_of(self, run_ids: Collection[str]) -> pd.DataFrame:
-        """Return the evaluations of some runs, by an index that is built once."""
+        """Return the evaluations of some runs, using an index that is built only once."""
         indices = [self._positions[run_id] for run_id in run_ids if run_id in self._positions]
         return self.evaluations.take(np.concatenate([np.zeros(0, np.int64), *indices]))
 
@@ -172,7 +172,7 @@ class Frames:
 def computed_once(
     function: Callable[Concatenate[Frames, P], pd.DataFrame],
 ) -> Callable[Concatenate[Frames, P], pd.DataFrame]:
-    """Wrap `function` so that it computes each frame once per `Frames`; every caller gets a copy."""
+    """Wrap `function` to compute each frame only once per `Frames` and give every caller a copy."""
     signature = inspect.signature(function)
 
     @functools.wraps(function)
@@ -191,7 +191,7 @@ def computed_once(
 
 
 def positions(run_ids: pd.Series) -> dict[str, NDArray[np.int64]]:
-    """Return the rows of each run in a table, in order, by run id; `run_ids` has one for each row (n,)."""
+    """Return the row numbers of each run by run id, in order, from the `run_ids` (n,) of a table's rows."""
     categories = run_ids.astype("category").cat
     order = np.argsort(categories.codes.to_numpy(), kind="stable")
     ends = np.cumsum(np.bincount(categories.codes, minlength=len(categories.categories)))
@@ -227,7 +227,7 @@ def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
 
 
 def check_measure(name: str, table: object, measure: str, columns: Sequence[str]) -> None:
-    """Check that the argument `name` is a table with `columns` and the numbers of a `measure`.
+    """Check that the argument `name` is a table with `columns` and a numeric `measure`.
 
     Raises:
         TypeError: as `check_columns`.
@@ -241,12 +241,12 @@ def check_measure(name: str, table: object, measure: str, columns: Sequence[str]
 
 
 def with_plain_texts(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return `frame` with its texts and categories as Python strings, missing ones as they are.
+    """Return `frame` with its texts and categories as Python strings, leaving missing values as they are.
 
     Tables are grouped by a dozen short names again and again. pandas groups Arrow's strings several times
     more slowly than objects, and merging unequal categories is fragile.
     """
-    types = pd.CategoricalDtype | pd.StringDtype  # pandas 2 has no "str" to select by
+    types = pd.CategoricalDtype | pd.StringDtype  # pandas 2 cannot select by "str"
     return frame.astype({name: object for name, dtype in frame.dtypes.items() if isinstance(dtype, types)})
 
 
@@ -264,7 +264,7 @@ def training_warnings(training: pd.DataFrame) -> list[str]:
 
 
 def named_runs(run_ids: pd.Series) -> str:
-    """Return the number of runs with the first ids, for a warning."""
+    """Return the number of runs with the first few ids, for a warning."""
     runs = sorted(set(run_ids))
     more = f" and {len(runs) - SHOWN_RUNS} more" if len(runs) > SHOWN_RUNS else ""
     return f"{counted(len(runs), 'run')}: {', '.join(runs[:SHOWN_RUNS])}{more}"
@@ -277,7 +277,7 @@ def object_strings() -> Iterator[None]:
         warnings.simplefilter("ignore", DeprecationWarning)
         try:
             pd.get_option("future.infer_string")
-        except KeyError:  # removed from later versions of pandas
+        except KeyError:  # removed in later versions of pandas
             yield
             return
         with pd.option_context("future.infer_string", False):

@@ -1,4 +1,4 @@
-"""Loading of results: tables, settings of specs, joined cells, names, warnings."""
+"""Loading of results: tables, settings from specs, joined cells, names, warnings."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from tma_ray.support.texts import counted
 
 
 def load(root: str | Path) -> Frames:
-    """Return the results of a root, finished or not; missing tables become empty frames and warnings.
+    """Return the results of a root, finished or not, with empty frames and warnings for missing tables.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
@@ -28,7 +28,7 @@ def load(root: str | Path) -> Frames:
 
 
 def frames_of(results: Results) -> Frames:
-    """Return the frames of opened results; missing tables become empty frames and warnings."""
+    """Return the frames of opened results, with empty frames and warnings for missing tables."""
     runs = with_settings(with_plain_texts(results.table(Table.RUNS).to_pandas()))
     cells = _join(with_plain_texts(read_table(results, Table.CELLS)), runs)
     cells, name_warnings = _named_cells(cells)
@@ -53,7 +53,7 @@ def frames_of(results: Results) -> Frames:
 
 
 def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
-    """Join cells with the state of their runs; runs outside any campaign are cells of their own."""
+    """Join cells with the state of their runs, where runs outside any campaign form cells of their own."""
     alone = runs[~runs["run_id"].isin(cells["run_id"])]
     single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
     cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
@@ -65,7 +65,7 @@ def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def joined(frames: Sequence[Frames]) -> Frames:
-    """Return the runs of several roots as those of one, each run once, with unambiguous names.
+    """Return the runs of several roots as if from one, each run once, with unambiguous names.
 
     A run of several roots is read from the one in which it got furthest, or else from the first of them. If
     any root has a core, cells of roots without one are not of the core.
@@ -106,7 +106,7 @@ def joined(frames: Sequence[Frames]) -> Frames:
 
 
 def _joined_cells(frames: Sequence[Frames], roots: Mapping[str, int]) -> pd.DataFrame:
-    """Return the cells of all frames, each with the state of its run in the root that is read."""
+    """Return the cells of all frames, each with the state of its run in the root it is read from."""
     any_core = any(each.core for each in frames)
     parts = [
         each.cells.assign(root=root, core=each.cells["core"] & (bool(each.core) or not any_core))
@@ -116,7 +116,7 @@ def _joined_cells(frames: Sequence[Frames], roots: Mapping[str, int]) -> pd.Data
     is_read = cells["root"] == cells["run_id"].map(roots)
     if not is_read.all():
         state = cells[is_read].drop_duplicates("run_id").set_index("run_id")[FROM_RUN]
-        cells[FROM_RUN] = cells[FROM_RUN].astype(object)  # fits whole numbers of any width
+        cells[FROM_RUN] = cells[FROM_RUN].astype(object)  # holds integers of any size
         cells.loc[~is_read, FROM_RUN] = state.loc[cells.loc[~is_read, "run_id"]].to_numpy(object)
     cells = cells.drop(columns="root").infer_objects()
     return cells.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
@@ -130,7 +130,7 @@ def _named_cells(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
 
 
 def _thresholds(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | float:
-    """Return the threshold of each evaluation's run, or one number if all are equal."""
+    """Return the threshold of each evaluation's run, or a single number if all are equal."""
     thresholds = runs["mastery_threshold"].unique()
     if len(thresholds) == 1:
         return float(thresholds[0])
@@ -173,7 +173,7 @@ def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
 
 
 def _cell_warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
-    """Return sentences on missing results, and on several engines."""
+    """Return sentences on missing results, and on the use of several engines."""
     sentences = []
     if cells.empty:
         sentences.append("This root holds no runs yet.")

@@ -76,13 +76,13 @@ def split_experiments(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...
 
 
 def searches() -> list[Matrix]:
-    """Return the matrices that search for hyper-parameters."""
+    """Return the matrices that are hyper-parameter searches."""
     matrices = (matrix for experiment in EXPERIMENTS for matrix in experiment.matrices)
     return [matrix for matrix in matrices if matrix.teacher_grid or matrix.student_grid]
 
 
 def of_searches(experiments: pd.Series) -> pd.Series:
-    """Return a mask of the `experiments` that are points of a search."""
+    """Return a mask of those `experiments` that are points of a search."""
     names = "|".join(matrix.name for matrix in searches())
     search = re.compile(rf"({names})(_\d+)?( \(.*\))?")
     matches = {name: search.fullmatch(name) is not None for name in experiments.unique()}
@@ -97,7 +97,7 @@ def _with_plain_names(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
-    """Return scope, name and settings of a part of each row."""
+    """Return the scope, name and settings of one part of each row."""
     scope = [*NAME_SCOPE, "environment"] if column == "challenge" else NAME_SCOPE
     codes, texts = pd.factorize(cells["identity"], use_na_sentinel=False)
     settings = [_settings(text, column) for text in texts]
@@ -106,7 +106,7 @@ def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
 
 
 def _names(of_runs: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
-    """Return a new name for each variant but the most frequent of its scope and name."""
+    """Return a new name for each variant, except the most frequent one of each scope and name."""
     variants: dict[tuple[Any, ...], Counter[str]] = {}
     for *key, settings in of_runs:
         variants.setdefault(tuple(key), Counter())[settings] += 1
@@ -127,7 +127,7 @@ def _names(of_runs: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
 
 @cache
 def _settings(text: object, column: str) -> str:
-    """Return the settings of one column of an identity, as JSON with sorted keys."""
+    """Return the settings in one column of an identity, as JSON with sorted keys."""
     if not isinstance(text, str):
         return "{}"
     return json.dumps(json.loads(text)[column], sort_keys=True)

@@ -1,4 +1,4 @@
-"""Specs of runs: settings that views need, and those that identify the parts of a run."""
+"""Specs of runs: settings that views need, and settings that identify the parts of a run."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ from tma_ray.tasks import MASTERY_RETURN
 OF_BODIES = ("embodiment", "original_embodiment")
 """Options of environments that repeat the column of the body; the second is of imported runs."""
 
-BEFORE_VERSIONS = "before 1"  # version of algorithms in specs that are older than versions
+BEFORE_VERSIONS = "before 1"  # version of algorithms in specs that predate version numbers
 
 
 SEED = re.compile(r'"seed": \d+, "student":')
@@ -24,7 +24,7 @@ SEED = re.compile(r'"seed": \d+, "student":')
 
 
 def parsed(text: object) -> dict[str, Any]:
-    """Return the JSON object in `text`, or an empty one if it is something else."""
+    """Return the JSON object in `text`, or an empty one if `text` holds anything else."""
     try:
         return decode_json(text, dict[str, Any], "a spec") if isinstance(text, str) else {}
     except DamagedFileError:
@@ -32,7 +32,7 @@ def parsed(text: object) -> dict[str, Any]:
 
 
 def mastery_threshold(spec: object) -> float:
-    """Return the mastery threshold of a run by its spec as JSON."""
+    """Return the mastery threshold of a run, given its spec as JSON."""
     return float(parsed(spec).get("mastery_threshold", MASTERY_RETURN))
 
 
@@ -86,7 +86,7 @@ def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _of_part(spec: Mapping[str, Any], part: str, files: Mapping[str, str]) -> dict[str, Any]:
-    """Return version, source and files of a part; empty if the spec lacks the part."""
+    """Return version, source and files of a part, or nothing if the spec lacks the part."""
     if not spec or part not in spec:
         return {}
     settings: dict[str, Any] = {"algorithm_version": spec.get("algorithm_versions", {}).get(part)}

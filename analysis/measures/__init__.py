@@ -1,1 +1,1 @@
-"""Measures of runs, and pools of runs behind results."""
+"""Measures of runs, and the pools of runs behind results."""

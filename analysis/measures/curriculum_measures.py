@@ -21,7 +21,7 @@ GRID_DIMENSIONS = 3
 
 
 def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tuple[float, float]:
-    """Return the share of occupied cells of a grid, and the normalised entropy of the tasks over it.
+    """Return the share of grid cells occupied by tasks, and the normalised entropy of tasks over cells.
 
     Dimensions without width are ignored. With more than `GRID_DIMENSIONS` others, both numbers are means over
     the grids of single dimensions, which ignore dependence between dimensions.
@@ -93,7 +93,7 @@ def _check_bins(bins: int) -> None:
 
 
 def _probes(frames: Frames, run_ids: Iterable[str]) -> Iterator[tuple[str, TaskSpace | None, pd.DataFrame]]:
-    """Yield each run with its task space, or None if its spec has none, and its probed tasks."""
+    """Yield each run with its task space (None if its spec has none) and its probed tasks."""
     check_type("frames", frames, Frames, "what analysis.load returns")
     check_sequence("run_ids", run_ids)
     specs = frames.cells.drop_duplicates("run_id").set_index("run_id")["spec"]

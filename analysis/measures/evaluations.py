@@ -53,7 +53,7 @@ def training_quarters(frames: Frames) -> pd.DataFrame:
 
 
 def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    """Return the training windows of comparisons with enough of them, and the others' cells and episodes."""
+    """Return training windows of comparisons that have enough, and the cells and episodes of the others."""
     alive = unfailed(frames.cells)
     windows = frames.training_returns[["run_id", "step", "mean_return"]].astype({"run_id": object})
     windows = windows[np.isfinite(windows["mean_return"].astype(float))]
@@ -110,7 +110,7 @@ def measured_so_far(frames: Frames) -> pd.DataFrame:
 
 
 def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
-    """Return mastered_area over the budget, with the last value of each run extended to its end.
+    """Return mastered_area over the budget, with each run's last value extended to the end.
 
     Args:
         budget: steps of each run.
@@ -157,7 +157,7 @@ def evaluation_curves(frames: Frames) -> pd.DataFrame:
 
 @computed_once
 def ceilings(frames: Frames) -> pd.DataFrame:
-    """Return the tasks of each test set that any run masters, which bound the results of all teachers.
+    """Return the tasks of each test set that any run masters, as an upper bound for all teachers.
 
     Returns:
         environment, test_set, tasks (their number), ever (number mastered at any evaluation), last (number
@@ -176,7 +176,7 @@ def ceilings(frames: Frames) -> pd.DataFrame:
 
 
 def ceiling_percent(frames: Frames, environment: str) -> float | None:
-    """Return the % of test tasks that any run masters in an environment; None with several test sets."""
+    """Return the % of an environment's test tasks that any run masters, or None with several test sets."""
     rows = ceilings(frames)
     rows = rows[rows["environment"] == environment]
     return float(100 * rows["ever"].iloc[0] / rows["tasks"].iloc[0]) if len(rows) == 1 else None
@@ -217,7 +217,7 @@ def mastered_tasks(frames: Frames, finals: pd.DataFrame, by: Sequence[str] = GRO
 
 
 def summarise(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
-    """Return the numbers of runs by status, and the mean and std of every measure, of each group."""
+    """Return each group's numbers of runs by status, and its mean and std of every measure."""
     rows, by_group = [], dict(list(finals.groupby(GROUP))) if len(finals) else {}
     for key, seeds in frames.cells.groupby(GROUP, sort=True):
         runs = by_group.get(key, finals.head(0))
@@ -236,7 +236,7 @@ SEARCH_COLUMNS = ["searched", "experiment", "point", "chosen", "n", "mean", "std
 
 
 def search_results(frames: Frames) -> pd.DataFrame:
-    """Return the results of each finished point of a hyper-parameter search, the best first.
+    """Return the results of each finished point of a hyper-parameter search, best first.
 
     Returns:
         searched (teacher or student), experiment, point (hyper-parameters, a dict), chosen (True for the

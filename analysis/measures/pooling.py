@@ -1,4 +1,4 @@
-"""Pools of runs behind one result, and the conditions that separate results."""
+"""Pools of the runs behind one result, and the conditions that separate results."""
 
 import itertools
 import re
@@ -29,12 +29,12 @@ NOT_BEGUN = "not begun"
 
 
 def varying(table: pd.DataFrame, columns: Sequence[str] = CONDITIONS) -> list[str]:
-    """Return the columns with several values in `table`."""
+    """Return the columns that have several values in `table`."""
     return [column for column in columns if table[column].nunique(dropna=False) > 1]
 
 
 def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list[str]:
-    """Return a phrase for each condition of a result, none for the paper's variant."""
+    """Return a phrase for each condition of a result, or none for the paper's variant."""
     phrases = []
     for column in columns:
         value = row[column]
@@ -52,7 +52,7 @@ def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list
 
 
 def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the begun runs under each set of conditions and a tag for file names, the largest set first."""
+    """Yield the started runs under each set of conditions with a tag for file names, largest set first."""
     begun = runs[runs["steps"].notna()]
     columns = varying(begun)
     groups = [rows for _, rows in begun.groupby(CONDITIONS, dropna=False, sort=True)]
@@ -93,7 +93,7 @@ def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], 
 
 @cache
 def variant(engine: str, environment: str, challenge: str, pool: str, test_sets: object) -> str:
-    """Return the differences of a pool from the paper's, as text; empty if there are none.
+    """Return the differences between a pool and the paper's as text, empty if there are none.
 
     A variant has one pool per challenge, so aggregates over challenges count each once.
     """
@@ -207,7 +207,7 @@ Columns: TypeAlias = Mapping[str, NDArray[Any]]
 
 
 def _split(table: pd.DataFrame, number: str) -> dict[int, Columns]:
-    """Return the rows of each number in rising order, as arrays (faster than thousands of frames)."""
+    """Return the rows by number, in rising order, as arrays (faster than thousands of frames)."""
     numbers = table[number].to_numpy()
     order = np.argsort(numbers, kind="stable")
     keys, starts = np.unique(numbers[order], return_index=True)
@@ -219,7 +219,7 @@ def _split(table: pd.DataFrame, number: str) -> dict[int, Columns]:
 
 
 def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return `runs` with Random at every level of expert knowledge of the other teachers.
+    """Return `runs` with Random repeated at every level of expert knowledge of the other teachers.
 
     Missing levels have the runs of `reference.baseline_runs`.
     """
@@ -278,7 +278,7 @@ def _pools(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> list[str]:
 
 
 def _test_sets(cells: pd.DataFrame) -> pd.Series:
-    """Return each cell's test set. A shipped one is replaced by all shipped test sets of its challenge.
+    """Return each cell's test set, replacing a shipped one by all shipped test sets of its challenge.
 
     This holds for Box2D's and for equally thinned test sets, such as ``parkour_walking:every=2``, too.
     """
@@ -330,7 +330,7 @@ def _gaps(rows: Columns, counted: Columns, by: Sequence[str]) -> Iterator[str]:
 
 
 def _expected(rows: Columns, by: Sequence[str]) -> set[str]:
-    """Return the labels of the parts that a complete pool of these rows has."""
+    """Return the labels of the parts that a complete pool of these rows would have."""
     labels = set(map(_label, rows["embodiment"], rows["student"]))
     pool = str(rows["pool"][0])
     expected = {pool} if pool in labels else set(pool.split(PLUS))
@@ -354,7 +354,7 @@ def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> 
 
 
 def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of `pool_runs` for all results, with Random at every level.
+    """Return the rows of `pool_runs` for all results, with Random repeated at every level.
 
     Where only students run that are not the paper's, such as PPO everywhere, they are the pool.
 
@@ -380,7 +380,7 @@ def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
-    """Yield a file tag, matrices and cells of the paper's students together and of each other student alone.
+    """Yield a file tag, matrices and cells for the paper's students together, and for each other student.
 
     Results of the original release, whose bipedal is another one, are separate.
     """

@@ -1,4 +1,4 @@
-"""Measures of single runs: mastered tasks, steps to shares of them, forgetting."""
+"""Measures of single runs: mastered tasks, steps to reach shares of them, forgetting."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -25,7 +25,7 @@ def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
 
 
 def steps_to(share: float) -> str:
-    """Return the name of the column with the first step at a share of the final mastered %."""
+    """Return the name of the column with the first step that reaches a share of the final mastered %."""
     return f"steps_to_{round(100 * share)}_percent"
 
 
@@ -117,7 +117,7 @@ def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
 
 
 def _latest(frames: Frames, curves: pd.DataFrame, measured: str, steps: Sequence[int]) -> pd.DataFrame:
-    """Return the last row of `curves` up to each step, of runs that reached it."""
+    """Return the last row of `curves` up to each step, for runs that reached it."""
     reached = _reached(frames, frames.measured)
     limits = [_limits(frames, step, reached).assign(step=step) for step in steps]
     rows = pd.concat([_limits(frames, 0, reached).head(0).assign(step=0), *limits]).reset_index()
@@ -133,13 +133,13 @@ def _until(table: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _reached(frames: Frames, curves: pd.DataFrame) -> pd.Series:
-    """Return the step of the last evaluation of each run, or NaN, by run_id."""
+    """Return the step of each run's last evaluation, or NaN, by run_id."""
     runs = sorted(frames.cells["run_id"].unique())
     return curves.groupby("run_id")["step"].max().reindex(runs).astype(float)
 
 
 def _limits(frames: Frames, at: int | None, reached: pd.Series, share: float = 1.0) -> pd.DataFrame:
-    """Return the steps at which each run is measured, and a reason if it is not, by run_id."""
+    """Return the step at which each run is measured, or the reason why it is not, by run_id."""
     runs = frames.cells.drop_duplicates("run_id").set_index("run_id").sort_index()
     status, budget = runs["status"], runs["steps"].astype(float)
     steps = np.floor(share * budget) if at is None else pd.Series(float(at), index=runs.index)

@@ -1,4 +1,4 @@
-"""Headline measures of teachers, and their tests, paired by seed where runs share simulated students."""
+"""Headline measures of teachers and their tests, paired by seed if runs share simulated students."""
 
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Final, TypeAlias
@@ -42,7 +42,7 @@ QUANTITIES = {
 
 
 def how_tested(family: str) -> str:
-    """Return a sentence on the scale of tests and their correction for a family."""
+    """Return a sentence on the scale of tests and their correction within a family."""
     return f"Tests are of what is shown, in per cent; Holm's correction covers {family}."
 
 
@@ -55,7 +55,7 @@ Seeds: TypeAlias = Mapping[Hashable, Hashable]
 
 
 def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
-    """Return the seeds of paired runs in tables with engine, seed and run_id."""
+    """Return the seeds of paired runs, from tables with engine, seed and run_id."""
     seeds: dict[Hashable, Hashable] = {}
     for table in tables:
         if SHARED.isdisjoint(table["engine"].unique()):
@@ -66,7 +66,7 @@ def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
 
 
 def compared(sample: pd.Series, reference: pd.Series, seeds: Seeds) -> Comparison:
-    """Compare the means of two samples, by pairs if all of their runs are in `seeds`, else by Welch's test.
+    """Compare the means of two samples, in pairs if all of their runs are in `seeds`, else by Welch's test.
 
     Args:
         sample: one value per run, indexed by run id.
@@ -85,14 +85,14 @@ def compared_over_strata(
     least: Sequence[float] = (),
     described: Sequence[tuple[Description, Description]] = (),
 ) -> Comparison:
-    """Compare the means of two groups over strata, as `compared` does, with the arguments of `stratified`."""
+    """Compare the means of two groups over strata like `compared`, with the arguments of `stratified`."""
     if are_paired([sample for pair in pairs for sample in pair], seeds):
         return paired_strata(pairs, weights, seeds)
     return stratified(pairs, weights, least, described)
 
 
 def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], seeds: Seeds) -> Comparison:
-    """Return the weighted mean over strata with its interval, as a difference from 0.
+    """Return the weighted mean over strata with its interval, expressed as a difference from 0.
 
     For paired runs the mean is over the seeds that all strata have. Arguments are those of `seed_means`.
     """
@@ -104,7 +104,7 @@ def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], see
 
 
 def in_common(first: pd.Series, second: pd.Series, seeds: Seeds) -> tuple[pd.Series, pd.Series]:
-    """Return both samples, restricted to their common seeds if they are paired."""
+    """Return both samples, limited to their common seeds if they are paired."""
     if not are_paired([first, second], seeds):
         return first, second
     first_seeds, second_seeds = (sample.index.map(seeds) for sample in (first, second))

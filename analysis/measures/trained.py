@@ -1,4 +1,4 @@
-"""Trained steps, from which students learn, and mastery per trained step."""
+"""Trained steps (the steps that students learn from), and mastery per trained step."""
 
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias
@@ -11,12 +11,12 @@ from analysis.data.frames import Frames, computed_once, positions
 from analysis.measures.evaluations import measured_so_far
 from analysis.measures.tested import TRAINED
 
-NEARLY_ALL = 95.0  # trained % of steps under which a teacher is also compared per trained step
+NEARLY_ALL = 95.0  # trained % of steps below which a teacher is also compared per trained step
 
 
 @computed_once
 def trained_steps(frames: Frames) -> pd.DataFrame:
-    """Return run_id, step, trained_steps and trained_percent (of step) at the end of each training window.
+    """Return run_id, step, trained_steps and their % of step at the end of each training window.
 
     Steps of episodes that only score tasks are not trained. An episode counts to the window of its end.
     """
@@ -28,7 +28,7 @@ def trained_steps(frames: Frames) -> pd.DataFrame:
 
 
 def trained_shares(frames: Frames) -> pd.Series:
-    """Return the trained % of the steps of each run, by run_id."""
+    """Return the percentage of each run's steps that were trained, by run_id."""
     return trained_steps(frames).groupby("run_id")["trained_percent"].last()
 
 

@@ -1,4 +1,4 @@
-"""First part of a report: the answer over all challenges, and differences from Random on each."""
+"""First part of a report: the answer over all challenges, and the differences from Random on each one."""
 
 import math
 from collections.abc import Iterator
@@ -18,11 +18,11 @@ from analysis.names import short_title
 
 CELL_AXES = (FINAL, HEADLINE)  # axes in the order of a cell
 
-MOST_ROWS = 8  # largest number of rows of the chart, so that the matrix fits the screen, too
+MOST_ROWS = 8  # largest number of rows of the chart, so that the matrix also fits on the screen
 
 
 class DifferenceCell(NamedTuple):
-    """Difference from Random in a cell: text, class of its colour, and details under the mouse."""
+    """Difference from Random in a cell: text, CSS class of its colour, and details shown on hover."""
 
     text: str
     decided: str
@@ -30,7 +30,7 @@ class DifferenceCell(NamedTuple):
 
 
 class Row(NamedTuple):
-    """Differences of a teacher from Random, over all challenges and on each, on both axes."""
+    """Differences between a teacher and Random on both axes, over all challenges and on each one."""
 
     teacher: str
     name: str
@@ -45,12 +45,12 @@ class Answer:
     sentence: str  # answer on the best teachers
     chart: PageChart  # differences from Random over all challenges
     challenges: list[str]  # heads of the columns of challenges
-    rows: list[Row]  # teachers, the best in the end first
+    rows: list[Row]  # teachers, the best at the end first
     notes: list[str]  # meanings of the marks of teachers
 
 
 def answers(frames: Frames) -> Iterator[Answer]:
-    """Yield the answer at each level and budget with several challenges and Random."""
+    """Yield an answer for each level and budget that has several challenges and Random."""
     for count, board in enumerate(leaderboards(frames), start=1):
         compared = [entry.against for entry in board.entries if entry.against]
         if len(board.challenges) > 1 and compared:

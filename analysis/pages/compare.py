@@ -44,7 +44,7 @@ from analysis.teacher_styles import shown_together
 def challenge_sections(
     runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, measure: str = HEADLINE
 ) -> Iterator[Section]:
-    """Yield each challenge and level with results of the reader's teachers and of comparable ones.
+    """Yield each challenge and level that has results of both the reader's and comparable teachers.
 
     Args:
         runs: runs of `sources.comparable_runs`, at their ends.
@@ -87,7 +87,7 @@ def challenge_sections(
 
 
 def _with_values(table: pd.DataFrame, values: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the rows of `table` with some values by column, of which missing ones are equal."""
+    """Return the rows of `table` that have the given values by column, treating missing values as equal."""
     mask = np.ones(len(table), dtype=bool)
     for column, value in values.items():
         mask &= (table[column].isna() if pd.isna(value) else table[column] == value).to_numpy(bool)
@@ -108,7 +108,7 @@ def _charts(anchor: str, points: pd.DataFrame, along: pd.DataFrame, measure: str
 
 
 def _ranked(row: pd.Series, tests: pd.DataFrame, measure: str) -> dict[str, Any]:
-    """Return the row of a teacher, with its tests against each teacher of the reader."""
+    """Return a teacher's row, with its tests against each of the reader's teachers."""
     texts = []
     for _, test in tests[tests["second"] == row["teacher"]].iterrows():
         text = f"{Gap.of(test)}, {p_value(test['holm']).replace('p', 'Holm', 1)}"
@@ -223,7 +223,7 @@ def _render(
 
 
 def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
-    """Return the ranks at each level and budget by a title with axis, conditions and challenges."""
+    """Return the ranks at each level and budget, by a title of axis, conditions and challenges."""
     boards: dict[str, list[Rank]] = {}
     for rank in ranked:
         if rank.of > 1:
@@ -236,7 +236,7 @@ def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
 
 
 def _radars(runs: pd.DataFrame, baselines: Sequence[result_sets.ResultSet]) -> Iterator[Picture]:
-    """Yield the radar of comparable results, and one of each published table."""
+    """Yield the radar of the comparable results, and one for each published table."""
     students = runs["pool"].map(lambda pool: ", ".join(sorted({student for _, student in parts_of(pool)})))
     groups = runs.assign(students=students).groupby([*SETTINGS, "students"], dropna=False)
     for count, (_, group) in enumerate(groups, start=1):

@@ -25,7 +25,7 @@ from tma_ray.support.texts import visible
 
 
 def page(template: str, **content: Any) -> str:
-    """Return a page: `template` rendered with `content`."""
+    """Return a page by rendering `template` with `content`."""
     version, written = installed_version("tma_ray"), datetime.now(UTC)
     environment = _environment()
     return environment.get_template(template).render(
@@ -54,7 +54,7 @@ def _environment() -> Environment:
 
 
 def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> Path:
-    """Return the folder of a page about `root`: `output`, or `name` in `root`.
+    """Return the folder of a page about `root`: `output` if given, else `name` in `root`.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
@@ -80,7 +80,7 @@ def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> 
 
 
 def write_page(folder: Path, text: str, files: Mapping[str, bytes]) -> Path:
-    """Write a page as ``index.html`` of a folder, and other files by name; return the page."""
+    """Write a page as ``index.html`` into a folder, along with other named files, and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         (folder / name).write_bytes(content)
@@ -92,7 +92,7 @@ def write_page(folder: Path, text: str, files: Mapping[str, bytes]) -> Path:
 def controls(
     comparisons: pd.DataFrame, teachers: Iterable[str], steps: Iterable[int], shown: Collection[str]
 ) -> dict[str, Any] | None:
-    """Return the controls of a page, None if there is nothing to choose.
+    """Return the controls of a page, or None if there is nothing to choose.
 
     Args:
         comparisons: a row per comparison, with some of the columns `FILTERS`.
@@ -143,7 +143,7 @@ CAPTION = (
 
 
 def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> dict[str, Any]:
-    """Return the content of the section over all challenges.
+    """Return the content of the section that covers all challenges.
 
     Args:
         runs: rows of `pooling.pool_runs` of all results.

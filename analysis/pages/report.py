@@ -1,4 +1,4 @@
-"""The report of a results root: a self-contained interactive page, with tables and videos."""
+"""The report on a results root: a self-contained interactive page with tables and videos."""
 
 import gzip
 from collections.abc import Iterator, Sequence
@@ -30,7 +30,7 @@ from tma_ray.tasks import MASTERY_RETURN
 
 
 def what_ran(cells: pd.DataFrame) -> str:
-    """Return teachers, seeds and steps: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
+    """Return teachers, seeds and steps as text: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
     teachers = [label(teacher) for teacher in sorted(cells["teacher"].unique(), key=teacher_order)]
     named = " and ".join(teachers) if len(teachers) < 3 else f"{len(teachers)} teachers"
     parts = [named]
@@ -43,7 +43,7 @@ def what_ran(cells: pd.DataFrame) -> str:
 
 
 def subject(sources: Sources, campaigns: Sequence[str]) -> str:
-    """Return the title of a report: names of releases, the only campaign of a root, or names of folders."""
+    """Return the title of a report: the names of releases, a root's only campaign, or names of folders."""
     names = []
     for place in source_list(sources):
         if baseline := as_baseline(place):
@@ -56,7 +56,7 @@ def subject(sources: Sources, campaigns: Sequence[str]) -> str:
 
 
 def unfinished(frames: Frames) -> dict[str, list[dict[str, Any]]]:
-    """Return the failed and running runs with progress and errors."""
+    """Return the failed and running runs, with their progress and errors."""
     reached = frames.evaluations.groupby("run_id", observed=True)["step"].max().rename("reached")
     runs = frames.cells.drop_duplicates("run_id").merge(
         reached.rename_axis("run_id").reset_index().astype({"run_id": object}), how="left", on="run_id"
@@ -96,7 +96,7 @@ def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
-    """Return the distinct settings of runs, one entry each."""
+    """Return one entry for each distinct group of settings of the runs."""
     columns = ["engine", "environment", "physics_version", "test_set", "mastery_threshold", "steps"]
     entries = []
     for _, rows in cells.dropna(subset=["steps"]).groupby(columns, dropna=False, sort=True):
@@ -117,7 +117,7 @@ def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
 
 
 class Download(NamedTuple):
-    """A CSV file of the report: name, meaning of a row, content, and the content compressed by gzip."""
+    """A CSV file of the report: its name, the meaning of a row, its content, and the gzipped content."""
 
     name: str
     row: str
@@ -160,7 +160,7 @@ MEDIA_TYPES = {".mp4": "video/mp4", ".gif": "image/gif"}
 
 @dataclass(frozen=True)
 class WantedVideo:
-    """Episode for a video in a report.
+    """Episode to be shown as a video in a report.
 
     Attributes:
         comparison: anchor of its section.
@@ -244,7 +244,7 @@ def wanted_videos(measurements: Measurements) -> Iterator[WantedVideo]:
 
 
 def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
-    """Return the videos of each section by its anchor."""
+    """Return the videos of each section, by the section's anchor."""
     sections: dict[str, list[Video]] = {}
     for video in videos:
         sections.setdefault(video.wanted.comparison, []).append(video)
@@ -255,7 +255,7 @@ def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
 def write_report(
     sources: Sources, output: Path | None = None, videos: Sequence[Video] = (), reload: int = 0
 ) -> Path:
-    """Write the report of a root, finished or not, with its tables.
+    """Write the report on a root, finished or not, with its tables.
 
     Args:
         sources: results roots and baselines with runs: folders, addresses, names.
@@ -289,7 +289,7 @@ def write_report(
 
 
 def report_folder(sources: Sources, output: Path | None) -> Path:
-    """Return the folder of the report of `sources`.
+    """Return the folder of the report on `sources`.
 
     Raises:
         ValueError: if the first source is an object store, without `output`.
@@ -298,7 +298,7 @@ def report_folder(sources: Sources, output: Path | None) -> Path:
 
 
 def _sections_content(parts: Sequence[Section]) -> dict[str, Any]:
-    """Return the content of the page on its comparisons, together and one by one."""
+    """Return the page content about the comparisons, both together and one by one."""
     quantity, titles = QUANTITIES[HEADLINE], distinct([part.title for part in parts])
     caption = "Marks are means over seeds, lines their 95 % intervals. Choose above what is shown and when."
     return {
@@ -310,7 +310,7 @@ def _sections_content(parts: Sequence[Section]) -> dict[str, Any]:
 
 
 def _root_content(measurements: Measurements) -> dict[str, Any]:
-    """Return the content of the page on the whole root."""
+    """Return the page content about the whole root."""
     frames, cells, tests = measurements.frames, measurements.cells, measurements.tests
     verdicts, notes = root_verdicts(frames)
     states = cells.drop_duplicates("run_id")["status"].value_counts()

@@ -32,8 +32,8 @@ class Section:
     anchor: str  # identifier on the page
     title: str  # title of the comparison
     chosen_by: Mapping[str, str]  # values by the columns `FILTERS`
-    rows: Sequence[Mapping[str, Any]]  # rows of the table at the ends of runs, one per teacher
-    step_rows: Mapping[str, Mapping[str, Mapping[str, str]]]  # by step, teacher and column
+    rows: Sequence[Mapping[str, Any]]  # rows of the table of final results, one per teacher
+    step_rows: Mapping[str, Mapping[str, Mapping[str, str]]]  # table rows by step, teacher and column
     points: pd.DataFrame  # teacher, seed, step (or `END`) and value of every run
     charts: Sequence[PageChart]  # charts with all teachers
     sentences: Sequence[str] = ()  # findings
@@ -56,7 +56,7 @@ def overview(
 
 
 def end_rows(comparison: TeacherComparison) -> Iterator[dict[str, Any]]:
-    """Yield the rows of the table at the ends of runs, Random first."""
+    """Yield the rows of the table of final results, Random first."""
     tests = {axis: comparison.tests[comparison.tests["measure"] == axis] for axis in AXES}
     groups: dict[str, Any] = {str(group["teacher"]): group for group in comparison.summary.to_dict("records")}
     tested = {axis: table.set_index("teacher").to_dict("index") for axis, table in tests.items()}
@@ -81,13 +81,13 @@ def end_rows(comparison: TeacherComparison) -> Iterator[dict[str, Any]]:
 
 
 def best_of(section: Section) -> Mapping[str, Any] | None:
-    """Return the row of the best teacher over training, None if no run has ended or masters a task."""
+    """Return the row of the best teacher over training, or None if no run has ended or mastered a task."""
     ended = [row for row in section.rows if row["mean"] > 0 and not row["provisional"]]
     return max(ended, key=lambda row: row["mean"], default=None)
 
 
 def step_rows(comparison: TeacherComparison) -> dict[str, dict[str, dict[str, str]]]:
-    """Return the rows at every evaluation, as text by step, teacher and column."""
+    """Return the table rows at every evaluation, as text by step, teacher and column."""
     curves = comparison.evaluations
     if curves.empty:
         return {}
@@ -117,7 +117,7 @@ Columns: TypeAlias = Mapping[str, NDArray[Any]]  # rows of a table by column
 def by_step(
     curves: pd.DataFrame, row: Callable[[int, str, Columns], dict[str, str]]
 ) -> dict[str, dict[str, dict[str, str]]]:
-    """Return the result of `row` for the runs of each teacher at each step, by step and teacher."""
+    """Return the result of calling `row` on each teacher's runs at each step, by step and teacher."""
     texts: dict[str, dict[str, dict[str, str]]] = {}
     columns = {str(name): curves[name].to_numpy() for name in curves}
     groups: dict[Any, Any] = curves.groupby(["step", "teacher"]).indices
@@ -128,7 +128,7 @@ def by_step(
 
 
 def _against_random(tested: Mapping[str, Mapping[Any, Mapping[Any, Any]]], key: Hashable) -> dict[str, str]:
-    """Return the cells of the tests with `key` on both axes, empty without tests."""
+    """Return the table cells for the tests of `key` on both axes, empty without tests."""
     tests = {axis: rows[key] for axis, rows in tested.items() if key in rows}
     if len(tests) < len(tested):
         return {"difference": "", "p": ""}

@@ -58,7 +58,7 @@ def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> E
 
 
 def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
-    """Return the probability that a run of `first` beats one of `second`, ties counting half.
+    """Return the probability that a run of `first` beats one of `second`, with ties counted as half.
 
     Mann and Whitney's U over the number of pairs is averaged over strata with equal weights. The interval of
     a stratum is Newcombe's (2006, method 5) with Student's quantile; intervals of several strata are combined
@@ -87,7 +87,7 @@ def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
 def performance_profile(
     sample: Strata, thresholds: Sequence[float], clusters: Clusters | None = None
 ) -> pd.DataFrame:
-    """Return the share of runs over each threshold, with pointwise Clopper-Pearson intervals.
+    """Return the share of runs above each threshold, with pointwise Clopper-Pearson intervals.
 
     Strata are pooled, for which intervals are conservative. With clusters, n is the number of clusters.
 
@@ -113,7 +113,7 @@ def performance_profile(
 
 
 def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) -> float:
-    """Return half the width of Student's interval of the mean of all values."""
+    """Return half the width of Student's interval for the mean of all values."""
     n = sum(map(len, parts))
     freedoms = freedoms or [len(part) - 1.0 for part in parts]
     squares = [float((deviations(part) ** 2).sum()) / (len(part) - 1) for part in parts]
@@ -126,7 +126,7 @@ def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) ->
 
 
 def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept: float = 1.0) -> float:
-    """Return half the width of Student's interval of the mean of all values, clustered by `names` (n,).
+    """Return half the width of Student's interval for the mean of all values, clustered by `names` (n,).
 
     `kept` is the share of the clusters that count as degrees of freedom.
     """
@@ -140,13 +140,13 @@ def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept
 
 
 def _share_of_wins(first: Floats, second: Floats) -> float:
-    """Return the share of pairs in which `first` is greater, ties counting half."""
+    """Return the share of pairs in which `first` is greater, with ties counted as half."""
     ties = negligible(first - second, np.maximum(np.abs(first), np.abs(second)))
     return float(np.where(ties, 0.5, first > second).mean())
 
 
 def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
-    """Return the interval of a probability of improvement that was estimated from n times m pairs.
+    """Return the interval of a probability of improvement estimated from n times m pairs.
 
     Its ends are the probabilities c whose squared distance to `share` is the squared quantile times the
     variance c (1 - c) / (n m) (1 + k ((1 - c) / (2 - c) + c / (1 + c))), with k = (n + m) / 2 - 1. Cleared of

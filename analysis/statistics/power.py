@@ -27,7 +27,7 @@ FURTHEST = 1e6
 def power(
     difference: float, first: Description, second: Description, significance: float = SIGNIFICANCE
 ) -> float:
-    """Return the power of a two-sided Welch test of two normal samples.
+    """Return the power of a two-sided Welch test between two normal samples.
 
     The noncentral t distribution is exact for known degrees of freedom only. Welch's test estimates them from
     the sample variances, which costs much power with two or three seeds: with 3 seeds and a deviation of 10,
@@ -52,7 +52,7 @@ def power(
 def detectable_difference(
     first: Description, second: Description, target: float = POWER, significance: float = SIGNIFICANCE
 ) -> float:
-    """Return the smallest difference of means that a two-sided Welch test finds with a given power.
+    """Return the smallest difference of means that a two-sided Welch test detects with a given power.
 
     Args:
         first: n and true standard deviation of a sample; the mean is ignored.
@@ -77,7 +77,7 @@ def detectable_difference(
 def detectable_in_pairs(
     pairs: int, margin: float, target: float = POWER, significance: float = SIGNIFICANCE
 ) -> float:
-    """Return the smallest mean difference that a two-sided paired t-test finds with a given power.
+    """Return the smallest mean difference that a two-sided paired t-test detects with a given power.
 
     Args:
         pairs: number of pairs.
@@ -97,7 +97,7 @@ def detectable_in_pairs(
 
 
 def _smallest_shift(power_at: Callable[[float], float], target: float) -> float:
-    """Return the smallest difference with the power `target`, in true standard errors."""
+    """Return the smallest difference that reaches the power `target`, in true standard errors."""
     from scipy import optimize  # deferred: doubles the import time of `analysis`
 
     high = 1.0
@@ -107,7 +107,7 @@ def _smallest_shift(power_at: Callable[[float], float], target: float) -> float:
 
 
 def seeds_needed(test: Comparison, seeds: float, target: float = POWER) -> int | None:
-    """Return the number of seeds with which a test would find the difference that it observed.
+    """Return the number of seeds with which a test would detect the observed difference.
 
     Args:
         test: t-test, of pairs or of two samples, in one stratum or over several.

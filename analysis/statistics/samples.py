@@ -30,7 +30,7 @@ def negligible(deviations: ArrayLike, values: ArrayLike) -> NDArray[np.bool_]:
 
 
 def deviations(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the deviations of values (..., n) from their means over n, 0 in place of rounding errors."""
+    """Return the deviations of values (..., n) from their means over n, with rounding errors set to 0."""
     means = values.mean(axis=-1, keepdims=True)
     differences = values - means
     return np.where(negligible(differences, means), 0.0, differences)
@@ -87,14 +87,14 @@ def describe(values: ArrayLike) -> Description:
     n = sample.size
     if not n:
         return Description(0, math.nan, math.nan)
-    mean = float(np.add.reduce(sample)) / n  # less overhead than `mean` and `std`
+    mean = float(np.add.reduce(sample)) / n  # less overhead than calling `mean` and `std`
     differences = sample - mean
     std = math.sqrt(float(np.add.reduce(differences * differences)) / (n - 1)) if n > 1 else math.nan
     return Description(n, mean, std)
 
 
 def mean_interval(sample: Description) -> tuple[float, float]:
-    """Return Student's 95 % confidence interval of the mean; NaN under two values and without any spread."""
+    """Return Student's 95 % confidence interval of the mean, NaN for fewer than two or all equal values."""
     if sample.n < 2 or sample.std == 0:
         return math.nan, math.nan
     from scipy import special  # deferred: doubles the import time of `analysis`
@@ -168,7 +168,7 @@ def finite(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def holm(p_values: ArrayLike) -> NDArray[np.float64]:
-    """Return p-values (n,) adjusted by Holm's method; NaN stays NaN.
+    """Return p-values (n,) adjusted by Holm's method, where NaN stays NaN.
 
     Raises:
         ValueError: if a value is outside [0, 1].
@@ -212,7 +212,7 @@ def contrary(standing: Standing) -> Standing:
 
 
 def greater(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing:
-    """Return the standing of "the difference is over 0" by its interval.
+    """Return the standing of "the difference is above 0", judged by its interval.
 
     It is supported if the interval is over 0, else refuted if the interval is under `margin`.
     """
@@ -222,7 +222,7 @@ def greater(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing
 
 
 def equivalent(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing:
-    """Return the standing of "the difference does not matter" by its interval.
+    """Return the standing of "the difference does not matter", judged by its interval.
 
     It is supported if the interval is within plus and minus `margin`, else refuted if it excludes 0.
     """

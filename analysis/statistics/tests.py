@@ -1,4 +1,4 @@
-"""Tests between samples of runs: Welch's, paired, by permutation, and over strata.
+"""Tests between samples of runs: Welch's, paired, permutation and stratified tests.
 
 Arguments in common: `pairs` are both groups' samples in each stratum, one value per run, indexed by run id;
 `weights` are the weights of strata, in any unit; `seeds` are the seeds of runs by id.
@@ -67,7 +67,7 @@ def _extreme_share(differences: Floats, observed: float, scale: float) -> float:
     return float(np.mean(np.abs(differences) >= abs(observed) - EQUAL * scale))
 
 
-ROUNDING = 1e-9  # rounding error of shares next to 0 and 1
+ROUNDING = 1e-9  # rounding error of shares near 0 and 1
 ALL_EQUAL = "no spread between seeds"  # reason for a missing test of equal values
 
 
@@ -102,7 +102,7 @@ class Scale(StrEnum):
     ARCSINE = "arcsine"
 
     def of(self, percentages: pd.Series) -> pd.Series:
-        """Return percentages on the scale; arcsines are radians in [0, pi / 2].
+        """Return percentages converted to the scale, where arcsines are radians in [0, pi / 2].
 
         Shares within `ROUNDING` of 0 or 1 are rounded: the arcsine's slope there magnifies rounding errors.
 
@@ -149,7 +149,7 @@ class Comparison:
 
     @property
     def significant(self) -> bool:
-        """True if p is under `SIGNIFICANCE`."""
+        """True if p is below `SIGNIFICANCE`."""
         return self.p < SIGNIFICANCE
 
 
@@ -173,7 +173,7 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
 
 
 def welch_of_values(sample: ArrayLike, reference: ArrayLike) -> Comparison:
-    """Compare two samples (n,) without a run in common, as `welch` does."""
+    """Compare two samples (n,) that share no run, as `welch` does."""
     first, second = describe(sample), describe(reference)
     test = welch_from_statistics(first, second)
     if test.reason or first.std == second.std or min(first.std, second.std) > 0:
@@ -205,12 +205,12 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
 
 
 def _same_mean(first: Description, second: Description) -> bool:
-    """True if two means differ by a rounding error at most."""
+    """True if two means differ at most by a rounding error."""
     return bool(negligible(first.mean - second.mean, max(abs(first.mean), abs(second.mean))))
 
 
 def standard_error_of_difference(first: Description, second: Description) -> tuple[float, float]:
-    """Return the standard error of a difference of means, and Welch-Satterthwaite degrees of freedom.
+    """Return the standard error of a difference of means, and its Welch-Satterthwaite degrees of freedom.
 
     Both samples need two values, and one of them a standard deviation over 0.
     """
@@ -270,7 +270,7 @@ def stratified(
 
 
 def stratum_weights(challenges: Sequence[Hashable]) -> list[float]:
-    """Return weights of strata by their challenges (n,): equal within a challenge, with sum 1.
+    """Return the weights of strata, given their challenges (n,): equal within a challenge, summing to 1.
 
     Boards, tests, claims and trials all weigh so: a challenge counts once, however many strata it has.
     """
@@ -283,7 +283,7 @@ LEAST_VARIANCE_SHARE = 0.5
 
 
 def least_variance(samples: Iterable[Description]) -> float:
-    """Return the least variance of a group in a stratum, as `LEAST_VARIANCE_SHARE` of the groups' mean.
+    """Return the least variance allowed in a stratum, `LEAST_VARIANCE_SHARE` of the groups' mean variance.
 
     Some runs never learn to walk. If by chance all seeds of a group do, or none, its variance is too small,
     and tests of all pairs find too many differences (`docs/statistics.md`).
@@ -304,7 +304,7 @@ def _share_a_run(pairs: Sequence[tuple[pd.Series, pd.Series]]) -> bool:
 def t_test(
     n: int, reference_n: int, difference: float, error: float, freedom: float, method: Method = Method.WELCH
 ) -> Comparison:
-    """Return the t-test of a difference with its standard error and degrees of freedom."""
+    """Return the t-test of a difference, given its standard error and degrees of freedom."""
     from scipy import special  # not `stats`, whose import takes a second
 
     t = difference / error
@@ -325,7 +325,7 @@ def t_test(
 def simultaneous_intervals(
     difference: Floats, low: Floats, high: Floats, freedom: Floats, holm: Floats
 ) -> tuple[Floats, Floats]:
-    """Return simultaneous 95 % intervals of a family of differences.
+    """Return simultaneous 95 % intervals for a family of differences.
 
     Student's intervals with Bonferroni's correction are adjusted to Holm's results: they end at 0 where only
     a later step of Holm's method finds a difference. Permutation tests keep their own interval, extended to 0
@@ -399,7 +399,7 @@ def paired_strata(
 def seed_means(
     samples: Sequence[pd.Series], weights: Sequence[float], seeds: Mapping[Any, Hashable]
 ) -> pd.Series:
-    """Return the weighted mean over strata of each seed that all strata have, indexed by seed.
+    """Return the weighted mean over strata for each seed that occurs in all strata, indexed by seed.
 
     Runs with the same seed in a stratum are averaged first.
     """

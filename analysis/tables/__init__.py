@@ -1,1 +1,1 @@
-"""The paper's tables, from results of runs and from published ones."""
+"""The paper's tables, from results of runs or from published results."""

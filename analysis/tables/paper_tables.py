@@ -141,12 +141,12 @@ _LEVELS = {"none": "No expert knowledge", "low": "Low", "high": "High"}
 
 
 def result_tables(results: TableResults) -> list[ResultTable]:
-    """Return every table of results with at least one result, in the paper's order.
+    """Return every results table that has at least one result, in the paper's order.
 
     The original task space of Stump Tracks has a column per level of expert knowledge, its challenges have a
     table per level, and Parkour a column per embodiment and one over all of them.
     """
-    by_name = {matrix.name: matrix for matrix in results.matrices}  # may have other students than the paper
+    by_name = {matrix.name: matrix for matrix in results.matrices}  # students may differ from the paper's
     original = by_name[benchmark.ORIGINAL_SPACE.name]
     cells = {level: (original, original.embodiments, level) for level in _LEVELS}
     heading = f"Stump Tracks, original task space: {MASTERED}"
@@ -169,7 +169,7 @@ def result_tables(results: TableResults) -> list[ResultTable]:
 
 
 def hyperparameters(results: pd.DataFrame | None = None) -> ResultTable:
-    """Return searched hyper-parameters: values tried, the paper's choice, the best point.
+    """Return the table of searched hyper-parameters: values tried, the paper's choice, the best point.
 
     Args:
         results: result of `search_results`; None without a search.
@@ -202,7 +202,7 @@ def hyperparameters(results: pd.DataFrame | None = None) -> ResultTable:
 
 
 def knowledge_needs() -> ResultTable:
-    """Return the expert knowledge that each teacher requires, can use and ignores."""
+    """Return a table of the expert knowledge that each teacher requires, can use or ignores."""
     columns = {
         "initial_distribution": "Initial distribution",
         "target_distribution": "Target distribution",

@@ -91,14 +91,14 @@ class ResultTable:
         return bool(self.counts(column)) and not any(cell.words for cell in self.column_cells(column))
 
     def notes(self) -> dict[str, str]:
-        """Return the letters a, b, ... of all notes by text."""
+        """Return the letters a, b, ... of all notes, by the text of the note."""
         cells = (self.cell(row, column) for row in self.rows for column in self.columns)
         texts = dict.fromkeys(note for cell in cells for note in cell.notes)
         return {text: _letters(index) for index, text in enumerate(texts)}
 
 
 def with_best(table: ResultTable, columns: Iterable[str] | None = None) -> ResultTable:
-    """Return a table with the highest numbers of all or some columns marked, after rounding.
+    """Return a table with the highest numbers (after rounding) of all or some columns marked.
 
     Columns whose numbers are all equal have no mark.
     """
@@ -184,7 +184,7 @@ _LATEX = _Marks(
 
 
 def pipe_table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Collection[int] = ()) -> str:
-    """Return rows of texts as a Markdown table, right-aligned in the columns with indices `numbers`."""
+    """Return rows of texts as a Markdown table, with the columns at indices `numbers` right-aligned."""
     rule = ["---:" if index in numbers else "---" for index in range(len(head))]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))
 
@@ -226,7 +226,7 @@ def _csv(table: ResultTable) -> str:
 
 
 def _grid(table: ResultTable, marks: _Marks) -> Iterator[list[str]]:
-    """Yield the column labels and then the cells of each row, as text of the format."""
+    """Yield the column labels and then the cells of each row, as text in the table's format."""
     counts = {column: table.counts(column) for column in table.columns}
     same_everywhere = len(set().union(*counts.values())) < 2
     labels = [marks.escape(table.head)]

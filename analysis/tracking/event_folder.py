@@ -1,4 +1,4 @@
-"""TensorBoard's event files, by tensorboardX."""
+"""TensorBoard event files, written by tensorboardX."""
 
 import re
 import struct
@@ -62,13 +62,13 @@ class RunEvents:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._counts: dict[Table, int] = {}  # written points by table
+        self._counts: dict[Table, int] = {}  # points written so far, by table
         self._writer: Any = None  # writer of the growing file
-        self._opened = 0  # number of files, which distinguishes those of the same second
+        self._opened = 0  # number of files, to distinguish files created in the same second
         self._cleared = False  # True if files were cleared since the last one was opened
 
     def append(self, points: Mapping[Table, Sequence[Point]]) -> bool:
-        """Write the new points, or all if some were withdrawn, and return True if there are any."""
+        """Write the new points, or all points if some were withdrawn, and return True if any were written."""
         if not self._counts:  # an earlier tracker may have written some
             files = event_files(self._folder)
             written, self._opened = read_scalars(files), len(files)
@@ -118,7 +118,7 @@ class RunEvents:
 
 
 def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, float]]]) -> int:
-    """Return the number of leading points that are in `written`, and remove them from it."""
+    """Return the number of leading points found in `written`, removing them from it."""
     for index, (step, scalars) in enumerate(points):
         expected = {tag: (step, float(np.float32(value))) for tag, value in scalars.items()}
         if any(not written.get(tag) or written[tag][0] != value for tag, value in expected.items()):
@@ -180,5 +180,5 @@ def run_folder(run: RunRecord, experiment: str) -> Path:
 
 
 def _plain(name: object) -> str:
-    """Return a safe folder name for any text, such as ``..``."""
+    """Return a safe folder name for any text, even for ``..``."""
     return re.sub(r"[^0-9A-Za-z._=-]+", "_", str(name)).strip("._")[:100] or "unnamed"

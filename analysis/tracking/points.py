@@ -15,7 +15,7 @@ from analysis.data.loading import evaluation_measures
 from analysis.data.specs import mastery_threshold
 from tma_ray.results import Manifest, Results, Table
 
-UPDATE_SECONDS: Final = 10.0  # time between two updates of a tracker, s
+UPDATE_SECONDS: Final = 10.0  # time between two updates of a tracker, in seconds
 
 TRAINING: Final = ("mean_return", "mean_length", "success_share")
 EVALUATION: Final = {"evaluation_return": "mean_return", "mastered_percent": "mastered_percent"}
@@ -24,7 +24,7 @@ TRACKED_TABLES: Final = (Table.TRAINING, Table.EVALUATIONS, Table.TEACHER_LOG)
 LARGEST_FLOAT: Final = float(np.finfo(np.float32).max)
 """Largest value of event files, which hold float32."""
 
-Point = tuple[int, dict[str, float]]  # step, and its scalars by tag
+Point = tuple[int, dict[str, float]]  # step and its scalars by tag
 
 
 RUNS_AT_ONCE: Final = 32
@@ -32,7 +32,7 @@ RUNS_AT_ONCE: Final = 32
 
 
 class Tracker(ABC):
-    """Experiment tracker to which the published points of a root's runs are written once.
+    """Experiment tracker to which each published point of a root's runs is written once.
 
     Args:
         root: folder, or ``s3://`` or ``gs://`` address.

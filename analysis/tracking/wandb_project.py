@@ -1,4 +1,4 @@
-"""Scalars of runs in a project of Weights & Biases."""
+"""Scalars of runs in a Weights & Biases project."""
 
 import json
 import re
@@ -13,12 +13,12 @@ from tma_ray.support.decoding import MOST_TEXT_BYTES, read_file
 
 STEP_KEY: Final = "global_step"  # key of environment steps, as in CleanRL and openrlbenchmark
 RETURN: Final = "charts/episodic_return"  # key of the training return, as in CleanRL and openrlbenchmark
-SENT: Final = "published"  # prefix of the keys with the number of points sent of each table
-LEDGER: Final = "tma_ray_sent.json"  # file with the number of points sent of each run, for offline runs
+SENT: Final = "published"  # prefix of the keys with the number of points sent from each table
+LEDGER: Final = "tma_ray_sent.json"  # file with the number of points sent for each run, used by offline runs
 
 
 class WandbProject(Tracker):
-    """Project of Weights & Biases to which the runs of a results root are sent under their own ids.
+    """Weights & Biases project to which the runs of a results root are sent under their own ids.
 
     Runs are resumed after the points that they already have. Points withdrawn by an older checkpoint stay,
     since the run reproduces them.
@@ -54,7 +54,7 @@ class WandbProject(Tracker):
         if all(len(points[table]) <= sent.get(table.value, 0) for table in TRACKED_TABLES):
             return False
         run = self._begin(manifest, experiment)
-        # an online run has the counts in its summary
+        # an online run keeps the counts in its summary
         sent = {
             table.value: max(int(run.summary.get(f"{SENT}/{table.value}", 0)), sent.get(table.value, 0))
             for table in TRACKED_TABLES
@@ -123,7 +123,7 @@ def config_of(manifest: Manifest) -> dict[str, Any]:
 
 
 def tags_of(manifest: Manifest, experiment: str) -> list[str]:
-    """Return the tags of a run, in characters that queries accept: experiment, components and versions."""
+    """Return the tags of a run (experiment, components, versions), in characters that queries accept."""
     record = manifest.run
     names = (
         experiment,

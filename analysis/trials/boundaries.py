@@ -17,7 +17,7 @@ from scipy import optimize, special
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(96)
 """Gauss-Legendre quadrature on [-1, 1], by which crossing probabilities are exact to 1e-9."""
 
-LOWEST = -9.0  # standard deviations under the mean at which densities are cut
+LOWEST = -9.0  # standard deviations below the mean at which densities are cut off
 HIGHEST = 40.0  # upper limit of the search for boundaries; its error is 0 in double precision
 FURTHEST = 12.0  # largest distance of a median-unbiased estimate from the naive one, standard errors
 
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 def spent(fraction: float, error: float) -> float:
-    """Return the one-sided error spent at a fraction of the information, of `error` in total.
+    """Return how much of the total one-sided `error` is spent at a fraction of the information.
 
     Lan and DeMets' (1983) function like O'Brien and Fleming's: 2 - 2 Phi(z(1 - error / 2) / sqrt(fraction)).
     """
@@ -36,7 +36,7 @@ def spent(fraction: float, error: float) -> float:
 def boundaries(
     fractions: tuple[float, ...], error: float, information: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Return the boundary of each look that spends the error `spent` allows.
+    """Return the boundary of each look, which spends the error that `spent` allows.
 
     Args:
         fractions: planned information of each look as a share of the last one's, by which error is spent.
@@ -96,7 +96,7 @@ def median_unbiased(statistic: float, bounds: Sequence[float], information: Sequ
 
 @dataclass(frozen=True)
 class _Path:
-    """Distribution of the scores S = Z sqrt(I) that crossed no boundary so far.
+    """Distribution of the scores S = Z sqrt(I) that have not crossed any boundary so far.
 
     Increments of scores are independent, N(drift dI, dI).
     """

@@ -1,4 +1,4 @@
-"""Designs of trials, fixed before the first run by the results of a release."""
+"""Designs of trials, fixed before the first run from the results of a release."""
 
 import hashlib
 import json
@@ -37,7 +37,7 @@ SCALED = {HEADLINE: "angle", FINAL: "end"}
 """Columns of `ended_runs` with the measures on the scales of their tests."""
 
 CHALLENGE = (
-    2  # number of the columns of `CELL_COLUMNS` that name a challenge; its cells share the weight of one
+    2  # number of columns in `CELL_COLUMNS` that name a challenge; cells of a challenge share its weight
 )
 
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
@@ -48,7 +48,7 @@ TRIALS = 4_000  # simulated trials behind the choice of the error
 
 @dataclass(frozen=True)
 class Spread:
-    """Spread of a measure between a release's runs in a cell, on the scale of its test."""
+    """Spread of a measure among a release's runs in a cell, on the scale of its test."""
 
     slope: float  # points of the measure per unit of the scale, at the mean of the release
     deviation: float  # standard deviation of a run, pooled over the release's teachers
@@ -68,7 +68,7 @@ class TrialCell:
     slope: float  # points of `HEADLINE` per radian of its arcsine, at the mean of the release
     deviation: float  # standard deviation of a run, pooled over the release's teachers, rad
     hours: float  # median hours of a run in the release; 0 if unknown
-    weight: float | None = None  # weight in the mean over cells; None in older designs, for equal ones
+    weight: float | None = None  # weight in the mean over cells; None in older designs, for equal weights
     least: float = 0.0  # least variance of a teacher's runs, rad²
     end: Spread | None = None  # spread of `FINAL`; None in older designs, which report `HEADLINE` alone
 
@@ -123,7 +123,7 @@ class Design:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Measures of the design, the one that it is made for first."""
+        """Measures of the design, starting with the one it is made for."""
         return AXES if all(cell.end for cell in self.cells) else AXES[:1]
 
     def estimand(self, measure: str = HEADLINE) -> rules.Estimand:
@@ -137,7 +137,7 @@ class Design:
         )
 
     def margin_of(self, measure: str) -> float:
-        """Return the equivalence margin of a measure, in points; at the end it is twice as wide."""
+        """Return the equivalence margin of a measure in points, twice as wide for final results."""
         return 2 * self.margin if measure == FINAL else self.margin
 
     @property
@@ -146,7 +146,7 @@ class Design:
         return [cell.key for cell in self.cells]
 
     def rule(self, reference: str, runs: rules.Floats, measure: str = HEADLINE) -> rules.DecisionRule:
-        """Return the decision rule of the comparison with a reference that has `runs` runs (cells,)."""
+        """Return the decision rule for comparing with a reference that has `runs` (cells,) runs per cell."""
         candidates = 1 if is_baseline(reference) else self.candidates
         fractions = rules.planned_fractions(self.looks, self.estimand(measure).factors, runs)
         margin, error = self.margin_of(measure), self.error / rules.COMPARISONS
@@ -158,7 +158,7 @@ class Design:
         return settings == (teacher, release, set(cells), margin)
 
     def renewed(self, released: pd.DataFrame) -> "Design":
-        """Return the design with the digest of the references' runs in `released`.
+        """Return the design with an updated digest, that of the references' runs in `released`.
 
         The digest ignores other runs, so a release may grow during a trial.
         """
@@ -197,14 +197,14 @@ def ended_runs(frames: Frames) -> pd.DataFrame:
 
 
 def in_cell(runs: pd.DataFrame, key: tuple[str, ...]) -> pd.DataFrame:
-    """Return the runs of the cell with these values of `CELL_COLUMNS`."""
+    """Return the runs in the cell with these values of `CELL_COLUMNS`."""
     return runs[(runs[CELL_COLUMNS] == list(key)).all(axis=1)]
 
 
 def moments_of(
     runs: pd.DataFrame, teacher: str, keys: Sequence[tuple[str, ...]], measure: str = HEADLINE
 ) -> rules.Moments:
-    """Return the moments of a teacher's runs in each cell; NaN where a sample is too small."""
+    """Return the moments of a teacher's runs in each cell, NaN where a sample is too small."""
     rows = runs[runs["teacher"] == teacher]
     samples = [in_cell(rows, key)[SCALED[measure]].to_numpy(float) for key in keys]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -264,7 +264,7 @@ def make_design(
 
 
 def _cell_keys(cells: pd.DataFrame, names: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return the cells of Random at their highest level of knowledge, as values of `CELL_COLUMNS` by name."""
+    """Return Random's cells at their highest level of knowledge, as values of `CELL_COLUMNS` by name."""
     rows = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
     keys = {tuple(map(str, row)) for row in rows[CELL_COLUMNS].itertuples(index=False)}
     rising = sorted(keys, key=lambda key: (key[:-1], KnowledgeLevel(key[-1]).rank))
@@ -312,13 +312,13 @@ def _cells(
 
 
 def _weights(keys: Sequence[tuple[str, ...]]) -> list[float]:
-    """Return cells' weights with sum 1, equal for challenges and for the cells of each."""
+    """Return the cells' weights, which sum to 1 and are equal for challenges and within each challenge."""
     weights = stratum_weights([key[:CHALLENGE] for key in keys])
     return [weight / sum(weights) for weight in weights]
 
 
 def _spread(rows: pd.DataFrame, measure: str) -> Spread:
-    """Return the spread of a measure between the runs of one cell."""
+    """Return the spread of a measure among the runs of one cell."""
     groups = rows.groupby("teacher")[SCALED[measure]]
     sizes, means = groups.size(), groups.mean()
     variances = groups.var().mask(negligible(groups.std(), means), 0.0)
@@ -339,7 +339,7 @@ def _candidates(released: pd.DataFrame, keys: Sequence[tuple[str, ...]]) -> list
 
 
 def _best(released: pd.DataFrame, keys: Sequence[tuple[str, ...]], name: str) -> tuple[str, int]:
-    """Return the best teacher other than Random over cells, and the number of candidates."""
+    """Return the best teacher over all cells, other than Random, and the number of candidates."""
     needed = moments_of(released, BASELINE, keys).runs
     if needed.min() < 3:
         runs = counted(int(needed.min()), "run")
@@ -365,7 +365,7 @@ def _digest(released: pd.DataFrame, teachers: Sequence[str], keys: Sequence[tupl
 
 
 def setting_of(design: Design, released: pd.DataFrame, measure: str = HEADLINE) -> rules.Setting:
-    """Return the parameters that simulate trials of a design."""
+    """Return the parameters for simulating trials of a design."""
     teachers = [BASELINE, *_candidates(released, design.keys)]
     residuals = []
     for key in design.keys:

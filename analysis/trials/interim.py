@@ -1,4 +1,4 @@
-"""Results of trials: comparisons at completed interim looks, their tables and texts."""
+"""Results of trials: comparisons at completed interim looks, with their tables and texts."""
 
 import math
 import re
@@ -36,7 +36,7 @@ from tma_ray.support.texts import counted
 
 
 class TrialEnding(StrEnum):
-    """Reason why a trial ends, or that it goes on."""
+    """Reason why a trial ends, or the fact that it goes on."""
 
     DECIDED = "decided"  # both comparisons have a verdict
     FUTILE = "futile"  # no open comparison is likely to get a verdict
@@ -65,13 +65,13 @@ class InterimLook:
     """Interim look of a trial."""
 
     seeds: int  # seeds of every cell
-    comparisons: tuple[LookComparison, ...]  # comparisons at this look, of the measure that ends trials first
-    settled: tuple[LookComparison, ...]  # comparisons at the look of their verdict, else at this one
+    comparisons: tuple[LookComparison, ...]  # comparisons, starting with the measure that ends trials
+    settled: tuple[LookComparison, ...]  # comparisons at the look that gave their verdict, else at this one
     ending: TrialEnding  # reason why the trial ends here, or `GOES_ON`
     excluded: int = 0  # number of runs excluded for non-finite returns
 
     def pairs(self) -> Iterator[tuple[LookComparison, ...]]:
-        """Yield the settled comparisons of each reference, `HEADLINE` first and then `FINAL`, if any."""
+        """Yield the settled comparisons with each reference, by `HEADLINE` and then by `FINAL`, if any."""
         for reference in dict.fromkeys(comparison.reference for comparison in self.settled):
             yield tuple(comparison for comparison in self.settled if comparison.reference == reference)
 
@@ -133,7 +133,7 @@ def completed_looks(
 def _comparison(
     key: tuple[str, str], past: Sequence[Moments], reference: Moments, design: Design, affordable: int
 ) -> LookComparison:
-    """Return the comparison by a measure with a reference at the last of the `past` looks."""
+    """Return the comparison with a reference, by one measure, at the last of the `past` looks."""
     measure, name = key
     look, teacher, estimand = len(past) - 1, past[-1], design.estimand(measure)
     rule = design.rule(name, reference.runs, measure)
@@ -146,7 +146,7 @@ def _comparison(
         for last in (len(design.looks) - 1, max(affordable, look))
     )
     unbiased = value
-    if estimate.freedom > 0:  # information of every look by the current variances
+    if estimate.freedom > 0:  # information at every look, from the current variances
         counts = [np.full_like(teacher.runs, float(seeds)) for seeds in design.looks[: look + 1]]
         errors = [
             float(difference(replace(teacher, runs=runs), reference, estimand).error) for runs in counts
@@ -165,7 +165,7 @@ def _comparison(
 def course(
     design: Design, released: pd.DataFrame, looks: list[InterimLook], reference: str, measure: str = HEADLINE
 ) -> pd.DataFrame:
-    """Return a row for each look of one comparison, with expected boundaries of future looks.
+    """Return a row for each look of one comparison, with expected boundaries for future looks.
 
     Returns:
         seeds; value, low and high (difference and repeated confidence interval, NaN for future looks);
@@ -206,7 +206,7 @@ def curves(design: Design, frames: Frames, trial_frames: Frames) -> pd.DataFrame
 
 
 def joined_trials(baseline: Baseline) -> list[tuple[Design, InterimLook]]:
-    """Return the design and the last look of each teacher that joined a release by a trial.
+    """Return the design and the last look for each teacher that joined a release through a trial.
 
     References are Random and the best teacher of the core, so joining changes no other verdict. Seeds follow
     those of the references. Designs are recomputed by the current rules.

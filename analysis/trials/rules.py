@@ -22,7 +22,7 @@ ERROR = 0.05  # probability of a wrong verdict, over both comparisons and all lo
 COMPARISONS = 2
 """Number of comparisons, with Random and the best teacher, which share the error equally (Bonferroni)."""
 
-FUTILE = 0.3  # conditional power under which a comparison is futile
+FUTILE = 0.3  # conditional power below which a comparison is futile
 
 Floats = NDArray[np.float64]
 
@@ -30,9 +30,9 @@ Floats = NDArray[np.float64]
 class TrialVerdict(StrEnum):
     """Verdict of a comparison at a look."""
 
-    BETTER = "better"  # interval over 0
-    WORSE = "worse"  # interval under 0
-    ALIKE = "alike"  # interval within the margin
+    BETTER = "better"  # interval entirely above 0
+    WORSE = "worse"  # interval entirely below 0
+    ALIKE = "alike"  # interval entirely within the margin
     OPEN = "open"  # none of these
 
 
@@ -65,11 +65,11 @@ class Estimand:
 
     @property
     def factors(self) -> Floats:
-        """Points of the estimand per unit of each cell's moments (cells,)."""
+        """Points of the estimand per unit of each cell's moments, as an array (cells,)."""
         return self.weights * self.slopes
 
     def variance(self, sample: Moments) -> Floats:
-        """Return the variances that enter standard errors, at least `least` (..., cells)."""
+        """Return the variances (..., cells) that enter standard errors, raised to at least `least`."""
         return np.maximum(sample.variance, self.least)
 
 
@@ -83,7 +83,7 @@ class DifferenceEstimate:
 
 
 def difference(teacher: Moments, reference: Moments, estimand: Estimand) -> DifferenceEstimate:
-    """Return the difference over cells, as `statistics.stratified` estimates it with least variances.
+    """Return the difference over cells, estimated as by `statistics.stratified` with least variances.
 
     Least variances widen the standard error and leave the degrees of freedom as they are.
     """
@@ -104,9 +104,9 @@ class DecisionRule:
     """Group-sequential decision rule of one comparison."""
 
     looks: tuple[int, ...]  # seeds of every cell at each look
-    fractions: tuple[float, ...]  # planned information of each look as a share of the last one's
+    fractions: tuple[float, ...]  # planned information at each look, as a share of that at the last look
     margin: float  # equivalence margin, points
-    candidates: int = 1  # number of teachers that the reference is the best of; 1 if it was not selected
+    candidates: int = 1  # number of teachers among which the reference is the best; 1 if it was not selected
     error: float = ERROR / COMPARISONS  # probability of a wrong verdict over all looks
 
     @cached_property
@@ -143,7 +143,7 @@ class DecisionRule:
         )
 
     def reach(self, estimate: DifferenceEstimate, look: int, *, above: bool) -> Floats:
-        """Return the smallest difference, in points, that is better (`above`) or worse at a look."""
+        """Return the smallest difference in points that counts as better (if `above`) or worse at a look."""
         bounds = self.lower if above else self.upper
         with np.errstate(invalid="ignore"):  # without spread in any sample
             reach = quantile(estimate.freedom, bounds[look]) * estimate.error
@@ -160,7 +160,7 @@ class DecisionRule:
     def power(
         self, teacher: Moments, reference: Moments, estimand: Estimand, last: int | None = None
     ) -> Floats:
-        """Return the predictive power at look `last`, by default the last look of all.
+        """Return the predictive power at look `last`, by default at the very last look.
 
         Conditional power, averaged over the differences that the seeds so far leave open (Spiegelhalter,
         Freedman and Blackburn, 1986).
@@ -172,7 +172,7 @@ class DecisionRule:
         parts = estimand.factors**2 * estimand.variance(teacher) * (1 / teacher.runs - 1 / seeds)
         spread = np.sqrt(np.maximum(parts.sum(axis=-1), np.finfo(float).tiny))
         low, high = (self.reach(then, last, above=above) for above in (True, False))
-        # The verdict is open within [-high, low], except alike between low - margin and margin - high.
+        # The verdict is open within [-high, low], but "alike" between low - margin and margin - high.
         inside = np.minimum(self.margin - high, low), np.maximum(low - self.margin, -high)
 
         def chance(value: Floats) -> Floats:
@@ -184,7 +184,7 @@ class DecisionRule:
 
 
 def planned_fractions(looks: Sequence[int], factors: Floats, reference_runs: Floats) -> tuple[float, ...]:
-    """Return the information of each look as a share of the last one's, for equal variances.
+    """Return the information at each look as a share of that at the last look, for equal variances.
 
     Args:
         looks: seeds of every cell at each look.
@@ -205,7 +205,7 @@ SIMULATION_SEED = 41  # seed of simulated trials, fixed so that designs are repr
 
 @dataclass(frozen=True)
 class SimulatedOutcomes:
-    """Outcomes of simulated trials, whose two comparisons are with Random and with the best teacher."""
+    """Outcomes of simulated trials, each with two comparisons: with Random and with the best teacher."""
 
     verdicts: NDArray[np.str_]  # `TrialVerdict` of each comparison (2, trials)
     seeds: NDArray[np.int64]  # seeds of every cell that were run (trials,)
