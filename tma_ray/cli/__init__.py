@@ -1,4 +1,4 @@
-"""The command `tma-ray`, whose commands are imported on use."""
+"""The command `tma-ray`, which imports its subcommands on use."""
 
 import gc
 import sys
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def app() -> App:
-    """Return the command line; a command is imported when it, or its help, is used."""
+    """Return the command line, which imports a command when the command or its help is used."""
     root = command_line.group(
         "tma-ray",
         "Compare automatic curriculum learning teachers of deep RL students.",

@@ -1,4 +1,4 @@
-"""JSON output of commands, with stable keys, and null for missing numbers."""
+"""JSON output of commands, with stable keys and with null for missing numbers."""
 
 from __future__ import annotations
 
@@ -80,19 +80,19 @@ KEYS: Mapping[str, Mapping[str, str]] = {
 
 
 def print_json(command: str, record: Mapping[str, Any]) -> None:
-    """Print the JSON of a command, which has the keys of `KEYS`."""
+    """Print the JSON of a command, with its keys in `KEYS`."""
     assert list(record) == list(KEYS[command]), f"{command}: {list(record)}"
     text = json.dumps(json_value(record), indent=2, ensure_ascii=False, allow_nan=False)
     print(CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text))
 
 
 def json_value(value: Any) -> Any:
-    """Return `value` for JSON, with NaN and infinities as None, and numpy's numbers as Python's."""
+    """Return `value` for JSON, with None for NaN and infinities, and with Python's numbers for numpy's."""
     if isinstance(value, Mapping):
         return {str(key): json_value(item) for key, item in value.items()}
     if isinstance(value, Enum):
         value = value.value
-    if hasattr(value, "tolist"):  # numpy
+    if hasattr(value, "tolist"):  # a number or array of numpy
         value = value.tolist()
     if isinstance(value, (list, tuple)):
         return [json_value(item) for item in value]
@@ -103,7 +103,7 @@ def json_value(value: Any) -> Any:
 
 def status_record(root: str | Path, state: Overview, now: float) -> dict[str, Any]:
     """Return the JSON of ``status``: the state of every run at `now`, by campaign and cell."""
-    from tma_ray.campaign.progress import CELL_COLUMNS  # deferred: pyarrow
+    from tma_ray.campaign.progress import CELL_COLUMNS  # imported late, since it imports pyarrow
 
     heartbeat = state.heartbeat
     return {
@@ -125,7 +125,7 @@ def status_record(root: str | Path, state: Overview, now: float) -> dict[str, An
 
 
 def ranking_record(sources: Sequence[str | Path], share: float, measure: str) -> dict[str, Any]:
-    """Return the JSON of ``ranking`` after a share of the budget."""
+    """Return the JSON of ``ranking`` at a share of the budget."""
     from analysis.baselines.catalogue import read
     from analysis.comparisons.leaderboards import overall
     from analysis.comparisons.sentences import ranked, ranking_sentences

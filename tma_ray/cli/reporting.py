@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 RELOAD_SECONDS, POLL_SECONDS = 30, 10.0
 """Interval at which an open watched report reloads itself, and at which results are polled, s."""
 
-MAX_VIDEO_STEPS = 2000  # longest video, in steps, which is the limit of the benchmark's worlds
-FRAME_STEPS = {".mp4": 3, ".gif": 8}  # steps per frame
+MAX_VIDEO_STEPS = 2000  # longest video in steps: the step limit of the benchmark's worlds
+FRAME_STEPS = {".mp4": 3, ".gif": 8}  # environment steps per frame
 
 
 @command()
@@ -59,7 +59,7 @@ def report(
     shown = list(_videos(sources, folder / "videos")) if videos else []
     print(write_report(sources, folder, shown, RELOAD_SECONDS if watch else 0), flush=True)
     if latex:
-        from analysis.commands.figures import write_latex  # matplotlib, which takes a while to import
+        from analysis.commands.figures import write_latex  # imports matplotlib, which takes a while
 
         written = write_latex(sources, folder / "latex")
         _warn(written.warnings)
@@ -70,7 +70,7 @@ def report(
 
 
 def changes(sources: Sequence[str | Path], seconds: float = POLL_SECONDS) -> Iterator[None]:
-    """Yield, forever, whenever runs of results roots have published more.
+    """Yield, forever, each time runs in results roots have published new results.
 
     Args:
         sources: results roots, or baselines, which do not change.
@@ -89,7 +89,7 @@ def changes(sources: Sequence[str | Path], seconds: float = POLL_SECONDS) -> Ite
 
 
 def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
-    """Render the report's videos, with a warning for each that cannot be rendered."""
+    """Render the report's videos, with a warning for each one that cannot be rendered."""
     from importlib.util import find_spec
 
     from analysis.baselines.catalogue import read
@@ -115,7 +115,7 @@ def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
                 every=FRAME_STEPS[suffix],
             )
             yield Video(wanted, file, render(settings, file).episodic_return)
-        except ValueError as error:  # without a policy, or with a world that cannot be drawn
+        except ValueError as error:  # there is no policy, or the world cannot be drawn
             _warn([f"no video of {run}: {error}"])
 
 

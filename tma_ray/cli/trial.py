@@ -74,7 +74,7 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         design = make_design(teacher, baseline, frames, margin, cells)
     places, plans = design.keys, []
     if options.simulated:
-        simulated_cells(teacher, places)  # refuses what the teacher cannot teach
+        simulated_cells(teacher, places)  # raises an error if the teacher cannot teach some cells
         plugin = TEACHERS.plugin(teacher)
         design = replace(design, runs=plugin.digest if plugin else "")
     else:
@@ -145,7 +145,7 @@ class _Trial:
     affordable: int | None = None
 
     def judge(self) -> bool:
-        """Print and write the verdicts of new looks; return True if the trial ends."""
+        """Print and write the verdicts of new looks, and return True if the trial ends."""
         from analysis.data.loading import frames_of
         from analysis.pages.page import page_folder
         from analysis.pages.trial import write_trial

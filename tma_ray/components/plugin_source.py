@@ -1,4 +1,4 @@
-"""Source files of plug-ins, with the user's modules that they import, and their hash."""
+"""Source files of plug-ins and of the user's modules that they import, with a hash of them all."""
 
 import ast
 import hashlib
@@ -13,8 +13,8 @@ from pathlib import Path
 
 from tma_ray.support.decoding import read_file
 
-OURS = "tma_ray"  # distribution that every machine of a campaign has installed
-PACKAGES = frozenset({OURS, "analysis"})  # its top-level packages
+OURS = "tma_ray"  # distribution installed on every machine of a campaign
+PACKAGES = frozenset({OURS, "analysis"})  # top-level packages of this distribution
 
 MAIN_GUARDS = ("__name__ == '__main__'", "'__main__' == __name__")
 """Guards of script code, as `ast.unparse` writes them."""
@@ -22,12 +22,12 @@ MAIN_GUARDS = ("__name__ == '__main__'", "'__main__' == __name__")
 OUR_FOLDER = Path(__file__).resolve().parents[2]
 """Folder of `PACKAGES`. Packages of the same names elsewhere belong to the user."""
 
-INSTALLED = frozenset({"site-packages", "dist-packages"})  # names of folders with installed packages
+INSTALLED = frozenset({"site-packages", "dist-packages"})  # names of folders that hold installed packages
 
 
 @dataclass(frozen=True)
 class PluginSource:
-    """Source code of a plug-in at the time of its lookup.
+    """Source code of a plug-in at the time when it was looked up.
 
     It has the module, its parent packages and, recursively, the modules that they import anywhere, except
     installed ones, Python's and `PACKAGES`. Code under ``if __name__ == "__main__":`` is excluded, so that a
@@ -45,7 +45,7 @@ class PluginSource:
 
     @cached_property
     def digest(self) -> str:
-        """Hash of all paths and imported code."""
+        """Hash of all paths and of the code that runs on import."""
         content = hashlib.sha256()
         for path in sorted(self.files):
             code = self.files[path]
@@ -55,7 +55,7 @@ class PluginSource:
 
     @classmethod
     def of(cls, module: str, data_files: Iterable[str] = ()) -> "PluginSource":
-        """Return the source of a module by its ``__name__``, with files that match patterns in its folder.
+        """Return the source of the module named `module`, with files in its folder that match patterns.
 
         Raises:
             ValueError: if the module has no file, or a pattern matches none.
@@ -89,7 +89,7 @@ def importable_name(module: str) -> str:
     file = getattr(main, "__file__", None)
     if file is None:
         raise ValueError("it is defined in an interactive session; put it into a file that can be imported")
-    name = main.__spec__.name if main.__spec__ else Path(file).stem  # python -m name, python name.py
+    name = main.__spec__.name if main.__spec__ else Path(file).stem  # python -m name or python name.py
     if not all(part.isidentifier() for part in name.split(".")) or name == "__main__":
         raise ValueError(f"it is defined in {file}, which no import can name; rename the file")
     return name
@@ -127,7 +127,7 @@ class _Collector:
             name = ".".join(parts[:length])
             try:
                 root, file = self.locate(name)
-            except FileNotFoundError:  # installed, a namespace, or an attribute of the module before it
+            except FileNotFoundError:  # an installed module, a namespace, or an attribute
                 continue
             path = file.relative_to(root).as_posix()
             if path not in self.files:
@@ -137,10 +137,10 @@ class _Collector:
                     self.add(imported)
 
     def _roots_of(self, top: str) -> list[Path]:
-        """Return the collected import roots of a top-level name, several for a namespace package."""
+        """Return the collected import roots of a top-level name, of which a namespace package has several."""
         if top not in self.roots:
             spec = None
-            with suppress(ImportError, ValueError):  # no such module, or one without a spec
+            with suppress(ImportError, ValueError):  # there is no such module, or it has no spec
                 spec = importlib.util.find_spec(top)
             paths = list(spec.submodule_search_locations or ()) if spec else []
             if spec and not paths and spec.has_location and spec.origin:
@@ -158,12 +158,12 @@ def _is_installed(folder: Path) -> bool:
 
 
 def _imports(code: bytes, package: str) -> Iterator[str]:
-    """Yield the names imported by `code` of a module in `package`, attributes included."""
+    """Yield the names, including attributes, that the `code` of a module in `package` imports."""
     for node in ast.walk(ast.parse(_imported_part(code))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            above = package.split(".")[: 1 - node.level or None] if node.level else []  # one dot: `package`
+            above = package.split(".")[: 1 - node.level or None] if node.level else []  # . is `package`
             base = ".".join([*above, *([node.module] if node.module else [])])
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
@@ -175,6 +175,6 @@ def _imported_part(code: bytes) -> bytes:
     for node in reversed(ast.parse(code).body):
         start = min([node.lineno, *(part.lineno for part in getattr(node, "decorator_list", ()))]) - 1
         if isinstance(node, ast.If) and not node.orelse and ast.unparse(node.test) in MAIN_GUARDS:
-            del lines[start:end]  # with the comments that follow
+            del lines[start:end]  # with the comments that follow the block
         end = start
     return b"".join(lines)

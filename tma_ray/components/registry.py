@@ -1,4 +1,4 @@
-"""Registries of named implementations: built-in, decorated, from entry points, or ``module:Name``.
+"""Registries of implementations: built-in, decorated, from entry points, or given as ``module:Name``.
 
 Plug-ins need no edit of this package: decorate a class, declare an entry point, or pass
 ``my_module:MyTeacher`` wherever a name is expected.
@@ -28,7 +28,7 @@ class UnknownNameError(ValueError):
 
 
 class PluginImportError(ValueError):
-    """A user's module that raises an error on import."""
+    """A user's module raised an error on import."""
 
 
 _NAME: Final = re.compile(r"[\w.-]+")
@@ -102,16 +102,16 @@ class Registry(Generic[ComponentT]):
         return sorted({*self._targets, *self._decorated, *self._installed()})
 
     def summaries(self) -> dict[str, str]:
-        """Return the first docstring line of each name, empty without a docstring."""
+        """Return the first docstring line of each name, or an empty text if there is none."""
         return {name: self._summary(name) for name in self.names()}
 
     def _summary(self, name: str) -> str:
-        """Return the first docstring line, from the source if possible since imports take seconds."""
+        """Return the first docstring line, read from the source if possible, since imports take seconds."""
         text = None if name in self._decorated else docstring_of(*self._target(name).split(":"))
         return ((self.get(name).__doc__ if text is None else text) or "").strip().partition("\n")[0]
 
     def get(self, name: str) -> ComponentT:
-        """Return the implementation of a registered name or ``module:Name``, ignoring settings in it.
+        """Return the implementation of a registered name or ``module:Name``, ignoring settings in the name.
 
         Raises:
             UnknownNameError: if `name` is unknown, or its module has no such attribute.
@@ -122,7 +122,7 @@ class Registry(Generic[ComponentT]):
         return self._load(self._target(name))
 
     def origin(self, name: str) -> str | None:
-        """Return the module whose import registers `name`, None for built-in ones.
+        """Return the module whose import registers `name`, or None for built-in names.
 
         Raises:
             UnknownNameError: if `name` is unknown.
@@ -132,7 +132,7 @@ class Registry(Generic[ComponentT]):
         return None if module.partition(".")[0] == OURS else module
 
     def plugin(self, name: str) -> PluginSource | None:
-        """Return the source of a plug-in at its first lookup, None for built-in implementations.
+        """Return a plug-in's source at its first lookup, or None for built-in implementations.
 
         It includes files that match patterns in its attribute `data_files`, relative to its module.
 
@@ -145,7 +145,7 @@ class Registry(Generic[ComponentT]):
             return None
         implementation = self.get(name)
         key = module, implementation
-        if key not in self._sources:  # cached: later edits are not what was imported
+        if key not in self._sources:  # cached, since the imported code does not have later edits
             try:
                 self._sources[key] = PluginSource.of(module, getattr(implementation, "data_files", ()))
             except ValueError as error:
@@ -153,7 +153,7 @@ class Registry(Generic[ComponentT]):
         return self._sources[key]
 
     def algorithm_version(self, name: str) -> int | None:
-        """Return the `algorithm_version` of an implementation, None if it declares none.
+        """Return the `algorithm_version` of an implementation, or None if it declares none.
 
         Built-in implementations raise it with every change of behaviour. Plug-ins need none, since they are
         identified by the hash of their source.
@@ -174,7 +174,7 @@ class Registry(Generic[ComponentT]):
         return version
 
     def learn(self, name: str, module: str) -> None:
-        """Import `module`, which registers `name`, unless the name is registered."""
+        """Import `module` to register `name`, unless the name is already registered."""
         name = base_name(name)
         if ":" not in name and name not in self.names():
             self._import(name, module)
@@ -214,7 +214,7 @@ class Registry(Generic[ComponentT]):
         return self.base is object or (isinstance(value, type) and issubclass(value, self.base))
 
     def _import(self, name: str, module: str) -> ModuleType:
-        """Import the module of an implementation, perhaps from the current folder."""
+        """Import the module of an implementation, from the current folder if necessary."""
         sys.path.extend(folder for folder in _searched if folder not in sys.path)
         try:
             return importlib.import_module(module)
@@ -240,8 +240,8 @@ class Registry(Generic[ComponentT]):
 
 @cache
 def _entry_points(path: tuple[str, ...]) -> EntryPoints:  # noqa: ARG001 - part of the key
-    """Return the entry points of the packages on `path`, cached since they are in hundreds of files."""
-    return cast("EntryPoints", entry_points())  # before Python 3.12 a similar type
+    """Return the entry points of the packages on `path`, cached since hundreds of files hold them."""
+    return cast("EntryPoints", entry_points())  # a similar type before Python 3.12
 
 
 def _target_of(implementation: object) -> str:
@@ -249,8 +249,8 @@ def _target_of(implementation: object) -> str:
 
 
 def _identity(implementation: object) -> str:
-    """Return module and name, the same for a script and its imported module."""
+    """Return the module and name, which are the same for a script and its imported module."""
     module = getattr(implementation, "__module__", "?")
-    with contextlib.suppress(ValueError):  # an interactive session has no other name
+    with contextlib.suppress(ValueError):  # raised in interactive sessions, which have no other name
         module = importable_name(module)
     return f"{module}.{getattr(implementation, '__qualname__', implementation)}"

@@ -36,13 +36,13 @@ _LISTS: Mapping[Any, Callable[..., Any]] = {
 """Constructor for each annotated collection type."""
 
 _MAPPINGS = (dict, collections.abc.Mapping)
-_UNFIT = object()  # marks a value that does not match its annotation
+_UNFIT = object()  # stands for a value that does not match its annotation
 _ANYTHING = (Any, inspect.Parameter.empty)
 _CONSTANTS = {"true": True, "false": False, "none": None}
 
 
 class Parameter(NamedTuple):
-    """Type and default of a setting, `inspect.Parameter.empty` without a default."""
+    """Type and default of a setting; the default is `inspect.Parameter.empty` if there is none."""
 
     annotation: Any
     default: Any
@@ -56,7 +56,7 @@ def parameters_of(component: Callable[..., Any]) -> dict[str, Parameter]:
     return dict(_parameters(component))
 
 
-@cache  # plans of many cells repeat the same components
+@cache  # cached, since plans of many cells repeat the same components
 def _parameters(component: Callable[..., Any]) -> dict[str, Parameter]:
     is_record = dataclasses.is_dataclass(component)
     try:
@@ -81,7 +81,7 @@ def parse_settings(
     values: Mapping[str, Any] | None = None,
     kind: str = "hyper-parameter",
 ) -> dict[str, Any]:
-    """Return settings of `component` as typed values, with presets expanded.
+    """Return the settings of `component` as typed values, with presets expanded.
 
     Explicit values override those of a preset. JSON values are accepted: lists for tuples, whole numbers for
     floats.
@@ -123,7 +123,7 @@ def parse_settings(
 
 
 def non_defaults(component: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the `values` that differ from the defaults of `component`, by a preset where that is shorter."""
+    """Return the `values` that differ from a `component`'s defaults, as a preset where that is shorter."""
     defaults = {name: parameter.default for name, parameter in parameters_of(component).items()}
     complete = defaults | dict(values)
     presets: Mapping[str, Mapping[str, Any]] = getattr(component, "presets", {})
@@ -137,7 +137,7 @@ def non_defaults(component: Callable[..., Any], values: Mapping[str, Any]) -> di
 
 
 def config_dict(record: Any) -> dict[str, Any]:
-    """Return the constructor arguments of a dataclass, defaults included, as JSON values.
+    """Return the constructor arguments of a dataclass, including defaults, as JSON values.
 
     Fields in its attribute `absent_at_default` are left out at their defaults, so that fields added later do
     not change run ids.
@@ -180,7 +180,7 @@ def to_json(value: Any) -> Any:
 
 
 def coerce(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter") -> Any:
-    """Convert `value`, perhaps from JSON, to the type of its annotation.
+    """Convert `value`, which may come from JSON, to the type of its annotation.
 
     Raises:
         ValueError: if the value has another type, or is not finite.
@@ -203,7 +203,7 @@ def coerce(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter")
 
 
 def _choices(annotation: Any) -> dict[str, Any]:
-    """Return the values of a literal or an enum by their text, nothing for other types."""
+    """Return the values of a literal or an enum by their text, and none for other types."""
     if get_origin(annotation) is Literal:
         return {text_of(to_json(choice)): choice for choice in get_args(annotation)}
     if isinstance(annotation, type) and issubclass(annotation, Enum):
@@ -212,7 +212,7 @@ def _choices(annotation: Any) -> dict[str, Any]:
 
 
 def _chosen(key: str, value: Any, choices: Mapping[str, Any], kind: str) -> Any:
-    """Return the one of `choices` equal to `value` or to its JSON form."""
+    """Return the item of `choices` that equals `value` or its JSON form."""
     for choice in choices.values():
         if value is choice or (type(to_json(choice)) is type(value) and to_json(choice) == value):
             return choice
@@ -264,7 +264,7 @@ def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
 
 
 def _item_annotations(annotation: Any, count: int) -> tuple[Any, ...]:
-    """Return the annotation of each of `count` items, or of each item of a tuple of fixed length."""
+    """Return the annotation of each of `count` items, or that of each item if a tuple has a fixed length."""
     arguments = get_args(annotation)
     if get_origin(annotation) is tuple and arguments[1:] != (Ellipsis,):
         return arguments
@@ -272,7 +272,7 @@ def _item_annotations(annotation: Any, count: int) -> tuple[Any, ...]:
 
 
 def _number_kind(annotation: Any) -> type | None:
-    """Return int or float for a number type (numpy's included), None for other types."""
+    """Return int or float for a number type (including numpy's), or None for other types."""
     if annotation in (int, float, Integral, Real):
         return int if annotation in (int, Integral) else float
     if isinstance(annotation, type) and issubclass(annotation, (np.integer, np.floating)):
@@ -308,7 +308,7 @@ def _one_from_text(text: str, annotations: tuple[Any, ...]) -> Any:
 
 
 def _items_from_text(text: str, annotation: Any) -> Any:
-    """Parse `text` as a list or mapping, or return a mapping that is not JSON unchanged."""
+    """Parse `text` as a list or a mapping, returning text for a mapping unchanged if it is not JSON."""
     if text[:1] in ("[", "{"):
         with suppress(ValueError):
             return json.loads(text)
@@ -343,7 +343,7 @@ def _expected(annotation: Any) -> str:
 
 
 def json_value(key: str, value: Any, kind: str = "hyper-parameter") -> Any:
-    """Return `value` in JSON types.
+    """Return `value` as JSON types.
 
     Raises:
         ValueError: if it has no JSON form.

@@ -1,4 +1,4 @@
-"""Attempts at runs, their logs, and runs in this process."""
+"""Attempts at runs, their logs, and the execution of runs in this process."""
 
 import json
 import logging
@@ -39,7 +39,7 @@ from tma_ray.runs.teaching import InlineTeacher, TeacherLink
 from tma_ray.students.rollout_workers import LearnerLostError, ask_learner
 from tma_ray.support.validation import check_type
 
-RECENT_EPISODES = 100  # number of training episodes averaged in the return of a status
+RECENT_EPISODES = 100  # number of training episodes over which the return of a status is averaged
 
 logger = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ class Report:
 
 
 class Attempt:
-    """Execution of a run in this process, from its newest checkpoint or from the start.
+    """Execution of a run in this process, either from its newest checkpoint or from the start.
 
     `execute` fetches input files, resumes, trains, commits at checkpoints and finishes, with a log in the
     results root. Other threads may call the other methods.
@@ -97,7 +97,7 @@ class Attempt:
     def execute(
         self, should_stop: Callable[[], bool], publish: Callable[[Sequence[PartFile]], None] = lambda _: None
     ) -> tuple[PartFile, ...] | None:
-        """Resume and train until the budget is spent or a stop is requested.
+        """Resume the run, and train until the budget is spent or a stop is requested.
 
         Args:
             should_stop: function called after every episode, which returns True to stop.
@@ -136,20 +136,20 @@ class Attempt:
             return final
 
     def status(self) -> Status:
-        """Return step, speed and recent return during training."""
+        """Return the step, speed and recent return during training."""
         assert self._run is not None, "an attempt that trains has a run"
         step, seconds = self._run.progress.step, time.monotonic() - self._started
         recent = float(np.mean(self._episodic_returns)) if self._episodic_returns else float("nan")
         return Status(step, (step - self._first_step) / max(seconds, 1e-9), recent)
 
     def report(self) -> Report | None:
-        """Return the progress, None during setup."""
+        """Return the progress, or None during setup."""
         if self._run is None:
             return None
         return Report(self.record(AttemptOutcome.LOST), self.status(), self._parts)
 
     def record(self, outcome: AttemptOutcome) -> AttemptRecord:
-        """Return the row of the table of attempts for an end now with `outcome`."""
+        """Return the row for the table of attempts if this attempt ended now with `outcome`."""
         return AttemptRecord(
             run_id=self.spec.run_id,
             attempt=self._number,
@@ -167,7 +167,7 @@ class Attempt:
             self._run.close()
 
     def _prepare(self) -> Run:
-        """Return the run in the state of its newest checkpoint."""
+        """Construct the run, and restore its newest checkpoint if there is one."""
         placement = self._placement
         learner, device = placement.learner, placement.device
         described = ask_learner(learner, "hardware") if learner else gpu(device)
@@ -200,7 +200,7 @@ class Attempt:
         return run
 
     def _checkpoint(self, run: Run, should_stop: Callable[[], bool]) -> tuple[PartFile, ...]:
-        """Write rows and state; return the parts so far."""
+        """Write the rows and the state, and return the parts written so far."""
 
         def write() -> tuple[tuple[PartFile, ...], int]:
             accepted_manifest(self._store, self.spec.run_id, self._number)
@@ -223,7 +223,7 @@ class Attempt:
         return self._parts
 
     def _keep_record(self) -> None:
-        with suppress(StorageError):  # not worth a failure; the next record supersedes it
+        with suppress(StorageError):  # not worth failing the run, since the next record replaces this one
             write_progress(self._store, self.record(AttemptOutcome.LOST))
 
     def _finish(self, run: Run) -> tuple[PartFile, ...]:
@@ -242,7 +242,7 @@ LOGGER = "tma_ray"
 
 
 class RunLog(logging.Handler):
-    """Context manager that writes this process's messages from INFO on to the results root.
+    """Context manager that writes this process's log messages of level INFO and above to the results root.
 
     The file is rewritten each time, since object stores cannot append. An exception in the context becomes
     the last message. Messages since the last publication are lost if the process is killed.
@@ -275,14 +275,14 @@ class RunLog(logging.Handler):
         self.publish()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep a message."""
+        """Store a message until it is published."""
         self._lines.append(self.format(record))
 
     def publish(self) -> None:
-        """Write all messages so far, if there are new ones."""
+        """Publish all messages so far if there are new ones."""
         count = len(self._lines)
         if count > self._published:
-            with suppress(StorageError):  # not worth a failure; the next publication has all messages
+            with suppress(StorageError):  # not worth failing the run, since the next call has all messages
                 self._store.write_bytes(self._path, ("\n".join(self._lines) + "\n").encode())
                 self._published = count
 

@@ -1,4 +1,4 @@
-"""Cells of an experiment, and the effective spec of a cell and a seed."""
+"""Cells of an experiment, and the effective spec of a cell with a seed."""
 
 import inspect
 import math
@@ -29,7 +29,7 @@ from tma_ray.teachers import (
     make_teacher,
 )
 
-BOUNDS_SEPARATOR = ".."  # separator of a dimension's bounds in the name of a challenge
+BOUNDS_SEPARATOR = ".."  # separates a dimension's low and high bound in the name of a challenge
 Bounds = Mapping[str, Sequence[float]]  # low and high bounds by dimension
 
 _ELSEWHERE = {"embodiment": "--embodiment or Cell.embodiment", "render_mode": "no run; runs draw nothing"}
@@ -37,7 +37,7 @@ _ELSEWHERE = {"embodiment": "--embodiment or Cell.embodiment", "render_mode": "n
 
 
 def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return the canonical name of an environment, and the options that differ from its defaults.
+    """Return the canonical name of an environment and the options that differ from its defaults.
 
     Args:
         name: registered name or ``module:Name``, optionally with options, as in
@@ -62,7 +62,7 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
 
 
 def check_body(environment: str, embodiment: str) -> None:
-    """Check that an environment has a body exactly if it takes one, so that results name it.
+    """Check that a body is given if and only if the environment takes one, so that results name the body.
 
     Raises:
         UnknownNameError: if the environment is unknown.
@@ -84,7 +84,7 @@ def check_body(environment: str, embodiment: str) -> None:
 
 
 def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[float, float]]]:
-    """Return the name of a challenge without bounds, and all bounds.
+    """Return the name of a challenge without its bounds, and all of its bounds.
 
     Args:
         name: name of a challenge, optionally with bounds, as in ``original:stump_height=0..0.3``.
@@ -127,7 +127,7 @@ def bounded(space: TaskSpace, bounds: Bounds) -> TaskSpace:
 
 
 def canonical_challenge(name: str, space: TaskSpace, chosen: TaskSpace) -> str:
-    """Return the name of a challenge with the bounds in which `chosen` differs from its task space."""
+    """Return the name of a challenge with those `chosen` bounds that differ from its task space."""
     pairs = zip(space.dimensions, chosen.dimensions, strict=True)
     differing = {
         new.name: f"{text_of(float(new.low))}{BOUNDS_SEPARATOR}{text_of(float(new.high))}"
@@ -137,13 +137,13 @@ def canonical_challenge(name: str, space: TaskSpace, chosen: TaskSpace) -> str:
     return join_name(base_name(name), differing)
 
 
-OWN_CHALLENGE = "original"  # challenge of the task space that an environment itself declares
+OWN_CHALLENGE = "original"  # name of the challenge with the task space that an environment declares
 OWN_TEST_SET_SIZE = 100  # number of test tasks of an environment without a shipped test set
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Combination of components in an experiment; each of its seeds is a run.
+    """Combination of components in an experiment, which gives one run per seed.
 
     Names may have settings, as in ``alp_gmm:fit_every=100`` or ``module:Name:key=value``; see
     `tma_ray.support.component_names`. Runs and tables have canonical names, with only the settings that
@@ -181,7 +181,7 @@ class Cell:
 
 
 def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_levels: bool = False) -> RunSpec:
-    """Return the spec of one run, after checking that it can run.
+    """Return the spec of a run, after checking that the run is possible.
 
     Args:
         cell: combination to run.
@@ -241,7 +241,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
 
 
 def _world(cell: Cell, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return the canonical name of the body, and the spec's fields from challenge and environment.
+    """Return the body's canonical name, and the spec's fields that the challenge and environment determine.
 
     Resets are shares of the budget.
     """
@@ -299,7 +299,7 @@ def _check_spaces(cell: Cell, environment: gymnasium.Env[Any, Any]) -> None:
 
 
 def _own_test_set(name: str, space: TaskSpace) -> TestSet:
-    """Return a grid, or uniform draws in over two dimensions, for an environment without a test set."""
+    """Return test tasks for an environment that has none: a grid, or random ones in over two dimensions."""
     if space.size <= 2:
         return TestSet.grid(name, space, OWN_TEST_SET_SIZE if space.size == 1 else 10)
     return TestSet(name, space.names, space.sample(np.random.default_rng(0), OWN_TEST_SET_SIZE))

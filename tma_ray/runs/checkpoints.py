@@ -1,4 +1,4 @@
-"""Checkpoints of runs: atomic, checksummed, incremental, with unique names."""
+"""Checkpoints of runs, which are atomic, checksummed and incremental and have unique names."""
 
 import hashlib
 import json
@@ -69,7 +69,7 @@ class Checkpoint:
 
     @classmethod
     def from_bytes(cls, name: str, data: bytes) -> "Checkpoint":
-        """Return the checkpoint of an index file.
+        """Return the checkpoint that an index file describes.
 
         Raises:
             DamagedFileError: if it is not one.
@@ -78,7 +78,7 @@ class Checkpoint:
 
 
 class Checkpoints:
-    """Checkpoints of one run, read and written by one attempt.
+    """Checkpoints of one run, read and written by a single attempt.
 
     The index of a checkpoint is written last and makes it valid. Files unchanged since the previous
     checkpoint, such as full segments of a replay buffer, are referenced and not written again. Names contain
@@ -90,14 +90,14 @@ class Checkpoints:
         self._store = store
         self._folder = f"{CHECKPOINTS}/{check_id(run_id)}"
         self._attempt = attempt
-        self._latest: Checkpoint | None = None  # last written or loaded
-        self._intact = False  # True if `_latest` is what the run last saved or loaded
+        self._latest: Checkpoint | None = None  # the checkpoint last written or loaded
+        self._intact = False  # True if `_latest` is the state that the run last saved or loaded
 
     def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> int:
-        """Write a checkpoint of `run`, delete all but the previous one, and return the bytes written."""
+        """Write a checkpoint of `run`, keep just one previous one, and return the number of bytes written."""
         step = run.progress.step
         name = f"{step:012d}-attempt-{self._attempt:03d}"
-        incremental, self._intact = self._intact, False  # until the index is written
+        incremental, self._intact = self._intact, False  # stays False until the index is written
         with tempfile.TemporaryDirectory() as folder, explained_disk(folder, DISK_FULL):
             unchanged = run.save(Path(folder), incremental)
             new = {}
@@ -115,7 +115,7 @@ class Checkpoints:
         return len(index) + sum(file.size for file in new.values())
 
     def restore(self, run: Run) -> Checkpoint | None:
-        """Load the newest intact checkpoint into a new `run` and return it, or None."""
+        """Load the newest intact checkpoint into a new `run`, and return it, or return None."""
         indices = [path for path in self._store.files(self._folder) if path.endswith(f"/{INDEX}")]
         for path in reversed(indices):
             with tempfile.TemporaryDirectory() as folder:
@@ -129,11 +129,11 @@ class Checkpoints:
         return None
 
     def drop(self) -> None:
-        """Delete all checkpoints of the run, once its results are published."""
+        """Delete all checkpoints of the run after its results have been published."""
         self._store.delete(self._folder)
 
     def _tidy(self, kept: Sequence[Checkpoint]) -> None:
-        """Delete files that no kept checkpoint needs, indices first, so that no partial one is valid."""
+        """Delete files that no kept checkpoint needs, indices first so that no partial one is valid."""
         needed = {f"{checkpoint.name}/{INDEX}" for checkpoint in kept}
         needed |= {file.path for checkpoint in kept for file in checkpoint.files.values()}
         folders: dict[str, list[str]] = {}

@@ -1,4 +1,4 @@
-"""Episodes without learning: evaluations on the test set, and those that a teacher requests."""
+"""Episodes without learning: evaluations on the test set, and episodes that a teacher requests."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,13 +17,13 @@ from tma_ray.tasks import Outcomes, Task
 
 Environment = gymnasium.Env[Any, Any]
 
-Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # actions (n, a) for observations (n, o)
+Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # maps observations (n, o) to actions (n, a)
 
 
 def played_episodes(
     worlds: LockStep, seeds: Sequence[int], tasks: Task, act: Act, most_steps: float = math.inf
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Play one episode of each task, all at the same time.
+    """Play one episode of each task, all of them at the same time.
 
     Args:
         worlds: at least n worlds.
@@ -47,7 +47,7 @@ def played_episodes(
 
 
 def new_worlds(spec: RunSpec, count: int) -> list[Environment]:
-    """Return `count` environments of a run."""
+    """Return `count` new environments of a run."""
     return [new_environment(spec) for _ in range(count)]
 
 
@@ -65,7 +65,7 @@ class Evaluation:
         self._worlds = lock_step(self._environments)
 
     def __call__(self, act: Act) -> list[dict[str, Any]]:
-        """Play an episode of each test task; return evaluation rows without run and step."""
+        """Play an episode of each test task, and return rows of evaluations without run id and step."""
         episodic_returns, lengths = played_episodes(self._worlds, self._seeds, self.test_set.tasks, act)
         return [
             {
@@ -88,7 +88,7 @@ MAX_WORLDS = 64  # largest number of concurrent episodes of an evaluation
 
 
 class UntrainedEpisodes:
-    """Episodes requested by a teacher, from which the student does not learn, with a generator of their own.
+    """Episodes that a teacher requests, with their own generator; the student does not learn from them.
 
     Worlds and action noise are drawn anew for every evaluation; the generator is the only state.
     """
@@ -101,7 +101,7 @@ class UntrainedEpisodes:
 
     @property
     def state(self) -> dict[str, Any]:
-        """State of the generator, which is complete between two episodes."""
+        """State of the generator, which is the whole state between two episodes."""
         return dict(self._rng.bit_generator.state)
 
     @state.setter
@@ -109,7 +109,7 @@ class UntrainedEpisodes:
         self._rng.bit_generator.state = state
 
     def act(self, student: Student, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return an action (a,) of the exploring policy for `observation` (o,)."""
+        """Return the exploring policy's action (a,) for an `observation` (o,)."""
         action: NDArray[np.float32] = student.sample_actions(observation[None], self._rng)[0]
         return action
 

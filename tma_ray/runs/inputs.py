@@ -1,4 +1,4 @@
-"""Plug-ins and input files of runs: captured when a run is planned, provided where it is executed.
+"""Plug-ins and input files of runs, captured when a run is planned and provided where it is executed.
 
 An option that names a file, such as an embodiment in a ``.toml`` or ``cppn_weights``, identifies it by its
 content and its name without the folder: an edited file makes another run, a moved one does not.
@@ -59,14 +59,14 @@ def algorithm_versions_of(names: Mapping[str, str]) -> dict[str, int]:
 
 
 def plugin_sources(specs: Iterable[RunSpec]) -> list[PluginSource]:
-    """Return the sources of all plug-ins of `specs`, each once."""
+    """Return the sources of all plug-ins in `specs`, without duplicates."""
     names = {(part, getattr(spec, part)) for spec in specs for part in spec.plugins}
     sources = (REGISTRIES[part].plugin(name) for part, name in sorted(names))
     return [source for source in sources if source is not None]
 
 
 def import_plugins(spec: RunSpec, *parts: str) -> None:
-    """Register the plug-ins among these components of a run in this process.
+    """Register, in this process, the plug-ins among these components of a run.
 
     Raises:
         ValueError: if the source of a plug-in differs from the planned one.
@@ -95,7 +95,7 @@ def importing_plugins() -> bool:
     return _importing.get()
 
 
-MAX_INPUT_BYTES = 20 * 2**20  # largest input file, which every process of a run holds in memory
+MAX_INPUT_BYTES = 20 * 2**20  # size limit of input files, which every process of a run holds in memory
 
 OPTION_FIELDS = {
     "environment": "environment_options",
@@ -108,7 +108,7 @@ _contents: dict[str, bytes] = {}  # contents of input files known in this proces
 
 
 def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, InputFile]]:
-    """Read the files that options name.
+    """Read the files named in a component's options.
 
     Args:
         part: "environment", "student" or "teacher".
@@ -145,13 +145,13 @@ def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dic
 
 
 def named(part: str, name: str) -> str:
-    """Return the canonical name of a component with file names instead of paths."""
+    """Return the canonical name of a component, with file names instead of paths."""
     base, settings = split_name(name)
     return join_name(base, captured(part, settings)[0])
 
 
 def arguments(spec: RunSpec, part: str) -> dict[str, Any]:
-    """Return the options of a run's component, with paths of its input files in this process.
+    """Return the options of a run's component, with the paths of its input files in this process.
 
     Raises:
         ValueError: if the content of a file is not known in this process.
@@ -165,18 +165,18 @@ def arguments(spec: RunSpec, part: str) -> dict[str, Any]:
 
 
 def new_environment(spec: RunSpec) -> gymnasium.Env[Any, Any]:
-    """Return a new environment of a run whose plug-in is known in this process."""
+    """Return a new environment for a run whose plug-ins are known in this process."""
     return make_environment(spec.environment, **arguments(spec, "environment"))
 
 
 def contents(specs: Iterable[RunSpec]) -> dict[str, bytes]:
-    """Return the known contents of all inputs of `specs`, by SHA-256."""
+    """Return the contents of all inputs of `specs` that this process knows, by SHA-256."""
     digests = {file.sha256 for spec in specs for file in spec.inputs.values()}
     return {sha256: _contents[sha256] for sha256 in sorted(digests) if sha256 in _contents}
 
 
 def provide(contents_by_digest: Mapping[str, bytes]) -> None:
-    """Add contents of input files, by SHA-256, from another process."""
+    """Add the contents of input files, by SHA-256, that another process knows."""
     _contents.update(contents_by_digest)
 
 
@@ -190,7 +190,7 @@ def keep(store: Store, specs: Iterable[RunSpec]) -> None:
 
 
 def fetch(store: Store, spec: RunSpec) -> None:
-    """Read the inputs of a run that a results root has.
+    """Read the inputs of a run from a results root.
 
     Raises:
         DamagedFileError: if one is damaged.
@@ -200,11 +200,11 @@ def fetch(store: Store, spec: RunSpec) -> None:
             try:
                 _contents[file.sha256] = read_input(store, file.sha256)
             except FileNotFoundError:
-                continue  # `arguments` raises if it is needed
+                continue  # `arguments` raises an error if the file is needed
 
 
 def fetch_beside(folder: Path, spec: RunSpec) -> None:
-    """Read the inputs of a run from a folder that has them by name, such as an export.
+    """Read the inputs of a run from a folder that holds them by name, such as an export.
 
     Raises:
         DamagedFileError: if one has another content.
@@ -240,7 +240,7 @@ def _provided(file: InputFile) -> Path:
         path.parent.mkdir(exist_ok=True)
         temporary = path.with_name(f"{uuid4().hex}-{file.name}")
         temporary.write_bytes(_contents[file.sha256])
-        temporary.replace(path)  # atomic, since other threads may open it
+        temporary.replace(path)  # atomic, since other threads may open the file
     return path
 
 

@@ -1,4 +1,4 @@
-"""Placement, status and hardware fingerprint of runs, which are not part of their specification."""
+"""Placement, status and hardware fingerprint of runs, none of which is part of their specification."""
 
 import json
 import os
@@ -17,14 +17,14 @@ from tma_ray.support.validation import check_fields
 DEVICES = ("cpu", "cuda", "mps", "xpu")
 """Torch devices on which a student can train; Ray counts CUDA's and Intel's as GPUs."""
 
-PLAYER_NICENESS = 5  # added niceness of a player's thread, since many players wait for one learner
+PLAYER_NICENESS = 5  # added to the niceness of a player's thread, since many players wait for one learner
 
 LIBRARIES = ("numpy", "torch", "stable-baselines3", "gymnasium", "pymunk", "numba", "scikit-learn", "scipy")
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Placement of a run, which does not change what it computes.
+    """Placement of a run, which does not affect what the run computes.
 
     Attributes:
         device: torch's name of the device of the networks.
@@ -105,7 +105,7 @@ def is_available(device: str) -> bool:
 
 
 def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = None) -> str:
-    """Return CPU model, vector extensions, threads, device and library versions, as JSON.
+    """Return the CPU model, vector extensions, threads, device and library versions as JSON.
 
     Vector extensions tell CPUs apart whose model a virtual machine hides, such as "AMD EPYC".
 
@@ -115,7 +115,7 @@ def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = 
         hardware: result of `gpu` for that device, or of `ask_learner` for a cohort.
     """
     described = dict(hardware or {})
-    if "vector_extensions" not in described:  # a learner reports its own, since players have no torch
+    if "vector_extensions" not in described:  # learners report theirs, since players have no torch
         import torch
 
         described["vector_extensions"] = torch.backends.cpu.get_cpu_capability()
@@ -133,7 +133,7 @@ def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = 
 
 
 def gpu(device: str) -> dict[str, str]:
-    """Return the fingerprint's entry of a GPU, empty for other devices."""
+    """Return the fingerprint's entry for a GPU, or an empty one for other devices."""
     if device.partition(":")[0] != "cuda" or not is_available(device):
         return {}
     import torch
@@ -142,7 +142,7 @@ def gpu(device: str) -> dict[str, str]:
 
 
 def usable_cores(root: Path = Path("/")) -> int:
-    """Return the number of cores that this process may use, at least 1.
+    """Return the number of cores that this process may use, which is at least 1.
 
     It is limited by the CPU affinity, as set by ``taskset`` or a batch system, and by the quota of control
     groups, as set for a container, rounded down.
@@ -156,29 +156,29 @@ def usable_cores(root: Path = Path("/")) -> int:
 
 
 def _quotas(root: Path) -> list[float]:
-    """Return the quotas of this process's control groups and their parents, in cores (Linux)."""
+    """Return the quotas of this process's control groups and their parents in cores (Linux only)."""
     groups, quotas = root / "proc/self/cgroup", []
     for line in groups.read_text().splitlines() if groups.exists() else []:
         _, controllers, path = line.split(":", 2)
         if controllers and "cpu" not in controllers.split(","):
             continue
-        mount = root / "sys/fs/cgroup" / ("cpu" if controllers else "")  # version 1 or 2
+        mount = root / "sys/fs/cgroup" / ("cpu" if controllers else "")  # for version 1 or 2
         group = mount / path.lstrip("/")
-        # in a container the path may be the host's, which is not mounted
+        # in a container, the path may be that of the host, which is not mounted
         for folder in [folder for folder in (group, *group.parents) if folder.is_relative_to(mount)]:
             quotas += _quota(folder)
     return quotas
 
 
 def _quota(folder: Path) -> list[float]:
-    """Return the quota of a control group of version 2 or 1, in cores, or an empty list."""
+    """Return a control group's quota in cores, for version 2 or 1, or an empty list if it has none."""
     try:
         if (limit := folder / "cpu.max").exists():
             quota, period = limit.read_text().split()
         else:
             quota, period = ((folder / f"cpu.cfs_{name}_us").read_text() for name in ("quota", "period"))
         return [int(quota) / int(period)] if int(quota) > 0 else []
-    except (OSError, ValueError):  # no file of a quota, or the quota "max"
+    except (OSError, ValueError):  # there is no quota file, or the quota is "max"
         return []
 
 

@@ -32,7 +32,7 @@ from tma_ray.tasks import (
 
 @dataclass
 class Progress:
-    """Progress of a run; part of every checkpoint.
+    """Progress of a run, which is part of every checkpoint.
 
     Attributes:
         step: environment steps played.
@@ -58,7 +58,7 @@ STUDENT = "student"  # folder of the student in a saved run
 
 
 class Run:
-    """Training of a student by a teacher, from the first step to the budget.
+    """Training of a student by a teacher, from the first step until the budget is spent.
 
     `advance` plays one episode. The run can be saved between two calls, and a new run of the same spec that
     loads the state continues bit for bit.
@@ -81,7 +81,7 @@ class Run:
         self.progress = Progress()
         import_plugins(spec, "environment", "student")
         self.environment = new_environment(spec)
-        # plug-in environments may reuse one observation array
+        # environments of plug-ins may reuse one array for all observations
         self._copies = ENVIRONMENTS.origin(spec.environment) is not None
         streams = Streams.of(spec)
         self._episode_seeds = np.random.default_rng(streams.environment)
@@ -130,7 +130,7 @@ class Run:
         return episode
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
-        """Write the complete state between two episodes into an existing, empty folder.
+        """Write the complete state between two episodes to an existing, empty folder.
 
         Args:
             folder: target folder.
@@ -156,7 +156,7 @@ class Run:
         self.progress = Progress(**state["progress"])
         self._episode_seeds.bit_generator.state = state["episode_seeds"]
         self.teacher.load(state["teacher"])
-        if "trials" in state:  # missing in old checkpoints
+        if "trials" in state:  # absent from old checkpoints
             self._untrained.state = state["trials"]
         self.student.load(folder / STUDENT)
         self._next_event = self._event_after(self.progress.step)
@@ -210,12 +210,12 @@ class Run:
         return None
 
     def _diverged(self) -> bool:
-        """Return True if the student's action or the value of a state is not finite."""
+        """Return True if the student's action, or its value of a state, is not finite."""
         space = self.environment.observation_space
         assert space.shape is not None, "students learn from boxes"
         observations = np.zeros((1, *space.shape), np.float32)
         for answer in (self.student.act_greedily, self.student.state_values):
-            with suppress(Exception):  # a diverged student may raise anything
+            with suppress(Exception):  # a diverged student may raise any error
                 if not np.isfinite(answer(observations)).all():
                     return True
         return False
@@ -255,7 +255,7 @@ class Run:
         self.progress.next_trains = reply.trains
 
     def _answer(self, query: Query, recorder: Recorder | None) -> Answer | None:
-        """Return the answer to `query`, None if an evaluation exhausted the budget."""
+        """Return the answer to `query`, or None if an evaluation has exhausted the budget."""
         if query.kind is QueryKind.STATE_VALUES:
             assert query.observations is not None, "a query for values holds observations"
             return self.student.state_values(query.observations)
@@ -282,7 +282,7 @@ class Run:
         return replace(trajectory, entropy_bonuses=bonuses) if bonuses.any() else trajectory
 
     def _events(self, step: int) -> None:
-        """Run the evaluation, probe, training statistics and reset due at `step`, in this order."""
+        """Perform the evaluation, probe, training statistics and reset due at `step`, in this order."""
         schedule = self.spec.schedule
         if step % schedule.evaluation_interval == 0 or step == schedule.steps:
             rows = [{"step": step, **row} for row in self._evaluation(self.student.act_greedily)]
@@ -327,7 +327,7 @@ class Run:
 
 
 def teacher_log_row(step: int, episode: int, update: TeacherUpdate) -> dict[str, object]:
-    """Return the teacher log's row of an update after `episode`, at `step`."""
+    """Return the row for the teacher log of an update after `episode`, at `step`."""
     return {
         "step": step,
         "episode": episode,

@@ -39,16 +39,16 @@ class SavedPolicy:
     spec: RunSpec
 
     def copy(self, folder: Path) -> None:
-        """Copy its files, without subfolders, into an existing folder."""
+        """Copy the policy's files, without subfolders, to an existing folder."""
         for path in map(PurePosixPath, self.store.files(self.folder)):
             if path.parent == PurePosixPath(self.folder):
                 (folder / path.name).write_bytes(self.store.read_bytes(str(path)))
 
     def read(self, folder: Path, reader: Callable[[str, Path], ResultT]) -> ResultT:
-        """Return the result of `reader` for the student's name and a copy in `folder`."""
+        """Return what `reader` returns for the student's name and a copy of the policy in `folder`."""
         try:
             return reader(self.spec.student, folder)
-        except PolicyFileError as error:  # it names the copy's file
+        except PolicyFileError as error:  # the error names the copy instead of the original
             where = self.store.where(f"{self.folder}/{error.file.name}")
             raise PolicyFileError(where, error.problem) from error
 
@@ -64,7 +64,7 @@ class SavedPolicy:
             policy = self.read(Path(temporary), load_policy)
         try:
             shape = policy(np.zeros((1, *observations.shape), np.float32)).shape
-        except (ValueError, RuntimeError):  # matrix products of numpy and torch
+        except (ValueError, RuntimeError):  # raised by numpy's and torch's matrix products
             shape = ()
         if shape != (1, *actions.shape):
             raise ValueError(
@@ -76,7 +76,7 @@ class SavedPolicy:
 
 
 def find_policy(name: str, results: str | Path) -> SavedPolicy:
-    """Return a saved policy.
+    """Return the saved policy of a run.
 
     Args:
         name: folder of a saved policy or a file in it, or the id of a run or an unambiguous prefix.
@@ -106,7 +106,7 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
 
 
 def results_of(saved: SavedPolicy, results: str | Path) -> Results | None:
-    """Return the results root with the run of `saved`, its own or `results`, or None."""
+    """Return the results root that has the run of `saved` (its own root or `results`), or None."""
     folder = Path(saved.store.where(saved.folder))
     in_root = not saved.store.is_object_store and folder.parent.name == POLICIES
     for path in [folder.parent.parent, results] if in_root else [results]:

@@ -1,4 +1,4 @@
-"""The specification of a run, all that determines its result and only that, and its random streams."""
+"""The specification of a run, which holds all that determines its result, and its random streams."""
 
 import hashlib
 import json
@@ -62,7 +62,7 @@ class Plugin:
 
 @dataclass(frozen=True)
 class InputFile:
-    """A file that a run reads, identified by its content; its folder does not matter.
+    """A file that a run reads, identified by its name and content, not by its folder.
 
     Attributes:
         name: name without the folder, under which results show it.
@@ -80,7 +80,7 @@ class InputFile:
 
 @dataclass(frozen=True, eq=False)
 class RunSpec:
-    """The effective spec and seed of one run: equal specs give equal results, bit for bit.
+    """The effective spec and seed of one run; equal specs give equal results, bit for bit.
 
     It holds no placement and no campaign name. Knowledge that the teacher does not use is dropped
     beforehand (`expert_knowledge` is the level that makes a difference to it), so that cells which
@@ -145,12 +145,12 @@ class RunSpec:
 
     @property
     def embodiment(self) -> str:
-        """Name of the body, empty for environments without one."""
+        """Name of the body, or an empty text for environments without bodies."""
         return str(self.environment_options.get("embodiment", ""))
 
     @cached_property
     def run_id(self) -> str:
-        """Readable prefix and hash of everything in the spec; part of file names.
+        """Id used in file names: a readable prefix and a hash of the whole spec.
 
         Raises:
             ValueError: the names of student and teacher make it too long for a file name.
@@ -168,7 +168,7 @@ class RunSpec:
 
     @cached_property
     def entropy(self) -> int:
-        """Seed of the run's random streams: a hash of what training depends on.
+        """Seed of the run's random streams: a hash of everything on which training depends.
 
         Budget, intervals and test set do not enter, so that a shorter run is a prefix of a longer one.
         Nor do resets, which follow from the budget: up to its first reset a run is one without.
@@ -179,7 +179,7 @@ class RunSpec:
         return int(_digest(content)[:32], 16)
 
     def record(self) -> RunRecord:
-        """Return the run's row of the table of runs."""
+        """Return the run's row in the table of runs."""
         return RunRecord(
             run_id=self.run_id,
             spec=_canonical(self.to_dict()),
@@ -197,7 +197,7 @@ class RunSpec:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the spec as JSON values, without `ABSENT_IF_EMPTY` where these are empty."""
+        """Return the spec as JSON values, leaving out the fields `ABSENT_IF_EMPTY` that are empty."""
         content = {name: value for name, value in vars(self).items() if name in self.__dataclass_fields__}
         content["task_space"] = [asdict(dimension) for dimension in self.task_space.dimensions]
         content["test_set"] = {
@@ -219,7 +219,7 @@ class RunSpec:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        """Return the spec of a dictionary of `to_dict`.
+        """Return the spec from a dictionary that `to_dict` has returned.
 
         Raises:
             ValueError: it is that of an imported run, which another engine simulated.
@@ -259,7 +259,7 @@ class RunSpec:
         facts = decode_json(text, SpecView, where)
         content = decode_json(text, dict[str, Any], where)
         if facts.engine is not None:
-            return cls.from_dict(content)  # refuses it
+            return cls.from_dict(content)  # raises the ValueError
         try:
             return cls.from_dict(content)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -271,7 +271,7 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def _canonical(content: Mapping[str, Any]) -> str:
-    """Return the JSON that is hashed and stored, which has neither infinity nor NaN."""
+    """Return the JSON that is hashed and stored, without infinities and NaN."""
     try:
         return json.dumps(content, sort_keys=True, allow_nan=False)
     except ValueError as error:
@@ -282,7 +282,7 @@ def _canonical(content: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Streams:
-    """Independent seeds for the parts of a run; the order of the fields is the order of spawning."""
+    """Independent seeds for the parts of a run, spawned in the order of the fields."""
 
     teacher: np.random.SeedSequence
     environment: np.random.SeedSequence
@@ -291,18 +291,18 @@ class Streams:
 
     @classmethod
     def of(cls, spec: RunSpec) -> "Streams":
-        """Return the streams of a run, from the hash of its effective spec and its seed."""
+        """Return the random streams of a run, derived from the hash of its effective spec and its seed."""
         return cls(*np.random.SeedSequence([spec.entropy, spec.seed]).spawn(4))
 
 
 def placement_generator(spec: RunSpec) -> np.random.Generator:
-    """Return the generator of the challenge's random parts: the same for all teachers of one seed."""
+    """Return the generator for the challenge's random parts, which is the same for all teachers of a seed."""
     words = [_hash(f"{spec.environment}/{spec.challenge}/{spec.repeat}"), spec.seed]
     return np.random.default_rng(np.random.SeedSequence(words))
 
 
 def task_space_shuffle(spec: RunSpec, placement: np.random.Generator) -> ShuffledSpace | None:
-    """Return the map from the teacher's tasks to the world's, None if the space is not shuffled.
+    """Return the map from the teacher's tasks to the world's, or None if the space is not shuffled.
 
     The shuffle is the first draw of the `placement_generator`.
     """
@@ -310,7 +310,7 @@ def task_space_shuffle(spec: RunSpec, placement: np.random.Generator) -> Shuffle
 
 
 def evaluation_seeds(test_set: TestSet) -> list[int]:
-    """Return the seed of each test task's world: every evaluation of every run meets the same worlds."""
+    """Return the seed of each test task's world, which is the same in every evaluation of every run."""
     sequences = (np.random.SeedSequence([_hash(test_set.digest), index]) for index in range(len(test_set)))
     return [int(sequence.generate_state(1)[0] >> 1) for sequence in sequences]
 

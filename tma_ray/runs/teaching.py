@@ -1,4 +1,4 @@
-"""The teacher's side of a run, in its process or another, with one message per episode each way."""
+"""The teacher's side of a run, in the same process or another, with one message per episode each way."""
 
 import copy
 import pickle
@@ -25,7 +25,7 @@ from tma_ray.teachers import Teacher, make_teacher
 
 @dataclass(frozen=True)
 class Reply:
-    """Reply of a teacher to an episode: the next task, or a query to answer first.
+    """A teacher's reply to an episode: the next task, or a query to be answered first.
 
     Attributes:
         task: next task float32 (d,), None with a query.
@@ -43,7 +43,7 @@ class Reply:
 
 
 class TeacherLink(Protocol):
-    """Interface of a run to its teacher, in this process or another."""
+    """Interface between a run and its teacher, in this process or another."""
 
     def exchange(self, episode: Episode | None) -> Reply:
         """Report a finished episode (None before the first) and return the teacher's reply."""
@@ -70,7 +70,7 @@ def _can_be_pickled(value: object) -> bool:
 
 
 class CheckedTeacher:
-    """Started teacher whose tasks and queries are checked.
+    """Wrapper around a started teacher that checks its tasks and queries.
 
     Every method raises ValueError if the teacher returns anything that it does not declare.
 
@@ -136,7 +136,7 @@ class InlineTeacher:
         import_plugins(spec, "teacher")
         self._teacher = make_teacher(base_name(spec.teacher), arguments(spec, "teacher"))
         placement = placement_generator(spec)
-        landscape = task_space_shuffle(spec, placement)  # the first draw of `placement`
+        landscape = task_space_shuffle(spec, placement)  # must be the first draw from `placement`
         knowledge = expert_knowledge(
             spec.expert_knowledge,
             spec.task_space,

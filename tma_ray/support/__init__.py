@@ -1,1 +1,1 @@
-"""General-purpose tools used on every floor."""
+"""General-purpose tools used by all other packages."""

@@ -15,15 +15,15 @@ from typing import Any
 from urllib.parse import unquote
 
 _SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")  # settings at the end of a name
-_FILE = re.compile(r"\.py:(\w+)$")  # end of a plug-in named by its file
-LIST_SEPARATOR = "x"  # separator of list entries, since commas separate names
+_FILE = re.compile(r"\.py:(\w+)$")  # end of a plug-in's name that gives its file
+LIST_SEPARATOR = "x"  # separates list entries, since commas separate names
 
 ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":=,%"})
 """Percent-encoding of special characters in values."""
 
 
 def split_name(text: str) -> tuple[str, dict[str, str]]:
-    """Return a component's name without settings, and its settings as text.
+    """Return a component's name without settings, and the settings as text.
 
     Raises:
         ValueError: if a setting occurs twice.
@@ -44,7 +44,7 @@ def split_name(text: str) -> tuple[str, dict[str, str]]:
 
 
 def base_name(text: str) -> str:
-    """Return a component's name without settings, with ``module.py:Name`` as ``module:Name``.
+    """Return a component's name without settings, writing ``module.py:Name`` as ``module:Name``.
 
     Examples:
         >>> base_name("alp_gmm:fit_every=10"), base_name("module:Name"), base_name("module.py:Name")
@@ -54,7 +54,7 @@ def base_name(text: str) -> str:
 
 
 def _parted(text: str) -> tuple[str, str]:
-    """Return a component's name and the text of its settings with the leading colon."""
+    """Return a component's name, and the text of its settings with the leading colon."""
     if not isinstance(text, str):
         raise TypeError(f"{text!r:.60}: expected the name of a part, as 'random'")
     match = _SETTINGS.search(text)
@@ -63,7 +63,7 @@ def _parted(text: str) -> tuple[str, str]:
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:
-    """Return a hint at the candidate most similar to `name`, empty if none is similar.
+    """Return a hint at the candidate most similar to `name`, or an empty text if none is similar.
 
     Examples:
         >>> nearest("Alp_gm", ["random", "alp_gmm"])
@@ -75,7 +75,7 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
 
 
 def join_name(name: str, settings: Mapping[str, Any]) -> str:
-    """Return `name` with `settings` sorted by key (inverse of `split_name`).
+    """Return `name` with `settings` sorted by key; the inverse of `split_name`.
 
     Examples:
         >>> join_name("sac", {"learning_rate": 3e-4, "hidden_units": (64, 64), "batch_size": 100.0})
@@ -85,7 +85,7 @@ def join_name(name: str, settings: Mapping[str, Any]) -> str:
 
 
 def text_of(value: Any) -> str:
-    """Return the text of a value in a name.
+    """Return the text that represents a value in a name.
 
     Examples:
         >>> [text_of(value) for value in (1.0, 3e-4, True, None, (64, 64), ["box"])]
@@ -103,7 +103,7 @@ def text_of(value: Any) -> str:
 
 
 def _needs_quotes(item: Any) -> bool:
-    """Return True if a list with this entry must be written as JSON."""
+    """Return True if a list that contains this entry must be written as JSON."""
     if isinstance(item, str):
         return not item or LIST_SEPARATOR in item or item.startswith(("[", "{"))
     return isinstance(item, (tuple, list, dict))

@@ -19,13 +19,13 @@ ContentT = TypeVar("ContentT")
 INT32_MAX: Final = 2**31 - 1
 INT64_MAX: Final = 2**63 - 1
 
-Natural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT64_MAX)]  # whole number from 0 that fits 64 bits
+Natural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT64_MAX)]  # integer from 0 that fits in 64 bits
 
 SmallNatural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT32_MAX)]
 """Whole number from 0 that fits 32 bits."""
 
 Sha256: TypeAlias = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]  # hexadecimal checksum
-Seconds: TypeAlias = Annotated[float, msgspec.Meta(ge=0, le=4e9)]  # s since 1970, up to the year 2096
+Seconds: TypeAlias = Annotated[float, msgspec.Meta(ge=0, le=4e9)]  # Unix time up to the year 2096
 
 MOST_FILE_BYTES: Final = min(2**34, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2)
 """Size limit of files read whole: half of this machine's memory, at most 16 GiB."""
@@ -45,15 +45,15 @@ _KINDS: Final = {
 
 
 class DamagedFileError(ValueError):
-    """A file whose content is not what was written, named in the message."""
+    """Error for a file whose content is not what was written; the message names the file."""
 
 
 class DamagedFileWarning(UserWarning):
-    """Warning about an unreadable file that was left out."""
+    """Warning about an unreadable file that has been left out."""
 
 
 def check_file(path: str | os.PathLike[str], most_bytes: int = MOST_FILE_BYTES) -> None:
-    """Check that `path` is a file of limited size before it is opened (pipes block, devices never end).
+    """Check before opening `path` that it is a file of limited size (pipes block, devices never end).
 
     Raises:
         OSError: if the file is missing or not accessible.
@@ -67,7 +67,7 @@ def check_file(path: str | os.PathLike[str], most_bytes: int = MOST_FILE_BYTES) 
 
 
 def check_size(where: str | os.PathLike[str], size: int, most_bytes: int = MOST_FILE_BYTES) -> None:
-    """Raise a DamagedFileError for a file of more than `most_bytes`."""
+    """Raise a DamagedFileError for a file larger than `most_bytes`."""
     if size > most_bytes:
         raise DamagedFileError(
             f"{where} is damaged: it has {size:,} bytes, more than the {most_bytes:,} that are read"
@@ -82,7 +82,7 @@ def read_file(path: str | os.PathLike[str], most_bytes: int = MOST_FILE_BYTES) -
 
 
 def decode_json(data: bytes | str, kind: type[ContentT], where: str) -> ContentT:
-    """Return the JSON in `data` as a `kind` supported by msgspec, ignoring undeclared fields.
+    """Decode the JSON in `data` to a `kind` that msgspec supports, ignoring undeclared fields.
 
     Raises:
         DamagedFileError: if it is not JSON, or a field is missing, of another type or out of bounds. The
@@ -107,7 +107,7 @@ def load_npz(path: str | os.PathLike[str], most_bytes: int = MOST_ARRAY_BYTES) -
         zipfile.BadZipFile: if it is not an archive.
         ValueError: if it would take more than `most_bytes`, or an array is damaged or of objects.
     """
-    import numpy as np  # deferred: most commands read no arrays
+    import numpy as np  # imported late, since most commands read no arrays
 
     check_file(path)
     with zipfile.ZipFile(path) as archive:

@@ -1,4 +1,4 @@
-"""Animated GIFs."""
+"""Encoding of animated GIFs."""
 
 import io
 from collections.abc import Sequence
@@ -32,10 +32,10 @@ def gif_bytes(frames: Sequence[NDArray[np.uint8]], seconds: float | Fraction, pa
     pictures = []
     for frame in frames:
         indices = np.array(Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE))
-        indices[(frame == 255).all(axis=2)] = 0  # Pillow's search for the nearest colour is approximate
+        indices[(frame == 255).all(axis=2)] = 0  # Pillow only approximates the nearest colour
         pictures.append(Image.fromarray(indices, "P"))
         pictures[-1].putpalette(colours)
-    # GIFs count in 1/100 s, and viewers slow down frames under 1/50 s
+    # GIFs count time in 1/100 s, and viewers slow down frames shorter than 1/50 s
     milliseconds = max(20, round(100 * seconds) * 10)
     durations = [*[milliseconds] * (len(pictures) - 1), milliseconds + round(1000 * pause)]
     buffer = io.BytesIO()
@@ -46,6 +46,6 @@ def gif_bytes(frames: Sequence[NDArray[np.uint8]], seconds: float | Fraction, pa
 
 
 def _colours(picture: Image.Image, count: int, method: Image.Quantize) -> list[int]:
-    """Return the values of `count` colours of a picture, concatenated."""
+    """Return the concatenated RGB values of `count` colours of a picture."""
     values = picture.quantize(count, method=method).getpalette() or []
     return (values + [0] * 3 * count)[: 3 * count]

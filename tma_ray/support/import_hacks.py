@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def skip_pandas() -> None:
-    """Let pyarrow convert lists without pandas in this process, unless pandas is imported already.
+    """Let pyarrow convert lists without pandas in this process, unless pandas is already imported.
 
     Asking for a data frame still imports pandas. Call it before other threads import anything.
     """
@@ -27,13 +27,13 @@ def skip_pandas() -> None:
     refusal: Any = SimpleNamespace(find_spec=find_spec)
     sys.meta_path.insert(0, refusal)
     try:
-        pa.array([0])  # pyarrow looks for pandas once per process
+        pa.array([0])  # pyarrow looks for pandas only once per process
     finally:
         sys.meta_path.remove(refusal)
 
 
 def skip_dynamo() -> None:
-    """Let torch's optimisers be made, saved and loaded without importing torch's compiler.
+    """Let torch's optimisers be constructed, saved and loaded without importing torch's compiler.
 
     That import takes 2 s and 150 MB, and optimisers compute the same without it. The attribute is private to
     torch: should it go, only the time is lost.

@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C at any time of a command: exit code 130 without a traceback.
+"""Handling of Ctrl-C at any time during a command: exit code 130 without a traceback.
 
 It is imported first, and so imports only modules that are loaded already.
 """
@@ -13,29 +13,29 @@ import threading
 from collections.abc import Iterator
 from types import FrameType
 
-INTERRUPTED = 130  # exit code after Ctrl-C: 128 plus the signal number, as in shells
+INTERRUPTED = 130  # exit code after Ctrl-C: 128 + SIGINT, as in shells
 
 
 def is_command(arguments: list[str]) -> bool:
-    """Return True if an interpreter with these arguments runs the command ``tma-ray``."""
+    """Return True if an interpreter with these arguments is running the command ``tma-ray``."""
     stems = {os.path.basename(word).partition(".")[0] for word in arguments[:2]}  # noqa: PTH119
     return bool({"tma_ray", "tma_ray.cli"} & set(arguments[1:3])) or "tma-ray" in stems
 
 
 def leave_at_once(*_: object) -> None:
-    """End the process at once."""
+    """End the process immediately."""
     os._exit(INTERRUPTED)
 
 
 def expect_early() -> None:
     """End the process on Ctrl-C during imports."""
-    with contextlib.suppress(ValueError):  # imported in another thread
+    with contextlib.suppress(ValueError):  # this module is imported in another thread
         signal.signal(signal.SIGINT, leave_at_once)
 
 
 @contextlib.contextmanager
 def block_sigint() -> Iterator[None]:
-    """Context in which started processes have Ctrl-C blocked, so that it does not interrupt their imports.
+    """Context manager in which new processes start with Ctrl-C blocked, so that it cannot stop their imports.
 
     A pending Ctrl-C reaches this process at the end of the block, and the others at `unblock_sigint`.
     """
@@ -47,14 +47,14 @@ def block_sigint() -> Iterator[None]:
 
 
 def unblock_sigint() -> None:
-    """Unblock Ctrl-C, pending or not, which then ends the process without a message."""
+    """Unblock Ctrl-C, which then (also if already pending) ends the process without a message."""
     signal.signal(signal.SIGINT, leave_at_once)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 @contextlib.contextmanager
 def raised_interrupts(came: list[int]) -> Iterator[None]:
-    """Context in which Ctrl-C raises KeyboardInterrupt in the main thread and is appended to `came`.
+    """Context manager in which Ctrl-C raises KeyboardInterrupt in the main thread and is recorded in `came`.
 
     The list is needed since libraries may convert or swallow the exception.
     """

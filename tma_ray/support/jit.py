@@ -1,4 +1,4 @@
-"""Compilation of kernels by numba, except under ``NUMBA_DISABLE_JIT=1``."""
+"""Compilation of kernels by numba, unless ``NUMBA_DISABLE_JIT=1`` is set."""
 
 import hashlib
 import sys
@@ -16,7 +16,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 class _Announcer(event.Listener):
-    """Listener that announces the first compilation."""
+    """Event listener that announces the first compilation."""
 
     def on_start(self, event: Any) -> None:  # noqa: ARG002 - as numba asks
         _announce()
@@ -49,7 +49,7 @@ def kernel(function: F, nogil: bool = False) -> F:
         OSError: if no cache folder is writable.
     """
     try:
-        # inlined, since calls with arrays take longer than most kernels
+        # inlined, since a call with arrays takes longer than most kernels
         compiled: Any = numba.njit(cache=True, forceinline=True, nogil=nogil)(function)
     except RuntimeError as error:
         raise OSError(
@@ -57,7 +57,7 @@ def kernel(function: F, nogil: bool = False) -> F:
             f"user's own cache may be written; name a folder that may be in NUMBA_CACHE_DIR"
         ) from error
     if compiled is not function:
-        # numba only notices changes of the function's file, but kernels call others of their package; its
+        # numba only notices changes to the function's file, but kernels call others in their package; numba's
         # index is unpickled before stamps are compared, which fails on types of deleted modules
         file = Path(function.__code__.co_filename)
         compiled._cache._cache_file._version = (numba.__version__, _sources(_package(file)))
@@ -65,7 +65,7 @@ def kernel(function: F, nogil: bool = False) -> F:
 
 
 def _package(file: Path) -> Path:
-    """Return the top-level subpackage of `file`, or its folder outside of subpackages."""
+    """Return the folder of the top-level subpackage that contains `file`, or else the folder of `file`."""
     folder = file.parent
     while (folder.parent.parent / "__init__.py").is_file():
         folder = folder.parent
@@ -74,9 +74,9 @@ def _package(file: Path) -> Path:
 
 @cache
 def _sources(folder: Path) -> str:
-    """Return a digest of the Python files in `folder` and their names."""
+    """Return a digest of the names and contents of the Python files in `folder`."""
     content = hashlib.sha256()
-    is_package = (folder / "__init__.py").is_file()  # never recurse into other folders, perhaps a home
+    is_package = (folder / "__init__.py").is_file()  # never recurse into other folders, such as a home
     for path in sorted(folder.glob("**/*.py" if is_package else "*.py")):
         content.update(f"{path.relative_to(folder)}\0".encode() + path.read_bytes())
     return content.hexdigest()

@@ -1,4 +1,4 @@
-"""Lazy imports of the public names of packages, and docstrings read without imports."""
+"""Lazy imports of packages' public names, and docstrings read without importing."""
 
 import ast
 import importlib.util
@@ -11,7 +11,7 @@ from typing import Any
 
 
 def attach(package: str, source: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return `__getattr__` and `__dir__` for a package, which import its ``if TYPE_CHECKING:`` names on use.
+    """Return `__getattr__` and `__dir__` for a package to import its ``if TYPE_CHECKING:`` names on use.
 
     Args:
         package: ``__name__`` of the package.
@@ -39,7 +39,7 @@ def attach(package: str, source: str) -> tuple[Callable[[str], Any], Callable[[]
 
 
 def docstring_of(module: str, name: str) -> str | None:
-    """Return the docstring of a class or function of a module, None if it is not defined there."""
+    """Return the docstring of a class or function in a module, or None if it is not defined there."""
     return _docstrings(module).get(name)
 
 
@@ -51,6 +51,6 @@ def _docstrings(module: str) -> dict[str, str]:
         return {}
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         return {}
-    nodes = reversed(ast.parse(Path(spec.origin).read_bytes()).body)  # the first definition counts
+    nodes = reversed(ast.parse(Path(spec.origin).read_bytes()).body)  # a name's first definition counts
     definitions = (node for node in nodes if isinstance(node, (ast.ClassDef, ast.FunctionDef)))
     return {node.name: ast.get_docstring(node) or "" for node in definitions}

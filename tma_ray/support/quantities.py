@@ -1,4 +1,4 @@
-"""Kinds of numbers with their ranges, parsed from text, and expansion of home folders."""
+"""Kinds of numbers, with ranges, that are parsed from text, and the expansion of home folders."""
 
 import re
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Final
 
-MOST_SHOWN_CHARS: Final = 60  # characters of a rejected text in a message
+MOST_SHOWN_CHARS: Final = 60  # longest part of a rejected text that a message shows
 
 _NUMBER: Final = re.compile(r"(-?\d+(?:_\d+)*(?:\.\d+)?(?:[eE][+-]?\d{1,3})?)([A-Za-z]*)", re.ASCII)
 _FACTORS: Final = {"": 1, "k": 1_000, "K": 1_000, "M": 1_000_000}
@@ -16,7 +16,7 @@ _FACTORS: Final = {"": 1, "k": 1_000, "K": 1_000, "M": 1_000_000}
 
 @dataclass(frozen=True)
 class Quantity:
-    """Kind of number with a range, callable as a parser of text.
+    """Kind of number with a range, which can be called as a parser of texts.
 
     Numbers are written as 500000, 500_000, 5e5, 500k, 500K or 20M, without a plus, infinities and NaN.
 
@@ -50,7 +50,7 @@ class Quantity:
             value = Decimal(digits) * _FACTORS[unit]
             if self._holds(value) and (not self.whole or value == int(value)):
                 number: int | float = int(value) if self.whole else float(value)
-                if self._holds(number):  # the smallest decimals round to zero
+                if self._holds(number):  # the smallest decimals may have been rounded to zero
                     return number
         raise refused(text, f"expected {self.expected}")
 

@@ -1,4 +1,4 @@
-"""Checks of public arguments, whose errors give name, value and expectation."""
+"""Checks of public arguments, with errors that state the name, the value and what was expected."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -47,7 +47,7 @@ def check_fields(record: Any) -> None:
 
 @cache
 def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
-    """Return the accepted types of each field of a dataclass with a description."""
+    """Return the accepted types of each field of a dataclass, with a description of them."""
     fields = {}
     for name, hint in get_type_hints(record).items():
         hints = get_args(hint) if isinstance(hint, UnionType) else (hint,)
@@ -59,13 +59,13 @@ def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
 
 
 def check_sequence(name: str, value: object) -> None:
-    """Raise a TypeError for a single text where a list of texts is expected."""
+    """Raise a TypeError if a single text is given where a list of texts is expected."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise TypeError(f"{name} = {value!r:.60}: expected several, as in [{value!r:.60}]")
 
 
 def check_known(kind: str, name: object, names: Iterable[str], has: str) -> None:
-    """Raise a ValueError for an unknown name, with the nearest match and, after `has`, all `names`."""
+    """Raise a ValueError for an unknown name, giving the nearest match and, after `has`, all `names`."""
     names = list(names)
     if name not in names:
         hint = nearest(str(name), names)
@@ -91,12 +91,12 @@ def check_pair(name: str, value: object, expected: str) -> None:
 
 
 def check_at_least(record: object, least: float, *names: str) -> None:
-    """Raise a ValueError if an attribute of `record` is under `least`."""
+    """Raise a ValueError if an attribute of `record` is below `least`."""
     _check_attributes(record, names, lambda value: value >= least, f"at least {least}")
 
 
 def check_positive(record: object, *names: str) -> None:
-    """Raise a ValueError if an attribute of `record` is neither over 0 nor None."""
+    """Raise a ValueError if an attribute of `record` is neither positive nor None."""
     _check_attributes(record, names, lambda value: value is None or value > 0, "more than 0")
 
 
