@@ -1,4 +1,4 @@
-"""Results as Parquet tables: written by runs, published by one committer, read by anyone."""
+"""Results as Parquet tables, written by runs, published by one committer and read by anyone."""
 
 from tma_ray.results.committer import (
     Committer,

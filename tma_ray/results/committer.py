@@ -20,18 +20,18 @@ from tma_ray.results.storage import StorageError, Store
 from tma_ray.results.verification import Inspector
 from tma_ray.support.decoding import DamagedFileError
 
-TEMPORARY_SECONDS: Final = 3600.0  # age of temporary files of killed processes, s
-ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")  # number of an attempt in the names of its files
+TEMPORARY_SECONDS: Final = 3600.0  # age at which temporary files must be those of killed processes, s
+ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")  # matches an attempt's number in its file names
 
 logger = logging.getLogger(__name__)
 
 
 class StaleAttemptError(RuntimeError):
-    """Publication by an attempt that a newer one has replaced."""
+    """An attempt that a newer one has replaced tried to publish."""
 
 
 def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | None:
-    """Return the manifest of a run that `attempt` may continue, None if it is missing or damaged.
+    """Return the manifest of a run that `attempt` may continue, or None if it is missing or damaged.
 
     Raises:
         StaleAttemptError: if a later attempt is accepted, or the run is done.
@@ -47,7 +47,7 @@ def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | Non
 
 
 def _readable(store: Store, run_id: str) -> Manifest | None:
-    """Return the manifest of a run, None if it is missing or damaged (which is logged)."""
+    """Return the manifest of a run, or None if it is missing or damaged (which is logged)."""
     try:
         return Manifest.load(store, run_id)
     except FileNotFoundError:
@@ -61,13 +61,13 @@ WITHDRAWN: Final = b"null"  # record of an attempt that never began
 
 
 def write_progress(store: Store, record: AttemptRecord) -> None:
-    """Write the record of a running attempt, with the outcome it would have if lost now."""
+    """Write the record of a running attempt, with the outcome that it would have if it were lost now."""
     content = {**asdict(record), "started_at": record.started_at.isoformat()}
     store.write_bytes(layout.progress_path(record.run_id, record.attempt), json.dumps(content).encode())
 
 
 def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | None:
-    """Return the last record written by a running attempt, None if it is missing or damaged."""
+    """Return the last record that a running attempt has written, or None if it is missing or damaged."""
     path = layout.progress_path(run_id, attempt)
     try:
         record = store.read_json(path, AttemptRecord)
@@ -77,7 +77,7 @@ def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | No
 
 
 class Committer:
-    """Publisher of runs, one at a time for each results root.
+    """Publisher of runs; a results root has at most one at a time.
 
     Every method can be repeated after a crash and then leads to the same files. Readers see each evaluation
     once and whole at any time, since data becomes visible and moves by replacing the manifest of the run.
@@ -96,25 +96,25 @@ class Committer:
 
     @classmethod
     def open(cls, uri: str | Path) -> Self:
-        """Return the committer of the root at a folder or URI, creating it if empty."""
+        """Return the committer of the root at a folder or URI, creating the root if nothing is there."""
         return cls(Store.open(uri))
 
     def manifest(self, run_id: str) -> Manifest | None:
-        """Return the manifest of a run, None if it has published nothing."""
+        """Return the manifest of a run, or None if the run has published nothing."""
         try:
             return Manifest.load(self.store, run_id)
         except FileNotFoundError:
             return None
 
     def start(self, run: RunRecord) -> int:
-        """Start a new attempt at a run, which makes older ones stale, and return its number.
+        """Start a new attempt at a run, making older attempts stale, and return its number.
 
         Published results stay visible. A previous attempt whose driver died gets its row.
         """
         published = _readable(self.store, run.run_id)
         if published is not None:
             attempt = published.attempt + 1
-        else:  # above all attempts with files: no two may ever write to the same files
+        else:  # higher than any with files, since no two attempts may ever write to the same files
             folders = [f"{name}/{run.run_id}" for name in (layout.STAGING, layout.CHECKPOINTS, layout.LOGS)]
             names = (path.removeprefix(f"{base}/") for base in folders for path in self.store.files(base))
             attempt = 1 + max((int(n) for name in names for n in ATTEMPT.findall(name)), default=-1)
@@ -126,11 +126,11 @@ class Committer:
         return attempt
 
     def withdraw(self, run_id: str, attempt: int) -> None:
-        """Withdraw an attempt that never began, without a row; its number is not reused."""
+        """Withdraw an attempt that never began, without writing a row or reusing its number."""
         self.store.write_bytes(layout.progress_path(run_id, attempt), WITHDRAWN)
 
     def done(self, run_ids: Iterable[str]) -> set[str]:
-        """Return the runs that are done and intact.
+        """Return the ids of the runs that are done and intact.
 
         Files are compared with their checksums. Damaged runs are logged and marked as failed, to be repeated.
         """
@@ -147,7 +147,7 @@ class Committer:
         return whole
 
     def publish(self, run: RunRecord, attempt: int, parts: Sequence[PartFile]) -> None:
-        """Publish all `parts` of the run so far, once a checkpoint refers to them."""
+        """Publish all `parts` that the run has so far, once a checkpoint refers to them."""
         published = accepted_manifest(self.store, run.run_id, attempt)
         visible = set(published.files) if published else set()
         for part in parts:
@@ -156,7 +156,7 @@ class Committer:
         self._replace(published, Manifest(run, RunStatus.RUNNING, attempt, tuple(parts)))
 
     def finish(self, run: RunRecord, attempt: int, final: Sequence[PartFile]) -> None:
-        """Publish the policy and the files of `RunWriter.finish`, then remove the staging folder.
+        """Publish the policy and the files from `RunWriter.finish`, then remove the staging folder.
 
         Raises:
             FileNotFoundError: if a file is neither staged nor published.
@@ -174,7 +174,7 @@ class Committer:
                     source.read(self.store)
                     self.store.move(source.path, destination.path)
                 else:
-                    destination.read(self.store)  # moved before a kill
+                    destination.read(self.store)  # already moved if an earlier attempt was killed
             for path in self.store.files(layout.staged_policy(run.run_id, attempt)):
                 self.store.move(path, f"{layout.policy_folder(run.run_id)}/{PurePosixPath(path).name}")
             self._replace(published, done)
@@ -182,7 +182,7 @@ class Committer:
         self.store.delete(layout.staging_folder(run.run_id))
 
     def fail(self, run: RunRecord, attempt: int, error: str) -> None:
-        """Mark a run as failed. A later attempt may continue it."""
+        """Mark a run as failed; a later attempt may continue it."""
         published = accepted_manifest(self.store, run.run_id, attempt)
         files = published.files if published else ()
         self._replace(published, Manifest(run, RunStatus.FAILED, attempt, files, error))
@@ -193,12 +193,12 @@ class Committer:
         self._merge(Table.ATTEMPTS, record.run_id, [row], key=("attempt",))
 
     def write_cells(self, campaign: str, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Write the cells of a campaign and their runs, keeping its cells from earlier calls."""
+        """Write the cells of a campaign and their runs, keeping the campaign's cells from earlier calls."""
         key = tuple(name for name in SCHEMAS[Table.CELLS].names if name != "run_id")
         self._merge(Table.CELLS, campaign, [{"campaign": campaign, **row} for row in rows], key)
 
     def sweep(self) -> None:
-        """Remove temporary files, and staging folders and checkpoints of runs that are done."""
+        """Remove temporary files, and the staging folders and checkpoints of runs that are done."""
         self.store.clear_temporaries(TEMPORARY_SECONDS)
         for folder in (layout.STAGING, layout.CHECKPOINTS):
             for run_id in sorted({PurePosixPath(path).parts[1] for path in self.store.files(folder)}):
@@ -208,14 +208,14 @@ class Committer:
                     self.store.delete(f"{folder}/{layout.check_id(run_id)}")
 
     def _record_lost(self, run_id: str, attempt: int) -> None:
-        """Write the row of an attempt whose driver died, unless it has one."""
+        """Write the row of an attempt whose driver died, unless the row exists."""
         path = layout.progress_path(run_id, attempt)
         if self._has_row(run_id, attempt):
             return
         if self.store.exists(path) and self.store.read_bytes(path) == WITHDRAWN:
             return
         record = read_progress(self.store, run_id, attempt)
-        if record is None:  # only its manifest tells when it was started
+        if record is None:  # only the run's manifest tells when the attempt was started
             written_at, _ = self.store.stamps(layout.MANIFESTS).get(
                 layout.manifest_path(run_id), (None, None)
             )
@@ -224,7 +224,7 @@ class Committer:
         self.record_attempt(record)
 
     def _record_done(self, run_id: str, attempt: int) -> None:
-        """Write the row of the attempt that finished a run, in case its driver dies before it does."""
+        """Write the row of the attempt that finished a run, in case its driver dies before doing so."""
         record = read_progress(self.store, run_id, attempt)
         if record is not None and not self._has_row(run_id, attempt):
             self.record_attempt(replace(record, outcome=AttemptOutcome.DONE))
@@ -246,13 +246,13 @@ class Committer:
     ) -> None:
         path = layout.table_path(table, name)
         before = self._rows_before(table, path)
-        to_arrow(table, SCHEMAS[table], rows)  # checks columns before merging
+        to_arrow(table, SCHEMAS[table], rows)  # checks the columns before merging
         merged = {tuple(row[column] for column in key): row for row in [*before, *rows]}
         ordered = [merged[identity] for identity in sorted(merged)]
         self.store.write_bytes(path, encode(table, to_arrow(table, SCHEMAS[table], ordered)))
 
     def _rows_before(self, table: Table, path: str) -> list[dict[str, Any]]:
-        """Return the rows of a file to be replaced, none if it is damaged (which is logged)."""
+        """Return the rows of a file to be replaced, or no rows if it is damaged (which is logged)."""
         try:
             rows: list[dict[str, Any]] = decode(table, self.store.read_bytes(path)).to_pylist()
         except FileNotFoundError:
@@ -266,7 +266,7 @@ class Committer:
 
 
 class RunWriter:
-    """Writer of the staged rows of one attempt at a run.
+    """Writer that stages the rows of one attempt at a run.
 
     A checkpoint commits rows by storing the result of `flush`, which is `committed` for a resuming attempt.
 
@@ -295,7 +295,7 @@ class RunWriter:
         self._buffer: dict[Table, list[pa.Table]] = {table: [] for table in DATA_TABLES}
 
     def add(self, table: Table, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Append rows, those of one evaluation in one call so that parts hold whole evaluations.
+        """Append rows; those of one evaluation must come in one call so that parts hold whole evaluations.
 
         Args:
             table: one of `DATA_TABLES`.
@@ -306,10 +306,10 @@ class RunWriter:
         """
         if table not in DATA_TABLES:
             raise ValueError(f"a run writes {', '.join(DATA_TABLES)}; {table} is written by the committer")
-        self._buffer[table].append(to_arrow(table, SCHEMAS[table].remove(0), rows))  # without run_id
+        self._buffer[table].append(to_arrow(table, SCHEMAS[table].remove(0), rows))  # leaves out run_id
 
     def flush(self) -> tuple[PartFile, ...]:
-        """Write the rows added since the last call as a part, and return all parts of the run so far."""
+        """Write the rows added since the last call as a new part, and return all parts of the run so far."""
         written = []
         for table, buffered in self._buffer.items():
             rows = pa.concat_tables(buffered) if buffered else None
@@ -324,7 +324,7 @@ class RunWriter:
         return self._parts
 
     def finish(self) -> tuple[PartFile, ...]:
-        """Write and return one canonical file per data table, whose bytes depend on the rows only.
+        """Write and return one canonical file per data table, with bytes that depend only on the rows.
 
         Raises:
             FileNotFoundError: if a part is missing.

@@ -1,4 +1,4 @@
-"""Merging of many runs' files: compaction of roots, merged copies, and shards of releases."""
+"""Merging of many runs' files: compaction of roots, merged copies and shards of releases."""
 
 import os
 import re
@@ -28,12 +28,12 @@ from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.verification import Inspector
 from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning
 
-SINGLE_RUNS = "single_runs"  # experiment of runs without a campaign, in file names
+SINGLE_RUNS = "single_runs"  # stands in file names for the experiment of runs without a campaign
 
 
 @dataclass(frozen=True)
 class CopyOptions:
-    """Options of a copy of a root.
+    """Options for copying a root.
 
     Attributes:
         tables: data tables to copy.
@@ -69,7 +69,7 @@ does not compress."""
 
 
 def experiments_of(results: Results) -> dict[str, str]:
-    """Return the experiment of each run by id, sanitised for file names, the first of several by name."""
+    """Return each run's experiment (the first by name of several) by run id, sanitised for file names."""
     cells = results.table(Table.CELLS, columns=["experiment", "run_id"]).to_pylist()
     cells.sort(key=lambda cell: cell["experiment"], reverse=True)
     experiments = {cell["run_id"]: cell["experiment"] for cell in cells}
@@ -81,7 +81,7 @@ def experiments_of(results: Results) -> dict[str, str]:
 
 
 def grouped(manifests: Sequence[Manifest], experiments: Mapping[str, str]) -> dict[str, list[Manifest]]:
-    """Return the manifests of each experiment, sorted by run id."""
+    """Return the manifests of runs by experiment, sorted by run id."""
     groups: dict[str, list[Manifest]] = {}
     for manifest in sorted(manifests, key=lambda manifest: manifest.run.run_id):
         groups.setdefault(experiments[manifest.run.run_id], []).append(manifest)
@@ -96,7 +96,7 @@ def pack(
     tick: Callable[[], None],
     options: CopyOptions = WHOLE,
 ) -> list[Manifest]:
-    """Write one file per table with all rows of some runs, verify them, and return manifests for them.
+    """Write one file per table with all rows of some runs, verify the files, and return new manifests.
 
     Args:
         results: root of the runs.
@@ -122,7 +122,7 @@ def pack(
 
 
 def _rows_of(results: Results, table: Table, run: RunRecord, rounded: bool) -> pa.Table:
-    """Return the rows of one run, or raise a DamagedFileError if some are unreadable."""
+    """Return the rows of one run, or raise a DamagedFileError if any are unreadable."""
     before = len(results.problems)
     rows = results.table(table, [run.run_id])
     if len(results.problems) > before:
@@ -131,7 +131,7 @@ def _rows_of(results: Results, table: Table, run: RunRecord, rounded: bool) -> p
 
 
 def _rounded(rows: pa.Table, table: Table, run: RunRecord) -> pa.Table:
-    """Return `rows` with fewer significant bits, keeping returns on their side of the mastery threshold."""
+    """Round `rows` to fewer significant bits, keeping returns on their side of the mastery threshold."""
     name, bits = SIGNIFICANT_BITS[table]
     column = rows.schema.get_field_index(name)
     values = rows[name].combine_chunks()
@@ -190,7 +190,7 @@ _MERGED: Final = re.compile(rf"{layout.TABLES}/[^/]+/[^/]+\.parquet")
 
 @dataclass(frozen=True)
 class Journal:
-    """Files to delete after a compaction: those that no manifest lists, and replaced ones."""
+    """Files to delete after a compaction: files that no manifest lists, and files that were replaced."""
 
     unless_used: tuple[str, ...] = ()
     replaced: tuple[str, ...] = ()
@@ -204,12 +204,12 @@ class Journal:
 
     @classmethod
     def load(cls, store: Store) -> "Journal":
-        """Return the journal of a root, empty if it is missing or damaged."""
+        """Return the journal of a root, or an empty one if it is missing or damaged."""
         try:
             return store.read_json(JOURNAL, cls)
         except FileNotFoundError:
             return cls()
-        except DamagedFileError as error:  # its files stay, unused by readers
+        except DamagedFileError as error:  # the files stay, but readers do not use them
             warnings.warn(str(error), DamagedFileWarning, stacklevel=2)
             return cls()
 
@@ -247,7 +247,7 @@ POLICY_FILES: Final = (".json", ".safetensors")  # endings of policy files that 
 
 @dataclass(frozen=True)
 class Copy:
-    """Files left out of a copy of a root.
+    """Outcome of copying a root: the files left out.
 
     Attributes:
         policy_files: policy files that are neither JSON nor safetensors.
@@ -259,7 +259,7 @@ class Copy:
 
 
 def copy_merged(results: Results, target: Store, options: CopyOptions = WHOLE) -> Copy:
-    """Copy the intact runs of a root to an empty store, with merged files.
+    """Copy the intact runs of a root to an empty store, merging their files.
 
     Raises:
         DamagedFileError: if a file of a newer version has columns that would be lost.
@@ -292,7 +292,7 @@ def copy_merged(results: Results, target: Store, options: CopyOptions = WHOLE) -
 def copy_extras(
     results: Results, target: Store, manifests: Sequence[Manifest], options: CopyOptions
 ) -> tuple[str, ...]:
-    """Copy inputs and policies of runs, and return the policy files left out as unsafe."""
+    """Copy the inputs and policies of runs, and return the policy files that were left out as unsafe."""
     for path in stored_inputs(results.store, (manifest.run for manifest in manifests)):
         target.write_bytes(path, results.store.read_bytes(path))
     if not options.policies:
@@ -311,7 +311,7 @@ def copy_extras(
 
 
 def _halved(data: bytes) -> bytes:
-    """Return a safetensors file with float32 matrices as float16."""
+    """Return a safetensors file with its float32 matrices converted to float16."""
     tensors = {
         name: tensor.astype(np.float16) if tensor.dtype == np.float32 and tensor.ndim == 2 else tensor
         for name, tensor in parse_tensors(data).items()
@@ -320,7 +320,7 @@ def _halved(data: bytes) -> bytes:
 
 
 def intact_runs(results: Results, options: CopyOptions) -> tuple[list[Manifest], list[str]]:
-    """Return the intact runs to copy from a root, and the damage of all others."""
+    """Return the intact runs to copy from a root, and the damage to all others."""
     sound: list[Manifest] = []
     damaged: list[str] = []
     selected = [
@@ -338,7 +338,7 @@ def intact_runs(results: Results, options: CopyOptions) -> tuple[list[Manifest],
 
 
 def newer_version(store: Store, path: str) -> str:
-    """Return the message about a file with unknown columns, which is neither merged nor copied."""
+    """Return a message that a file has unknown columns and so is neither merged nor copied."""
     return (
         f"{store.where(path)} was written by a newer tma_ray, with columns that this one would lose: it was "
         f"left as it is; use that version"
@@ -347,7 +347,7 @@ def newer_version(store: Store, path: str) -> str:
 
 @dataclass(frozen=True)
 class Compaction:
-    """Outcome of a compaction: number of merged runs, and number and size of table files before and after."""
+    """Outcome of a compaction: the number of merged runs, and the table files before and after."""
 
     runs: int
     files_before: int
@@ -409,7 +409,7 @@ def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lea
     ids, about = {manifest.run.run_id for manifest in manifests}, []
     for table in (Table.RUNS, Table.ATTEMPTS):
         for path in store.files(f"{layout.TABLES}/{table}"):
-            with suppress(*UNREADABLE):  # reported by readers
+            with suppress(*UNREADABLE):  # readers report it
                 listed = decode(table, store.read_bytes(path), ["run_id"])["run_id"].unique().to_pylist()
                 if ids.issuperset(listed):
                     about.append(path)
@@ -430,14 +430,14 @@ def _files(store: Store) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class Shard(Copy):
-    """Outcome of adding a shard: number of added runs and cells, and files left out."""
+    """Outcome of adding a shard: the numbers of added runs and cells, and the files left out."""
 
     runs: int
     cells: int
 
 
 def add_shard(results: Results, target: Store, name: str) -> Shard:
-    """Add the finished runs of a root that `target` lacks, with their cells, as new files.
+    """Add a root's finished runs that `target` lacks, with their cells, as new files.
 
     Args:
         results: root of the new runs.
@@ -473,7 +473,7 @@ def add_shard(results: Results, target: Store, name: str) -> Shard:
 
 
 def start_from(store: Store, source: Store) -> int:
-    """Copy finished runs, with their cells, to a root that lacks them, and return their number.
+    """Copy finished runs and their cells to a root that lacks them, and return the number of runs copied.
 
     A campaign on that root then only runs what is missing.
 
@@ -499,6 +499,6 @@ def start_from(store: Store, source: Store) -> int:
                 raise ResultsRootError(
                     f"{store.where(path)} differs from {source.where(path)}: begin in a new folder"
                 )
-        for manifest in new:  # last, since they make runs visible
+        for manifest in new:  # written last, since manifests make runs visible
             store.write_bytes(layout.manifest_path(manifest.run.run_id), manifest.to_bytes())
     return len(new)

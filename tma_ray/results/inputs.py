@@ -29,7 +29,7 @@ class _Plugin:
 
 @dataclass(frozen=True)
 class _SpecInputs:
-    """Inputs and plug-ins in a spec."""
+    """The inputs and plug-ins in a spec."""
 
     inputs: dict[str, _Input] = field(default_factory=dict)
     plugins: dict[str, _Plugin] = field(default_factory=dict)
@@ -37,7 +37,7 @@ class _SpecInputs:
 
 @dataclass(frozen=True)
 class _Source:
-    """Stored source of a plug-in, with files in base 64."""
+    """Stored source of a plug-in, with its files in Base64."""
 
     module: str
     installed: bool
@@ -45,7 +45,7 @@ class _Source:
 
 
 def input_path(sha256: str) -> str:
-    """Return the path of the file with this content, or raise a ValueError for an invalid checksum."""
+    """Return the path of the input with this checksum, or raise a ValueError for an invalid one."""
     if not re.fullmatch(r"[0-9a-f]{64}", sha256):
         raise ValueError(f"sha256 {sha256!r}: expected 64 hexadecimal digits")
     return f"{INPUTS}/{sha256}"
@@ -59,7 +59,7 @@ def plugin_path(digest: str) -> str:
 
 
 def store_input(store: Store, data: bytes) -> None:
-    """Store the content of an input file, unless it exists."""
+    """Store the content of an input file, unless it is already stored."""
     path = input_path(hashlib.sha256(data).hexdigest())
     if not store.exists(path):
         store.write_bytes(path, data)
@@ -74,7 +74,7 @@ def read_input(store: Store, sha256: str) -> bytes:
 
 
 def store_plugin(store: Store, source: PluginSource) -> None:
-    """Store the source of a plug-in for readers. It is never run from there."""
+    """Store the source of a plug-in for people to read; it is never run from there."""
     path = plugin_path(source.digest)
     if store.exists(path):
         return
@@ -99,7 +99,7 @@ def read_plugin(store: Store, digest: str) -> PluginSource:
 
 
 def stored_inputs(store: Store, runs: Iterable[RunRecord]) -> list[str]:
-    """Return the paths of stored inputs and plug-ins of `runs`."""
+    """Return the paths of the stored inputs and plug-ins of `runs`."""
     paths: set[str] = set()
     for run in runs:
         spec = _read_by(run)
@@ -109,7 +109,7 @@ def stored_inputs(store: Store, runs: Iterable[RunRecord]) -> list[str]:
 
 
 def damaged_inputs(store: Store, runs: Iterable[RunRecord]) -> Iterator[tuple[str, str, str]]:
-    """Yield path, problem and run id of each missing or damaged input."""
+    """Yield the path, problem and run id of each missing or damaged input."""
     needed = {input_path(file.sha256): run.run_id for run in runs for file in _read_by(run).inputs.values()}
     present = set(store.files(INPUTS))
     for path in sorted(set(needed) - present):
@@ -127,7 +127,7 @@ def damaged_inputs(store: Store, runs: Iterable[RunRecord]) -> Iterator[tuple[st
 
 
 def _read_by(run: RunRecord) -> _SpecInputs:
-    """Return the inputs and plug-ins of a run, none if its spec is invalid."""
+    """Return the inputs and plug-ins of a run, or none if its spec is invalid."""
     try:
         return decode_json(run.spec, _SpecInputs, f"the spec of run {run.run_id}")
     except DamagedFileError:

@@ -1,4 +1,4 @@
-"""Layout of a results root: paths, and the file that marks one."""
+"""Layout of a results root: its paths, and the file that marks a folder as a root."""
 
 import re
 import warnings
@@ -32,14 +32,14 @@ INPUTS: Final = "inputs"
 FOLDERS: Final = (TEMPORARY, MANIFESTS, STAGING, TABLES, CHECKPOINTS, POLICIES, LOGS, INPUTS)
 """Folders that campaigns write to."""
 
-LONGEST_ID: Final = 200  # characters of an id, which is part of file names
+LONGEST_ID: Final = 200  # longest id in characters, since ids are parts of file names
 
 _ID: Final = re.compile(rf"[0-9a-zA-Z_-]{{1,{LONGEST_ID}}}")
 
 
 @dataclass(frozen=True)
 class RootFile:
-    """Content of `ROOT_FILE`."""
+    """The content of `ROOT_FILE`."""
 
     format: str
     schema_version: Natural
@@ -122,7 +122,7 @@ def _root_file(store: Store) -> RootFile | DamagedFileError | None:
 
 
 def _version_of_tables(store: Store) -> int | None:
-    """Return the schema version of a table of runs, None without a readable one."""
+    """Return the schema version of a table of runs, or None if no table is readable."""
     for path in store.files(f"{TABLES}/{Table.RUNS}"):
         try:
             return store.read_parts(path, schema_version)
@@ -146,7 +146,7 @@ def check_id(name: str) -> str:
 
 
 def check_path(path: str) -> str:
-    """Return `path` if it is relative, without "..", backslashes and empty parts, or raise a ValueError."""
+    """Return `path` if it is relative and has no "..", backslash or empty part, or raise a ValueError."""
     if any(part in ("", ".", "..") or "\\" in part for part in path.split("/")):
         raise ValueError(f"path {path!r} may lead out of its folder: expected names, separated by '/'")
     return path
@@ -158,7 +158,7 @@ def manifest_path(run_id: str) -> str:
 
 
 def staging_folder(run_id: str) -> str:
-    """Return the folder of the parts of all attempts at a run."""
+    """Return the folder that holds the parts of all attempts at a run."""
     return f"{STAGING}/{check_id(run_id)}"
 
 
@@ -198,5 +198,5 @@ def log_path(run_id: str, attempt: int) -> str:
 
 
 def table_path(table: Table, name: str) -> str:
-    """Return the path of a published file by run id, or by campaign for cells."""
+    """Return the path of a published file for a run id, or for a campaign if its table is that of cells."""
     return f"{TABLES}/{table}/{check_id(name)}.parquet"

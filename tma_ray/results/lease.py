@@ -1,4 +1,4 @@
-"""Lease of a results root, which excludes other campaigns, and heartbeat of its holder."""
+"""Lease of a results root that excludes other campaigns, and the heartbeat of the lease's holder."""
 
 import json
 import logging
@@ -23,7 +23,7 @@ from tma_ray.support.validation import check_type
 
 @dataclass(frozen=True)
 class Process:
-    """Identity of a process on its machine: boot id, pid namespace and pid."""
+    """Identity of a process on its machine: boot id, PID namespace and PID."""
 
     boot: str
     namespace: str
@@ -31,7 +31,7 @@ class Process:
 
     @classmethod
     def this(cls) -> "Process | None":
-        """Return this process, None on systems without these identities."""
+        """Return this process, or None on systems without such identities."""
         try:
             boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
             namespace = str(Path("/proc/self/ns/pid").readlink())
@@ -40,7 +40,7 @@ class Process:
         return cls(boot, namespace, os.getpid())
 
     def is_dead(self) -> bool:
-        """Return True if the process has ended on this machine."""
+        """Return True if this is a process of this machine that has ended."""
         this = Process.this()
         if this is None or (self.boot, self.namespace) != (this.boot, this.namespace):
             return False
@@ -105,14 +105,14 @@ class Heartbeat:
 
     @classmethod
     def load(cls, store: Store) -> Self | None:
-        """Return the last heartbeat of a root, None if it is missing or damaged."""
+        """Return the last heartbeat of a root, or None if it is missing or damaged."""
         try:
             return store.read_json(HEARTBEAT_FILE, cls)
         except (FileNotFoundError, DamagedFileError):
             return None
 
     def alive(self, now: float) -> bool:
-        """Return True if its campaign seems to run at `now`, unless it is from the future (a wrong clock)."""
+        """Return True if the campaign seems to run at `now`; heartbeats from the future do not count."""
         if self.ended or (self.process is not None and self.process.is_dead()):
             return False
         return abs(now - self.at) < SILENT_SECONDS
@@ -123,7 +123,7 @@ class Heartbeat:
 
 
 class HeartbeatWriter:
-    """Writer of a campaign's heartbeats, at most every `HEARTBEAT_SECONDS`."""
+    """Writer of a campaign's heartbeats, at most one every `HEARTBEAT_SECONDS`."""
 
     def __init__(self, store: Store, holder: str, clock: Callable[[], float] = time.time) -> None:
         self._store = store
@@ -135,12 +135,12 @@ class HeartbeatWriter:
         """Write the progress of runs and learners if a heartbeat is due."""
         if self._clock() - self._last >= HEARTBEAT_SECONDS:
             self._last = self._clock()
-            with suppress(StorageError):  # not essential
+            with suppress(StorageError):  # heartbeats are not essential
                 process, progress = Process.this(), tuple(learners)
                 Heartbeat(self._holder, self._last, runs, False, process, progress).write(self._store)
 
     def end(self) -> None:
-        """Write the last heartbeat, unless another campaign holds the root."""
+        """Write the final heartbeat, unless another campaign holds the root."""
         with suppress(StorageError):
             newest = Heartbeat.load(self._store)
             if newest is not None and newest.holder == self._holder:
@@ -149,7 +149,7 @@ class HeartbeatWriter:
 
 @dataclass(frozen=True)
 class LeaseFile:
-    """Content of a lease.
+    """The content of a lease's file.
 
     Attributes:
         holder: campaign, host and process, for messages.
@@ -164,24 +164,24 @@ class LeaseFile:
     process: Process | None = None
 
     def is_dead(self, now: float, seconds: float) -> bool:
-        """Return True if it was not renewed for `seconds`, or its process on this machine has ended."""
+        """Return True if the lease has expired after `seconds`, or its process on this machine has ended."""
         return now - self.renewed_at >= seconds or (self.process is not None and self.process.is_dead())
 
     def is_ahead(self, now: float, seconds: float) -> bool:
-        """Return True if it was renewed in the future, so that one of the clocks is wrong."""
+        """Return True if the lease was renewed in the future, so that some clock must be wrong."""
         return self.renewed_at - now >= seconds and not self.is_dead(now, seconds)
 
 
 @dataclass(frozen=True)
 class StopRequest:
-    """Request to a holder to stop, by the token of its lease, or by name if the lease is damaged."""
+    """Request that asks a holder to stop, by its lease's token, or by name if the lease is damaged."""
 
     token: str = ""
     holder: str = ""
 
 
-LEASE_SECONDS: Final = 120.0  # age at which an unrenewed lease expires, s
-CREATION_SECONDS: Final = 0.2  # time to create a lease on a disk without hard links, s
+LEASE_SECONDS: Final = 120.0  # time without renewal after which a lease expires, s
+CREATION_SECONDS: Final = 0.2  # time allowed for creating a lease on a disk without hard links, s
 STOP_CHECK_SECONDS: Final = 3.0  # time between two checks for a request to stop, s
 
 logger = logging.getLogger(__name__)
@@ -196,7 +196,7 @@ class RootInUseError(RefusedError):
 
 
 class Lease:
-    """Exclusive lease of a results root, valid as long as it is renewed within `seconds`.
+    """Exclusive lease of a results root, valid as long as it is renewed every `seconds`.
 
     Leases are created and replaced by conditional writes (`Store.create`, `Store.replace`), so that exactly
     one of several processes gets it. On a network folder without locks, the lease is read back, and its first
@@ -288,7 +288,7 @@ class Lease:
             self._refuse(_readable(self.store))
 
     def renew(self) -> None:
-        """Renew the lease, as required before publishing after a pause.
+        """Renew the lease, which is required before publishing after a pause.
 
         Raises:
             RootInUseError: if another campaign has taken it over.
@@ -302,21 +302,21 @@ class Lease:
             self._refuse_renewal(_readable(self.store))
 
     def keep(self) -> None:
-        """Renew the lease after a quarter of its time; cheap enough for a loop."""
+        """Renew the lease once a quarter of its time has passed; this is cheap enough for a loop."""
         if self._clock() - self._renewed_at >= self.seconds / 4:
             self.renew()
 
     def release(self) -> None:
         """Delete the lease, unless another campaign has replaced it."""
         try:
-            self.renew()  # so that nobody takes it over before it is deleted
+            self.renew()  # so that no other campaign takes it over before it is deleted
         except RootInUseError:
             return
         self.store.delete(STOP_FILE)
         self.store.delete(LEASE_FILE)
 
     def asked_to_stop(self) -> bool:
-        """Return True if `ask_to_stop` was called for this holder; cheap enough for a loop."""
+        """Return True if `ask_to_stop` was called for this holder, checking rarely enough for a loop."""
         if not self._asked and self._clock() - self._checked_at >= STOP_CHECK_SECONDS:
             self._checked_at = self._clock()
             try:
@@ -346,7 +346,7 @@ class Lease:
         return isinstance(current, LeaseFile) and current.token == self._token
 
     def _write(self, current: LeaseFile | DamagedFileError | None, version: Version) -> bool:
-        """Replace the `current` lease by ours, and return False if another process was faster."""
+        """Replace the `current` lease with ours, or return False if another process was faster."""
         self._renewed_at = self._clock()
         lease = LeaseFile(self.holder, self._token, self._renewed_at, Process.this())
         data = json.dumps(asdict(lease)).encode()
@@ -357,7 +357,7 @@ class Lease:
             written = True
         else:
             written = self.store.replace(LEASE_FILE, data, version)
-        # a request repeated after a lost response finds its own lease
+        # a request that is repeated after a lost response finds our own lease
         return written or self._is_ours(_read(self.store)[0])
 
 
@@ -387,7 +387,7 @@ def ask_to_stop(store: Store) -> str:
 
 
 def holder_of(store: Store, seconds: float = LEASE_SECONDS) -> str | None:
-    """Return the name of the running campaign that holds a results root, None if there is none.
+    """Return the name of the running campaign that holds a results root, or None if there is none.
 
     If the lease is damaged or from the future, the last heartbeat decides.
     """
@@ -401,18 +401,18 @@ def holder_of(store: Store, seconds: float = LEASE_SECONDS) -> str | None:
 
 
 def _beating(store: Store, now: float) -> Heartbeat | None:
-    """Return the heartbeat of a running campaign, None if there is none."""
+    """Return the heartbeat of a running campaign, or None if no campaign is running."""
     heartbeat = Heartbeat.load(store)
     return heartbeat if heartbeat is not None and heartbeat.alive(now) else None
 
 
 def _read(store: Store) -> tuple[LeaseFile | DamagedFileError | None, Version]:
-    """Return the lease of a root, or its damage, and its version, None if missing."""
+    """Return a root's lease, or how it is damaged, with its version, or None if it is missing."""
     try:
         data, version = store.read_version(LEASE_FILE)
     except FileNotFoundError:
         return None, None
-    except DamagedFileError as error:  # not a file
+    except DamagedFileError as error:  # the path is not a file
         return error, None
     try:
         return decode_json(data, LeaseFile, store.where(LEASE_FILE)), version

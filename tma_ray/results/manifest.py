@@ -1,4 +1,4 @@
-"""Manifests of runs, which list their published files, and reading of these files."""
+"""Manifests, which list the published files of runs, and the reading of these files."""
 
 import gzip
 import hashlib
@@ -29,11 +29,11 @@ from tma_ray.support.decoding import (
     decode_json,
 )
 
-MOST_RUN_ROWS: Final = 50_000_000  # rows of one run in a table; more is damage
+MOST_RUN_ROWS: Final = 50_000_000  # largest number of rows of a run in a table; more are damage
 
 
 def read_checked(store: Store, path: str, sha256: str) -> bytes:
-    """Return the content of a file, or raise a DamagedFileError for another checksum."""
+    """Return the content of a file, or raise a DamagedFileError if its checksum differs."""
     data = store.read_bytes(path)
     if hashlib.sha256(data).hexdigest() != sha256:
         raise DamagedFileError(f"{store.where(path)} is damaged: its sha256 is not the recorded one")
@@ -42,7 +42,7 @@ def read_checked(store: Store, path: str, sha256: str) -> bytes:
 
 @dataclass(frozen=True)
 class PartFile:
-    """Parquet file of a run, or the run's rows in a shared file.
+    """A run's Parquet file, or its rows in a shared file.
 
     Attributes:
         path: path of the file, from the results root.
@@ -62,12 +62,12 @@ class PartFile:
 
     @classmethod
     def write(cls, store: Store, path: str, table: Table, rows: int, data: bytes) -> Self:
-        """Write the encoded rows of a table, and return the new file."""
+        """Write a table's encoded rows, and return the new file."""
         store.write_bytes(path, data)
         return cls(table, path, rows, hashlib.sha256(data).hexdigest())
 
     def read(self, store: Store) -> bytes:
-        """Return the content of the intact file."""
+        """Return the content of the file after verifying its checksum."""
         return read_checked(store, self.path, self.sha256)
 
     def to_json(self) -> dict[str, Any]:
@@ -103,7 +103,7 @@ class Manifest:
 
     @staticmethod
     def load(store: Store, run_id: str) -> "Manifest":
-        """Return the manifest of a run, from its file or the index."""
+        """Return the manifest of a run, read from its own file or the index."""
         try:
             return load_manifest(store, manifest_path(run_id))
         except FileNotFoundError:
@@ -148,7 +148,7 @@ def load_manifest(store: Store, path: str) -> Manifest:
 
 
 def write_index(store: Store, manifests: Iterable[Manifest]) -> None:
-    """Write the manifests of a complete root to one file, one JSON object per line, by run id."""
+    """Write the manifests of a complete root to one file, as one JSON object per line, sorted by run id."""
     ordered = sorted(manifests, key=lambda manifest: manifest.run.run_id)
     lines = (json.dumps(manifest.to_json(), ensure_ascii=False) for manifest in ordered)
     text = "".join(f"{line}\n" for line in lines)
@@ -156,8 +156,8 @@ def write_index(store: Store, manifests: Iterable[Manifest]) -> None:
 
 
 def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | Exception]]:
-    """Yield name and manifest, or the error of a damaged line, of each index line that contains `text`."""
-    if not store.holds(INDEX_FILE):  # usually missing, and polled by status
+    """Yield the name and the manifest, or the error if damaged, of each index line that contains `text`."""
+    if not store.holds(INDEX_FILE):  # the file is usually missing, and `status` polls it
         return
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(store.read_bytes(INDEX_FILE))) as file:
@@ -183,12 +183,12 @@ def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | E
                 yield name, manifest
 
 
-UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)  # errors of reading a damaged file
-MOST_SLICES: Final = 8  # runs of a shared file read by row groups; for more it is read whole
+UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)  # errors raised on reading a damaged file
+MOST_SLICES: Final = 8  # for more runs, a shared file is read whole instead of by row groups
 
 
 def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table:
-    """Return the rows of one run by reading its row groups only, checked by page checksums."""
+    """Return the rows of one run, reading only its row groups, which page checksums verify."""
     first = file.first or 0
     try:
         return store.read_parts(
@@ -201,7 +201,7 @@ def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table
 def read_slices(
     store: Store, files: Sequence[PartFile], columns: Sequence[str]
 ) -> Mapping[PartFile, pa.Table | Exception]:
-    """Return the rows, or the error, of each run in one shared file."""
+    """Return the rows of each run in one shared file, or the error of reading them."""
     if len(files) <= MOST_SLICES:
         return {file: _tried(store, file, columns) for file in files}
     try:
@@ -220,16 +220,16 @@ def read_slices(
 
 
 def damaged_rows(store: Store, file: PartFile) -> tuple[tuple[int, int], ...]:
-    """Return the ranges of unreadable rows of a damaged file by page checksums, or all rows."""
+    """Return the ranges of a damaged file's unreadable rows by page checksums, or the range of all rows."""
     try:
         ranges = tuple(unreadable_rows(file.table, store.read_bytes(file.path)))
     except UNREADABLE:
         ranges = ()
-    return ranges or ((0, INT64_MAX),)  # all: the damage is outside of the pages
+    return ranges or ((0, INT64_MAX),)  # all rows, since the damage is outside of the pages
 
 
 def overlaps(file: PartFile, damaged: Sequence[tuple[int, int]]) -> bool:
-    """Return True if rows of a run are in the ranges of `damaged_rows`."""
+    """Return True if any rows of a run are in the ranges from `damaged_rows`."""
     first = file.first or 0
     return any(first < end and start < first + file.rows for start, end in damaged)
 
@@ -242,7 +242,7 @@ def _tried(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table | E
 
 
 def shared_by_path(files: Iterable[PartFile]) -> dict[str, list[PartFile]]:
-    """Return the nonempty slices of shared files among `files`, by path."""
+    """Return those of `files` that are nonempty slices of shared files, by path."""
     slices: dict[str, list[PartFile]] = {}
     for file in files:
         if file.first is not None and file.rows:
@@ -251,14 +251,14 @@ def shared_by_path(files: Iterable[PartFile]) -> dict[str, list[PartFile]]:
 
 
 def by_appearance(rows: pa.Table) -> pa.Table:
-    """Return `rows` with the used dictionary values of each column in order of appearance."""
+    """Return `rows` with each column's dictionary reduced to the values used, in order of appearance."""
     for number, field in enumerate(rows.schema):
         if pa.types.is_dictionary(field.type):
             column = rows.column(number).combine_chunks()
             if column.null_count or not len(column):
                 used = pc.drop_null(pc.unique(column.indices))
                 renumbered = pc.index_in(column.indices, used).cast(column.indices.type)
-            else:  # tens of millions of indices in long runs of equal ones
+            else:  # tens of millions of indices, in long sequences of equal ones
                 indices = column.indices.to_numpy()
                 starts = np.flatnonzero(indices[1:] != indices[:-1]) + 1
                 used = pc.unique(pa.array(indices[np.concatenate([[0], starts])]))

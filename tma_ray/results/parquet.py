@@ -1,4 +1,4 @@
-"""Parquet encoding with bytes that depend on the rows only, and decoding with memory limits."""
+"""Parquet encoding with bytes that depend only on the rows, and decoding with memory limits."""
 
 import io
 import itertools
@@ -15,11 +15,11 @@ from tma_ray.results.storage import Store
 from tma_ray.support.decoding import MOST_FILE_BYTES, DamagedFileError
 
 _Fields: TypeAlias = dict[int, Any]  # fields of a Thrift structure by number
-PAGE_BYTES: Final = 1024  # overhead of a page, since many empty ones take time
+PAGE_BYTES: Final = 1024  # counted for every page, since many empty pages take time
 _VALUE_BYTES: Final = 8  # size of a number or of a text's offset
 
 _NUMBERS: Final = ("BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE")
-_PLAIN, _LENGTHS_APART, _BY_DICTIONARY = 0, 6, (2, 8)  # encodings
+_PLAIN, _LENGTHS_APART, _BY_DICTIONARY = 0, 6, (2, 8)  # Parquet's encodings
 _SIZE, _PACKED_SIZE, _DATA, _DICTIONARY, _DATA_2 = 2, 3, 5, 7, 8  # fields of a page header
 _BOOLEANS, _BYTE, _INTEGERS, _DOUBLE, _BINARY, _STRUCTURE = (1, 2), 3, (4, 5, 6), 7, 8, 12  # Thrift types
 
@@ -27,7 +27,7 @@ _BOOLEANS, _BYTE, _INTEGERS, _DOUBLE, _BINARY, _STRUCTURE = (1, 2), 3, (4, 5, 6)
 def unpacked_sizes(
     file: pq.ParquetFile, source: Any, groups: Iterable[int], columns: Collection[str], kept: Collection[str]
 ) -> Iterator[int]:
-    """Yield upper bounds of the memory of each page of some row groups and columns, in bytes.
+    """Yield an upper bound, in bytes, on the memory of each page of some row groups and columns.
 
     Arrow only checks page headers while it allocates, and small forged pages may unpack to any size. `source`
     is the opened file with `read_at`, `kept` are text columns to read as dictionaries.
@@ -35,7 +35,7 @@ def unpacked_sizes(
     for group in map(file.metadata.row_group, groups):
         for chunk in map(group.column, range(group.num_columns)):
             if not chunk.num_values or chunk.path_in_schema.partition(".")[0] not in columns:
-                continue  # its pages are not read
+                continue  # the pages of this column are not read
             stays = chunk.physical_type == "BYTE_ARRAY" and chunk.path_in_schema in kept
             largest = 0
             for page in _pages(source, chunk):
@@ -44,7 +44,7 @@ def unpacked_sizes(
                 encoding = page.get(_DATA_2, {}).get(4, page.get(_DATA, {}).get(2, _PLAIN))
                 if chunk.physical_type in _NUMBERS or encoding in (_PLAIN, _LENGTHS_APART):
                     size = page[_SIZE] + _VALUE_BYTES * _count(page)
-                else:  # texts of at most `largest` bytes in the dictionary
+                else:  # texts of at most `largest` bytes each, from the dictionary
                     most = largest if encoding in _BY_DICTIONARY else page[_SIZE]
                     size = _count(page) * (_VALUE_BYTES + most)
                 yield PAGE_BYTES + size
@@ -62,7 +62,7 @@ def _pages(source: Any, chunk: Any) -> Iterator[_Fields]:
         offset = min(offset, chunk.dictionary_page_offset or offset)
     end = offset + chunk.total_compressed_size
     while offset < end:
-        for most in (512, 1 << 16):  # few headers are longer
+        for most in (512, 1 << 16):  # few headers exceed the first size
             with suppress(IndexError, RecursionError):
                 page, size = _structure(source.read_at(most, offset), 0)
                 break
@@ -75,7 +75,7 @@ def _pages(source: Any, chunk: Any) -> Iterator[_Fields]:
 
 
 def _structure(data: bytes, offset: int) -> tuple[_Fields, int]:
-    """Return numbers and nested structures of a Thrift structure (compact protocol), and its end."""
+    """Return the numbers and nested structures in a Thrift structure (compact protocol), and its end."""
     fields: _Fields = {}
     number = 0
     while data[offset]:
@@ -137,7 +137,7 @@ _REPEATED: Final = {
 
 
 def encode(table: Table, rows: pa.Table) -> bytes:
-    """Return `rows` as a Parquet file, whose bytes depend on their values and order only."""
+    """Return `rows` as a Parquet file with bytes that depend only on their values and order."""
     sink = pa.BufferOutputStream()
     pq.write_table(_canonical(table, rows), sink, row_group_size=ROW_GROUP_ROWS, **_options(table))
     return bytes(sink.getvalue())
@@ -213,7 +213,7 @@ def decode(
 
 
 def opened(data: bytes) -> pq.ParquetFile:
-    """Return an opened Parquet file after reading its metadata only."""
+    """Open a Parquet file, reading only its metadata."""
     return pq.ParquetFile(pa.BufferReader(data))
 
 
@@ -232,15 +232,15 @@ def unreadable_rows(table: Table, data: bytes) -> Iterator[tuple[int, int]]:
 
 
 def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
-    """Return True if two tables have the same rows in the same order, NaN included."""
+    """Return True if two tables have the same rows in the same order, where NaN equals NaN."""
     alike = _canonical(table, rows).equals(_canonical(table, others))
     return alike or encode(table, rows) == encode(table, others)  # equal bytes, since NaN != NaN
 
 
 def _opened(table: Table, source: Any, *, checked: bool = False) -> pq.ParquetFile:
-    """Return an opened file whose ids are read as dictionaries."""
+    """Open a file such that its ids are read as dictionaries."""
     metadata = pq.read_metadata(source)
-    ids = [name for name in _ids(table) if name in metadata.schema.names]  # older files lack some
+    ids = [name for name in _ids(table) if name in metadata.schema.names]  # older files lack some of the ids
     return pq.ParquetFile(
         source, metadata=metadata, page_checksum_verification=not checked, read_dictionary=ids
     )
@@ -258,7 +258,7 @@ def _check_size(
     columns: Sequence[str],
     most_rows: int,
 ) -> None:
-    """Raise a DamagedFileError if columns of row groups would take too much memory."""
+    """Raise a DamagedFileError if columns of some row groups would take too much memory."""
     rows = sum(file.metadata.row_group(group).num_rows for group in groups)
     if rows > most_rows:
         raise DamagedFileError(f"it claims {rows:,} rows, more than {most_rows:,} of {table}")
@@ -269,13 +269,13 @@ def _check_size(
 
 
 def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
-    """Return the `columns` in `file`, or any other one for the number of rows."""
+    """Return those `columns` that `file` has, or else any other one, which gives the number of rows."""
     names = file.schema_arrow.names
     return [name for name in columns if name in names] or names[:1]
 
 
 def _completed(table: Table, columns: Sequence[str], rows: pa.Table) -> pa.Table:
-    if rows.schema.equals(_selected(table, tuple(columns))):  # the usual, fast path
+    if rows.schema.equals(_selected(table, tuple(columns))):  # the usual case, which is fast
         return rows
     try:
         return completed(SCHEMAS[table], columns, rows)
@@ -308,7 +308,7 @@ def _canonical(table: Table, rows: pa.Table) -> pa.Table:
 
 
 def _options(table: Table) -> dict[str, Any]:
-    """Return compression, checksums and column encodings of a Parquet file."""
+    """Return the compression, checksums and column encodings for a Parquet file."""
     dictionaries, encodings = [], {}
     for path, kind in (leaf for field in SCHEMAS[table] for leaf in _leaves(field.name, field.type)):
         if path in _REPEATED.get(table, ()):
@@ -328,7 +328,7 @@ def _options(table: Table) -> dict[str, Any]:
 
 
 def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
-    """Yield path and type of the leaf columns of a column."""
+    """Yield the path and type of each leaf column of a column."""
     if pa.types.is_map(kind):
         yield from _leaves(f"{path}.key_value.key", kind.key_type)
         yield from _leaves(f"{path}.key_value.value", kind.item_type)
@@ -369,7 +369,7 @@ PUBLISHED_SCHEMA: Final = pa.schema(
 
 
 def write_published(store: Store, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write published results, or raise a ValueError for columns other than `PUBLISHED_SCHEMA`."""
+    """Write published results, or raise a ValueError if columns differ from `PUBLISHED_SCHEMA`."""
     names = set(PUBLISHED_SCHEMA.names)
     for row in rows:
         if set(row) != names:

@@ -1,4 +1,4 @@
-"""Reader of a results root, by its manifests."""
+"""Reader of a results root, based on its manifests."""
 
 import time
 import warnings
@@ -39,19 +39,19 @@ _Shared: TypeAlias = dict[PartFile, pa.Table | Exception]
 _Cache: TypeAlias = dict[tuple[str, tuple[int | None, int | None]], Manifest | None]
 """Manifests by path and stamp of their files."""
 
-SHOWN_RUNS: Final = 5  # number of runs in a message
+SHOWN_RUNS: Final = 5  # largest number of runs that a message names
 RUN_ID: Final = "run_id"
 
 KEYS: Final = {Table.ATTEMPTS: (RUN_ID, "attempt"), Table.CELLS: (RUN_ID,)}
 """Key columns of tables about runs."""
 
-_THREADS: Final = 16  # more than cores, since they wait for disks and object stores
-_SETTLED_NS: Final = 5_000_000_000  # age at which a rewritten file would have another time, ns
-_SMALL_ROWS: Final = 20_000  # rows of a file that is decoded faster than handed to a thread
+_THREADS: Final = 16  # may exceed the number of cores, since threads mostly wait for disks or object stores
+_SETTLED_NS: Final = 5_000_000_000  # age of a file at which rewriting it would change its time, ns
+_SMALL_ROWS: Final = 20_000  # a file with fewer rows is decoded faster than passed to a thread
 
 
 class Results:
-    """Snapshot of the runs of a results root.
+    """Snapshot of the runs in a results root.
 
     Unreadable and damaged files are left out with a `DamagedFileWarning`.
 
@@ -103,7 +103,7 @@ class Results:
         return cls(Store.open(uri))
 
     def runs(self) -> tuple[Manifest, ...]:
-        """Return the manifest, status and error of each run, by run id."""
+        """Return the manifest, status and error of each run, sorted by run id."""
         return self._manifests
 
     def find(self, name: str) -> Manifest:
@@ -124,7 +124,7 @@ class Results:
     def table(
         self, table: Table, run_ids: Collection[str] | None = None, columns: Sequence[str] | None = None
     ) -> pa.Table:
-        """Return the rows of a table, by run id and then in the order of writing.
+        """Return the rows of a table, sorted by run id and then in the order of writing.
 
         Args:
             table: name of the table.
@@ -149,12 +149,12 @@ class Results:
         if run_ids is not None:
             indices = sorted(self._indices[run_id] for run_id in set(run_ids) if run_id in self._indices)
             chosen = [self._manifests[index] for index in indices]
-        # tens of millions of ids need not be read
+        # saves reading tens of millions of ids
         read = [name for name in names if name != RUN_ID] or names
         files = (file for manifest in chosen for file in manifest.files if file.table is table)
         slices = self._map(
             lambda sharing: read_slices(self.store, sharing, read), shared_by_path(files).values()
-        )  # each shared file is read once
+        )  # reads each shared file once
         shared = {file: rows for file_slices in slices for file, rows in file_slices.items()}
         per_run = self._map(
             lambda manifest: self._run_rows(manifest, table, read, shared),
@@ -176,7 +176,7 @@ class Results:
         return rows.add_column(names.index(RUN_ID), SCHEMAS[table].field(RUN_ID), ids)
 
     def _about_runs(self, table: Table, run_ids: Collection[str] | None, names: Sequence[str]) -> pa.Table:
-        """Return at least the columns `names` and the keys of a table about runs."""
+        """Return a table about runs, with at least the columns `names` and the key columns."""
         names = [name for name in SCHEMAS[table].names if name in {*names, *KEYS.get(table, ())}]
         if table is Table.RUNS:
             rows = to_arrow(table, SCHEMAS[table], [manifest.row() for manifest in self.runs()])
@@ -219,7 +219,7 @@ class Results:
                 parts.append(rows)
             except UNREADABLE as error:
                 if isinstance(error, FileNotFoundError):
-                    # parts are deleted when a run ends, files when they are merged
+                    # parts are deleted when a run ends, and files when they are merged
                     run_id = manifest.run.run_id
                     fresh = self._tried(manifest_path(run_id), lambda: Manifest.load(self.store, run_id))  # noqa: B023
                     if fresh is not None and fresh.files != manifest.files:
@@ -241,13 +241,13 @@ class Results:
             self.problems.append(problem)
 
     def _threads(self, rows: Iterable[int] = ()) -> int:
-        """Return the number of threads for files with these numbers of rows, one for small local files."""
+        """Return the number of threads for files with these numbers of rows, or 1 for small local files."""
         return _THREADS if self.store.is_object_store or max(rows, default=0) > _SMALL_ROWS else 1
 
     def _map(
         self, function: Callable[[S], ReadT], items: Iterable[S], threads: int = _THREADS
     ) -> list[ReadT]:
-        """Apply `function` to `items` in threads, warn of new problems, and return the results in order."""
+        """Apply `function` to `items` in threads, warn about new problems, and return results in order."""
         before = len(self.problems)
         if threads == 1:
             results = list(map(function, items))
@@ -258,7 +258,7 @@ class Results:
         return results
 
     def _warn(self, start: int) -> None:
-        """Warn of the problems from number `start` on."""
+        """Warn about the problems from number `start` on."""
         for problem in self.problems[start:]:
             warnings.warn(problem, DamagedFileWarning, stacklevel=5)
 

@@ -1,4 +1,4 @@
-"""Records of runs, attempts and trials."""
+"""Records about runs, attempts and trials."""
 
 import hashlib
 import json
@@ -27,7 +27,7 @@ class RunStatus(StrEnum):
 
 @dataclass(frozen=True)
 class RunRecord:
-    """Row of the table of runs.
+    """A row in the table of runs.
 
     Attributes:
         run_id: hash of the effective spec and seed.
@@ -58,9 +58,9 @@ class AttemptOutcome(StrEnum):
     """Outcome of an attempt at a run."""
 
     DONE = "done"
-    STOPPED = "stopped"  # on request, with a checkpoint
-    FAILED = "failed"  # by an exception
-    LOST = "lost"  # with its process or machine
+    STOPPED = "stopped"  # ended on request, with a checkpoint
+    FAILED = "failed"  # ended by an exception
+    LOST = "lost"  # ended with its process or machine
 
 
 @dataclass(frozen=True)
@@ -91,16 +91,16 @@ class AttemptRecord:
 
 @dataclass(frozen=True)
 class ScheduleView:
-    """View of a spec's schedule: its budget in environment steps."""
+    """The part of a spec's schedule that readers use: the budget in environment steps."""
 
     steps: Natural | None = None
 
 
 @dataclass(frozen=True)
 class SpecView:
-    """View of the fields of a spec that readers use, None or empty if missing."""
+    """The fields of a spec that readers use, which are None or empty if missing."""
 
-    engine: str | None = None  # simulator of imported runs
+    engine: str | None = None  # simulator that imported runs used
     environment: str | None = None
     challenge: str | None = None
     student: str | None = None
@@ -117,18 +117,18 @@ class SpecView:
 
 
 def spec_digest(spec: str) -> str:
-    """Return the hash of a spec (JSON with sorted keys), whose start ends the run id."""
+    """Return the hash of a spec (JSON with sorted keys); a run id ends with the first digits of the hash."""
     return hashlib.sha256(spec.encode()).hexdigest()
 
 
 def mastery_threshold(run: RunRecord) -> float:
-    """Return the episodic return over which a task is mastered in a run."""
+    """Return the episodic return above which a task counts as mastered in a run."""
     threshold = decode_json(run.spec, SpecView, f"the spec of run {run.run_id}").mastery_threshold
     return MASTERY_RETURN if threshold is None else threshold
 
 
 def check_spec(run: RunRecord) -> None:
-    """Raise a ValueError for a record whose spec does not match its id or columns.
+    """Raise a ValueError if the spec in a record does not match the record's id or columns.
 
     Ids of imported runs hash source files instead, and are not checked.
     """
@@ -145,18 +145,18 @@ def check_spec(run: RunRecord) -> None:
             raise ValueError(f"its {name} is {getattr(run, name)!r}, but its spec says {value!r}")
 
 
-CHIPMUNK: Final = "Chipmunk"  # engine of tma_ray, and of specs without an engine
+CHIPMUNK: Final = "Chipmunk"  # engine of tma_ray, also meant by specs without an engine
 BOX2D: Final = "Box2D"  # engine of the original release
 SIMULATED: Final = "Simulated students"  # pseudo-engine of students without physics
-NO_PHYSICS_VERSION: Final = 0  # physics version of other engines
-BOX2D_TEST_SET: Final = "box2d_"  # prefix of test sets with worlds of Box2D
+NO_PHYSICS_VERSION: Final = 0  # physics version of runs with other engines
+BOX2D_TEST_SET: Final = "box2d_"  # prefix of test sets for Box2D's worlds
 
 TRIAL_FILE: Final = "trial.json"
 
 
 @dataclass(frozen=True)
 class TrialLook:
-    """Interim look of a trial: number of seeds per cell, and its verdicts as a sentence."""
+    """Interim look of a trial: the number of seeds per cell, and the verdicts as a sentence."""
 
     seeds: Natural
     said: str
@@ -180,7 +180,7 @@ class TrialFile:
 
     @classmethod
     def load(cls, store: Store) -> "TrialFile | None":
-        """Return the trial of a root, None without one."""
+        """Return the trial of a root, or None if it has none."""
         if not store.holds(TRIAL_FILE):
             return None
         return store.read_json(TRIAL_FILE, cls)

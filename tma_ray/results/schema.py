@@ -1,4 +1,4 @@
-"""Tables of a results root: columns, types and units.
+"""Tables of a results root, with their columns, types and units.
 
 Columns are required unless nullable. Columns added later are nullable or have a default for older rows.
 """
@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 SCHEMA_VERSION: Final = 1
 """Version of tables, manifests and layout, raised when meanings change, not for additions (`default_of`)."""
 
-VERSION_KEY: Final = "tma_ray.schema_version"  # key of the version in a file's metadata
+VERSION_KEY: Final = "tma_ray.schema_version"  # key of the schema version in a file's metadata
 
 
 class Table(StrEnum):
@@ -43,11 +43,11 @@ _GAUSSIAN = pa.struct(
 _BOX = pa.struct([("low", _VECTOR), ("high", _VECTOR), ("score", pa.float64())])
 
 
-DEFAULT: Final = b"default"  # key of the JSON default for older rows in a column's metadata
+DEFAULT: Final = b"default"  # key, in a column's metadata, of the default for older rows (JSON)
 
 
 def default_of(field: pa.Field) -> Any:
-    """Return a column's value in rows older than the column, or raise a KeyError if it always existed."""
+    """Return a column's value for rows older than the column, or raise a KeyError if it always existed."""
     metadata = field.metadata or {}
     if DEFAULT in metadata:
         return json.loads(metadata[DEFAULT])
@@ -154,7 +154,7 @@ SCHEMAS: Final[Mapping[Table, pa.Schema]] = {
 
 
 def schema_version(file: Any) -> int:
-    """Return the schema version of an open Parquet file, or raise a KeyError or ValueError without one."""
+    """Return an open Parquet file's schema version, or raise a KeyError or ValueError if it has none."""
     return int((pq.read_schema(file).metadata or {})[VERSION_KEY.encode()])
 
 
@@ -208,7 +208,7 @@ def selected(schema: pa.Schema, names: Sequence[str]) -> pa.Schema:
 def _to_array(table: Table, field: pa.Field, values: list[Any]) -> pa.Array:
     try:
         if pa.types.is_integer(field.type):
-            return pa.array(values).cast(field.type)  # rejects 1.5, which pa.array truncates
+            return pa.array(values).cast(field.type)  # rejects 1.5, which pa.array would truncate
         return pa.array(values, type=field.type)
     except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
         raise ValueError(f"{table}.{field.name} holds values of type {field.type}: {error}") from error

@@ -37,12 +37,12 @@ TRACES: Final = (
 )
 """Folders with files named after runs that have a manifest."""
 
-_THREADS: Final = 16  # more than cores, since they wait for the object store
+_THREADS: Final = 16  # may exceed the number of cores, since threads mostly wait for the object store
 
 
 @dataclass(frozen=True)
 class Damage:
-    """Damage of one file of a results root.
+    """Damage to one file of a results root.
 
     Attributes:
         path: path of the file, from the results root.
@@ -61,14 +61,14 @@ class Damage:
 
 @dataclass(frozen=True)
 class Inspection:
-    """Damage in the files of one run, and files with columns unknown to this version."""
+    """Damage to the files of one run, and the files with columns unknown to this version."""
 
     damage: tuple[Damage, ...] = ()
     newer: tuple[str, ...] = ()
 
 
 class Inspector:
-    """Inspector that compares files of runs with their manifests, reading each file once.
+    """Inspector that compares runs' files with the manifests, reading each file once.
 
     Damage of a shared file is reported for the runs whose rows are affected.
 
@@ -85,7 +85,7 @@ class Inspector:
 
     def inspect_all(self, manifests: Sequence[Manifest]) -> Iterator[tuple[Manifest, Inspection]]:
         """Yield each manifest with the inspection of its files."""
-        # one thread reads small files of a disk faster
+        # one thread reads small files from a disk faster
         with ThreadPoolExecutor(_THREADS if self._store.is_object_store else 1) as executor:
             yield from zip(manifests, executor.map(self._inspect, manifests), strict=True)
 
@@ -110,7 +110,7 @@ class Inspector:
         return Inspection(tuple(damage), tuple(newer))
 
     def _inspect_file(self, file: PartFile) -> tuple[str, bool]:
-        """Return the damage of a file, empty if intact, and True if it has unknown columns."""
+        """Return a file's damage (empty if intact), and True if the file has unknown columns."""
         try:
             parquet = opened(file.read(self._store))
             count = parquet.metadata.num_rows
@@ -153,12 +153,12 @@ def lost_manifests(
     return {
         layout.manifest_path(run_id): DamagedFileError(problem.format(lost[run_id]))
         for run_id in sorted(filter(layout.is_id, lost))
-        if not store.holds(layout.manifest_path(run_id))  # it may have started since
+        if not store.holds(layout.manifest_path(run_id))  # the run may have started since
     }
 
 
 def _unknown_files(store: Store, table: Table, run_ids: Collection[str]) -> Iterator[str]:
-    """Yield the files of a table about runs that are not named after one of `run_ids`."""
+    """Yield those files of a table about runs that are not named after any of `run_ids`."""
     folder = f"{layout.TABLES}/{table}"
     names = sorted(_names(store, folder))
     yield from (f"{folder}/{name}" for name in names if name.removesuffix(".parquet") not in run_ids)
@@ -171,14 +171,14 @@ def _names(store: Store, folder: str) -> set[str]:
 
 
 def _rows(store: Store, table: Table, path: str, columns: Sequence[str]) -> list[dict[str, str]]:
-    with suppress(*UNREADABLE):  # reported by readers
+    with suppress(*UNREADABLE):  # readers report it
         rows: list[dict[str, str]] = decode(table, store.read_bytes(path), columns).to_pylist()
         return rows
     return []
 
 
 def damage_reason(error: Exception, where: str) -> str:
-    """Return the damage of the file `where` by the `error` of reading it."""
+    """Return a description of the damage to the file `where`, given the `error` of reading it."""
     if isinstance(error, FileNotFoundError):
         return "it is missing"
     return str(error).removeprefix(f"{where} is damaged: ")
@@ -189,7 +189,7 @@ SPEC_FILE: Final = "spec.json"  # spec of the run, beside every saved policy
 
 @dataclass(frozen=True)
 class RootVerification:
-    """Findings in a results root.
+    """Findings of verifying a results root.
 
     Attributes:
         runs: number of runs with a readable manifest.
@@ -205,7 +205,7 @@ class RootVerification:
 
 
 def verify_root(store: Store) -> RootVerification:
-    """Compare all files of a results root with its manifests.
+    """Compare all files of a results root with the manifests.
 
     Raises:
         ResultsRootError: if the root does not exist, or is of another version.
@@ -249,7 +249,7 @@ def verify_root(store: Store) -> RootVerification:
 
 
 def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield files, or rows of shared files, listed for two runs."""
+    """Yield files, or rows of shared files, that are listed for two runs."""
     claims: dict[str, list[tuple[int, int, str]]] = {}
     for manifest in manifests:
         for file in manifest.files:
@@ -264,7 +264,7 @@ def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
 
 
 def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield rows of shared files with another run id than their manifest."""
+    """Yield rows of shared files whose run id differs from that of their manifest."""
     shared: dict[str, list[tuple[PartFile, str]]] = {}
     for manifest in manifests:
         for file in manifest.files:
@@ -274,7 +274,7 @@ def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damag
         try:
             ids = decode(slices[0][0].table, store.read_bytes(path), ["run_id"])["run_id"]
         except UNREADABLE:
-            continue  # already reported
+            continue  # the error is already reported
         for file, run_id in slices:
             slice_ids = ids.slice(file.first, file.rows).cast(pa.string())
             if len(slice_ids) < file.rows or pc.unique(slice_ids).to_pylist() != [run_id]:
@@ -291,7 +291,7 @@ def _tables_about_runs(store: Store) -> Iterator[Damage]:
 
 
 def _foreign_policies(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield policies with another spec than their run."""
+    """Yield policies whose spec differs from that of their run."""
     saved = set(store.files(layout.POLICIES))
     for manifest in manifests:
         path = f"{layout.policy_folder(manifest.run.run_id)}/{SPEC_FILE}"

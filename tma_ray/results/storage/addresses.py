@@ -1,4 +1,4 @@
-"""Storage at addresses supported by pyarrow or fsspec, such as ``https://…`` and ``hf://…``.
+"""Storage at addresses that pyarrow or fsspec supports, such as ``https://…`` and ``hf://…``.
 
 File systems of fsspec raise different errors, and several report any failure as a missing file. Here a file
 is missing only if the server says so.
@@ -28,7 +28,7 @@ _USAGE_ERRORS: Final = (
 
 
 class AddressStore(Store, schemes=("*",)):
-    """Folder at an address supported by pyarrow or fsspec, mostly to read releases.
+    """Folder at an address that pyarrow or fsspec supports, used mostly to read releases.
 
     Writes are not conditional: `create` and `replace` check first, and do not exclude other processes.
 
@@ -50,15 +50,15 @@ class AddressStore(Store, schemes=("*",)):
             from fsspec.core import url_to_fs
             from fsspec.implementations.arrow import ArrowFSWrapper
 
-            with suppress(pa.ArrowInvalid, ValueError):  # else fsspec may support it
+            with suppress(pa.ArrowInvalid, ValueError):  # if not supported by pyarrow, fsspec may support it
                 filesystem, path = fs.FileSystem.from_uri(uri)
                 handler = getattr(filesystem, "handler", None)
-                if isinstance(handler, fs.FSSpecHandler):  # pyarrow delegates some to fsspec
+                if isinstance(handler, fs.FSSpecHandler):  # pyarrow delegates some schemes to fsspec
                     return cls(handler.fs, path)
                 return cls(ArrowFSWrapper(filesystem), path)
             return cls(*url_to_fs(uri))
         except (ImportError, ValueError) as error:
-            address = uri.split("@")[-1]  # no password
+            address = uri.split("@")[-1]  # without a password
             raise ObjectStoreError(
                 f"{address}: {error}; pip install 'tma_ray[addresses]' has the libraries for https:// and hf://"
             ) from error
@@ -96,7 +96,7 @@ class AddressStore(Store, schemes=("*",)):
         try:
             self._make_parent(path)
             with _reached(self.where(path)), self.filesystem.open(self.full_path(path), "wb") as stream:
-                stream.write(data)  # one write: an object store publishes even an interrupted stream
+                stream.write(data)  # in one write, since object stores publish even interrupted streams
         except NotImplementedError as error:
             raise ObjectStoreError(f"{self}: results at an address of this kind can only be read") from error
 
@@ -151,7 +151,7 @@ class AddressStore(Store, schemes=("*",)):
                 self.filesystem.rm(self.full_path(path), recursive=True)
 
     def _kind(self, full: str, path: str) -> str:
-        """Return fsspec's type of an entry ("file", "directory", ...), empty if there is none."""
+        """Return fsspec's type of an entry ("file", "directory", ...), or "" if there is no entry."""
         try:
             with _reached(self.where(path)):
                 return str(self.filesystem.info(full)["type"])
@@ -165,14 +165,14 @@ class AddressStore(Store, schemes=("*",)):
 
 
 def _size(file: Any) -> int:
-    """Return the size of an opened file, bytes."""
-    # a method for pyarrow's file systems before fsspec 2025.12
+    """Return the size of an open file in bytes."""
+    # before fsspec 2025.12, `size` is a method for pyarrow's file systems
     return cast("int", file.size() if callable(file.size) else file.size)
 
 
 @contextmanager
 def _reached(where: str) -> Iterator[None]:
-    """Context that converts errors of all libraries.
+    """Context manager that converts errors of all libraries.
 
     Raises:
         FileNotFoundError: if the server reports a missing file.
@@ -182,7 +182,7 @@ def _reached(where: str) -> Iterator[None]:
         yield
     except (ObjectStoreError, *_USAGE_ERRORS):
         raise
-    except Exception as error:  # of any library
+    except Exception as error:  # raised by any library
         causes: list[BaseException] = [error]
         while causes[-1].__cause__ is not None:
             causes.append(causes[-1].__cause__)
@@ -202,6 +202,6 @@ def _is_missing(error: BaseException) -> bool:
 
 
 def _status(error: BaseException) -> int | None:
-    """Return the HTTP status of an error of aiohttp or httpx, None for other errors."""
+    """Return the HTTP status of an error of aiohttp or httpx, or None for other errors."""
     status = getattr(error, "status", None) or getattr(getattr(error, "response", None), "status_code", None)
     return status if isinstance(status, int) else None

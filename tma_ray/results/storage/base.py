@@ -1,4 +1,4 @@
-"""Base class of storages: read, write, conditional write, list and delete files below a root."""
+"""Base class of storage backends, which read, write, list and delete files below a root."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ Version: TypeAlias = Any  # opaque version of a file's content
 Stamp: TypeAlias = tuple[int | None, int | None]
 """Modification time (ns since 1970) and size (bytes) of a file, both None for anything else."""
 
-TEMPORARY: Final = "tmp"  # folder of temporary files, whose names `Store.temporary` returns
+TEMPORARY: Final = "tmp"  # folder of temporary files, which `Store.temporary` names
 
 _NOT_OURS: Final = re.compile(r"(^|/)\.|^lost\+found(/|$)")
 """Names of foreign files, such as .DS_Store, ._name and .nfs files, and lost+found."""
 
-FIRST_PAUSE: Final = 1.0  # pause after a first failure, s
+FIRST_PAUSE: Final = 1.0  # pause after the first failure, s
 LONGEST_PAUSE: Final = 60.0  # longest pause between two attempts, s
 
 CONTINUES: Final = "what was published before is safe, and the same command continues from there"
@@ -46,15 +46,15 @@ logger = logging.getLogger(__name__)
 
 
 class ResultsRootError(ValueError):
-    """Unusable results root, with the reason and a remedy."""
+    """Error for an unusable results root; the message gives the reason and a remedy."""
 
 
 class StorageError(OSError):
-    """Failed operation of a storage, with the file and a remedy."""
+    """Error for a failed storage operation; the message gives the file and a remedy."""
 
 
 class ObjectStoreError(StorageError, ConnectionError):
-    """Failed request to an object store, with the file and a remedy."""
+    """Error for a failed request to an object store; the message gives the file and a remedy."""
 
 
 class Store(ABC):
@@ -80,7 +80,7 @@ class Store(ABC):
         self._last: tuple[str, bytes] = "", b""
 
     def __init_subclass__(cls, *, schemes: tuple[str, ...] = ()) -> None:
-        """Register an implementation for addresses of `schemes`, "" for folders, "*" for all others."""
+        """Register an implementation for address `schemes`, where "" means folders and "*" all others."""
         Store._kinds.update(dict.fromkeys(schemes, cls))
 
     @classmethod
@@ -101,17 +101,17 @@ class Store(ABC):
         """Return the store of this kind at a folder or address."""
 
     def recorded(self, sha256: Mapping[str, str]) -> Self:
-        """Return this store limited to files with recorded checksums, by path."""
+        """Return this store, limited to files with recorded checksums (by path)."""
         limited = copy.copy(self)
         limited._recorded = dict(sha256)
         return limited
 
     def where(self, path: str) -> str:
-        """Return `path` with its root for messages, without credentials."""
+        """Return `path` with its root, without credentials, for use in messages."""
         return f"{self}/{path}" if path else str(self)
 
     def full_path(self, path: str) -> str:
-        """Return the full path or key of `path`, or raise a ValueError if it is outside of the root."""
+        """Return the full path or key of `path`, or raise a ValueError if it lies outside of the root."""
         parts = [part for part in path.split("/") if part not in ("", ".")]  # a pure path takes 10 us
         if not parts or path.startswith("/") or ".." in parts or "\\" in path:
             raise ValueError(f"path {path!r} does not stay inside the root {self}; give a relative one")
@@ -139,30 +139,30 @@ class Store(ABC):
         return data
 
     def read_json(self, path: str, kind: type[ResultT]) -> ResultT:
-        """Return the content of a JSON file as a `kind`."""
+        """Decode a JSON file to a `kind`."""
         return decode_json(self.read_bytes(path), kind, self.where(path))
 
     def write_json(self, path: str, record: DataclassInstance, indent: int | None = None) -> None:
-        """Write a dataclass as JSON."""
+        """Write a dataclass to a JSON file."""
         self.write_bytes(path, json.dumps(asdict(record), indent=indent).encode())
 
     def read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
-        """Return the result of `read` for the opened file, which must never be replaced."""
+        """Return the result of `read` for an open file, which must never be replaced."""
         if self._recorded is None:
             return self._read_parts(path, read)
-        if self._last[0] != path:  # cached for reads of several parts
+        if self._last[0] != path:  # cached, since several parts of a file may be read
             self._last = path, self.read_bytes(path)
         return read(pa.BufferReader(self._last[1]))
 
     def names(self, folder: str = "") -> set[str]:
-        """Return the names in `folder`, none if it does not exist, without hidden files and lost+found."""
+        """Return the names in `folder` (none if it does not exist), except hidden files and lost+found."""
         if self._recorded is None:
             return {name for name in self._names(folder) if not _NOT_OURS.search(name)}
         prefix = f"{folder}/" if folder else ""
         return {path[len(prefix) :].split("/")[0] for path in self._recorded if path.startswith(prefix)}
 
     def files(self, folder: str = "") -> tuple[str, ...]:
-        """Return the sorted paths of all files below `folder`, without hidden files and lost+found.
+        """Return the sorted paths of all files below `folder`, except hidden files and lost+found.
 
         On a disk they include entries that readers should report: pipes, broken links and links out of the
         root, folders named like files, and unreadable folders.
@@ -174,15 +174,15 @@ class Store(ABC):
         return {path: stamp for path, stamp in self._stamps(folder).items() if not _NOT_OURS.search(path)}
 
     def temporary(self) -> str:
-        """Return a new path for a temporary file, marked as ours."""
+        """Return a new path for a temporary file, which marks the file as ours."""
         return f"{TEMPORARY}/{self._mark()}{uuid4().hex}"
 
     def is_temporary(self, path: str) -> bool:
-        """Return True if `path` may come from `temporary`."""
+        """Return True if `path` may have come from `temporary`."""
         return re.fullmatch(f"{TEMPORARY}/{self._mark()}[0-9a-f]{{32}}", path) is not None
 
     def holds(self, path: str) -> bool:
-        """Return True if there is a file or anything else at `path`."""
+        """Return True if a file or anything else exists at `path`."""
         return self.exists(path)
 
     def check_location(self, *folders: str) -> None:  # noqa: B027 - a bucket has nothing to check
@@ -194,13 +194,13 @@ class Store(ABC):
         """
 
     def clear_temporaries(self, older_than: float) -> None:  # noqa: B027 - only a disk keeps any
-        """Delete temporary files on a disk that are older than `older_than` seconds."""
+        """Delete temporary files on a disk that are older than `older_than`, in seconds."""
 
     def check_listable(self) -> None:  # noqa: B027 - missing folders are empty
         """Raise an ObjectStoreError if a bucket does not exist or cannot be listed."""
 
     def check_access(self) -> None:
-        """Check the rights to list, write, read and delete, or raise an ObjectStoreError."""
+        """Check the permissions to list, write, read and delete, or raise an ObjectStoreError."""
         self.check_listable()
         probe = self.temporary()
         self.write_bytes(probe, b"may we write here?")
@@ -209,7 +209,7 @@ class Store(ABC):
 
     @abstractmethod
     def read_version(self, path: str) -> tuple[bytes, Version]:
-        """Return content and version of a small file."""
+        """Return the content and the version of a small file."""
 
     @abstractmethod
     def write_bytes(self, path: str, data: bytes) -> None:
@@ -217,22 +217,22 @@ class Store(ABC):
 
     @abstractmethod
     def create(self, path: str, data: bytes) -> bool:
-        """Write a new file, or return False if it exists. Exactly one of several writers succeeds."""
+        """Write a new file, or return False if it exists; exactly one of several writers succeeds."""
 
     @abstractmethod
     def replace(self, path: str, data: bytes, version: Version) -> bool:
-        """Replace a file, or return False if its version is another.
+        """Replace a file, or return False if its version has changed.
 
         Exactly one of several writers succeeds, except on file systems without locks.
         """
 
     @abstractmethod
     def move(self, source: str, destination: str) -> None:
-        """Move a file, replacing `destination`; not atomic in object stores."""
+        """Move a file, replacing `destination`, which is not atomic in object stores."""
 
     @abstractmethod
     def delete(self, path: str) -> None:
-        """Delete a file or a folder with its contents, if it exists."""
+        """Delete a file, or a folder with its contents, if it exists."""
 
     @abstractmethod
     def exists(self, path: str) -> bool:
@@ -240,26 +240,26 @@ class Store(ABC):
 
     @abstractmethod
     def _stamps(self, folder: str = "") -> dict[str, Stamp]:
-        """Return the `Stamp` of each file below `folder`, sorted by path, hidden files included."""
+        """Return the `Stamp` of each file below `folder`, including hidden files, sorted by path."""
 
     @abstractmethod
     def _read(self, path: str, most_bytes: int) -> bytes:
-        """Return the content of a file of at most `most_bytes`."""
+        """Return the content of a file, which must have at most `most_bytes`."""
 
     @abstractmethod
     def _read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
-        """Return the result of `read` for the opened file."""
+        """Return the result of `read` for the open file."""
 
     @abstractmethod
     def _names(self, folder: str) -> set[str]:
-        """Return all names in `folder`, none if it does not exist."""
+        """Return all names in `folder`, or none if it does not exist."""
 
     def _mark(self) -> str:
         return "tma_ray-"
 
 
 class _Ranges(io.RawIOBase):
-    """Remote file read by `fetch(start, size)`."""
+    """Remote file that is read by `fetch(start, size)`."""
 
     def __init__(self, fetch: Callable[[int, int], bytes], size: int) -> None:
         self._fetch, self._size, self._offset = fetch, size, 0
@@ -283,20 +283,20 @@ class _Ranges(io.RawIOBase):
 
 
 def opened_ranges(fetch: Callable[[int, int], bytes], size: int) -> pa.PythonFile:
-    """Return a remote file of `size` bytes for pyarrow, read by `fetch(start, size)`."""
-    ahead = 2**20  # read-ahead in bytes
+    """Open a remote file of `size` bytes for pyarrow, to be read by `fetch(start, size)`."""
+    ahead = 2**20  # bytes to read ahead
     return pa.PythonFile(io.BufferedReader(_Ranges(fetch, size), ahead), mode="r")
 
 
 def growing_pause(failures: int, longest: float) -> float:
-    """Return the pause after a number of failures, s: it doubles with each, up to `longest`."""
+    """Return the pause in seconds after a number of failures, which doubles with each up to `longest`."""
     return min(FIRST_PAUSE * 2.0 ** min(failures - 1, 60), longest)
 
 
 def retry(
     action: Callable[[], ResultT], seconds: float, give_up: Callable[[], bool] = lambda: False
 ) -> ResultT:
-    """Repeat `action` after each StorageError, for some time, and return its result.
+    """Return the result of `action`, repeating it for some time after each StorageError.
 
     Args:
         action: repeatable operation.

@@ -26,7 +26,7 @@ from tma_ray.results.storage.base import (
 )
 from tma_ray.support.decoding import MOST_TEXT_BYTES, check_size
 
-ATTEMPTS: Final = 10  # attempts at one request, with growing random pauses: about a minute in all
+ATTEMPTS: Final = 10  # attempts per request, with growing random pauses of about a minute in total
 
 PARAMETERS: Final = {"s3": ("region", "scheme", "endpoint_override"), "gs": ("scheme", "endpoint_override")}
 """Query parameters of URIs."""
@@ -72,7 +72,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
         """
         scheme, _, rest = uri.partition("://")
         start = re.split("[/?#]", rest)[0]
-        # a colon is enough: the rest of a secret with a slash looks like a path
+        # a colon is enough, since the rest of a secret with a slash looks like a path
         if "@" in start or ":" in start or "@" in uri.partition("?")[2]:
             raise ValueError(
                 f"a {scheme}:// root must not hold credentials, since roots are shown and logged: give "
@@ -131,7 +131,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
 
     def write_bytes(self, path: str, data: bytes) -> None:
         with _explained(self.where(path)):
-            self._objects.put(self._key(path), data, chunk_size=10 * 2**20)  # in parts if larger
+            self._objects.put(self._key(path), data, chunk_size=10 * 2**20)  # in several parts if larger
 
     def create(self, path: str, data: bytes) -> bool:
         return self._put_if(path, data, "create")
@@ -165,7 +165,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
         return {
             path[start:]: (int(item["last_modified"].timestamp() * 1e9), item["size"])
             for path, item in sorted(objects.items())
-            if item["size"] or path not in parents  # other programs mark folders by empty objects
+            if item["size"] or path not in parents  # other programs mark folders with empty objects
         }
 
     def _names(self, folder: str) -> set[str]:
@@ -203,7 +203,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
 
 @contextmanager
 def _explained(where: str) -> Iterator[None]:
-    """Context that converts errors of obstore into errors with `where` and a remedy.
+    """Context manager that converts obstore's errors into errors with `where` and a remedy.
 
     Raises:
         FileNotFoundError: if the object is missing.
@@ -225,7 +225,7 @@ def _explained(where: str) -> Iterator[None]:
 
 
 def _s3_options(bucket: str, parameters: dict[str, str]) -> dict[str, str]:
-    """Return region and endpoint of a bucket by its URI, the environment, or AWS."""
+    """Return a bucket's region and endpoint as given by its URI, the environment or AWS."""
     environment = os.environ.get
     endpoint = (
         parameters.get("endpoint_override")
@@ -245,7 +245,7 @@ def _s3_options(bucket: str, parameters: dict[str, str]) -> dict[str, str]:
 
 
 def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
-    """Return the store of obstore for a bucket."""
+    """Return obstore's store for a bucket."""
     from obstore.store import GCSStore, S3Store
 
     endpoint = options.get("endpoint_override", "")
@@ -254,10 +254,10 @@ def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
     client: Any = {
         "allow_http": endpoint.startswith("http://"),
         "connect_timeout": timedelta(seconds=10),
-        "read_timeout": timedelta(seconds=30),  # copies of large objects take long
+        "read_timeout": timedelta(seconds=30),  # copies of large objects take a long time
         "timeout": timedelta(hours=1),  # for slow connections
     }
-    # pauses are uniform between the first one and `base` times the previous one
+    # each pause is uniform between the first one and `base` times the previous one
     pauses = {"init_backoff": timedelta(seconds=0.5), "max_backoff": timedelta(seconds=20), "base": 3.5}
     retries: Any = {"max_retries": ATTEMPTS - 1, "retry_timeout": timedelta(hours=1), "backoff": pauses}
     config: Any = {"endpoint" if scheme == "s3" else "base_url": endpoint} if endpoint else {}
@@ -271,7 +271,7 @@ def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
 
 
 def _profile_credentials() -> Callable[[], dict[str, Any]] | None:
-    """Return a reader of the keys of a profile in AWS's files, None if obstore finds credentials itself."""
+    """Return a reader of a profile's keys in AWS's files, or None if obstore finds credentials itself."""
     environment = os.environ.get
     if any(environment(name) for name in ("AWS_ACCESS_KEY_ID", "AWS_WEB_IDENTITY_TOKEN_FILE")):
         return None
@@ -306,7 +306,7 @@ def _profile(name: str) -> dict[str, str]:
 
 def _keys(profile: Mapping[str, str]) -> dict[str, Any]:
     """Return the keys of a profile for obstore, with their expiry."""
-    expires: Any = datetime.now(UTC) + timedelta(minutes=5)  # the files may be renewed
+    expires: Any = datetime.now(UTC) + timedelta(minutes=5)  # the files may be updated
     if "aws_access_key_id" in profile:
         names = "aws_access_key_id", "aws_secret_access_key", "aws_session_token"
         key, secret, token = (profile.get(name) for name in names)

@@ -1,4 +1,4 @@
-"""Storage in a folder, with atomic and durable writes, exclusive creation and locks."""
+"""Storage in a folder, with atomic and durable writes, exclusive creation, and locks."""
 
 import errno
 import fcntl
@@ -48,12 +48,12 @@ _NO_SYNC: Final = (_LACKS | {errno.EACCES, errno.EBADF, errno.EISDIR}) - {errno.
 
 CHECKOUT: Final = (".git", "pyproject.toml")  # files in the top folder of a source checkout
 
-LOCK_SECONDS: Final = 5.0  # longest wait for the lock of another process, s
+LOCK_SECONDS: Final = 5.0  # longest wait for another process's lock, s
 FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")  # endings of files, not folders
 
 
 class FolderStore(Store, schemes=("", "file")):
-    """Folder of a file system, whose files are written to temporary ones, synced and renamed.
+    """Folder of a file system; files are written under temporary names, synced and renamed.
 
     Symbolic links out of the root are never followed. Folders are moved to temporary files before deletion.
     """
@@ -88,7 +88,7 @@ class FolderStore(Store, schemes=("", "file")):
             write_file(target, self._aside(), data)
 
     def create(self, path: str, data: bytes) -> bool:
-        """Write a new file by an exclusive link, or return False if it exists."""
+        """Write a new file by creating an exclusive link, or return False if the file exists."""
         target = self._checked_path(path)
         with explained_disk(self.where(path)):
             return write_file(target, self._aside(), data, exclusive=True)
@@ -132,7 +132,7 @@ class FolderStore(Store, schemes=("", "file")):
             sync_folder(old.parent)
 
     def delete(self, path: str) -> None:
-        """Delete a file, a link (not its target), or a folder, even while it is written to."""
+        """Delete a file, a link (not its target), or a folder, even while others write to it."""
         target = self._checked_path(path)
         with explained_disk(self.where(path)):
             if target.is_dir() and not target.is_symlink():
@@ -141,7 +141,7 @@ class FolderStore(Store, schemes=("", "file")):
 
     def check_location(self, *folders: str) -> None:
         with explained_disk(self.where("")):
-            folder = Path(os.path.realpath(self.base))  # no error for circular links
+            folder = Path(os.path.realpath(self.base))  # raises no error for circular links
             problem = ""
             if folder == Path(folder.anchor):
                 problem = "the root of the file system"
@@ -164,12 +164,12 @@ class FolderStore(Store, schemes=("", "file")):
         for name in sorted(self._names(TEMPORARY)):
             if self.is_temporary(f"{TEMPORARY}/{name}"):
                 file = Path(self.base, TEMPORARY, name)
-                with suppress(FileNotFoundError):  # already renamed
+                with suppress(FileNotFoundError):  # its writer has already renamed it
                     if time.time() - file.lstat().st_mtime > older_than:
                         delete(file)
 
     def temporary(self) -> str:
-        """Return a new path for a temporary file, marked by the root's inode, and create its folder."""
+        """Return a new path for a temporary file, marked with the root's inode, and create its folder."""
         self._refuse_links_out(TEMPORARY)
         make_folder(Path(self.base, TEMPORARY))
         return super().temporary()
@@ -178,14 +178,14 @@ class FolderStore(Store, schemes=("", "file")):
         return f"tma_ray-{Path(self.base).stat().st_ino}-"
 
     def _refuse_links_out(self, path: str) -> None:
-        """Raise a DamagedFileError for symbolic links out of the root."""
+        """Raise a DamagedFileError for symbolic links that lead out of the root."""
         if links_out(self.base, path):
             raise DamagedFileError(
                 f"{self.where(path)} is damaged: a symbolic link leads out of the root or nowhere"
             )
 
     def _checked_path(self, path: str) -> Path:
-        """Return the full path, after checking that its folder is inside of the root."""
+        """Return the full path after checking that its folder is inside the root."""
         full = self.full_path(path)
         self._refuse_links_out(str(PurePosixPath(path).parent))
         return Path(full)
@@ -196,7 +196,7 @@ class FolderStore(Store, schemes=("", "file")):
 
 @contextmanager
 def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator[None]:
-    """Context that converts errors of the operating system into a StorageError with `where` and a remedy.
+    """Context manager that converts operating-system errors into a StorageError with `where` and a remedy.
 
     Args:
         where: name of the file or folder.
@@ -211,12 +211,12 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
         yield
     except (FileNotFoundError, StorageError):
         raise
-    except IsADirectoryError as error:  # retries do not help
+    except IsADirectoryError as error:  # retrying does not help
         raise DamagedFileError(f"{where} is damaged: a folder lies in its place") from error
     except OSError as error:
         if kinds is not None and error.errno not in kinds:
             raise
-        if error.errno in _LACKS:  # retries do not help
+        if error.errno in _LACKS:  # retrying does not help
             raise StorageError(
                 f"{where}: its file system lacks an operation that results need ({error}); use a folder on "
                 f"another one"
@@ -226,7 +226,7 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
 
 
 def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
-    """Write a file atomically by a `temporary` one, or return False if `exclusive` and it exists."""
+    """Write a file atomically through a `temporary` one, or return False if `exclusive` and it exists."""
     make_folder(target.parent)
     try:
         with temporary.open("wb") as file:
@@ -267,7 +267,7 @@ def _name_exclusively(temporary: Path, target: Path) -> None:
 
 @contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
-    """Context with the lock of a folder, which is created if missing.
+    """Context manager that locks a folder, creating it if it is missing.
 
     Without locks in the file system, or after `LOCK_SECONDS`, the block is entered without a lock.
     """
@@ -275,7 +275,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         deadline = time.monotonic() + LOCK_SECONDS
-        with suppress(OSError):  # no locks
+        with suppress(OSError):  # the file system has no locks
             while time.monotonic() < deadline:
                 try:
                     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -288,7 +288,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder and its parents durably."""
+    """Create a folder and its parents, and sync them to disk."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     for path in reversed(missing):
         path.mkdir(exist_ok=True)
@@ -296,7 +296,7 @@ def make_folder(folder: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Sync the names in a folder to disk, where the file system supports it."""
+    """Sync the names in a folder to disk if the file system supports it."""
     try:
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -309,7 +309,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def links_out(base: str, path: str) -> bool:
-    """Return True if a symbolic link in `path` leads out of `base`, or nowhere."""
+    """Return True if a symbolic link in `path` leads out of `base` or nowhere."""
     target, linked = base, False
     for part in path.split("/"):
         target = f"{target}/{part}"
@@ -319,13 +319,13 @@ def links_out(base: str, path: str) -> bool:
     try:
         os.stat(target)  # noqa: PTH116 - as above
     except OSError as error:
-        if error.errno == errno.ELOOP:  # ignored by Path.resolve from Python 3.13 on
+        if error.errno == errno.ELOOP:  # Path.resolve ignores it from Python 3.13 on
             return True
     return not Path(target).resolve().is_relative_to(Path(base).resolve())
 
 
 def stamps_below(base: str, folder: str) -> Iterator[tuple[str, Stamp]]:
-    """Yield path from `base` and `Stamp` of all files below `folder`.
+    """Yield the path from `base` and the `Stamp` of each file below `folder`.
 
     Stamps are empty for other entries: pipes, sockets and devices, broken or circular links, links out of
     `base`, folders named like files, and unreadable folders.
@@ -355,7 +355,7 @@ def stamps_below(base: str, folder: str) -> Iterator[tuple[str, Stamp]]:
                     yield path, (None, None)
                 try:
                     yield from stamps_below(base, entry.path)
-                except FileNotFoundError:  # deleted concurrently
+                except FileNotFoundError:  # another process has deleted it
                     continue
                 except OSError:
                     yield path, (None, None)
