@@ -1,4 +1,4 @@
-"""Former names of `analysis.teacher_styles`, which published notebooks import."""
+"""Former names from `analysis.teacher_styles`, kept because published notebooks import them."""
 
 from analysis.teacher_styles import TeacherStyle as Look
 from analysis.teacher_styles import teacher_style as look

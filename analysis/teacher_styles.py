@@ -108,7 +108,7 @@ def _assigned(teachers: Iterable[str]) -> dict[str, TeacherStyle]:
 def _cost(
     hashed: tuple[int, ...], taken: Collection[tuple[int, ...]], indices: tuple[int, ...]
 ) -> tuple[int, ...]:
-    """Return the uses of a colour, of a colour with its marker, and of all three; then the changes."""
+    """Return how often the colour, its pair with the marker, and all three are used, then the changes."""
     uses = (sum(other[:count] == indices[:count] for other in taken) for count in (1, 2, 3))
     changes = ((new - old) % size for new, old, size in zip(indices, hashed, _SIZES, strict=True))
     return (*uses, *changes)

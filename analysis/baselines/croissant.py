@@ -73,7 +73,7 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
         ),
         **({"license": manifest.licence} if manifest.licence else {}),
         "url": f"./{manifest.name}",
-        "version": ".".join([*numbers, "0", "0", "0"][:3]),  # 1.2.0 for mine-1.2
+        "version": ".".join([*numbers, "0", "0", "0"][:3]),  # such as 1.2.0 for mine-1.2
         "datePublished": manifest.created[:10],
         "creator": {"@type": "sc:Organization", "name": manifest.software},
         "citeAs": manifest.citation,

@@ -28,7 +28,7 @@ LEAST_PERCENT = 5.0
 """Least upper bound of axes of mastered %, so that one task of a hundred never looks like a triumph."""
 
 TEACHERS_PER_PANEL = 8  # largest number of teachers in one panel, besides Random
-LONGEST_NAME = 38  # characters of a teacher's name in a chart
+LONGEST_NAME = 38  # largest number of characters of a teacher's name in a chart
 STEPS, MASTERED = "Environment steps", "Mastered test tasks (%)"  # titles of axes
 PLAIN = TeacherStyle(INK, "o", "-")  # style of marks without a teacher
 
@@ -85,7 +85,7 @@ class ColourScale:
     high: float  # value of the last colour
     title: str = ""  # name of the quantity
     open: bool = False  # True if values lie beyond the ends
-    mark: float | None = None  # value to mark; None for none
+    mark: float | None = None  # value to mark, if any
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -93,7 +93,7 @@ class Mark:
     """Element of a panel."""
 
     look: TeacherStyle = PLAIN  # colour, marker and dashes
-    name: str = ""  # entry of the legend; empty for none
+    name: str = ""  # legend entry; empty for no entry
     teacher: str = ""  # teacher of the mark, used by pages to hide it; empty for none
     comparison: str = ""  # anchor of the mark's comparison, used by pages to hide it; empty for none
     texts: Sequence[str] = ()  # text of each point, or one for all
@@ -126,17 +126,17 @@ class Scatter(Mark):
     size: float | Array = 5.0  # diameter of each point, or of all points, CSS pixels
     hollow: bool = False  # True for rings
     opacity: float = 1.0  # opacity in [0, 1]
-    edge: str = ""  # colour of a fine outline; empty for none
+    edge: str = ""  # colour of a fine outline; empty for no outline
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Interval(Mark):
     """Mean with its interval along the horizontal axis."""
 
-    x: float  # mean; NaN for none
+    x: float  # mean; NaN if missing
     y: float  # height
-    low: float  # lower end; NaN for none
-    high: float  # upper end; NaN for none
+    low: float  # lower end; NaN if missing
+    high: float  # upper end; NaN if missing
     size: float = 8.0  # diameter of the mean's marker, CSS pixels; 0 for none
     width: float = 1.6  # width of the line, CSS pixels
     cap: float = 0.0  # length of the caps, CSS pixels
@@ -158,7 +158,7 @@ class Heatmap(Mark):
 
     xs: Array  # centres of the columns (c,)
     ys: Array  # centres of the rows (r,)
-    values: Array  # values by row and column (r, c); NaN for none
+    values: Array  # values by row and column (r, c); NaN if missing
     colours: ColourScale  # colour scale of `values`
 
 
@@ -174,7 +174,7 @@ class Outline:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Polygons(Mark):
-    """Polygons, the lowest first, with the colour scale of their scores."""
+    """Polygons, bottom layer first, with the colour scale of their scores."""
 
     outlines: Sequence[Outline]
     colours: ColourScale | None = None
@@ -229,14 +229,14 @@ class Panel:
 
     x: PanelAxis  # horizontal axis
     y: PanelAxis  # vertical axis
-    marks: Sequence[Mark] = ()  # marks, the lowest first
+    marks: Sequence[Mark] = ()  # marks, bottom layer first
     title: str = ""  # heading
     subtitle: str = ""  # second line of the heading, smaller
     side: str = ""  # title of the row of panels, shown by the first panel of a row
     teacher: str = ""  # teacher of the panel; empty for several
     stars: Sequence[StarRow] = ()  # rows of stars above the panel, the uppermost first
     empty_text: str = ""  # text shown in an empty panel
-    frame: str = ""  # colour of a frame; empty for none
+    frame: str = ""  # colour of a frame; empty for no frame
     moments: Sequence[Any] = ()  # steps and `END` of an animated panel, in order; empty for a static one
     moment: Callable[[Any], "Panel"] | None = None  # returns the panel at a moment
 
@@ -256,7 +256,7 @@ class Legend(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Figure of a paper, or one or several plots of a page."""
+    """Chart, shown as a figure in a paper or as one or several plots on a page."""
 
     name: str  # name of the files, and identifier on a page
     panels: Sequence[Sequence[Any]]  # panels by row; None for a gap

@@ -41,13 +41,13 @@ CURVES = (
 MOST_DIMENSIONS = 20  # largest number of varied dimensions of a space that is drawn dimension by dimension
 
 
-FILM_NAME_CHARS = 16  # characters of a teacher's name beside the row of a film strip
+FILM_NAME_CHARS = 16  # largest number of characters of a teacher's name beside a row of a film strip
 
 
 class PaperChart(NamedTuple):
     """A chart for papers that is made on demand."""
 
-    name: str  # name of its files among those of the comparison
+    name: str  # file name, unique within the comparison
     chart: Callable[[], Chart]  # function that returns the chart
     animated: bool = False  # True for a GIF
 

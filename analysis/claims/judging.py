@@ -62,7 +62,7 @@ class ClaimVerdict:
 
     @property
     def standing_text(self) -> str:
-        """The standing, with the conditions under which a claim was not seen."""
+        """Standing as text, with the conditions under which a claim was not seen."""
         return f"{self.standing} ({self.conditions})" if self.standing is Standing.NOT_SEEN else self.standing
 
     def describe(self) -> str:
@@ -120,7 +120,7 @@ def _distinct(claim: Claim, source: Source) -> list[tuple[Statement, Levels]]:
         samples = [source.sample(reading) for reading in _readings(statement)]
         runs = tuple(sample.runs if sample else frozenset() for sample in samples)
         key: object = index
-        if all(runs) and not isinstance(statement, Ranked):  # a rank depends on other teachers' runs, too
+        if all(runs) and not isinstance(statement, Ranked):  # a rank also depends on other teachers' runs
             content = (
                 replace(value, level=KnowledgeLevel.NONE) if isinstance(value, Reading) else value
                 for value in vars(statement).values()

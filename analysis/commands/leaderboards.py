@@ -216,7 +216,7 @@ def trials_markdown(location: str) -> Iterator[str]:
 
 
 def folded(summary: str, text: str) -> str:
-    """Return Markdown that a click on `summary` unfolds."""
+    """Return Markdown that unfolds when `summary` is clicked."""
     return f'<details markdown="1"><summary>{summary}</summary>\n\n{text}\n\n</details>'
 
 

@@ -44,7 +44,7 @@ def show_ranking(
     *,
     explain: bool = False,
 ) -> None:
-    """Print the ranking of teachers over all challenges of a root, and on each.
+    """Print the ranking of teachers over all challenges of a root, and on each challenge.
 
     Args:
         sources: results roots and baselines.

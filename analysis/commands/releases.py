@@ -42,7 +42,7 @@ def show_baselines(console: Console | None = None) -> None:
 
 
 def show_verification(name: str | Path, console: Console | None = None) -> bool:
-    """Print the verification of a baseline; return True if it is undamaged.
+    """Print the verification of a baseline, and return whether it is undamaged.
 
     Raises:
         BaselineError: if `name` is not a baseline.

@@ -1,1 +1,1 @@
-"""Comparisons of teachers: tests over pooled runs, rankings, findings, and several sources of results."""
+"""Comparisons of teachers: tests over pooled runs, rankings, findings, and results from several sources."""

@@ -44,7 +44,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class AgainstRandom:
-    """Comparison of a teacher with Random over all challenges that both have."""
+    """Comparison of a teacher with Random over all challenges on which both have results."""
 
     teacher: str  # name of the teacher
     newcomer: bool  # True if the teacher joined later, and forms a family of its own

@@ -152,7 +152,7 @@ def incomparable(yours: ResultSet, baselines: Sequence[ResultSet], runs: pd.Data
 
 
 def _differing_conditions(yours: ResultSet, baseline: ResultSet) -> str:
-    """Return the conditions of a baseline that none of your results has, and a command to repeat them."""
+    """Return the conditions of a baseline that none of your results has, and a command to reproduce them."""
     differing = []
     for column in dict.fromkeys(["challenge", "expert_knowledge", *CONDITION_LABELS]):
         name = CONDITION_LABELS.get(column, "expert knowledge")

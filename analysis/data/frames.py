@@ -38,7 +38,7 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True)
 class Frames:
-    """Results of one root, or of several joined; large tables are read on first use.
+    """Results of one root or of several joined roots, with large tables read on first use.
 
     Attributes:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
@@ -272,7 +272,7 @@ def named_runs(run_ids: pd.Series) -> str:
 
 @contextmanager
 def object_strings() -> Iterator[None]:
-    """Context manager in which pandas keeps strings as objects, which are a third faster than Arrow's."""
+    """Context manager in which pandas stores strings as objects, a third faster than as Arrow strings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         try:

@@ -62,7 +62,7 @@ def trained_curves(frames: Frames) -> Curves:
 
 
 def trained_areas(curves: Curves, runs: pd.DataFrame, teacher: str, strata: Sequence[str]) -> pd.DataFrame:
-    """Return `runs` with `TRAINED`, the mean of mastered % over as many trained steps as `teacher` has.
+    """Return `runs` with `TRAINED`, the mean mastered % over as many trained steps as `teacher` has.
 
     The limit of a stratum is the fewest trained steps of a run of `teacher`; runs that end before it, and
     those without training windows, have no value.
@@ -87,7 +87,7 @@ def trained_areas(curves: Curves, runs: pd.DataFrame, teacher: str, strata: Sequ
 
 
 def _mean_until(steps: NDArray[np.float64], mastered: NDArray[np.float64], limit: float) -> float:
-    """Return the mean of mastered % over the trained steps up to `limit`, by trapezoids."""
+    """Return the mean mastered % over the trained steps up to `limit`, by the trapezoidal rule."""
     inside = steps < limit
     ends = np.array([0.0, *steps[inside], limit])
     heights = np.array([mastered[0], *mastered[inside], np.interp(limit, steps, mastered)])

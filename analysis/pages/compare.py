@@ -133,7 +133,7 @@ def write_comparison(
     tell: Callable[[str], object] = lambda _: None,
     measure: str = HEADLINE,
 ) -> Path:
-    """Write a page that compares the results of a root with baselines; return its ``index.html``.
+    """Write a page that compares the results of a root with baselines, and return its ``index.html``.
 
     Args:
         sources: results of one's own, finished or not: one root or several.

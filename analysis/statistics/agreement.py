@@ -91,7 +91,7 @@ def _drawn(covariance: Floats, freedom: int, rng: np.random.Generator) -> Floats
 
 
 def _correlations(covariances: Floats) -> Floats:
-    """Return the correlation in each matrix (m, 2, 2), clipped to [-1, 1]; NaN without positive variances."""
+    """Return the correlation in each matrix (m, 2, 2), clipped to [-1, 1], NaN without positive variances."""
     first, second, both = covariances[:, 0, 0], covariances[:, 1, 1], covariances[:, 0, 1]
     positive = (first > 0) & (second > 0)
     product = np.where(positive, first * second, 1.0)

@@ -64,7 +64,7 @@ class Description:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Point estimate with its 95 % confidence interval; NaN where one is missing.
+    """Point estimate with its 95 % confidence interval, NaN for missing values.
 
     Attributes:
         value: point estimate.

@@ -97,7 +97,7 @@ class Design:
     cells: tuple[TrialCell, ...]  # in the order in which they are run
     seeds: tuple[int, ...]  # seeds of the new teacher, disjoint from those of the references
     margin: float = AREA_MARGIN  # equivalence margin of `HEADLINE`, in points; see `margin_of`
-    error: float = rules.ERROR  # error to spend, of both comparisons together, at most `ERROR`
+    error: float = rules.ERROR  # error to spend on both comparisons together, at most `ERROR`
     simulated_error: float = 0.0  # largest share of simulated trials with a wrong verdict
     looks: tuple[int, ...] = rules.LOOKS  # seeds of every cell at each look
     measure: str = HEADLINE  # column of `run_measures`

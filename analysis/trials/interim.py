@@ -48,7 +48,7 @@ class TrialEnding(StrEnum):
 class LookComparison:
     """Comparison with a reference at an interim look, in points."""
 
-    measure: str  # measure that is compared, of `design.AXES`
+    measure: str  # measure that is compared, one of `design.AXES`
     reference: str  # teacher that the new one is compared with
     seeds: int  # seeds of every cell of the new teacher
     value: float  # observed difference
