@@ -100,8 +100,8 @@ def _damaged_runs(store: results.Store, baseline: Baseline) -> Iterator[results.
         yield results.Damage(BASELINE_FILE, f"{verified.runs} of its {count} runs can be read")
 
 
-MOST_RELEASED_BYTES = 15_000_000  # largest size of a release that ships with the package
-FEWEST_SEEDS = 3  # least number of seeds of every cell
+MOST_RELEASED_BYTES = 15_000_000  # largest size of a release shipped with the package
+FEWEST_SEEDS = 3  # smallest number of seeds required in every cell
 
 COMBINATION = ["campaign", "experiment", *CELL_COLUMNS]
 """Columns of cells within which teachers have the same seeds."""

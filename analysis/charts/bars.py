@@ -35,7 +35,7 @@ class Whisker(StrEnum):
 class PanelResults:
     """Results of one panel."""
 
-    titles: tuple[str, str]  # titles of the row and the column of panels
+    titles: tuple[str, str]  # titles of the panel's row and column
     rows: pd.DataFrame  # mean, whisker, and whether the result is doubtful, by teacher
     different: list[Pair]  # pairs that differ significantly
     untested: list[Pair]  # pairs without a test
@@ -80,7 +80,7 @@ def bars_with_pairs(
     teachers = list(names)
     rows, columns = (sorted(table[column].unique(), key=functools.partial(order, column)) for column in by)
     results = [_results(table, tests, by, (row, column)) for row in rows for column in columns]
-    percent = measure.endswith("percent")  # whiskers of percentages end at 0
+    percent = measure.endswith("percent")  # whiskers of percentages stop at 0
     low = 0.0 if percent else min(0.0, (table["mean"] - table["whisker"]).min())
     high = max((table["mean"] + table["whisker"]).max(), base.LEAST_PERCENT if percent else 0.0)
     start, end = 1.02 * low, 1.02 * high if high > low else low + 1.0

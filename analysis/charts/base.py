@@ -62,7 +62,7 @@ class PanelAxis:
     rows: Mapping[str, str] = field(default_factory=dict)  # titles by key, at 0, 1, …
     last_tick: float | None = None  # largest value with a tick; None for all
     whole: bool = False  # True if only whole numbers have ticks
-    grid: bool = False  # True for grid lines at the ticks
+    grid: bool = False  # True to draw grid lines at the ticks
     shown: bool = True  # False to hide the axis line and its ticks
 
     @property
@@ -84,7 +84,7 @@ class ColourScale:
     low: float  # value of the first colour
     high: float  # value of the last colour
     title: str = ""  # name of the quantity
-    open: bool = False  # True if values lie beyond the ends
+    open: bool = False  # True if some values lie beyond the ends
     mark: float | None = None  # value to mark, if any
 
 
@@ -96,8 +96,8 @@ class Mark:
     name: str = ""  # legend entry; empty for no entry
     teacher: str = ""  # teacher of the mark, used by pages to hide it; empty for none
     comparison: str = ""  # anchor of the mark's comparison, used by pages to hide it; empty for none
-    texts: Sequence[str] = ()  # text of each point, or one for all
-    hover: str = ""  # template of the text under the pointer, as ``{x}, {y:.1f}, {value}, {text}``
+    texts: Sequence[str] = ()  # text of each point, or one text for all
+    hover: str = ""  # template of the hover text, such as ``{x}, {y:.1f}, {value}, {text}``
     svg_id: str = ""  # identifier in SVG files; empty for none
 
 
@@ -225,7 +225,7 @@ class LegendEntry:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Axes with marks."""
+    """Axes with the marks drawn in them."""
 
     x: PanelAxis  # horizontal axis
     y: PanelAxis  # vertical axis

@@ -12,7 +12,7 @@ from analysis.data.curricula import PANELS, Axis, RunCurriculum, boxes_of, gauss
 from analysis.names import short_labels
 from analysis.teacher_styles import INK, RETURN_COLOURS, teacher_style
 
-MOMENTS, DOTS = 24, 60  # largest numbers of steps of a run, and of probed tasks per step, on a page
+MOMENTS, DOTS = 24, 60  # largest numbers of steps per run, and of probed tasks per step, on a page
 
 PAGE_EPISODES, PAPER_EPISODES = 150, 300
 """Largest number of training episodes in a part of a run, on a page and on paper."""

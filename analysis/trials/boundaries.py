@@ -19,7 +19,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(96)
 
 LOWEST = -9.0  # standard deviations below the mean at which densities are cut off
 HIGHEST = 40.0  # upper limit of the search for boundaries; its error is 0 in double precision
-FURTHEST = 12.0  # largest distance of a median-unbiased estimate from the naive one, standard errors
+FURTHEST = 12.0  # largest distance between the median-unbiased and the naive estimate, in standard errors
 
 Floats = NDArray[np.float64]
 
