@@ -248,7 +248,7 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     for (node, recipe), spec in due.items():
         if (node, recipe) not in _tried:
             tasks[node].append(spec.to_dict())
-    # One call per process, since it keeps imported plug-ins; one process per node, since it starts slowly.
+    # One call per process, since processes keep imported plug-ins; one per node, as they start slowly.
     task, files = ray.remote(max_calls=1, num_cpus=0)(_try_all), contents(specs)
     try:
         ray.get([_submit(node, task, planned, files) for node, planned in tasks.items()])

@@ -143,13 +143,13 @@ def parse_levels(names: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
 
 
 def parse_device(text: str) -> str:
-    """Parse torch's name of a device, which this machine need not have."""
+    """Parse torch's name of a device, present on this machine or not."""
     check_device(text)
     return text
 
 
 def parse_results(text: str) -> str:
-    """Parse the folder or address of a results root to write to, which need not exist."""
+    """Parse the folder or address of a results root to write to, existing or not."""
     if "://" not in root(text):
         Store.open(text).check_location()
     return text
@@ -165,7 +165,7 @@ def parse_source(text: str) -> str:
 
 
 def parse_address(text: str) -> str:
-    """Parse the address of a Ray cluster, which need not be reachable."""
+    """Parse the address of a Ray cluster, reachable or not."""
     host_and_port(text)
     return text
 

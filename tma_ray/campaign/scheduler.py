@@ -157,7 +157,7 @@ class Scheduler:
             self._record(running, AttemptOutcome.LOST)
 
     def _record(self, running: _Running, outcome: AttemptOutcome) -> None:
-        """Write the row of an attempt, which has only a start time before the first report."""
+        """Write the row of an attempt; before the first report, it has only a start time."""
         if running.report is None:
             run_id, started_at = running.spec.run_id, running.started_at
             record = AttemptRecord(run_id, running.number, started_at, 0.0, 0.0, "", "{}", outcome)

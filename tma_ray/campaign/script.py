@@ -42,7 +42,7 @@ from tma_ray.support.texts import counted
 
 @dataclass(frozen=True)
 class Campaign(CampaignSpec):
-    """A campaign with a command line for scripts, `main`; see `CampaignSpec` for its attributes."""
+    """A campaign that a script runs with the command line `main`; see `CampaignSpec` for its attributes."""
 
     def main(self, arguments: Sequence[str] | None = None) -> None:
         """Run the campaign as a script with the shared options, and exit.

@@ -1,4 +1,4 @@
-"""Configuration of a campaign's execution, which does not change its results."""
+"""Configuration of how a campaign is executed, without effect on its results."""
 
 import sys
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ COHORT_WIDTH = CohortSettings.width  # default number of slots of a cohort on a 
 
 
 class TeacherPlacement(StrEnum):
-    """Placement of teachers, which does not affect results."""
+    """Placement of teachers; it does not affect results."""
 
     ACTOR = "actor"
     """In a separate actor on the run's node."""

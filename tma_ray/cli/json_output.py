@@ -80,7 +80,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
 
 
 def print_json(command: str, record: Mapping[str, Any]) -> None:
-    """Print the JSON of a command, with its keys in `KEYS`."""
+    """Print the JSON of a command, whose keys must be those in `KEYS`."""
     assert list(record) == list(KEYS[command]), f"{command}: {list(record)}"
     text = json.dumps(json_value(record), indent=2, ensure_ascii=False, allow_nan=False)
     print(CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text))
@@ -92,7 +92,7 @@ def json_value(value: Any) -> Any:
         return {str(key): json_value(item) for key, item in value.items()}
     if isinstance(value, Enum):
         value = value.value
-    if hasattr(value, "tolist"):  # a number or array of numpy
+    if hasattr(value, "tolist"):  # numpy's numbers and arrays
         value = value.tolist()
     if isinstance(value, (list, tuple)):
         return [json_value(item) for item in value]

@@ -308,7 +308,7 @@ def _one_from_text(text: str, annotations: tuple[Any, ...]) -> Any:
 
 
 def _items_from_text(text: str, annotation: Any) -> Any:
-    """Parse `text` as a list or a mapping, returning text for a mapping unchanged if it is not JSON."""
+    """Parse `text` as a list or a mapping, or return it unchanged if it is a mapping but not JSON."""
     if text[:1] in ("[", "{"):
         with suppress(ValueError):
             return json.loads(text)
@@ -343,7 +343,7 @@ def _expected(annotation: Any) -> str:
 
 
 def json_value(key: str, value: Any, kind: str = "hyper-parameter") -> Any:
-    """Return `value` as JSON types.
+    """Return `value` converted to JSON types.
 
     Raises:
         ValueError: if it has no JSON form.

@@ -239,7 +239,7 @@ def read(app: App, words: Sequence[str]) -> partial[int | None]:
 
 
 def commands(app: App) -> Iterator[tuple[tuple[str, ...], App]]:
-    """Yield `app` and each command below it, as words and command line."""
+    """Yield the words and the command line of `app` and of each command below it."""
     yield (), app
     for name in app:
         if not name.startswith("-"):

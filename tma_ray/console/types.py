@@ -15,7 +15,7 @@ SCHEMES: Final = ("s3", "gs", "gcs", "abfs", "abfss", "hdfs", "viewfs", "file", 
 
 
 def root(text: str) -> str:
-    """Parse the folder or address of a results root, which need not exist."""
+    """Parse the folder or address of a results root, existing or not."""
     check_visible(text, "a folder, s3://bucket/folder or gs://bucket/folder")
     if "://" not in text:
         folder(text)
@@ -31,7 +31,7 @@ def root(text: str) -> str:
 
 
 def folder(text: str) -> Path:
-    """Parse the path of a folder, which need not exist."""
+    """Parse the path of a folder, existing or not."""
     if "://" in text:
         raise refused(text, "expected a folder of this machine")
     mode = _mode(text, "a folder")

@@ -1,4 +1,4 @@
-"""Writers of runs, which stage rows, and the committer of a root, which publishes them."""
+"""Run writers, which stage rows, and the committer, which publishes the rows in a root."""
 
 import json
 import logging
@@ -20,7 +20,7 @@ from tma_ray.results.storage import StorageError, Store
 from tma_ray.results.verification import Inspector
 from tma_ray.support.decoding import DamagedFileError
 
-TEMPORARY_SECONDS: Final = 3600.0  # age at which temporary files must be those of killed processes, s
+TEMPORARY_SECONDS: Final = 3600.0  # age at which temporary files count as left by killed processes, s
 ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")  # matches an attempt's number in its file names
 
 logger = logging.getLogger(__name__)

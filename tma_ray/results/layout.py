@@ -198,5 +198,5 @@ def log_path(run_id: str, attempt: int) -> str:
 
 
 def table_path(table: Table, name: str) -> str:
-    """Return the path of a published file for a run id, or for a campaign if its table is that of cells."""
+    """Return the path of a published file by run id, or by campaign for the table of cells."""
     return f"{TABLES}/{table}/{check_id(name)}.parquet"

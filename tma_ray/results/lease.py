@@ -196,7 +196,7 @@ class RootInUseError(RefusedError):
 
 
 class Lease:
-    """Exclusive lease of a results root, valid as long as it is renewed every `seconds`.
+    """Exclusive lease of a results root, valid as long as it is renewed at least every `seconds`.
 
     Leases are created and replaced by conditional writes (`Store.create`, `Store.replace`), so that exactly
     one of several processes gets it. On a network folder without locks, the lease is read back, and its first
@@ -288,7 +288,7 @@ class Lease:
             self._refuse(_readable(self.store))
 
     def renew(self) -> None:
-        """Renew the lease, which is required before publishing after a pause.
+        """Renew the lease; this is required before publishing after a pause.
 
         Raises:
             RootInUseError: if another campaign has taken it over.
@@ -316,7 +316,7 @@ class Lease:
         self.store.delete(LEASE_FILE)
 
     def asked_to_stop(self) -> bool:
-        """Return True if `ask_to_stop` was called for this holder, checking rarely enough for a loop."""
+        """Return True if `ask_to_stop` was called for this holder; this is cheap enough for a loop."""
         if not self._asked and self._clock() - self._checked_at >= STOP_CHECK_SECONDS:
             self._checked_at = self._clock()
             try:

@@ -188,7 +188,7 @@ MOST_SLICES: Final = 8  # for more runs, a shared file is read whole instead of 
 
 
 def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table:
-    """Return the rows of one run, reading only its row groups, which page checksums verify."""
+    """Return the rows of one run, reading only its row groups and verifying their page checksums."""
     first = file.first or 0
     try:
         return store.read_parts(

@@ -269,7 +269,7 @@ def _check_size(
 
 
 def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
-    """Return those `columns` that `file` has, or else any other one, which gives the number of rows."""
+    """Return those `columns` that `file` has, or else another one that gives the number of rows."""
     names = file.schema_arrow.names
     return [name for name in columns if name in names] or names[:1]
 

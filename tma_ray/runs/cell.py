@@ -143,7 +143,7 @@ OWN_TEST_SET_SIZE = 100  # number of test tasks of an environment without a ship
 
 @dataclass(frozen=True)
 class Cell:
-    """Combination of components in an experiment, which gives one run per seed.
+    """Combination of components in an experiment; each seed gives one run.
 
     Names may have settings, as in ``alp_gmm:fit_every=100`` or ``module:Name:key=value``; see
     `tma_ray.support.component_names`. Runs and tables have canonical names, with only the settings that
@@ -299,7 +299,7 @@ def _check_spaces(cell: Cell, environment: gymnasium.Env[Any, Any]) -> None:
 
 
 def _own_test_set(name: str, space: TaskSpace) -> TestSet:
-    """Return test tasks for an environment that has none: a grid, or random ones in over two dimensions."""
+    """Return a test set for an environment without one: a grid, or random tasks beyond two dimensions."""
     if space.size <= 2:
         return TestSet.grid(name, space, OWN_TEST_SET_SIZE if space.size == 1 else 10)
     return TestSet(name, space.names, space.sample(np.random.default_rng(0), OWN_TEST_SET_SIZE))

@@ -94,7 +94,7 @@ class Checkpoints:
         self._intact = False  # True if `_latest` is the state that the run last saved or loaded
 
     def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> int:
-        """Write a checkpoint of `run`, keep just one previous one, and return the number of bytes written."""
+        """Write a checkpoint of `run`, keep only one older one, and return the number of bytes written."""
         step = run.progress.step
         name = f"{step:012d}-attempt-{self._attempt:03d}"
         incremental, self._intact = self._intact, False  # stays False until the index is written

@@ -101,7 +101,7 @@ class UntrainedEpisodes:
 
     @property
     def state(self) -> dict[str, Any]:
-        """State of the generator, which is the whole state between two episodes."""
+        """State of the generator; between two episodes there is no other state."""
         return dict(self._rng.bit_generator.state)
 
     @state.setter

@@ -24,7 +24,7 @@ LIBRARIES = ("numpy", "torch", "stable-baselines3", "gymnasium", "pymunk", "numb
 
 @dataclass(frozen=True)
 class Placement:
-    """Placement of a run, which does not affect what the run computes.
+    """Placement of a run; it does not affect what the run computes.
 
     Attributes:
         device: torch's name of the device of the networks.

@@ -32,7 +32,7 @@ from tma_ray.tasks import (
 
 @dataclass
 class Progress:
-    """Progress of a run, which is part of every checkpoint.
+    """Progress of a run, saved in every checkpoint.
 
     Attributes:
         step: environment steps played.

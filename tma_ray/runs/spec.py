@@ -1,4 +1,4 @@
-"""The specification of a run, which holds all that determines its result, and its random streams."""
+"""The specification of a run (all that determines its result, and nothing else) and its random streams."""
 
 import hashlib
 import json
@@ -296,7 +296,7 @@ class Streams:
 
 
 def placement_generator(spec: RunSpec) -> np.random.Generator:
-    """Return the generator for the challenge's random parts, which is the same for all teachers of a seed."""
+    """Return the generator for the challenge's random parts; all teachers of a seed get the same one."""
     words = [_hash(f"{spec.environment}/{spec.challenge}/{spec.repeat}"), spec.seed]
     return np.random.default_rng(np.random.SeedSequence(words))
 

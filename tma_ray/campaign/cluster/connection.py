@@ -204,7 +204,7 @@ def private_folder() -> Path | None:
     if len(os.fsencode(parent)) > MAX_PARENT_BYTES:
         parent = Path("/tmp")  # noqa: S108  # a new folder is made there
     for folder in parent.glob(f"{PREFIX}*"):
-        with suppress(OSError):  # leave folders that are another user's, in use, or have foreign files
+        with suppress(OSError):  # skip folders that are another user's, in use, or hold foreign files
             descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -34,7 +34,7 @@ class AttemptEnd:
 
 
 class Executor(Protocol):
-    """Executor of concurrent attempts at runs, without retries and commits, which the scheduler does."""
+    """Executor of concurrent attempts at runs; the scheduler does retries and commits."""
 
     @property
     def learners(self) -> Sequence[LearnerProgress]:

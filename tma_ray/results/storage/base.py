@@ -112,7 +112,7 @@ class Store(ABC):
 
     def full_path(self, path: str) -> str:
         """Return the full path or key of `path`, or raise a ValueError if it lies outside of the root."""
-        parts = [part for part in path.split("/") if part not in ("", ".")]  # a pure path takes 10 us
+        parts = [part for part in path.split("/") if part not in ("", ".")]  # a PurePath takes 10 us
         if not parts or path.startswith("/") or ".." in parts or "\\" in path:
             raise ValueError(f"path {path!r} does not stay inside the root {self}; give a relative one")
         return self._prefix + "/".join(parts)
@@ -139,7 +139,7 @@ class Store(ABC):
         return data
 
     def read_json(self, path: str, kind: type[ResultT]) -> ResultT:
-        """Decode a JSON file to a `kind`."""
+        """Return the content of a JSON file decoded as a `kind`."""
         return decode_json(self.read_bytes(path), kind, self.where(path))
 
     def write_json(self, path: str, record: DataclassInstance, indent: int | None = None) -> None:
@@ -174,7 +174,7 @@ class Store(ABC):
         return {path: stamp for path, stamp in self._stamps(folder).items() if not _NOT_OURS.search(path)}
 
     def temporary(self) -> str:
-        """Return a new path for a temporary file, which marks the file as ours."""
+        """Return a new path that marks a temporary file as ours."""
         return f"{TEMPORARY}/{self._mark()}{uuid4().hex}"
 
     def is_temporary(self, path: str) -> bool:
@@ -228,7 +228,7 @@ class Store(ABC):
 
     @abstractmethod
     def move(self, source: str, destination: str) -> None:
-        """Move a file, replacing `destination`, which is not atomic in object stores."""
+        """Move a file, replacing `destination`; this is not atomic in object stores."""
 
     @abstractmethod
     def delete(self, path: str) -> None:
@@ -244,7 +244,7 @@ class Store(ABC):
 
     @abstractmethod
     def _read(self, path: str, most_bytes: int) -> bytes:
-        """Return the content of a file, which must have at most `most_bytes`."""
+        """Return the content of a file that must have at most `most_bytes`."""
 
     @abstractmethod
     def _read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
@@ -289,7 +289,7 @@ def opened_ranges(fetch: Callable[[int, int], bytes], size: int) -> pa.PythonFil
 
 
 def growing_pause(failures: int, longest: float) -> float:
-    """Return the pause in seconds after a number of failures, which doubles with each up to `longest`."""
+    """Return the pause in seconds after a number of failures; it doubles with each, up to `longest`."""
     return min(FIRST_PAUSE * 2.0 ** min(failures - 1, 60), longest)
 
 
