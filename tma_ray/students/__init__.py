@@ -1,4 +1,4 @@
-"""Students: deep-RL algorithms over stable-baselines3.
+"""Students: deep-RL algorithms built on stable-baselines3.
 
 Names are imported on first use, and none of them imports torch.
 """

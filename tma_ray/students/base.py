@@ -1,4 +1,4 @@
-"""The contract between a student and the run that drives it."""
+"""Interface between a student and the run that drives it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from torch import nn
 
 
-Observations: TypeAlias = NDArray[np.float32]  # one raw observation (o,) or several (n, o), never normalised
+Observations: TypeAlias = NDArray[np.float32]  # a raw observation (o,) or several (n, o), never normalised
 
-Actions: TypeAlias = NDArray[np.float32]  # one action (a,) or several (n, a), inside the action space
+Actions: TypeAlias = NDArray[np.float32]  # an action (a,) or several (n, a), within the action space
 
 Policy: TypeAlias = Callable[[Observations], Actions]
 """Greedy policy of a trained student: observations (n, o) to deterministic actions (n, a)."""
@@ -44,7 +44,7 @@ class Transition(NamedTuple):
 
 
 class Student(ABC):
-    """A deep-RL algorithm with its networks and its buffer, stepped by the run.
+    """A deep-RL algorithm with its networks and buffer, driven step by step by the run.
 
     For every step the run calls `act`, steps the environment, and calls `observe`; the transitions of
     an episode arrive in order. The run constructs a plug-in as
@@ -67,7 +67,7 @@ class Student(ABC):
 
     @abstractmethod
     def observe(self, transition: Transition) -> None:
-        """Store the step that followed the last `act`, and make the updates that are due."""
+        """Store the step that followed the last `act`, and perform the updates that are due."""
 
     @abstractmethod
     def act_greedily(self, observations: Observations) -> Actions:
@@ -90,7 +90,7 @@ class Student(ABC):
         """
 
     def entropy_bonuses(self, observations: Observations) -> NDArray[np.float64]:
-        """Return the expected entropy bonuses (n,) at `observations` (n, o), zeros by default.
+        """Return the expected entropy bonuses (n,) at `observations` (n, o); zeros by default.
 
         Scores that compare values with rewards add them to the rewards.
         """
@@ -106,7 +106,7 @@ class Student(ABC):
 
     @abstractmethod
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
-        """Write the complete state into `folder`, so that training resumes bit for bit.
+        """Write the complete state to `folder`, from which training resumes bit for bit.
 
         Called at the end of an episode.
 
@@ -121,7 +121,7 @@ class Student(ABC):
 
     @abstractmethod
     def load(self, folder: Path) -> None:
-        """Load the state that `save` of an equally constructed student wrote.
+        """Load a state written by `save` of a student constructed with the same arguments.
 
         Raises:
             ValueError: if the state is of another algorithm or of other hyper-parameters.
@@ -129,7 +129,7 @@ class Student(ABC):
 
     @abstractmethod
     def save_policy(self, folder: Path) -> None:
-        """Write the greedy policy into the existing `folder`, without pickles since others download it.
+        """Write the greedy policy to the existing `folder`, without pickles, since others may download it.
 
         `tma_ray.students.write_policy` writes arrays and settings.
         """
@@ -137,7 +137,7 @@ class Student(ABC):
     @classmethod
     @abstractmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:
-        """Return the greedy policy that `save_policy` wrote.
+        """Return the greedy policy written by `save_policy`.
 
         The folder may come from anywhere: read it with `tma_ray.students.read_policy`, which runs nothing.
 
@@ -161,7 +161,7 @@ class Student(ABC):
 
 
 def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> tuple[spaces.Box, spaces.Box]:
-    """Return both spaces if they are one-dimensional float32 boxes with bounded actions."""
+    """Return both spaces after checking that they are one-dimensional float32 boxes with bounded actions."""
     boxes = _checked_box(observation_space, "observation"), _checked_box(action_space, "action")
     if not boxes[1].is_bounded():
         raise ValueError(f"action space {boxes[1]}: expected finite bounds")
@@ -169,7 +169,7 @@ def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> t
 
 
 def _checked_box(space: Space[Any], kind: str) -> spaces.Box:
-    from gymnasium import spaces  # deferred: listing students must not import it
+    from gymnasium import spaces  # deferred, so that listing students does not import it
 
     if not isinstance(space, spaces.Box) or len(space.shape) != 1 or space.dtype != np.float32:
         raise ValueError(f"{kind} space {space}: expected a one-dimensional float32 Box")
@@ -177,16 +177,16 @@ def _checked_box(space: Space[Any], kind: str) -> spaces.Box:
 
 
 class StudentStreams(NamedTuple):
-    """Independent seeds of a student, spawned in the order of the fields."""
+    """Independent seeds of a student, spawned in the order of these fields."""
 
-    networks: np.random.SeedSequence  # initial weights, and actions sampled in updates
+    networks: np.random.SeedSequence  # for initial weights and actions sampled in updates
     exploration: np.random.SeedSequence
     batches: np.random.SeedSequence
     values: np.random.SeedSequence
 
     @classmethod
     def of(cls, seed: np.random.SeedSequence) -> StudentStreams:
-        """Return the streams spawned from `seed`, which is not changed."""
+        """Return the streams spawned from `seed`, which remains unchanged."""
         return cls(*_children(seed, len(cls._fields)))
 
 

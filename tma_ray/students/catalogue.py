@@ -1,4 +1,4 @@
-"""Registry of students, which checks names and hyper-parameters without importing torch."""
+"""Registry of students that checks names and hyper-parameters without importing torch."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from tma_ray.students.rollout_workers.base import RolloutWorker
     from tma_ray.students.rollout_workers.link import Learner
 
-STOCK = "stock:"  # prefix of students updated by stable-baselines3 instead of our equal but leaner code
+STOCK = "stock:"  # prefix of students updated by stable-baselines3 instead of our equivalent but leaner code
 
 
 class StudentRegistry(Registry[type[Student]]):
-    """Registry of students, which includes the algorithms of stable-baselines3 and sb3-contrib."""
+    """Registry of students that also finds the algorithms of stable-baselines3 and sb3-contrib."""
 
     def names(self) -> list[str]:  # noqa: D102
         return sorted({*super().names(), *ALGORITHMS}, key=lambda name: (name in ALGORITHMS, name))
 
     def get(self, name: str) -> type[Student]:
-        """Return the student called `name`, ignoring case after ``stock:``.
+        """Return the student called `name`; case is ignored after ``stock:``.
 
         Raises:
             UnknownNameError: if `name` is unknown, or its package is not installed.
@@ -92,7 +92,7 @@ def make_student(
     device: str = "cpu",
     threads: int = 1,
 ) -> Student:
-    """Return a new student.
+    """Return a new student called `name`.
 
     Args:
         name: "ppo", "sac", "stock:ppo", "stock:sac", an algorithm like "TQC", or any registered student.
@@ -157,7 +157,7 @@ def default_hyperparameters(name: str) -> dict[str, Any]:
 
 
 def check_hyperparameters(name: str, overrides: Mapping[str, Any] | None = None) -> Any:
-    """Return the frozen hyper-parameters of the student called `name`, with `overrides`.
+    """Check `overrides`, and return the frozen hyper-parameters of the student called `name`.
 
     Args:
         name: a student's name, perhaps with hyper-parameters (``sac:learning_rate=3e-4``).
@@ -176,7 +176,7 @@ def check_hyperparameters(name: str, overrides: Mapping[str, Any] | None = None)
 
 
 def canonical_student(name: str, overrides: Mapping[str, Any] | None = None) -> str:
-    """Return the name of a student with the hyper-parameters that differ from its defaults.
+    """Return the name of a student followed by the hyper-parameters that differ from its defaults.
 
     Equal students have equal names. Errors are those of `check_hyperparameters`.
     """
@@ -185,7 +185,7 @@ def canonical_student(name: str, overrides: Mapping[str, Any] | None = None) -> 
 
 
 def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
-    """Return the greedy policy that a student called `name` saved in `folder`.
+    """Return the greedy policy that the student called `name` saved in `folder`.
 
     It acts as the student did, bit for bit on the same machine with as many threads. The folder may come
     from anywhere: only JSON and safetensors are read, never a pickle.
@@ -198,7 +198,7 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
 
 
 def policy_layers(name: str, folder: Path) -> nn.Sequential:
-    """Return the layers of the greedy policy that a student called `name` saved in `folder`.
+    """Return the layers of the greedy policy that the student called `name` saved in `folder`.
 
     They map raw observations (n, o) to actions (n, a), normalisation and bounds included.
 

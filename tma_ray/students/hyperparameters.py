@@ -1,4 +1,4 @@
-"""Hyper-parameters of the students, checked at construction without importing torch."""
+"""Hyper-parameters of the students, checked on construction without importing torch."""
 
 import math
 from collections.abc import Mapping
@@ -102,7 +102,7 @@ class PPOHyperparameters:
         check_at_least(self, 0, "averaged_steps")
 
     def layout(self, inputs: int, actions: int) -> Layout:
-        """Return the layout of the network from observations to action means and the value.
+        """Return the layout of the network that maps observations to action means and the value.
 
         Separate trunks share layers of twice the units; see `Layout.trunks`.
         """
@@ -111,7 +111,7 @@ class PPOHyperparameters:
 
     @property
     def averaging(self) -> float:
-        """Weight of the current parameters in their moving average."""
+        """Weight of the current parameters in the moving average of parameters."""
         return -math.expm1(-self.steps_per_update / self.averaged_steps)
 
 
@@ -178,7 +178,7 @@ class SACHyperparameters:
     matmul_precision: MatmulPrecision = MatmulPrecision.HIGHEST
 
     def layout(self, inputs: int, actions: int) -> Layout:
-        """Return the layout of the actor from observations to action means and log standard deviations."""
+        """Return the layout of the actor, which maps observations to means and log standard deviations."""
         return Layout((inputs, *self.hidden_units, 2 * actions))
 
     def __post_init__(self) -> None:

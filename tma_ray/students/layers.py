@@ -1,4 +1,4 @@
-"""Greedy policies as sequences of torch layers, for exports to other formats."""
+"""Greedy policies as sequences of torch layers, for export to other formats."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -73,7 +73,7 @@ def _register(module: nn.Module, **buffers: ArrayLike) -> None:
 
 
 def as_sequential(layers: Sequence[nn.Module]) -> nn.Sequential:
-    """Return `layers` as one frozen module in evaluation mode."""
+    """Return `layers` as a single frozen module in evaluation mode."""
     return nn.Sequential(*layers).eval().requires_grad_(False)
 
 
@@ -84,7 +84,7 @@ def unscale(actions: spaces.Box) -> Affine:
 
 
 def acting_layers(model: BaseAlgorithm) -> nn.Sequential:
-    """Return the layers of ``predict(observations, deterministic=True)`` of `model`.
+    """Return the layers that compute ``predict(observations, deterministic=True)`` of `model`.
 
     Raises:
         ValueError: if its policy is of an unknown kind.
@@ -97,7 +97,7 @@ def acting_layers(model: BaseAlgorithm) -> nn.Sequential:
     elif hasattr(actor, "latent_pi"):
         modules = [actor.features_extractor, actor.latent_pi, actor.mu]
     elif hasattr(actor, "mu"):
-        modules = [actor.features_extractor, actor.mu]  # `mu` ends in a tanh
+        modules = [actor.features_extractor, actor.mu]  # `mu` itself ends in a tanh
     else:
         raise ValueError(f"it is not known what a {type(policy).__name__} computes to act")
     if policy.squash_output and len(modules) == 3:
@@ -111,12 +111,12 @@ def _leaves(module: nn.Module) -> Iterator[nn.Module]:
     if isinstance(module, nn.Sequential):
         for layer in module:
             yield from _leaves(layer)
-    elif not isinstance(module, FlattenExtractor):  # observations are flat
+    elif not isinstance(module, FlattenExtractor):  # not needed, since observations are flat
         yield module
 
 
 def _without_batch_norm(layer: Any) -> nn.Module:
-    """Return a batch renormalisation as its affine map, any other layer unchanged."""
+    """Return a batch renormalisation as an equivalent affine map, and any other layer unchanged."""
     if type(layer).__name__ != "BatchRenorm1d":
         return layer  # type: ignore[no-any-return]
     mean, variance, scale, bias = (
@@ -127,11 +127,11 @@ def _without_batch_norm(layer: Any) -> nn.Module:
     return Affine(weight, (bias if layer.affine else 0.0) - mean * weight)
 
 
-MEAN = "mean"  # name of the last layer; hidden ones are numbered
+MEAN = "mean"  # name of the last layer; hidden layers are numbered
 
 
 class GreedyNetwork:
-    """Network of the mean actions, shared by students and saved policies so that both act bit for bit alike.
+    """Network of mean actions, shared by students and saved policies so that both act bit for bit alike.
 
     Its first outputs are the means. Single observations use `row`, a copy of `parameters` (p,) that `refresh`
     updates, and batches the parameters themselves.
@@ -170,7 +170,7 @@ class GreedyNetwork:
         return values
 
     def tensors(self) -> dict[str, NDArray[Any]]:
-        """Return weight and bias of every layer by name, for `write_policy`."""
+        """Return the weights and biases of all layers, by name, for `write_policy`."""
         return {
             f"{name}.{key}": tensor.numpy(force=True)
             for name, layer in zip(_names(len(self._layers)), self._layers, strict=True)
@@ -179,7 +179,7 @@ class GreedyNetwork:
 
 
 def tensor_specs(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Return shape and type of each layer's tensors, by name, as `StoredPolicy.check` expects them."""
+    """Return the shapes and types of all layers' tensors, by name, as `StoredPolicy.check` expects them."""
     units = stored.hyperparameters.get("hidden_units")
     if not isinstance(units, list) or not units or not all(type(size) is int and size > 0 for size in units):
         stored.refuse(f"hidden_units = {units!r:.80}: expected a list of sizes")

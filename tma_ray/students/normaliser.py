@@ -14,12 +14,12 @@ from tma_ray.support.jit import kernel
 EPSILON = 1e-8  # added to variances before taking the root
 INITIAL_COUNT = 1e-4  # weight of the initial mean 0 and variance 1
 
-MEAN_TENSOR, VARIANCE_TENSOR = "normaliser.mean", "normaliser.variance"  # observation statistics in a policy
+MEAN_TENSOR, VARIANCE_TENSOR = "normaliser.mean", "normaliser.variance"  # in saved policies
 COUNT_TENSOR = "normaliser.count"
 
 
 class Normaliser:
-    """Running normalisation of observations, and of rewards by the deviation of the discounted return.
+    """Running normalisation of observations, and of rewards by the discounted return's deviation.
 
     Bit for bit equal to VecNormalize over one environment, and several times as fast. Statistics are float64,
     results float32.
@@ -55,7 +55,7 @@ class Normaliser:
         self._discounted_return = 0.0
 
     def update_step(self, transition: Transition, value: Callable[[Observations], float]) -> float:
-        """Update all statistics with a step and return its normalised reward.
+        """Update all statistics with a step, and return its normalised reward.
 
         The last reward of a truncated episode includes the discounted `value` of its last observation.
         """
@@ -71,22 +71,22 @@ class Normaliser:
         return reward
 
     def normalise(self, observations: Observations) -> Observations:
-        """Return `observations` (..., o) normalised and clipped."""
+        """Return `observations` (..., o), normalised and clipped."""
         rows = np.ascontiguousarray(observations).reshape(-1, len(self._mean))
         return scaled(rows, *self.statistics).reshape(observations.shape)
 
     @property
     def statistics(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Arguments of `scaled` after the observations."""
+        """Arguments that `scaled` takes after the observations."""
         return self._mean, self._variance, self.observation_clip
 
     def normalise_reward(self, reward: float) -> float:
-        """Return `reward` scaled and clipped, without subtracting a mean."""
+        """Return `reward`, scaled and clipped, without subtracting a mean."""
         return max(-self.reward_clip, min(self.reward_clip, reward / self.reward_scale))
 
     @property
     def reward_scale(self) -> float:
-        """Scale that divides rewards, and multiplies values of normalised rewards."""
+        """Scale by which rewards are divided and values of normalised rewards are multiplied."""
         return math.sqrt(self._return_variance + EPSILON)
 
     def save(self, path: Path) -> None:
@@ -107,7 +107,7 @@ class Normaliser:
         path.write_text(json.dumps(content, indent=1))
 
     def tensors(self) -> dict[str, NDArray[np.float64]]:
-        """Return the observation statistics by their names in a saved policy."""
+        """Return the observation statistics by the names they have in a saved policy."""
         return {
             MEAN_TENSOR: self._mean,
             VARIANCE_TENSOR: self._variance,
@@ -116,13 +116,13 @@ class Normaliser:
 
     @staticmethod
     def tensor_specs(size: int) -> dict[str, tuple[tuple[int, ...], str]]:
-        """Return shape and type of each of `tensors`, for observations of length `size`."""
+        """Return the shape and type of each of `tensors` for observations of length `size`."""
         shapes = {MEAN_TENSOR: (size,), VARIANCE_TENSOR: (size,), COUNT_TENSOR: ()}
         return {name: (shape, "float64") for name, shape in shapes.items()}
 
     @classmethod
     def load(cls, path: Path) -> "Normaliser":
-        """Return the normaliser that `save` wrote."""
+        """Return a normaliser written by `save`."""
         content = json.loads(path.read_text())
         mean: NDArray[np.float64] = np.array(content["observation_mean"])
         normaliser = cls(mean.size, content["gamma"], content["observation_clip"], content["reward_clip"])
@@ -151,7 +151,7 @@ def _count_in(
 def scaled(
     observations: Observations, mean: NDArray[np.float64], variance: NDArray[np.float64], clip: float
 ) -> Observations:
-    """Return `observations` (n, o) normalised and clipped."""
+    """Return `observations` (n, o), normalised and clipped."""
     deviation = np.sqrt(variance + EPSILON)
     results = np.empty(observations.shape, dtype=np.float32)
     for row in range(len(observations)):

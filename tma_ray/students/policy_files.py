@@ -1,4 +1,4 @@
-"""Saved policies, ``policy.json`` and ``policy.safetensors``, which are safe to read from anywhere."""
+"""Saved policies (``policy.json`` and ``policy.safetensors``), safe to read from any source."""
 
 import json
 import math
@@ -19,7 +19,7 @@ from tma_ray.support.decoding import DamagedFileError, decode_json, read_file
 
 ContentT = TypeVar("ContentT")
 
-FORMAT_VERSION: Final = 1  # raise it when the names or meaning of saved values change
+FORMAT_VERSION: Final = 1  # to be raised when the names or the meaning of saved values change
 
 POLICY_FILE: Final = "policy.json"
 TENSORS_FILE: Final = "policy.safetensors"
@@ -34,7 +34,7 @@ Bound: TypeAlias = Annotated[float, msgspec.Meta(ge=-_MAX_FLOAT32, le=_MAX_FLOAT
 
 @dataclass(frozen=True)
 class _Version:
-    """Fields of every version of `POLICY_FILE`."""
+    """Fields that `POLICY_FILE` has in every version."""
 
     format_version: int
 
@@ -49,7 +49,7 @@ class _Bounds:
 
 @dataclass(frozen=True)
 class _Settings:
-    """Fields of `POLICY_FILE` besides its version."""
+    """Fields of `POLICY_FILE` other than the version."""
 
     student: str
     observation_space: _Bounds
@@ -58,7 +58,7 @@ class _Settings:
 
 
 class PolicyFileError(ValueError):
-    """A saved policy that cannot be read, with the path of its file, the problem and a remedy."""
+    """Error of a saved policy that cannot be read, with the file's path, the problem and a remedy."""
 
     def __init__(self, file: str | Path, problem: str) -> None:
         super().__init__(f"{file}: {problem}")
@@ -84,7 +84,7 @@ class StoredPolicy:
     tensors: Mapping[str, NDArray[Any]]
 
     def check(self, expected: Mapping[str, tuple[tuple[int, ...], str]]) -> None:
-        """Check that the tensors are those of `expected`, a shape and a numpy type by name.
+        """Check that the tensors are those in `expected`, which maps names to shapes and numpy types.
 
         Raises:
             PolicyFileError: if a tensor is missing, unknown, or of another shape or type.
@@ -117,7 +117,7 @@ def write_policy(
     tensors: Mapping[str, NDArray[Any]],
     hyperparameters: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a policy into the existing `folder`, deterministically to the byte.
+    """Write a policy to the existing `folder`, with deterministic bytes.
 
     Args:
         folder: folder of the policy alone.
@@ -134,14 +134,14 @@ def write_policy(
         "action_space": _bounds(action_space),
         "hyperparameters": dict(hyperparameters or {}),
     }
-    # safetensors ignores strides
+    # in C order, since safetensors ignores strides
     ordered = {name: np.asarray(tensor, order="C") for name, tensor in tensors.items()}
     (folder / TENSORS_FILE).write_bytes(serialise_tensors(ordered))
     (folder / POLICY_FILE).write_text(json.dumps(content, indent=1) + "\n")
 
 
 def read_policy(folder: Path, student: str) -> StoredPolicy:
-    """Return the policy that `write_policy` wrote, whose tensors the caller checks by `StoredPolicy.check`.
+    """Return a policy written by `write_policy`; the caller must check its tensors by `StoredPolicy.check`.
 
     Raises:
         PolicyFileError: if a file is missing, damaged, of another format version or of another student.
@@ -165,9 +165,9 @@ def read_policy(folder: Path, student: str) -> StoredPolicy:
     path = folder / TENSORS_FILE
     try:
         stored = parse_tensors(_bytes(path))
-    except (SafetensorError, KeyError, TypeError) as error:  # KeyError: a type that numpy lacks
+    except (SafetensorError, KeyError, TypeError) as error:  # KeyError for a type that numpy lacks
         raise PolicyFileError(path, f"no sound safetensors file ({error}); {_ADVICE}") from error
-    tensors = {  # copies are aligned and writable; releases store float16
+    tensors = {  # copied to be aligned and writable; releases store float16
         name: np.array(tensor, np.float32 if tensor.dtype == np.float16 else tensor.dtype)
         for name, tensor in stored.items()
     }
@@ -190,7 +190,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _bounds(space: spaces.Box) -> dict[str, list[float | None]]:
-    """Return the bounds of each dimension, with None for infinite ones (JSON has no infinity)."""
+    """Return the bounds of all dimensions, with None for infinite ones (JSON has no infinity)."""
     return {
         name: [float(value) if math.isfinite(value) else None for value in bounds]
         for name, bounds in (("low", space.low), ("high", space.high))

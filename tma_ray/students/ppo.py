@@ -58,7 +58,7 @@ class Trunk(BaseFeaturesExtractor):
 
 @torch.no_grad()
 def init_separate_trunks(trunk: Trunk, means: nn.Linear, value: nn.Linear) -> None:
-    """Initialise `trunk` as two separate networks, as stable-baselines3 initialises them.
+    """Initialise `trunk` as two separate networks, in the way of stable-baselines3.
 
     The first half of each hidden layer leads to the `means`, the second to the `value`; weights between the
     halves are 0.
@@ -84,7 +84,7 @@ _HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 
 
 class Steps(NamedTuple):
-    """A mini-batch of n steps, with the fields of stable-baselines3's samples.
+    """A mini-batch of n steps, with the same fields as stable-baselines3's samples.
 
     Attributes:
         observations: normalised observations (n, o).
@@ -104,7 +104,7 @@ class Steps(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """Terms of the loss and metrics, one number per run each, and the gradient.
+    """Terms of the loss and metrics, each one number per run, and the gradient.
 
     Attributes:
         policy: clipped surrogate objective.
@@ -124,7 +124,7 @@ class Losses(NamedTuple):
 
 
 def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PPOHyperparameters) -> Losses:
-    """Return the terms of a mini-batch's loss, and its gradient (arXiv:1707.06347, equations 7 and 9).
+    """Return the terms of a mini-batch's loss and the gradient (arXiv:1707.06347, equations 7 and 9).
 
     Args:
         outputs: action means and value (n, a + 1).
@@ -145,7 +145,7 @@ def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PP
     policy, value = -torch.minimum(*surrogates).mean(dim=-1), value_error.square().mean(dim=-1)
     divergence = (ratio - 1 - log_ratio).mean(dim=-1)
     clipped = ((ratio - 1).abs() > clip).to(ratio.dtype).mean(dim=-1)
-    # the gradient is zero where the clipped surrogate is the smaller one
+    # the gradient is zero where the clipped surrogate is smaller
     share = (surrogates[0] * (surrogates[0] <= surrogates[1])).div_(-ratio.shape[-1])[..., None]
     gradient = share * error / deviation
     log_std_gradient = (share * (error.square() - 1)).sum(dim=-2) - hyper.entropy_coefficient
@@ -155,14 +155,14 @@ def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PP
 
 
 def log_density(error: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
-    """Return the log density (n,) of actions at standardised `error` (n, a)."""
+    """Return the log density (n,) of actions with standardised `error` (n, a)."""
     return -(0.5 * error.square() + (log_std + _HALF_LOG_2PI)).sum(dim=-1)
 
 
 def _value_error(
     values: torch.Tensor, steps: Steps, clip: float | None
 ) -> tuple[torch.Tensor, torch.Tensor | float]:
-    """Return the errors of the clipped `values` (n,), and True where they are not clipped."""
+    """Return the errors of the clipped `values` (n,), and a mask of those that are not clipped."""
     if clip is None:
         return values - steps.returns, 1.0
     change = values - steps.old_values
@@ -170,7 +170,7 @@ def _value_error(
 
 
 class PPOUpdate:
-    """PPO's update of a stable-baselines3 model, which owns networks and optimiser state."""
+    """PPO's update, applied to a stable-baselines3 model that owns the networks and optimiser state."""
 
     def __init__(
         self, model: stable_baselines3.PPO, parameters: FlatParameters, hyperparameters: PPOHyperparameters
@@ -196,9 +196,9 @@ class PPOUpdate:
         variance = explained_variance(rollout.values, rollout.returns)
         model.logger.record("train/explained_variance", variance)
 
-    @torch.no_grad()  # the gradient in closed form saves a twentieth of a step
+    @torch.no_grad()  # using the gradient in closed form saves a twentieth of a step's time
     def train_on(self, batch: RolloutBufferSamples) -> Losses:
-        """Take one optimiser step on the mini-batch `batch`; return the losses before it."""
+        """Take one optimiser step on the mini-batch `batch`, and return the losses before the step."""
         (network,), (log_std,) = self.flat.networks, self.flat.others
         kept = network.activations(batch.observations)
         terms = losses(kept[-1], log_std, Steps(*batch), self._hyper)
@@ -214,7 +214,7 @@ class PPOUpdate:
 NORMALISER_FILE = "normaliser.json"
 AVERAGE_FILE = "average.npy"
 
-POLICY = "ppo"  # kind in saved policies, also of `StockPPO`
+POLICY = "ppo"  # kind of student in saved policies, including those of `StockPPO`
 
 
 class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
@@ -286,7 +286,7 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
         log_std: NDArray[np.float32] = self._flat.others[0].numpy(force=True).copy()
         self._policy = log_std, np.stack([self._low, self._high])
 
-    def _prepare_update(self) -> None:  # call `changed` after changing its parameters or optimiser
+    def _prepare_update(self) -> None:  # to be followed by `changed` if parameters change
         self.update = PPOUpdate(self.model, self._flat, self.hyperparameters)
 
     def _train(self) -> None:
@@ -308,7 +308,7 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
         return values * self.normaliser.reward_scale
 
     def save_policy(self, folder: Path) -> None:
-        """Write the layers of the mean action (float32) and the observation statistics (float64).
+        """Write the layers that compute the mean action (float32), and the observation statistics (float64).
 
         To act elsewhere, apply ``clip((observation - mean) / sqrt(variance + 1e-8), -observation_clip,
         observation_clip)``, then the layers with activations between, and clip to the action space.
@@ -318,7 +318,7 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
             "hidden_units": list(self._layout.sizes[1:-1]),
             "observation_clip": hyper.observation_clip,
         }
-        if hyper.activation is not Activation.RELU:  # the default of files without the entry
+        if hyper.activation is not Activation.RELU:  # files without this entry default to ReLU
             values["activation"] = hyper.activation.value
         tensors = {**self._greedy.tensors(), **self.normaliser.tensors()}
         write_policy(folder, POLICY, self.observation_space, self.action_space, tensors, values)
@@ -376,7 +376,7 @@ class StockPPO(PPO):
 
     def _connect(self) -> None:
         super()._connect()
-        if self.hyperparameters.separate_trunks:  # mask the gradients of autograd
+        if self.hyperparameters.separate_trunks:  # autograd's gradients need a mask
             mask = torch.ones_like(self._flat.values)
             trunks = torch.from_numpy(self._layout.trunks(self._low.size))
             mask[: len(trunks)] = trunks.to(mask)

@@ -1,4 +1,4 @@
-"""Replay buffer that stores observations once, with the last observations of truncated episodes."""
+"""Replay buffer that stores each observation only once, including last ones of truncated episodes."""
 
 import math
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
 from tma_ray.students.base import Observations, Transition
 
-SEGMENT_ROWS = 100_000  # rows per file, about 12 MB for 24 observations and 4 actions
+SEGMENT_ROWS = 100_000  # rows per file: about 12 MB with observations of length 24 and actions of length 4
 
 INDEX_FILE = "replay.npz"
 
@@ -21,7 +21,7 @@ _COUNTERS = ("_row", "_size", "_filled", "_first_ending", "_next_ending", "_adde
 
 
 class ReplayBuffer:
-    """A ring of transitions whose next observation is the following row's observation.
+    """A ring of transitions in which a transition's next observation is the observation in the next row.
 
     Next observations at the end of an episode are stored in a second, small ring, so that truncated episodes
     bootstrap from their last observation; stable-baselines3's buffer cannot do that while storing
@@ -45,8 +45,8 @@ class ReplayBuffer:
         self._actions = np.zeros((self._rows, action_size), dtype=np.float32)
         self._rewards = np.zeros(self._rows, dtype=np.float32)
         self._terminated = np.zeros(self._rows, dtype=np.bool_)
-        self._ending = np.zeros(self._rows, dtype=np.int32)  # number of the stored ending, 0 if none
-        self._added = 0  # transitions added since the start
+        self._ending = np.zeros(self._rows, dtype=np.int32)  # number of the stored ending, or 0
+        self._added = 0  # number of transitions ever added
         self.clear()
 
     def __len__(self) -> int:
@@ -54,18 +54,18 @@ class ReplayBuffer:
 
     def clear(self) -> None:
         """Forget all transitions."""
-        self._row = 0  # row of the next transition
+        self._row = 0  # row for the next transition
         self._size = 0
-        self._filled = 0  # rows ever written, all of them after a wrap
-        self._saved = 0  # `_added` at the last save, 0 if that save holds nothing of the current content
+        self._filled = 0  # number of rows ever written: all of them after the first wrap
+        self._saved = 0  # `_added` at the last save, or 0 if that save holds none of the current content
         self._endings = np.empty((1, self._observations.shape[1]), dtype=np.float32)
         self._first_ending, self._next_ending = 1, 1  # numbers of the endings kept: [first, next)
 
     def add(self, transition: Transition, action: NDArray[np.float32]) -> None:
-        """Store `transition` with its `action` (a,) scaled to [-1, 1], overwriting the oldest if full."""
+        """Store `transition` with its `action` (a,) scaled to [-1, 1], replacing the oldest one if full."""
         row = self._row
         following = row + 1 if row + 1 < self._rows else 0
-        if self._size == self._rows - 1:  # the oldest transition lies where the next observation goes
+        if self._size == self._rows - 1:  # the next observation will overwrite the oldest transition
             self._first_ending += bool(self._ending[following])
             self._size -= 1
         if self._size and not (self._observations[row] == transition.observation).all():
@@ -88,7 +88,7 @@ class ReplayBuffer:
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Store n consecutive transitions of an episode, like n calls of `add`.
+        """Store n consecutive transitions of an episode, like n calls to `add`.
 
         Args:
             observations: observations of all transitions, and the last next one (n + 1, o).
@@ -120,7 +120,7 @@ class ReplayBuffer:
         self._filled = max(self._filled, self._row)
 
     def pieces(self) -> Iterator[tuple[Observations, NDArray[np.float32], NDArray[np.float32], bool]]:
-        """Yield all transitions, oldest first, episode by episode as arguments of `extend`."""
+        """Yield all transitions, oldest first, as arguments of `extend` for each episode."""
         rows = (self._row - np.arange(self._size, 0, -1)) % self._rows
         ends = self._terminated[rows] | (self._ending[rows] > 0)
         for piece in np.split(rows, ends.nonzero()[0] + 1):
@@ -131,7 +131,7 @@ class ReplayBuffer:
                 yield observations, self._actions[piece], self._rewards[piece], terminated
 
     def sample(self, batch_size: int, env: None = None) -> ReplayBufferSamples:
-        """Return `batch_size` transitions drawn uniformly with replacement, as float32 tensors."""
+        """Return `batch_size` transitions, drawn uniformly with replacement, as float32 tensors."""
         assert env is None, "a normalising environment of stable-baselines3 is not used"
         ages = self._generator.integers(1, self._size + 1, size=batch_size)
         rows = (self._row - ages) % self._rows
@@ -145,14 +145,14 @@ class ReplayBuffer:
         return ReplayBufferSamples(*(torch.from_numpy(column).to(self._device) for column in batch))
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
-        """Write the filled rows in segments and return the names of the segments left out.
+        """Write the filled rows in segments, and return the names of the segments left out.
 
         If `incremental`, segments unchanged since the last save or load are left out.
         """
         changed: set[int] | None = None
         if incremental and self._saved:
             new = min(self._added - self._saved, self._rows)
-            # and the row before, whose ending may be new, and the one after
+            # also the row before, whose ending may be new, and the one after
             touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
             changed = set((touched // SEGMENT_ROWS).tolist())
         used, unchanged = min(self._filled + 1, self._rows), []
@@ -171,7 +171,7 @@ class ReplayBuffer:
         return tuple(unchanged)
 
     def load(self, folder: Path) -> None:
-        """Load the content that a buffer of the same sizes saved."""
+        """Load the content saved by a buffer of the same sizes."""
         for number, path in enumerate(sorted(folder.glob("replay-*.npz"))):
             start = number * SEGMENT_ROWS
             with np.load(path) as segment:
@@ -200,5 +200,5 @@ class ReplayBuffer:
             grown[kept % len(grown)] = self._endings[kept % len(self._endings)]
             self._endings = grown
         self._endings[self._next_ending % len(self._endings)] = self._observations[row]
-        self._ending[row - 1] = self._next_ending  # -1, the last row, at the wrap
+        self._ending[row - 1] = self._next_ending  # at the wrap this is -1, the last row
         self._next_ending += 1

@@ -37,7 +37,7 @@ Pass: TypeAlias = Callable[[torch.Tensor], torch.Tensor]  # forward pass of a ne
 
 
 class Transitions(NamedTuple):
-    """A batch of n transitions, with fields of stable-baselines3's samples.
+    """A batch of n transitions, with the same fields as stable-baselines3's samples.
 
     Attributes:
         observations: observations (n, o).
@@ -62,7 +62,7 @@ class Draw(NamedTuple):
 
 
 def log_std_of(outputs: torch.Tensor, log_std: LogStd) -> torch.Tensor:
-    """Return an actor's `outputs` mapped to log standard deviations within `LOG_STD_RANGE`."""
+    """Map an actor's `outputs` to log standard deviations within `LOG_STD_RANGE`."""
     low, high = LOG_STD_RANGE
     if log_std is LogStd.CLAMP:
         return outputs.clamp(low, high)
@@ -70,7 +70,7 @@ def log_std_of(outputs: torch.Tensor, log_std: LogStd) -> torch.Tensor:
 
 
 def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor, log_std: LogStd) -> Draw:
-    """Return actions sampled from a tanh-squashed normal distribution, and their log density.
+    """Return actions sampled from a tanh-squashed normal distribution, with their log density.
 
     Args:
         outputs: outputs of an actor (n, 2a).
@@ -91,7 +91,7 @@ def joint_pass(critics: Sequence[Pass]) -> Pass:
 
 
 def soft_values(critics: Pass, observations: torch.Tensor, draw: Draw, alpha: float) -> torch.Tensor:
-    """Return min Q - alpha log pi (n, 1) of the actions in `draw`."""
+    """Return min Q - alpha log pi (n, 1) for the actions in `draw`."""
     values = critics(torch.cat((observations, draw.actions), dim=-1))
     return values.min(dim=-1, keepdim=True).values - alpha * draw.log_probabilities
 
@@ -111,7 +111,7 @@ def actor_loss(critics: Pass, observations: torch.Tensor, draw: Draw, alpha: flo
 
 
 class TanhActor(Actor):
-    """Actor whose log standard deviation is a scaled tanh instead of clamped."""
+    """Actor whose log standard deviation is limited by a scaled tanh instead of clamping."""
 
     def get_action_dist_params(
         self, obs: PyTorchObs
@@ -136,7 +136,7 @@ POLICIES: dict[LogStd, type[SACPolicy]] = {LogStd.TANH: TanhPolicy, LogStd.CLAMP
 
 
 class SACUpdate:
-    """SAC's update of a stable-baselines3 model, which owns networks and optimiser states."""
+    """SAC's update, applied to a stable-baselines3 model that owns the networks and optimiser states."""
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class SACUpdate:
         self._model, self._hyper = model, hyperparameters
 
     def __call__(self, samples: ReplayBufferSamples) -> None:
-        """Update critics, actor and targets once, with noise from torch's generator."""
+        """Update the critics, actor and targets once, with noise from torch's generator."""
         batch = Transitions(*samples[:5])
         noise, next_noise = (torch.randn_like(batch.actions) for _ in range(2))
         hyper, (actor,) = self._hyper, self.actor.networks
@@ -175,7 +175,7 @@ class SACUpdate:
         self._model.logger.record("train/actor_loss", policy_loss.item())
 
 
-POLICY = "sac"  # kind in saved policies, also of `StockSAC`
+POLICY = "sac"  # kind of student in saved policies, including those of `StockSAC`
 
 
 class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
@@ -228,7 +228,7 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
         self._acting.refresh()
 
     def _prepare_update(self) -> None:
-        # call `changed` after changing its parameters or optimisers
+        # to be followed by `changed` if parameters change
         self.update = SACUpdate(self.model, self._actor, self._critics, self.hyperparameters)
 
     def _train(self, updates: int) -> None:
@@ -243,7 +243,7 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
                 self._train(updates)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Return V(s) (n,) of `observations` (n, o), entropy bonus included."""
+        """Return V(s) (n,) of `observations` (n, o), including the entropy bonus."""
         hyper, inputs = self.hyperparameters, as_batch(observations, self.device)
         total = torch.zeros((len(inputs), 1), dtype=torch.float64, device=self.device)
         with torch.no_grad():
@@ -256,13 +256,13 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
         return values
 
     def value_noise(self, states: int) -> NDArray[np.float32]:
-        """Return standard normal noise (m, n, a) of the m sampled actions per state."""
+        """Return standard normal noise (m, n, a) for m sampled actions per state."""
         shape = self.hyperparameters.value_samples, states, self._low.size
         noise: NDArray[np.float32] = self._values.standard_normal(shape, dtype=np.float32)
         return noise
 
     def save_policy(self, folder: Path) -> None:
-        """Write the actor's layers of the mean action.
+        """Write the actor's layers that compute the mean action.
 
         To act elsewhere, apply the layers with ReLUs between, and map the tanh of the result from [-1, 1] to
         the action space.

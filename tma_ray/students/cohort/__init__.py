@@ -1,1 +1,1 @@
-"""Stacked learners, which update many runs at once."""
+"""Stacked learners that update many runs at once."""

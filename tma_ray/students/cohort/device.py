@@ -1,4 +1,4 @@
-"""Device utilities of a learner: repeated execution, counter-based random numbers, and copies."""
+"""Device utilities of a learner: repeated execution, counter-based random numbers and copies."""
 
 import ctypes
 import math
@@ -18,7 +18,7 @@ _TRIM_THRESHOLD, _MAP_THRESHOLD = -1, -3
 
 
 def empty(shape: tuple[int, ...], dtype: torch.dtype, device: torch.device) -> torch.Tensor:
-    """Return zeros, whose pages a CPU allocates on first write."""
+    """Return zeros; on a CPU, memory pages are allocated only when first written."""
     if device.type == "cpu":
         kind = torch.empty(0, dtype=dtype).numpy().dtype
         return torch.from_numpy(np.zeros(shape, dtype=kind))
@@ -26,30 +26,30 @@ def empty(shape: tuple[int, ...], dtype: torch.dtype, device: torch.device) -> t
 
 
 def upload(values: NDArray[Any], device: torch.device) -> torch.Tensor:
-    """Return `values` on `device`, perhaps in shared memory on a CPU."""
+    """Return `values` on `device`; on a CPU, the tensor may share their memory."""
     tensor = torch.from_numpy(np.ascontiguousarray(values))
     if device.type == "cpu":
         return tensor
-    return tensor.pin_memory().to(device, non_blocking=True)  # torch keeps pinned memory until it was read
+    return tensor.pin_memory().to(device, non_blocking=True)  # torch keeps pinned memory until it is read
 
 
 def keep_pages() -> None:
-    """Make glibc keep freed memory, since new pages take a fifth of an update's time."""
+    """Make glibc keep freed memory, since getting new pages takes a fifth of an update's time."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(_TRIM_THRESHOLD, 2**31 - 1)
-        mallopt(_MAP_THRESHOLD, 2**25)  # its maximum
+        mallopt(_MAP_THRESHOLD, 2**25)  # largest allowed value
 
 
-WARM_UP = 3  # executions before capturing a graph, for lazily initialised libraries
+WARM_UP = 3  # executions before a graph is captured, which initialise libraries
 
-COMPILE_MODE = "max-autotune-no-cudagraphs"  # fuses elementwise operations; `Repeated` captures the graph
-MOST_SHAPES = 128  # shapes that torch compiles a function for in one process before it stops compiling
+COMPILE_MODE = "max-autotune-no-cudagraphs"  # fuses elementwise operations, without capturing a graph
+MOST_SHAPES = 128  # largest number of shapes for which torch compiles a function in one process
 
 
 @contextmanager
 def precision(chosen: MatmulPrecision) -> Iterator[None]:
-    """Context of torch's matmul precision for float32 (casts to bfloat16 are explicit)."""
+    """Context that sets torch's matmul precision for float32 (casts to bfloat16 are explicit)."""
     previous = torch.get_float32_matmul_precision()
     torch.set_float32_matmul_precision("high" if chosen == MatmulPrecision.HIGH else "highest")
     try:
@@ -64,17 +64,17 @@ def hidden_type(chosen: MatmulPrecision, dtype: torch.dtype) -> torch.dtype:
 
 
 def compile_if(mode: bool | str, function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `function`, compiled by torch if `mode` is True or names a mode of the compiler."""
+    """Return `function`, compiled by torch if `mode` is True or the name of a compiler mode."""
     if not mode:
         return function
-    from torch._dynamo import config  # deferred: the import takes 2 s and 150 MB
+    from torch._dynamo import config  # deferred, since the import takes 2 s and 150 MB
 
     config.recompile_limit = max(config.recompile_limit, MOST_SHAPES)
     return torch.compile(function, mode=COMPILE_MODE if mode is True else mode, dynamic=False)
 
 
 class Repeated:
-    """Function executed many times on the same memory, as a captured graph on a GPU.
+    """Function that runs many times on the same memory, as a captured graph on a GPU.
 
     It must not depend on values in host memory.
     """
@@ -96,16 +96,16 @@ class Repeated:
                 self._function()
 
     def forget(self) -> None:
-        """Drop the graph because the function's memory moved."""
+        """Discard the captured graph, as needed when the function's memory has moved."""
         self._graph = None
 
     @property
     def wants_capture(self) -> bool:
-        """True if `capture` should precede the next execution."""
+        """True if `capture` should be called before the next execution."""
         return self._device.type == "cuda" and self._graph is None
 
     def capture(self) -> None:
-        """Capture the graph after executing the function a few times."""
+        """Capture the graph after a few warm-up executions of the function."""
         stream = torch.cuda.Stream(self._device)  # type: ignore[no-untyped-call]
         stream.wait_stream(torch.cuda.current_stream(self._device))
         graph = torch.cuda.CUDAGraph()
@@ -128,7 +128,7 @@ _KEY_STEPS = 0x9E3779B9, 0xBB67AE85
 
 
 class Purpose(IntEnum):
-    """Purpose of random numbers, with an independent stream each."""
+    """Purposes of random numbers, each with an independent stream."""
 
     BATCH = 0  # indices of a batch
     NOISE = 1  # noise of actions in updates
@@ -156,10 +156,10 @@ def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.T
 
 
 def words(keys: torch.Tensor, numbers: torch.Tensor, purpose: Purpose, count: int) -> torch.Tensor:
-    """Return random words (k, count) of the update `numbers` (k,) of runs with `keys` (k, 2)."""
+    """Return random words (k, count) for the updates `numbers` (k,) of the runs with `keys` (k, 2)."""
     blocks = torch.arange(-(-count // 4), device=keys.device)
     low, high = (numbers & _WORD)[:, None], (numbers >> 32 & _WORD)[:, None]
-    # the block is the second word, which no round multiplies: torch's compiler would use 32 bits
+    # blocks go into the second word, which no round multiplies: torch's compiler would use 32 bits
     counters = low, blocks, high, torch.full_like(low, int(purpose))
     return philox(counters, (keys[:, :1], keys[:, 1:])).flatten(1)[:, :count]
 
@@ -173,7 +173,7 @@ def integers_below(limits: torch.Tensor, drawn: torch.Tensor) -> torch.Tensor:
 
 
 def standard_normals(drawn: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Return standard normals (k, n) from random words `drawn` (k, n) with even n (Box and Muller)."""
+    """Return standard normals (k, n) from random words `drawn` (k, n), with n even (Box and Muller)."""
     halves = drawn.view(len(drawn), -1, 2).to(dtype)
     radii = (-2 * ((halves[..., 0] + 1) * 2.0**-32).log()).sqrt()
     angles = halves[..., 1] * (2 * math.pi * 2.0**-32)

@@ -1,4 +1,4 @@
-"""Base class of stacked learners, which update many runs at once."""
+"""Base class of stacked learners that update many runs at once."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ from tma_ray.students.hyperparameters import MatmulPrecision
 
 
 def batching_is_faster(device: torch.device, precision: MatmulPrecision, compiled: bool | str) -> bool:
-    """Return True if batched products are faster than one per run: not on a CPU in float32."""
+    """Return True if a batched product is faster than one product per run (not for float32 on a CPU)."""
     return device.type != "cpu" or bool(compiled) or precision == MatmulPrecision.MEDIUM
 
 
 class StackedLearner(ABC):
-    """Learner of many runs, one per slot, whose results are bit for bit independent of each other.
+    """Learner of many runs, one per slot; no run affects the results of another, bit for bit.
 
     An update trains all runs with updates due, at the full width: idle slots take part in the products
     without changing. Where that does not pay, runs are updated one after the other.
@@ -45,7 +45,7 @@ class StackedLearner(ABC):
         self._rows: dict[int, Repeated] = {}
 
     def leave(self, slot: int) -> None:
-        """Clear `slot`: no updates due, no experience, all parameters 0."""
+        """Clear `slot`, leaving no updates due, no experience, and all parameters 0."""
         self.owed[slot] = 0
         self._owed[slot].fill_(0)
         for memory, _ in self._parameter_groups():
@@ -54,12 +54,12 @@ class StackedLearner(ABC):
             counts[slot].fill_(0)
 
     def owe(self, slot: int, updates: int) -> None:
-        """Add to the updates due to the run in `slot`."""
+        """Add to the number of pending updates of the run in `slot`."""
         self.owed[slot] += updates
         self._owed[slot].add_(updates)
 
     def advance(self, updates: int, slots: Sequence[int] | None = None) -> None:
-        """Make up to `updates` of the updates due to each run, without waiting for a GPU.
+        """Perform at most `updates` pending updates per run, without waiting for a GPU.
 
         Runs that are updated one after the other can be restricted to `slots`.
         """
@@ -77,20 +77,20 @@ class StackedLearner(ABC):
             return
         if self._repeated.wants_capture:
             owed = self._owed.clone()
-            self._owed.zero_()  # warm-up executions change nothing
+            self._owed.zero_()  # so that warm-up executions change nothing
             self._repeated.capture()
             self._owed.copy_(owed)
         self._repeated(updates)
         np.maximum(self.owed - updates, 0, out=self.owed)
 
     def actors(self, slots: Sequence[int]) -> torch.Tensor:
-        """Return the acting parameters of the runs in `slots`, without padding, on the device (n, p)."""
+        """Return, on the device, the unpadded acting parameters (n, p) of the runs in `slots`."""
         memory, columns = self._parameter_groups()[0]
         rows = upload(np.array(slots, dtype=np.int64), self._device)
         return memory.detach().index_select(0, rows).index_select(1, columns)
 
     def _write(self, slot: int, networks: Sequence[Any]) -> None:
-        """Load arrays of the stacks, without padding, and counters into a slot."""
+        """Load a run's unpadded arrays and its counters into a slot."""
         stacks, counters = self._parameter_groups(), self._counters()
         for (memory, columns), values in zip(stacks, networks[: len(stacks)], strict=True):
             memory.detach()[slot][..., columns] = upload(values, self._device).to(self._dtype)
@@ -98,7 +98,7 @@ class StackedLearner(ABC):
             counts[slot].fill_(number)
 
     def _read(self, slot: int) -> list[Any]:
-        """Return arrays and counters as `_write` loads them."""
+        """Return a slot's arrays and counters in the form that `_write` loads."""
         arrays = [
             memory.detach()[slot][..., columns].cpu().numpy() for memory, columns in self._parameter_groups()
         ]
@@ -110,7 +110,7 @@ class StackedLearner(ABC):
 
     @abstractmethod
     def _parameter_groups(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Return memory (k, ..., p) and unpadded columns of each parameter group, the actor first."""
+        """Return the memory (k, ..., p) and the unpadded columns of each parameter group, the actor first."""
 
     @abstractmethod
     def metrics(self, slot: int) -> dict[str, float]:
@@ -118,11 +118,11 @@ class StackedLearner(ABC):
 
     @abstractmethod
     def _counters(self) -> list[torch.Tensor]:
-        """Return the counters (k,) that belong to the parameters."""
+        """Return the counters (k,) that are saved with the parameters."""
 
     @abstractmethod
     def _row(self, slot: int) -> Self:
-        """Return a learner of the run in `slot` alone on the same memory."""
+        """Return a learner of only the run in `slot` that shares this learner's memory."""
 
     @abstractmethod
     def _advance_once(self) -> None:
@@ -133,7 +133,7 @@ OwnerT = TypeVar("OwnerT")
 
 
 def narrowed(owner: OwnerT, slot: int, *names: str) -> OwnerT:
-    """Return a shallow copy of `owner` with its tensors `names` narrowed to one slot (1, ...)."""
+    """Return a shallow copy of `owner` whose tensors `names` are narrowed to one slot (1, ...)."""
     narrow = copy(owner)
     for name in names:
         setattr(narrow, name, getattr(owner, name)[slot : slot + 1])
@@ -141,5 +141,5 @@ def narrowed(owner: OwnerT, slot: int, *names: str) -> OwnerT:
 
 
 def leaf(parameters: torch.Tensor, slot: int) -> torch.Tensor:
-    """Return a slot's row (1, ...) as a leaf of autograd on the same memory."""
+    """Return a slot's row (1, ...) as a leaf tensor of autograd that shares its memory."""
     return parameters.detach()[slot : slot + 1].requires_grad_()

@@ -1,4 +1,4 @@
-"""Stacked networks over padded flat parameters: forward passes for autograd, and Adam."""
+"""Stacked networks over padded flat parameters, with forward passes for autograd, and Adam."""
 
 import math
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ HIDDEN_MULTIPLE = 16
 
 
 class PaddedLayout(NamedTuple):
-    """A layout with padded inputs and hidden layers."""
+    """A layout and its counterpart with padded inputs and hidden layers."""
 
     plain: Layout
     padded: Layout
@@ -24,7 +24,7 @@ class PaddedLayout(NamedTuple):
 
     @classmethod
     def of(cls, plain: Layout, others: int = 0) -> "PaddedLayout":
-        """Return the padded layout of `plain` followed by `others` more parameters."""
+        """Return the padded layout of `plain`, followed by `others` additional parameters."""
         inputs, *hidden, outputs = plain.sizes
         sizes = [_up(inputs, INPUTS_MULTIPLE), *(_up(size, HIDDEN_MULTIPLE) for size in hidden), outputs]
         return cls(plain, Layout(tuple(sizes), plain.activation), others)
@@ -45,7 +45,7 @@ class PaddedLayout(NamedTuple):
         return np.concatenate([*indices, np.arange(start, start + self.others)])
 
     def inputs(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return `inputs` (..., i) padded with zeros."""
+        """Return `inputs` (..., i), padded with zeros."""
         missing = self.padded.sizes[0] - inputs.shape[-1]
         return torch.nn.functional.pad(inputs, (0, missing)) if missing else inputs
 
@@ -66,7 +66,7 @@ def stacked_pass(
         hidden: data type of the hidden layers; the last layer uses that of the parameters.
     """
     layers, activation = _layers(parameters, layout), layout.padded.activation
-    # skipping rows pays in eager mode on a CPU only: a GPU would have to synchronise
+    # skipping rows pays off only in eager mode on a CPU: a GPU would have to synchronise
     eager = parameters.device.type == "cpu" and not torch.compiler.is_compiling()
     by_inputs_only = inputs.requires_grad and not parameters.requires_grad
     if eager and by_inputs_only and hidden == parameters.dtype:
@@ -90,7 +90,7 @@ def twin_pass(
 
 
 class _PassByRows(torch.autograd.Function):
-    """Autograd function of the inputs only, skipping rows without a gradient.
+    """Autograd function that differentiates by the inputs only and skips rows without a gradient.
 
     The minimum over a pair of critics gives each a gradient in about half of the rows.
     """
@@ -123,12 +123,12 @@ BETAS = 0.9, 0.999
 
 
 class StackedAdam:
-    """`torch.optim.Adam` over parameters of all runs (k, ..., p), with a step count for each run."""
+    """`torch.optim.Adam` over the parameters (k, ..., p) of all runs, with a step count for each run."""
 
     def __init__(self, parameters: torch.Tensor, rate: float, epsilon: float = 1e-8) -> None:
         self._parameters, self._rate, self._epsilon = parameters, rate, epsilon
         self.mean, self.square = torch.zeros_like(parameters), torch.zeros_like(parameters)
-        # computed on the host: devices round powers differently
+        # computed on the host, since devices round powers differently
         self._corrections = torch.tensor(_corrections(rate), dtype=parameters.dtype, device=parameters.device)
 
     def step(self, gradient: torch.Tensor, counts: torch.Tensor, active: torch.Tensor) -> None:
@@ -147,7 +147,7 @@ class StackedAdam:
         write_masked(self._parameters, self._parameters - change, mask)
 
     def row(self, slot: int, parameters: torch.Tensor) -> "RowAdam":
-        """Return the optimiser of the run in `slot` alone, on the same memory.
+        """Return an optimiser of only the run in `slot` that shares this one's memory.
 
         `parameters` (1, ..., p) are the row of that slot as a leaf of autograd.
         """
@@ -157,7 +157,7 @@ class StackedAdam:
 
 
 class RowAdam(StackedAdam):
-    """Adam for one run of a stack by torch's fused kernel, six times as fast on a CPU."""
+    """Adam for one run of a stack, with torch's fused kernel, six times as fast on a CPU."""
 
     def __init__(
         self, optimiser: torch.optim.Adam, parameters: torch.Tensor, mean: torch.Tensor, square: torch.Tensor

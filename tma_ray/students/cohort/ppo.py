@@ -1,4 +1,4 @@
-"""Stacked PPO, which updates many runs at once."""
+"""Stacked PPO that updates many runs at once."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -18,7 +18,7 @@ EPSILON = 1e-5  # epsilon of Adam, as in stable-baselines3
 
 
 def clip(gradient: torch.Tensor, norm: float) -> None:
-    """Scale each run's gradient (k, p) down to at most `norm`, in place."""
+    """Scale each run's gradient (k, p) down to a norm of at most `norm`, in place."""
     norms = torch.linalg.vector_norm(gradient, dim=1, keepdim=True)
     gradient.mul_(torch.clamp(norm / (norms + 1e-6), max=1.0))
 
@@ -36,12 +36,12 @@ class PPONetworks(NamedTuple):
 
 
 class StackedPPO(StackedLearner):
-    """PPO of many runs, with one optimiser step on a mini-batch per update.
+    """PPO of many runs; each update is one optimiser step on a mini-batch.
 
     Compiling takes minutes once. `sizes` are the lengths of an observation and an action.
     """
 
-    _values: torch.Tensor  # parameters of a single row, with their gradient and network
+    _values: torch.Tensor  # parameters of a single row, followed by their gradient and network
     _gradient: torch.Tensor
     _network: Network
 
@@ -71,7 +71,7 @@ class StackedPPO(StackedLearner):
             self._mask = like.new_ones(self._layout.length)
             plain = self._layout.plain
             self._mask[self._columns[: plain.parameters]] = torch.from_numpy(plain.trunks(action)).to(like)
-        # compiled separately, since autograd runs between them
+        # compiled separately, because autograd runs in between
         self._parts = [compile_if(compiled, part) for part in (self._outputs, self._losses, self._step)]
         self._train: Callable[[Steps, torch.Tensor], torch.Tensor] = self._learn
         self._memory = torch.zeros(width, steps, sum(self._split), dtype=torch.float32, device=device)
@@ -80,7 +80,7 @@ class StackedPPO(StackedLearner):
         self._sums = like.new_zeros(width, len(METRICS))
 
     def join(self, slot: int, networks: PPONetworks) -> None:
-        """Give a free `slot` to a run with these `networks`."""
+        """Assign the free `slot` to a run with these `networks`."""
         self.leave(slot)
         self._write(slot, networks)
 
@@ -90,7 +90,7 @@ class StackedPPO(StackedLearner):
             memory[slot].zero_()
 
     def store(self, slot: int, columns: Sequence[NDArray[np.float32]], orders: NDArray[np.integer]) -> None:
-        """Store `Rollout.columns` and orders (epochs, n) of a run in `slot`, which makes its updates due."""
+        """Store `Rollout.columns` and orders (epochs, n) of the run in `slot`, and make its updates due."""
         assert not self.owed[slot]
         rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
         self._memory[slot].copy_(upload(rows, self._device))
@@ -137,7 +137,7 @@ class StackedPPO(StackedLearner):
         self._owed.sub_(active.long())
 
     def _learn(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Update the `active` runs (k,) once on mini-batches (k, n, ...) and return `METRICS` (k, 4)."""
+        """Update the `active` runs (k,) once on mini-batches (k, n, ...), and return `METRICS` (k, 4)."""
         network, gradient_of, step = self._parts
         outputs = network(batch.observations)
         terms = gradient_of(outputs.detach(), batch)
@@ -164,7 +164,7 @@ class StackedPPO(StackedLearner):
 
     @torch.no_grad()
     def _learn_alone(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Update a single run once, with the passes of a student that learns alone."""
+        """Update a single run once, using the passes of a student that learns alone."""
         kept = self._network.activations(self._layout.inputs(batch.observations[0]))
         terms = losses(kept[-1][None], self._values[:, self._log_std], batch, self._hyper)
         self._network.backpropagate(kept, terms.outputs_gradient[0])

@@ -1,4 +1,4 @@
-"""Replay buffers of many runs on the learner's device, which store observations once."""
+"""Replay buffers of many runs, on the learner's device, that store each observation only once."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ class _Track:
     """Bookkeeping of one run's transitions and rows, both counted since it joined."""
 
     def __init__(self) -> None:
-        self.count, self.tail = 0, 0  # transitions and rows so far
+        self.count, self.tail = 0, 0  # numbers of transitions and rows so far
         self.pieces: deque[tuple[int, int, int]] = deque()
         """First transition, first row, and number of transitions of each stored piece."""
 
@@ -30,7 +30,7 @@ class _Track:
 
 
 class StackedReplay:
-    """Ring buffers of transitions for k runs, with the next observation in the following row.
+    """Ring buffers of transitions for k runs; the next observation is in the following row.
 
     An episode of n transitions takes n + 1 rows. If episodes are too short for the spare rows, the memory of
     all runs is reallocated. A CPU touches memory only as it fills.
@@ -104,11 +104,11 @@ class StackedReplay:
             yield piece[:, : self._o], piece[:-1, self._o : -2], piece[:-1, -2], bool(piece[-2, -1] > 0)
 
     def row(self, slot: int) -> "StackedReplay":
-        """Return a view of the run in `slot` alone for sampling, valid until the next reallocation."""
+        """Return a view of only the run in `slot`, for sampling; valid until the next reallocation."""
         return narrowed(self, slot, "kept", "counts", "_table", "_memory")
 
     def newest(self, ages: torch.Tensor) -> torch.Tensor:
-        """Return the ring indices (k, n) of transitions by age, 0 for the newest."""
+        """Return the ring indices (k, n) of transitions given by age, where 0 is the newest."""
         return (self.counts[:, None] - 1 - ages) % self._capacity
 
     def gather(self, ring: torch.Tensor, dtype: torch.dtype) -> Transitions:

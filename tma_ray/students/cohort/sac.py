@@ -1,4 +1,4 @@
-"""Stacked SAC, which updates many runs at once."""
+"""Stacked SAC that updates many runs at once."""
 
 from collections.abc import Callable
 from functools import partial
@@ -49,7 +49,7 @@ class SACNetworks(NamedTuple):
 
 
 class StackedSAC(StackedLearner):
-    """SAC of many runs, with random draws from Philox keyed by run and update.
+    """SAC of many runs, with random draws from a Philox generator keyed by run and update.
 
     Compiling takes minutes once. `sizes` are the lengths of an observation and an action.
     """
@@ -83,14 +83,14 @@ class StackedSAC(StackedLearner):
         self._keys = torch.zeros(width, 2, dtype=torch.int64, device=device)
         layouts = self._actor_layout, self._critic_layout
         self._columns = [torch.from_numpy(layout.columns()).to(device) for layout in layouts]
-        # compiled separately, since autograd runs between them
+        # compiled separately, because autograd runs in between
         self._parts = [compile_if(compiled, part) for part in self._eager()]
 
     def _eager(self) -> list[Callable[..., Any]]:
         return [self._draw, self._critic_losses, self._actor_losses, self._step_critics, self._step_actor]
 
     def join(self, slot: int, networks: SACNetworks, key: int) -> None:
-        """Give a free `slot` to a run without replay, with the 64-bit `key` of its random draws."""
+        """Assign the free `slot` to a run with an empty replay and the 64-bit `key` of its random draws."""
         self.leave(slot)
         self._write(slot, networks)
         for word, half in enumerate(words_of(key)):
@@ -112,7 +112,7 @@ class StackedSAC(StackedLearner):
         """Add consecutive transitions to the replay of `slot`, as in `StackedReplay.store`."""
         moves = self._replay.moves
         self._replay.store(slot, observations, actions, rewards, terminated)
-        if self._replay.moves != moves:  # captured graphs refer to freed memory
+        if self._replay.moves != moves:  # captured graphs would refer to freed memory
             self._repeated.forget()
             self._rows.clear()
 
@@ -123,7 +123,7 @@ class StackedSAC(StackedLearner):
     def values(
         self, slot: int, observations: NDArray[np.float32], noise: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """Return V(s) (n,) of the run in `slot`, averaged over m sampled actions, entropy bonus included.
+        """Return V(s) (n,) of the run in `slot`, entropy bonus included, averaged over m sampled actions.
 
         Args:
             slot: slot of the run.
@@ -171,7 +171,7 @@ class StackedSAC(StackedLearner):
         self._owed.sub_(active.long())
 
     def _draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return ring indices (k, n), noise and next noise (k, n, a), and the active runs (k,)."""
+        """Return drawn ring indices (k, n), noise and next noise (k, n, a), and the active runs (k,)."""
         batch, action = self._hyper.batch_size, self._action_size
         drawn = words(self._keys, self._numbers, Purpose.BATCH, batch)
         ring = self._replay.newest(integers_below(self._replay.kept, drawn))
@@ -214,7 +214,7 @@ class StackedSAC(StackedLearner):
             write_masked(self._losses[:, 0], losses, active)
 
     def _step_actor(self, gradient: torch.Tensor, losses: torch.Tensor, active: torch.Tensor) -> None:
-        """Step the actor, then update targets and counts."""
+        """Step the actor, then update the targets and step counts."""
         with torch.no_grad():
             self._actor_adam.step(gradient, self._steps, active)
             write_masked(self._losses[:, 1], losses, active)

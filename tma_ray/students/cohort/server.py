@@ -1,4 +1,4 @@
-"""Learner of a cohort: receives experience, makes the updates due, and returns weights."""
+"""Learner of a cohort that receives experience, performs the updates due, and returns weights."""
 
 import threading
 import time
@@ -26,7 +26,7 @@ def recorded_event() -> torch.cuda.Event:
 
 
 class Delivery(NamedTuple):
-    """Asynchronous copy of weights to the host, one row for each receiver."""
+    """Asynchronous copy of weights to the host, with one row for each receiver."""
 
     receivers: Sequence[Connection]
     rows: torch.Tensor
@@ -34,7 +34,7 @@ class Delivery(NamedTuple):
 
     @classmethod
     def of(cls, receivers: Sequence[Connection], rows: torch.Tensor) -> "Delivery":
-        """Start to copy `rows` (n, ...) to the host."""
+        """Start copying `rows` (n, ...) to the host."""
         if rows.device.type != "cuda":
             return cls(receivers, rows.to("cpu"), None)
         memory = torch.empty(rows.shape, dtype=rows.dtype, pin_memory=True)
@@ -42,15 +42,15 @@ class Delivery(NamedTuple):
         return cls(receivers, memory, recorded_event())
 
 
-FILE_THREADS = 2  # threads that read and write checkpoints
-MOST_QUEUED = 2  # batches of updates queued on a GPU: more would delay later requests
+FILE_THREADS = 2  # number of threads that read and write checkpoints
+MOST_QUEUED = 2  # batches of updates queued on a GPU; more would delay later requests
 MOST_UPDATES = 8  # updates between two polls of requests
 DELIVERY_SECONDS = 0.0005  # time between two polls of pending copies from a GPU, s
-_LATER = object()  # marks a reply that is sent later
+_LATER = object()  # stands for a reply that is sent later
 
 
 class LearnerServer:
-    """Server of rollout workers, each with one connection and one request at a time.
+    """Server for rollout workers, each with one connection and one request at a time.
 
     A worker gets its weights as soon as its updates are made, and frees its slot when it disconnects.
 
@@ -105,7 +105,7 @@ class LearnerServer:
 
     @contextmanager
     def _clock(self, part: str) -> Iterator[None]:
-        """Context whose duration is added to the `account`."""
+        """Context that adds its duration to the `account`."""
         started = time.perf_counter()
         yield
         self.account[part] += time.perf_counter() - started
@@ -126,7 +126,7 @@ class LearnerServer:
                 self._connections.append(self._new.popleft())
             while self._done:
                 worker, reply = self._done.popleft()
-                if worker in self._slots:  # else it has disconnected
+                if worker in self._slots:  # otherwise it has disconnected
                     self._answer(worker, reply)
             return
         try:
@@ -141,11 +141,11 @@ class LearnerServer:
             self._answer(connection, lambda: handler(connection, *arguments))
 
     def _answer(self, connection: Connection, make: Callable[[], Any]) -> None:
-        """Send the result of `make`, or the error that it raises."""
+        """Send the result of `make`, or the error that `make` raises."""
         try:
             reply = make()
         except (MemoryError, torch.OutOfMemoryError):
-            raise  # the whole learner state is suspect
+            raise  # the state of the whole learner is suspect
         except CohortFullError as error:
             self._send(connection, (False, error))
         except Exception:
@@ -157,7 +157,7 @@ class LearnerServer:
     def _run_in_thread(
         self, connection: Connection, work: Callable[[], Any], then: Callable[[Any], Any]
     ) -> Any:
-        """Run `work` on files in a thread, then `then` on its result in this thread to make the reply."""
+        """Run `work` on files in another thread, then reply with `then` of its result from this thread."""
 
         def done(future: Future[Any]) -> None:
             self._done.append((connection, lambda: then(future.result())))
@@ -188,12 +188,12 @@ class LearnerServer:
             buffer.close()
 
     def _update(self) -> None:
-        """Make some of the updates due, and start to copy the weights of runs without any left."""
+        """Perform some pending updates, and start copying the weights of runs that have none left."""
         for stack in self._pool.stacks:
             due = [slot for number, slot in self._learning if number == id(stack)]
             if not due:
                 continue
-            slots = due if stack.together else due[:1]  # the longest wait
+            slots = due if stack.together else due[:1]  # the run that has waited longest
             count = min(MOST_UPDATES, int(stack.owed[slots].min()))
             stack.advance(count, slots)
             self.account["stacked updates"] += count

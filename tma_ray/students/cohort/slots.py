@@ -1,4 +1,4 @@
-"""Slots of runs in stacked learners, with conversion from and to students that learn alone."""
+"""Slots of runs in stacked learners, with conversion to and from students that learn alone."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from tma_ray.students.sac import SAC
 
 
 class RunSlot(ABC):
-    """Slot of a run in a stacked learner, with a student that initialises, saves and loads its networks."""
+    """Slot of a run in a stacked learner; a student initialises, saves and loads the networks."""
 
     student_type: ClassVar[type[SAC | PPO]]
     stack: StackedLearner
@@ -36,28 +36,28 @@ class RunSlot(ABC):
 
     @abstractmethod
     def learn(self, experience: tuple[Any, ...], updates: int) -> None:
-        """Store experience and add the `updates` that it makes due."""
+        """Store experience, and add the `updates` that it makes due."""
 
     @abstractmethod
     def _enter(self) -> None:
-        """Copy networks and experience of the student into the stack."""
+        """Copy the student's networks and experience into the stack."""
 
     @abstractmethod
     def _copy_back(self) -> None:
-        """Copy networks of the stack into the student."""
+        """Copy the networks from the stack back into the student."""
 
     def weights(self) -> NDArray[np.float32]:
         """Return the acting parameters."""
         return _array(self.stack.actors([self.slot])[0])
 
     def reset(self) -> NDArray[np.float32]:
-        """Reset networks, optimisers and experience, and return the new weights."""
+        """Reset the networks, optimisers and experience, and return the new weights."""
         self.student.reset()
         self._enter()
         return self.weights()
 
     def save(self, folder: Path, state: WorkerState, incremental: bool) -> Callable[[], tuple[str, ...]]:
-        """Return a function that writes the complete state, for any thread while the run waits."""
+        """Return a function that writes the complete state, callable from any thread while the run waits."""
         self._copy_back()
         self.student.restore_experience(state.experience)
         for generator, saved in zip(self.student._generators[:2], state.generators[:2], strict=True):
@@ -65,7 +65,7 @@ class RunSlot(ABC):
         return lambda: self.student.save(folder, incremental)
 
     def load_state(self) -> tuple[NDArray[np.float32], WorkerState]:
-        """Load the state read by the student, and return the weights and the acting half."""
+        """Load the state that the student has read, and return the weights and the acting half."""
         self._enter()
         generators = [dict(rng.bit_generator.state) for rng in self.student._generators]
         return self.weights(), WorkerState(generators, self.student.experience())
@@ -78,7 +78,7 @@ class RunSlot(ABC):
 
 
 class SACSlot(RunSlot):
-    """Slot of a SAC run, whose student keeps a copy of the replay buffer for checkpoints."""
+    """Slot of a SAC run; its student keeps a copy of the replay buffer for checkpoints."""
 
     student_type = SAC
     stack: StackedSAC
@@ -122,7 +122,7 @@ class SACSlot(RunSlot):
 
 
 class PPOSlot(RunSlot):
-    """Slot of a PPO run, whose rollout worker keeps statistics and the rollout."""
+    """Slot of a PPO run; its rollout worker keeps the statistics and the rollout."""
 
     student_type = PPO
     stack: StackedPPO
@@ -161,7 +161,7 @@ def _flat(values: NDArray[np.floating]) -> torch.Tensor:
 
 
 class LearnerPool:
-    """Stacked learners of a cohort, one for each combination of student, sizes and hyper-parameters."""
+    """Stacked learners of a cohort, one per combination of student, sizes and hyper-parameters."""
 
     def __init__(self, settings: CohortSettings) -> None:
         self.settings = settings
@@ -179,7 +179,7 @@ class LearnerPool:
         sizes = request.observation_space.shape[0], request.action_space.shape[0]
         kind = request.student, sizes, hyper
         if kind not in self._by_kind:
-            # free the memory of empty stacks
+            # release the memory of empty stacks
             for empty in [stack for stack in self.stacks if len(self._free[id(stack)]) == settings.width]:
                 self.stacks.remove(empty)
                 del self._free[id(empty)]

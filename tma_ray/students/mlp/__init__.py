@@ -1,1 +1,1 @@
-"""Multilayer perceptrons of all students, imported without torch."""
+"""Multilayer perceptrons of all students, importable without torch."""

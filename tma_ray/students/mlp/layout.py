@@ -1,4 +1,4 @@
-"""Layout of a multilayer perceptron in a flat vector of parameters, without torch and numba."""
+"""Layout of a multilayer perceptron in a flat vector of parameters, without torch or numba."""
 
 import itertools
 from enum import StrEnum
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 class Activation(StrEnum):
-    """Activation after each linear layer but the last."""
+    """Activation after every linear layer except the last."""
 
     RELU = "relu"
     TANH = "tanh"
@@ -36,7 +36,7 @@ class Layout(NamedTuple):
 
     @property
     def lengths(self) -> list[int]:
-        """Numbers of parameters of each weight and each bias, in order."""
+        """Number of parameters of each weight and bias, in order."""
         return [length for outputs, inputs in self.shapes for length in (outputs * inputs, outputs)]
 
     @property
@@ -45,7 +45,7 @@ class Layout(NamedTuple):
         return sum(self.lengths)
 
     def trunks(self, first: int) -> NDArray[np.bool_]:
-        """Return the mask (p,) that splits the network into two with half of each hidden layer.
+        """Return the mask (p,) that splits the network into two, each with half of every hidden layer.
 
         Args:
             first: number of outputs of the first network.

@@ -19,7 +19,7 @@ Buffers: TypeAlias = Callable[[int, torch.Tensor], torch.Tensor]
 
 
 def split(parameters: torch.Tensor, layout: Layout) -> Layers:
-    """Return the layers in `parameters` (p,) or (k, p), as views."""
+    """Return the layers in `parameters` (p,) or (k, p) as views."""
     vectors = torch.split(parameters, layout.lengths, dim=-1)
     leading, shapes = parameters.shape[:-1], zip(vectors[::2], layout.shapes, strict=True)
     weights = [vector.view(*leading, *shape) for vector, shape in shapes]
@@ -32,7 +32,7 @@ def activations(
     activation: Activation = Activation.RELU,
     buffers: Buffers | None = None,
 ) -> list[torch.Tensor]:
-    """Return the inputs of every layer and the final outputs: (n, ...) or (k, n, ...).
+    """Return the inputs of each layer and the final outputs, each (n, ...) or (k, n, ...).
 
     Autograd can differentiate them unless hidden outputs are written to `buffers`.
     """
@@ -59,7 +59,7 @@ def activate(outputs: torch.Tensor, activation: Activation) -> torch.Tensor:
 
 
 class Network:
-    """A single network with a leaner backward pass than autograd's.
+    """A single network whose backward pass is leaner than autograd's.
 
     It equals `forward` over `split` up to rounding, but reuses the memory of hidden layers and skips rows
     without a gradient if only inputs need one, which saves a tenth of SAC's training step. Only the last of
@@ -83,7 +83,7 @@ class Network:
         self._frozen = parameters.detach()
         self.layout = layout
         self.gradient = torch.zeros_like(self._frozen) if gradient is None else gradient
-        # cached: creating the views takes a hundredth of a training step
+        # cached, since creating the views takes a hundredth of a training step
         self.layers = split(self._frozen, layout)
         self.layer_gradients = split(self.gradient, layout)
         self._memory: dict[tuple[str, int], torch.Tensor] = {}
@@ -112,17 +112,17 @@ class Network:
         return gradient
 
     def __call__(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return the outputs (n, h) for `inputs` (n, i), differentiable by inputs and parameters."""
+        """Return the outputs (n, h) for `inputs` (n, i), differentiable in inputs and parameters."""
         outputs: torch.Tensor = _lean_pass(inputs, self.parameters, self)
         return outputs
 
     def frozen(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return the outputs (n, h) for `inputs` (n, i), differentiable by inputs only."""
+        """Return the outputs (n, h) for `inputs` (n, i), differentiable in the inputs only."""
         outputs: torch.Tensor = _lean_pass(inputs, self._frozen, self)
         return outputs
 
     def _buffer(self, use: str, index: int, like: torch.Tensor) -> torch.Tensor:
-        """Return cached memory (n, h) for hidden layer `index` and a `use`, with the rows of `like`."""
+        """Return cached memory (n, h) for a `use` of hidden layer `index`, with as many rows as `like`."""
         shape = len(like), self.layout.sizes[index + 1]
         memory = self._memory.get((use, index))
         if memory is None or memory.shape != shape:
@@ -131,7 +131,7 @@ class Network:
 
 
 class _LeanPass(torch.autograd.Function):
-    """Autograd function of a `Network`."""
+    """Autograd function that applies a `Network`."""
 
     @staticmethod
     def forward(ctx: Any, inputs: torch.Tensor, parameters: torch.Tensor, network: Network) -> torch.Tensor:
@@ -195,7 +195,7 @@ Blocks: TypeAlias = Sequence[Sequence[nn.Linear]]
 
 
 def blocks_of(module: nn.Module, *heads: nn.Module) -> Blocks:
-    """Return the linear layers of `module` in order, then `heads` as one block."""
+    """Return the linear layers of `module` in order, followed by `heads` as one block."""
     blocks: list[Sequence[nn.Linear]] = [[part] for part in module.modules() if isinstance(part, nn.Linear)]
     if heads:
         blocks.append([head for head in heads if isinstance(head, nn.Linear)])
@@ -208,7 +208,7 @@ MODULES: Mapping[Activation, type[nn.Module]] = {Activation.RELU: nn.ReLU, Activ
 
 
 class FlatParameters:
-    """Parameters of modules moved into one vector, with the modules' parameters as views of it.
+    """Parameters of modules, moved into one vector of which the modules' own parameters are views.
 
     Attributes:
         parameters: parameters of the modules in the order of the vector.
@@ -249,7 +249,7 @@ class FlatParameters:
         return [vector.view_as(like) for vector, like in zip(vectors, self.parameters, strict=True)]
 
     def differentiate(self, loss: torch.Tensor) -> None:
-        """Write the gradient of a `loss` of `networks` and `others`."""
+        """Write the gradient of `loss` with respect to `networks` and `others`."""
         leaves = [network.parameters for network in self.networks]
         others = torch.autograd.grad(loss, [*leaves, *self.others])[len(leaves) :]
         self._keep(others)
@@ -257,7 +257,7 @@ class FlatParameters:
     def backpropagate(
         self, kept: Sequence[torch.Tensor], gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
     ) -> None:
-        """Write the gradient of the only network and `others` by the gradient of the outputs (n, h)."""
+        """Write the gradients of the only network, given that of its outputs (n, h), and of `others`."""
         (network,) = self.networks
         network.backpropagate(kept, gradient)
         self._keep(others)
@@ -271,14 +271,14 @@ def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
     """Return linear layers over `parameters` (p,), with activations between."""
     modules: list[nn.Module] = []
     for weight, bias in split(parameters, layout):
-        layer = nn.Linear(weight.shape[1], weight.shape[0], device="meta")  # not initialised
+        layer = nn.Linear(weight.shape[1], weight.shape[0], device="meta")  # skips initialisation
         layer.weight, layer.bias = (nn.Parameter(x, requires_grad=False) for x in (weight, bias))
         modules += [layer, MODULES[layout.activation]()]
     return modules[:-1]
 
 
 class FlatAdam:
-    """Adam on one flat vector, sharing its state with `optimiser` so that checkpoints keep their format."""
+    """Adam on a flat vector that shares its state with `optimiser`, so that checkpoints keep their format."""
 
     def __init__(self, optimiser: torch.optim.Optimizer, flat: FlatParameters) -> None:
         (group,) = optimiser.param_groups
@@ -289,7 +289,7 @@ class FlatAdam:
         settings = {key: group[key] for key in ("lr", "betas", "eps", "weight_decay")}
         self._adam = torch.optim.Adam([flat.values], fused=True, **settings)
         self._mean, self._square = torch.zeros_like(flat.values), torch.zeros_like(flat.values)
-        # one step count per parameter, as in Adam
+        # one step count for each parameter, as in torch's Adam
         self._steps = torch.zeros(len(flat.parameters), dtype=torch.float32)
         loaded = optimiser.state
         if loaded:
@@ -315,7 +315,7 @@ class FlatAdam:
         return int(self._steps[0])
 
     def put(self, mean: torch.Tensor, square: torch.Tensor, steps: int) -> None:
-        """Load moments (p,) and the number of steps of another optimiser."""
+        """Load the moments (p,) and the number of steps of another optimiser."""
         self._mean.copy_(mean)
         self._square.copy_(square)
         if steps:
@@ -324,7 +324,7 @@ class FlatAdam:
             self._optimiser.state.clear()
 
     def _share(self, steps: float) -> None:
-        """Make the state of both optimisers views of the same memory."""
+        """Make the states of both optimisers views of the same memory."""
         self._steps.fill_(steps)
         views = self._flat.views(self._mean), self._flat.views(self._square)
         for parameter, step, mean, square in zip(self._flat.parameters, self._steps, *views, strict=True):

@@ -1,4 +1,4 @@
-"""Acting halves of students, also for networks that learn in another process, without torch."""
+"""Acting halves of students, without torch; their networks may learn in another process."""
 
 from tma_ray.students.rollout_workers.link import (
     CohortFullError,

@@ -1,4 +1,4 @@
-"""Base classes of the acting half of students, without torch."""
+"""Base classes of the students' acting halves, without torch."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ActingNetwork(Protocol):
 
 
 class ActingStudent(Student):
-    """A student with box spaces and one random stream for each purpose."""
+    """A student with box spaces and a separate random stream for each purpose."""
 
     _acting: ActingNetwork
 
@@ -41,7 +41,7 @@ class ActingStudent(Student):
         hyperparameters: Any,
         seed: np.random.SeedSequence,
     ) -> StudentStreams:
-        """Set spaces, hyper-parameters and generators, and return the streams of the seed."""
+        """Set the spaces, hyper-parameters and generators, and return the seed's streams."""
         self.observation_space, self.action_space = observation_space, action_space
         self._low = np.asarray(action_space.low, dtype=np.float32)
         self._high = np.asarray(action_space.high, dtype=np.float32)
@@ -55,15 +55,15 @@ class ActingStudent(Student):
 
     @abstractmethod
     def _start(self) -> None:
-        """Create the state that a reset keeps (statistics, counters), and memory for experience."""
+        """Create the state that survives resets (statistics, counters), and memory for experience."""
 
     def _noise(self) -> NDArray[np.float32]:
-        """Return standard normal noise (a,) for one exploring action."""
+        """Return standard normal noise (a,) for an exploring action."""
         return self._exploration.standard_normal(self._low.size, dtype=np.float32)
 
 
 class RolloutWorker(ActingStudent):
-    """Acting half of a student, which sends experience to a learner and acts with the weights it returns.
+    """Acting half of a student: sends experience to a learner, and acts with the weights it returns.
 
     Runs use it like any student: `observe` returns once the updates due are made. It shares its file format
     with the student that learns alone.
@@ -82,19 +82,19 @@ class RolloutWorker(ActingStudent):
 
     @abstractmethod
     def _load_weights(self, weights: Weights) -> None:
-        """Start to act with new `weights`."""
+        """Start acting with new `weights`."""
 
     @abstractmethod
     def _forget(self) -> None:
-        """Discard experience that was not sent yet."""
+        """Discard experience that has not been sent yet."""
 
     @abstractmethod
     def experience(self) -> dict[str, Any]:
-        """Return counters, statistics and stored steps for `WorkerState`."""
+        """Return the counters, statistics and stored steps to save in a `WorkerState`."""
 
     @abstractmethod
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Load the result of `experience`, at the end of an episode."""
+        """Load what `experience` returned at the end of an episode."""
 
     def reset(self) -> None:  # noqa: D102
         self._forget()
@@ -117,7 +117,7 @@ class RolloutWorker(ActingStudent):
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:
-        """Raise an error: `tma_ray.students.load_policy` loads policies."""
+        """Raise an error that refers to `tma_ray.students.load_policy`."""
         raise NotImplementedError("load the policy with tma_ray.students.load_policy")
 
     def _state(self) -> WorkerState:

@@ -19,7 +19,7 @@ ALIGNMENT = 64  # bytes between the starts of arrays in a shared buffer
 
 
 class ArrayRef(NamedTuple):
-    """Reference to an array in a shared buffer: offset in bytes, numpy's name of the type, and shape."""
+    """Reference to an array in a shared buffer: offset in bytes, numpy's type name, and shape."""
 
     offset: int
     dtype: str
@@ -27,7 +27,7 @@ class ArrayRef(NamedTuple):
 
 
 class SharedBuffer:
-    """Anonymous shared memory for the arrays of one message at a time, in either direction.
+    """Anonymous shared memory that holds the arrays of one message at a time, in either direction.
 
     It has no file and is freed with the last process that maps it.
     """
@@ -38,7 +38,7 @@ class SharedBuffer:
 
     @classmethod
     def create(cls, size: int) -> "SharedBuffer":
-        """Return a new buffer of `size` bytes."""
+        """Return a new shared buffer of `size` bytes."""
         descriptor = os.memfd_create("tma_ray")
         os.ftruncate(descriptor, size)
         return cls(descriptor, size)
@@ -63,7 +63,7 @@ class SharedBuffer:
         return tuple(message)
 
     def collect(self, message: Iterable[Any]) -> tuple[Any, ...]:
-        """Return the values of a message, with references replaced by copies of their arrays."""
+        """Return the values of a message, with references replaced by copies of the arrays."""
         return tuple(self._view(value).copy() if isinstance(value, ArrayRef) else value for value in message)
 
     def close(self) -> None:
@@ -77,7 +77,7 @@ class SharedBuffer:
 
 
 def buffer_size(values: Iterable[Any]) -> int:
-    """Return the size of a buffer for the arrays of a message, in bytes."""
+    """Return the size in bytes of a buffer that can hold the arrays of a message."""
     sizes = (value.nbytes for value in values if isinstance(value, np.ndarray))
     return sum(-(-size // ALIGNMENT) * ALIGNMENT for size in sizes)
 
@@ -91,27 +91,27 @@ Weights = NDArray[np.float32]  # parameters of the acting network (p,)
 
 
 class LearnerError(RuntimeError):
-    """Error in the learner during a request, with its traceback."""
+    """Error that occurred in the learner during a request, with its traceback."""
 
 
 class CohortFullError(LearnerError):
-    """A cohort without a free slot."""
+    """Error raised if a cohort has no free slot."""
 
 
 class LearnerLostError(ConnectionError):
-    """A learner whose process or machine has ended; the run can be resumed."""
+    """Error raised if the learner's process or machine has ended; the run can be resumed."""
 
 
 @dataclass(frozen=True)
 class Learner:
-    """Path of the socket of a cohort's learner on this machine, and the secret for authentication."""
+    """Address of a cohort's learner: the path of its socket on this machine, and the shared secret."""
 
     address: str
     key: bytes = field(repr=False)
 
 
 class JoinRequest(NamedTuple):
-    """Request of a rollout worker to join a cohort."""
+    """Request by a rollout worker to join a cohort."""
 
     student: str
     observation_space: spaces.Box
@@ -121,7 +121,7 @@ class JoinRequest(NamedTuple):
 
 
 class WorkerState(NamedTuple):
-    """Acting half of a student's state, which the learner saves with its own half.
+    """Acting half of a student's state; the learner saves it with its own half.
 
     Attributes:
         generators: states of the generators of exploration, mini-batches and state values.
@@ -168,7 +168,7 @@ class LearnerLink:
         return weights
 
     def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:
-        """Send experience, wait for the updates due, and return new weights, None without updates."""
+        """Send experience, wait for updates due, and return new weights, or None if no updates are due."""
         weights: Weights | None
         if not has_shared_memory():
             weights = self.ask("learn", experience, updates)
@@ -183,7 +183,7 @@ class LearnerLink:
         return weights
 
     def ask(self, request: str, *arguments: Any, follows: Callable[[Any], None] = lambda _: None) -> Any:
-        """Return the reply to a request, after which `follows` may send more over the connection.
+        """Return the reply to a request, after `follows` has sent more over the connection.
 
         Requests, with their arguments and replies, are
 

@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 
 class Step(NamedTuple):
-    """An exploring action with the values that learning needs.
+    """An exploring action with the values needed for learning.
 
     Attributes:
         observation: normalised observation (o,).
@@ -141,7 +141,7 @@ class Rollout:
         self._size = index + 1
 
     def finish(self, last_value: float, gamma: float, gae_lambda: float) -> None:
-        """Compute returns and advantages (generalised advantage estimation, arXiv:1506.02438).
+        """Compute returns and advantages by generalised advantage estimation (arXiv:1506.02438).
 
         `last_value` is the value of the observation after the last step.
         """
@@ -153,7 +153,7 @@ class Rollout:
         self.returns = self.advantages + self.values
 
     def get(self, batch_size: int | None = None) -> Iterator[RolloutBufferSamples]:
-        """Yield shuffled mini-batches of all steps as tensors; a single batch if `batch_size` is None."""
+        """Yield all steps as tensors in shuffled mini-batches, or in one batch if `batch_size` is None."""
         import torch
         from stable_baselines3.common.type_aliases import RolloutBufferSamples
 
@@ -167,18 +167,18 @@ class Rollout:
         return self._generator.permutation(len(self.rewards))
 
     def columns(self) -> tuple[NDArray[np.float32], ...]:
-        """Return the columns of all n steps in the order of `ppo.Steps`."""
+        """Return the columns of all n steps, in the order of the fields of `ppo.Steps`."""
         return (
             *(self.observations, self.actions, self.values),
             *(self.log_probabilities, self.advantages, self.returns),
         )
 
     def state(self) -> dict[str, Any]:
-        """Return the columns of the steps so far by name."""
+        """Return the columns of the steps so far, by name."""
         return {name: getattr(self, name)[: self._size] for name in _STORED}
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Load the result of another rollout's `state`."""
+        """Load the `state` of another rollout."""
         self._size = len(state["rewards"])
         for name in _STORED:
             getattr(self, name)[: self._size] = state[name]
@@ -198,7 +198,7 @@ _STORED = ("observations", "actions", "rewards", "ended", "values", "log_probabi
 
 
 class PPOActing(ActingStudent):
-    """PPO without learning: normalisation, acting and the rollout buffer."""
+    """The acting half of PPO: normalisation, acting and the rollout buffer."""
 
     algorithm_version = PPOHyperparameters.algorithm_version
     hyperparameters_type = PPOHyperparameters
@@ -216,12 +216,12 @@ class PPOActing(ActingStudent):
 
     @abstractmethod
     def _finish_rollout(self, next_observation: Observations) -> None:
-        """Learn from the full rollout and clear it."""
+        """Learn from the full rollout, and clear it."""
 
     @property
     @abstractmethod
     def average(self) -> FloatArray | None:
-        """Moving average of the parameters (p,), None if `averaged_steps` is 0."""
+        """Moving average of the parameters (p,), or None if `averaged_steps` is 0."""
 
     @abstractmethod
     def put_average(self, average: FloatArray) -> None:
@@ -256,15 +256,15 @@ class PPOActing(ActingStudent):
         return actions
 
     def _value(self, observation: Observations) -> float:
-        """Return the value of one observation (o,), in normalised reward."""
+        """Return the value of an observation (o,), in units of normalised reward."""
         return float(self._acting.row(self.normaliser.normalise(observation))[-1])
 
     def experience(self) -> dict[str, Any]:
-        """Return statistics and the steps of the rollout for a saved state."""
+        """Return the statistics and the rollout's steps to save."""
         return {"normaliser": self.normaliser, "rollout": self.rollout.state(), "average": self.average}
 
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Load the result of `experience`, at the end of an episode."""
+        """Load what `experience` returned at the end of an episode."""
         self.normaliser = experience["normaliser"]
         self.rollout.restore(experience["rollout"])
         if experience["average"] is not None:
@@ -273,7 +273,7 @@ class PPOActing(ActingStudent):
 
 
 class PPORolloutWorker(PPOActing, RolloutWorker):
-    """Rollout worker of `tma_ray.students.ppo.PPO`; hands whole rollouts to the learner."""
+    """Rollout worker of `tma_ray.students.ppo.PPO` that sends whole rollouts to the learner."""
 
     _greedy: ArrayNetwork
 

@@ -55,7 +55,7 @@ def squashed_action(
 def sampled_actions(
     outputs: FloatArray, bounds: tuple[Actions, Actions], rng: np.random.Generator, clamp: bool
 ) -> Actions:
-    """Return actions (n, a) between `bounds` (a,), sampled as in `squashed_action` from `outputs` (n, 2a)."""
+    """Return actions (n, a) within `bounds` (a,), sampled from `outputs` (n, 2a) as in `squashed_action`."""
     means, log_deviations = normal_parameters(outputs, clamp)
     noise = rng.standard_normal(means.shape, dtype=np.float32)
     return rescale(*bounds, np.tanh(means + np.exp(log_deviations) * noise))
@@ -70,7 +70,7 @@ def normal_parameters(outputs: FloatArray, clamp: bool) -> tuple[FloatArray, Flo
 
 
 def entropies(outputs: FloatArray, clamp: bool) -> NDArray[np.float64]:
-    """Return the entropy (n,) of the squashed actions in nats."""
+    """Return the entropy (n,) of the squashed actions, in nats."""
     means, log_deviations = normal_parameters(outputs.astype(np.float64), clamp)
     actions = np.tanh(means[..., None] + np.exp(log_deviations)[..., None] * NODES)
     squashing = np.log(1 - actions**2 + SQUASH_EPSILON) @ NODE_WEIGHTS / math.sqrt(2 * math.pi)
@@ -85,7 +85,7 @@ def rescale(low: Actions, high: Actions, actions: Actions) -> Actions:
 
 
 class SACActing(ActingStudent):
-    """SAC without learning: uniform actions first, then those of the policy."""
+    """The acting half of SAC: uniform actions at first, then those of the policy."""
 
     algorithm_version = SACHyperparameters.algorithm_version
     hyperparameters_type = SACHyperparameters
@@ -132,16 +132,16 @@ class SACActing(ActingStudent):
         return 2 * ((actions - self._low) / (self._high - self._low)) - 1
 
     def experience(self) -> dict[str, Any]:
-        """Return the counters of a saved state."""
+        """Return the counters to save."""
         return {"steps": self._steps}
 
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Load the result of `experience`, at the end of an episode."""
+        """Load what `experience` returned at the end of an episode."""
         self._steps, self._episode_steps = experience["steps"], 0
 
 
 class SACRolloutWorker(SACActing, RolloutWorker):
-    """Rollout worker of `tma_ray.students.sac.SAC`; sends experience when updates are due."""
+    """Rollout worker of `tma_ray.students.sac.SAC` that sends experience when updates are due."""
 
     def _start(self) -> None:
         super()._start()
@@ -173,6 +173,6 @@ class SACRolloutWorker(SACActing, RolloutWorker):
                 self._load_weights(weights)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Return V(s) (n,) of `observations` (n, o), entropy bonus included."""
+        """Return V(s) (n,) of `observations` (n, o), including the entropy bonus."""
         values: NDArray[np.float64] = self._link.ask("values", observations)
         return values

@@ -1,1 +1,1 @@
-"""Students on top of stable-baselines3 and sb3-contrib, imported without torch."""
+"""Students on top of stable-baselines3 and sb3-contrib, importable without torch."""

@@ -1,4 +1,4 @@
-"""Students from any stable-baselines3 or sb3-contrib algorithm for continuous actions.
+"""Students made from any stable-baselines3 or sb3-contrib algorithm for continuous actions.
 
 Acting and updating are the library's, the loop, buffers, randomness and files ours. Nothing is normalised, as
 in the algorithm's `learn`.
@@ -52,7 +52,7 @@ _POSITIVE = ("learning_rate", "buffer_size", "batch_size", "train_freq", "n_step
 
 
 def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type:
-    """Return a frozen dataclass of the constructor arguments of `algorithm`.
+    """Return a frozen dataclass whose fields are the constructor arguments of `algorithm`.
 
     Args:
         algorithm: algorithm of stable-baselines3, or one that follows its conventions.
@@ -61,7 +61,7 @@ def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type
             paper, arXiv:1802.09477), else 0.
     """
     excluded = EXCLUDED_ARGUMENTS | ({"n_steps"} if off_policy else frozenset())
-    # follow base constructors for as long as they take **keywords
+    # follow base constructors for as long as they accept **keywords
     arguments: dict[str, inspect.Parameter] = {}
     for constructor in filter(None, (vars(base).get("__init__") for base in algorithm.__mro__)):
         parameters = inspect.signature(constructor).parameters
@@ -97,11 +97,11 @@ def _check(hyperparameters: Any) -> None:
         raise ValueError(f"hyper-parameter exploration_deviation = {deviation}: expected 0 or more")
 
 
-MOST_PARAMETERS = 100_000_000  # limit on the parameters of a saved policy's model, 400 MB
+MOST_PARAMETERS = 100_000_000  # limit on the number of parameters of a saved policy's model: 400 MB
 
 
 class SpacesOnly(gymnasium.Env[Any, Any]):
-    """Placeholder environment that gives a model its spaces."""
+    """Placeholder environment that only provides a model with its spaces."""
 
     def __init__(self, observation_space: spaces.Box, action_space: spaces.Box) -> None:
         self.observation_space = observation_space
@@ -115,7 +115,7 @@ def make_model(
     hyperparameters: Any,
     device: torch.device,
 ) -> BaseAlgorithm:
-    """Return a model of `algorithm` without networks."""
+    """Return a model of `algorithm` whose networks are not built yet."""
     added = {"exploration_deviation", "value_samples", "matmul_precision"}
     names = [field.name for field in dataclasses.fields(hyperparameters)]
     constructor: Any = algorithm
@@ -130,7 +130,7 @@ def make_model(
 
 
 def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
-    """Return the tensors of the greedy policy of `model` by their names in the policy's state.
+    """Return the tensors of the greedy policy of `model`, by their names in the policy's state.
 
     For off-policy algorithms of the libraries that is the actor, for any other the whole state.
     """
@@ -143,7 +143,7 @@ def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
 
 @contextmanager
 def _bounded() -> Iterator[None]:
-    """Context in which building networks of over `MOST_PARAMETERS` raises a ValueError."""
+    """Context in which building networks with more than `MOST_PARAMETERS` raises a ValueError."""
     count = 0
 
     def weigh(_module: nn.Module, _name: str, parameter: nn.Parameter | None) -> None:
@@ -161,7 +161,7 @@ def _bounded() -> Iterator[None]:
 
 @cache
 def student_of(name: str) -> type[Student]:
-    """Return the student class of the algorithm called `name`, or raise an UnknownNameError."""
+    """Return the student class for the algorithm called `name`, or raise an UnknownNameError."""
     module = ALGORITHMS[name]
     try:
         algorithm: type[BaseAlgorithm] = getattr(importlib.import_module(module), name)
@@ -176,7 +176,7 @@ def student_of(name: str) -> type[Student]:
 
 
 def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
-    """Return the student class of an algorithm for continuous actions, perhaps your own.
+    """Return a student class for an algorithm for continuous actions, possibly your own.
 
     Its hyper-parameters are the constructor's arguments, with those of base constructors that it passes
     ``**keywords`` to.
@@ -236,7 +236,7 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
 
     @classmethod
     def _stored_model(cls, folder: Path, device: str) -> BaseAlgorithm:
-        """Return a model with the saved policy."""
+        """Return a model that contains the saved policy."""
         stored = read_policy(folder, cls.algorithm.__name__)
         boxes = stored.observation_space, stored.action_space
         try:
@@ -245,9 +245,9 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
             model: Any = make_model(cls.algorithm, *boxes, hyperparameters, torch.device("cpu"))
             if isinstance(model, OffPolicyAlgorithm):
                 model.replay_buffer = object()  # type: ignore[assignment]  # it only acts
-            with single_precision(), torch.random.fork_rng(), _bounded():  # networks draw initial weights
+            with single_precision(), torch.random.fork_rng(), _bounded():  # initial weights are drawn
                 model._setup_model()
-        except Exception as error:  # the constructor gets unchecked values
+        except Exception as error:  # the constructor receives unchecked values
             name = cls.algorithm.__name__
             stored.refuse(f"no {name} can be made of its hyper-parameters: {error!r:.200}")
         acting = acting_tensors(model)
@@ -310,7 +310,7 @@ class OnPolicyStudent(AlgorithmStudent):
 
 
 class OffPolicyStudent(AlgorithmStudent):
-    """Base class of students that learn from a replay buffer, after `learning_starts` uniform actions."""
+    """Base class of students that learn from a replay buffer after `learning_starts` uniform actions."""
 
     def _start(self) -> None:
         sizes = self.observation_space.shape[0], self.action_space.shape[0]
@@ -359,7 +359,7 @@ class OffPolicyStudent(AlgorithmStudent):
                 self.model.train(gradient_steps=count, batch_size=hyper.batch_size)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Return V(s) (n,), the critics' minimum averaged over sampled actions, entropy bonus included."""
+        """Return V(s) (n,): the critics' minimum averaged over sampled actions, plus the entropy bonus."""
         model, inputs = self.model, as_batch(observations, self.device)
         model.policy.set_training_mode(False)
         with torch.no_grad(), torch.random.fork_rng():
@@ -381,7 +381,7 @@ class OffPolicyStudent(AlgorithmStudent):
             return super().entropy_bonuses(observations)
         model.policy.set_training_mode(False)
         with torch.no_grad(), torch.random.fork_rng():
-            torch.manual_seed(0)  # fixed noise: no generator of the student advances
+            torch.manual_seed(0)  # fixed noise, so that none of the student's generators advances
             draws = range(self.hyperparameters.value_samples)
             densities = torch.stack([model.actor.action_log_prob(inputs)[1].double() for _ in draws])
             return (-self._temperature() * densities.mean(dim=0).reshape(-1)).numpy(force=True)

@@ -1,4 +1,4 @@
-"""Base class of students on top of stable-baselines3: environment loop, randomness and files."""
+"""Base class of students on top of stable-baselines3, with loop, randomness and files."""
 
 import json
 from abc import abstractmethod
@@ -31,7 +31,7 @@ def single_precision() -> Iterator[None]:
 
 
 class TorchStream:
-    """State of torch's global generator for one student, active only while stable-baselines3 runs.
+    """State of torch's global generator for a student, active only while stable-baselines3 runs.
 
     stable-baselines3 draws initial weights and sampled actions from the global generator, shared with other
     students and teachers of the process. The generator of a GPU is included.
@@ -66,7 +66,7 @@ M = TypeVar("M", bound=BaseAlgorithm)
 
 
 class StableBaselinesStudent(ActingStudent, Generic[H, M]):
-    """Student with the policy and update of a stable-baselines3 model."""
+    """Student that uses the policy and the update of a stable-baselines3 model."""
 
     def __init__(
         self,
@@ -91,22 +91,22 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
 
     @abstractmethod
     def _connect(self) -> None:
-        """Clear the buffer and connect it and the acting network to a new `self.model`."""
+        """Clear the buffer, and connect it and the acting network to a new `self.model`."""
 
     @abstractmethod
     def _refresh(self) -> None:
-        """Update copies of the parameters of `self.model`."""
+        """Update the copies of the parameters of `self.model`."""
 
     def _prepare_update(self) -> None:
-        """Create the update of `self.model` after its parameters and optimisers were replaced."""
+        """Create the update of `self.model` after its parameters and optimisers have been replaced."""
 
     @abstractmethod
     def _save_experience(self, folder: Path, incremental: bool, /) -> tuple[dict[str, Any], tuple[str, ...]]:
-        """Write buffers and statistics, and return counters (JSON values) and the names of files left out."""
+        """Write buffers and statistics; return the counters (JSON values) and the names of files left out."""
 
     @abstractmethod
     def _load_experience(self, folder: Path, counters: dict[str, Any], /) -> None:
-        """Load the files and counters of `_save_experience`."""
+        """Load the files and counters that `_save_experience` saved."""
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
         counters, unchanged = self._save_experience(folder, incremental)
@@ -117,7 +117,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
             "counters": counters,
         }
         (folder / "student.json").write_text(json.dumps(state, indent=1))
-        # tensors outside of modules, such as a learned entropy coefficient
+        # tensors that belong to no module, such as a learned entropy coefficient
         variables = self.model._get_torch_save_params()[1]
         networks = {
             "parameters": self.model.get_parameters(),
@@ -159,7 +159,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
         self._refresh()
 
     def changed(self, updates: int) -> None:
-        """Register parameters changed from outside, after a total number of `updates`."""
+        """Take note of parameters changed from outside, after `updates` updates in total."""
         self.model._n_updates = updates
         self._refresh()
 
