@@ -1,4 +1,4 @@
-"""Messages between a run and its teacher: proposals, episodes, queries, answers and updates."""
+"""Messages that a run and its teacher exchange: proposals, episodes, queries, answers and updates."""
 
 import math
 from dataclasses import dataclass, field
@@ -44,7 +44,7 @@ class EpisodeSoFar:
 
 
 def check_return(episodic_return: float, task: Task, episode: str) -> None:
-    """Check that the return on a task (d,) is finite, with a description of the episode for the message.
+    """Check that the return on a task (d,) is finite, or raise an error that describes the episode.
 
     Raises:
         ValueError: if the return is infinite or NaN.
@@ -91,7 +91,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class WeightedGaussian:
-    """Mixture component of a teacher's task distribution: weight, mean (d,), covariance (d, d)."""
+    """Mixture component of a teacher's task distribution: weight, mean (d,) and covariance (d, d)."""
 
     weight: float
     mean: NDArray[np.float64]
@@ -100,7 +100,7 @@ class WeightedGaussian:
 
 @dataclass(frozen=True)
 class ScoredBox:
-    """Region of a teacher's task distribution: low (d,), high (d,), score."""
+    """Box in a teacher's task distribution: low (d,), high (d,) and score."""
 
     low: NDArray[np.float64]
     high: NDArray[np.float64]
@@ -109,7 +109,7 @@ class ScoredBox:
 
 @dataclass(frozen=True)
 class TeacherUpdate:
-    """State of a teacher after an update, drawable for any teacher."""
+    """State of a teacher after an update, in a form that can be drawn for any teacher."""
 
     gaussians: tuple[WeightedGaussian, ...] = ()
     boxes: tuple[ScoredBox, ...] = ()
@@ -118,7 +118,7 @@ class TeacherUpdate:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Steps of one episode of length t.
+    """Steps of an episode of length t.
 
     Attributes:
         observations: raw observations, float32 (t + 1, o), from the initial one to that after the last step.
@@ -141,7 +141,7 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Outcomes of an evaluation, with one episode of each of n tasks.
+    """Outcomes of an evaluation with one episode on each of n tasks.
 
     Attributes:
         episodic_returns: returns, float64 (n,).
@@ -155,7 +155,7 @@ class Outcomes:
 
 
 class QueryKind(StrEnum):
-    """Kind of a query that a teacher makes between `observe` and the next `sample`."""
+    """Kinds of queries that a teacher can make between `observe` and the next `sample`."""
 
     STATE_VALUES = "state_values"
     """Query for V(s) of observations under the current student, float64 (n,)."""
@@ -170,7 +170,7 @@ class QueryKind(StrEnum):
 
 @dataclass(frozen=True)
 class Query:
-    """Query of a teacher.
+    """Query that a teacher makes.
 
     Attributes:
         kind: kind of the query.
@@ -202,7 +202,7 @@ Answer: TypeAlias = NDArray[np.float64] | Trajectory | Outcomes
 
 
 class Recorder:
-    """Recorder of the steps of one episode.
+    """Recorder of the steps of an episode.
 
     Args:
         initial_observation: observation of `reset` (o,).
@@ -225,12 +225,12 @@ class Recorder:
     ) -> None:
         """Append a step."""
         self._observations.append(next_observation)
-        self._actions.append(action.copy())  # a student may reuse its arrays
+        self._actions.append(action.copy())  # copied, since a student may reuse its arrays
         self._rewards.append(reward)
         self._terminated = terminated
 
     def trajectory(self) -> Trajectory:
-        """Return the trajectory so far, of at least one step."""
+        """Return the trajectory so far, which must have at least one step."""
         return Trajectory(
             observations=np.stack(self._observations).astype(np.float32, copy=False),
             actions=np.stack(self._actions).astype(np.float32, copy=False),

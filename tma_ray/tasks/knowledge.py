@@ -1,4 +1,4 @@
-"""Expert knowledge of a task space, and test sets for evaluations."""
+"""Expert knowledge about a task space, and test sets for evaluations."""
 
 import csv
 import hashlib
@@ -26,7 +26,7 @@ class TestSet:
         tasks: tasks, float32 (n, d).
     """
 
-    __test__ = False  # pytest must not collect it
+    __test__ = False  # keeps pytest from collecting it
 
     name: str
     dimensions: tuple[str, ...]
@@ -46,25 +46,25 @@ class TestSet:
         return len(self.tasks)
 
     def __repr__(self) -> str:
-        """Return a short text, since messages print run specs."""
+        """Return a short text, since messages contain run specs."""
         return f"TestSet({self.name!r}, {', '.join(self.dimensions)}: {len(self)} tasks, {self.digest})"
 
     @property
     def digest(self) -> str:
-        """Hash of dimensions and tasks, which distinguishes sets of the same name."""
+        """Hash of dimensions and tasks that distinguishes sets of the same name."""
         content = ",".join(self.dimensions).encode() + np.ascontiguousarray(self.tasks).tobytes()
         return hashlib.sha256(content).hexdigest()[:16]
 
     @classmethod
     def grid(cls, name: str, space: TaskSpace, points: int) -> "TestSet":
-        """Return a grid of `points` values per dimension, bounds included, in row-major order."""
+        """Return a grid with `points` values per dimension, including the bounds, in row-major order."""
         check_whole("points", points, 1)
         axes = [np.linspace(d.low, d.high, points) for d in space.dimensions]
         return cls(name, space.names, np.array(list(itertools.product(*axes)), dtype=np.float32))
 
     @classmethod
     def from_csv(cls, path: str | Path, name: str | None = None) -> "TestSet":
-        """Read a test set with a header of dimension names, then one task a line.
+        """Read a test set from CSV: a header of dimension names, then one task per line.
 
         A byte order mark, as written by Excel, and blanks around names and numbers are ignored.
 
@@ -88,7 +88,7 @@ class TestSet:
         return cls(name or path.stem, tuple(rows[0]), np.array(tasks, dtype=np.float32))
 
     def to_csv(self) -> str:
-        """Return the text that `from_csv` reads back to the same float32 tasks."""
+        """Return the test set as a text from which `from_csv` reads the same float32 tasks."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.dimensions)
@@ -118,11 +118,11 @@ MASTERY_RETURN = 230.0
 
 # standard deviations of the initial and target Gaussian as a share of each range (paper, appendix C)
 INITIAL_STD_SHARE, TARGET_STD_SHARE = 0.1, 0.25
-CONSTANT_DIMENSION_VARIANCE = 1e-6  # of dimensions without width, where a share would be singular
+CONSTANT_DIMENSION_VARIANCE = 1e-6  # of dimensions without width, where a share would be 0
 
 
 class KnowledgeLevel(StrEnum):
-    """Amount of expert knowledge, in rising order (paper)."""
+    """Amounts of expert knowledge, in rising order (paper)."""
 
     NONE = "none"
     LOW = "low"
@@ -153,7 +153,7 @@ class Gaussian:
 
 @dataclass(frozen=True, eq=False)
 class ExpertKnowledge:
-    """Expert knowledge of a teacher (paper, appendix C, expert knowledge setups).
+    """Expert knowledge given to a teacher (paper, appendix C, expert knowledge setups).
 
     Attributes:
         level: amount of knowledge.

@@ -1,4 +1,4 @@
-"""Task spaces of teachers, and task spaces with shuffled regions."""
+"""Task spaces of teachers, with or without shuffled regions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -70,7 +70,7 @@ class TaskSpace:
     def from_bounds(
         cls, bounds: dict[str, tuple[float, float]], units: dict[str, str] | None = None
     ) -> "TaskSpace":
-        """Return the box with `bounds` (name to low and high) and optional `units` by name."""
+        """Return the box with `bounds`, a dict from name to low and high, and optional `units` by name."""
         units = units or {}
         for name, pair in bounds.items():
             check_pair(f"bounds of {name!r}", pair, "low and high")
@@ -98,7 +98,7 @@ class TaskSpace:
 
     @cached_property
     def width(self) -> NDArray[np.float64]:
-        """Ranges (d,), 0 for constant dimensions."""
+        """Widths of the dimensions (d,), 0 for constant ones."""
         return self.high.astype(np.float64) - self.low.astype(np.float64)
 
     @property
@@ -129,11 +129,11 @@ class TaskSpace:
         return np.where(free, offset / np.where(free, self.width, 1.0), 0.5)
 
     def denormalise(self, points: ArrayLike) -> Task:
-        """Map `points` (..., d) of the unit box to tasks, clipped to the box."""
+        """Map `points` (..., d) in the unit box to tasks, clipped to this box."""
         return self.clip(self.low + self._checked(points) * self.width)
 
     def with_bounds(self, name: str, low: float, high: float) -> "TaskSpace":
-        """Return the space with other bounds for the dimension `name`."""
+        """Return the space with different bounds for the dimension `name`."""
         if name not in self.names:
             raise ValueError(f"no dimension {name!r}; the space has {', '.join(self.names)}")
         return TaskSpace(
@@ -168,7 +168,7 @@ def task_values(tasks: ArrayLike | Mapping[str, ArrayLike], space: TaskSpace) ->
 
 
 def check_task(task: ArrayLike | Mapping[str, float], domain: TaskSpace) -> Task:
-    """Return a copy of `task`, values or a dict by name, as float32 (d,).
+    """Return a copy of `task`, given as values or as a dict by name, as float32 (d,).
 
     Raises:
         ValueError: if shape or names differ, or a value is not finite or outside `domain`.
@@ -185,12 +185,12 @@ def check_task(task: ArrayLike | Mapping[str, float], domain: TaskSpace) -> Task
     return values
 
 
-CUTS = 4  # intervals per dimension (paper, appendix C, rugged difficulty landscape)
+CUTS = 4  # number of intervals per dimension (paper, appendix C, rugged difficulty landscape)
 
 
 @dataclass(frozen=True, eq=False)
 class ShuffledSpace:
-    """Task space of a teacher, with a map from its tasks to the world's.
+    """Task space of a teacher whose tasks are mapped to those of the world.
 
     Every dimension is cut into equal intervals, which are permuted independently of other dimensions. The
     box remains the same; a smooth path through it jumps at the ends of intervals. A boundary between two
@@ -230,7 +230,7 @@ class ShuffledSpace:
 
     @classmethod
     def shuffle(cls, space: TaskSpace, rng: np.random.Generator, cuts: int = CUTS) -> "ShuffledSpace":
-        """Return `space` with `cuts` intervals per dimension in an order drawn from `rng`.
+        """Return `space` with `cuts` intervals per dimension, in an order drawn from `rng`.
 
         Raises:
             ValueError: if `cuts` is 0, or more than float32 resolves in some dimension.
@@ -240,16 +240,16 @@ class ShuffledSpace:
         return cls(space, rng.permuted(np.tile(np.arange(cuts), (space.size, 1)), axis=1))
 
     def to_world(self, tasks: ArrayLike) -> Task:
-        """Map `tasks` (..., d) of the teacher to the world's, if they are in the space."""
+        """Map a teacher's `tasks` (..., d), which must be in the space, to the world's."""
         return self._move(tasks, self.order)
 
     def from_world(self, tasks: ArrayLike) -> Task:
-        """Map `tasks` (..., d) of the world to the teacher's, if they are in the space."""
+        """Map a world's `tasks` (..., d), which must be in the space, to the teacher's."""
         return self._move(tasks, np.argsort(self.order, axis=1))
 
     @cached_property
     def _edges(self) -> Task:
-        """Bounds of the intervals (d, cuts + 1), including those of the space exactly."""
+        """Bounds of the intervals (d, cuts + 1); the outer ones are exactly those of the space."""
         return np.linspace(self.space.low, self.space.high, self.order.shape[1] + 1, axis=1, dtype=np.float32)
 
     def _move(self, tasks: ArrayLike, order: NDArray[np.intp]) -> Task:

@@ -1,4 +1,4 @@
-"""Automatic curriculum learning algorithms, which depend on `tma_ray.tasks` alone."""
+"""Automatic curriculum learning algorithms, which depend only on `tma_ray.tasks`."""
 
 from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.catalogue import (

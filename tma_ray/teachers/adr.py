@@ -58,7 +58,7 @@ class ADR(Teacher):
         check_positive(self, "step")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Start with the mean of the initial Gaussian as the only task."""
+        """Start with the initial Gaussian's mean as the only task."""
         super().start(space, knowledge, rng)
         example = space.clip(knowledge.initial.mean).astype(np.float64)
         self.bounds_ = np.stack([example, example])
@@ -67,14 +67,14 @@ class ADR(Teacher):
         self._log_box(0.0)
 
     def sample(self) -> Task:
-        """Return a task (d,) of the box, or on one of its boundaries."""
+        """Return a task (d,) from the box or from one of its boundaries."""
         task = draw_in_box(self.space, self.bounds_, self.rng)
         self.boundary_ = None
         dimensions = np.flatnonzero(self.space.width > 0)
         if self.rng.random() < self.boundary_share and len(dimensions):
             dimension = int(self.rng.choice(dimensions))
             lower, upper = self.bounds_[:, dimension].astype(np.float32)
-            # a dimension that spans the task space has no boundary to move
+            # a dimension that already spans the task space has no boundary to move
             if lower != self.space.low[dimension] or upper != self.space.high[dimension]:
                 self.boundary_ = Boundary(int(self.rng.integers(2)), dimension)
         if self.boundary_ is not None:
@@ -82,7 +82,7 @@ class ADR(Teacher):
         return task
 
     def observe(self, episode: Episode) -> None:
-        """Queue the return of a task on a boundary, and move that boundary when its queue is full."""
+        """Queue the return of a boundary's task, and move the boundary when its queue is full."""
         if self.boundary_ is None:
             return
         queue = self.queues_.setdefault(self.boundary_, [])
@@ -93,7 +93,7 @@ class ADR(Teacher):
         self.boundary_ = None
 
     def probe(self, count: int) -> Task:
-        """Return `count` uniform tasks (count, d) of the box."""
+        """Return `count` uniform tasks (count, d) from the box."""
         rng = self.probe_rng()
         return np.stack([draw_in_box(self.space, self.bounds_, rng) for _ in range(count)])
 
@@ -111,7 +111,7 @@ class ADR(Teacher):
             self._log_box(mean_return)
 
     def _log_box(self, mean_return: float) -> None:
-        """Log the box with the mean return that moved a boundary as its score."""
+        """Log the box; its score is the mean return that moved a boundary."""
         low, high = self.bounds_.copy()
         width = self.space.width
         shares = (high - low)[width > 0] / width[width > 0]

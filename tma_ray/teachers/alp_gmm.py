@@ -40,7 +40,7 @@ class NearestReturn:
             self._build()
 
     def nearest(self, task: Task) -> float:
-        """Return the return of the nearest task in Euclidean distance."""
+        """Return the return of the task nearest in Euclidean distance."""
         assert self._count, "an empty history has no nearest task"
         recent = self._tasks[self._in_tree : self._count]
         distances = np.sum((recent - task) ** 2, axis=1)
@@ -78,13 +78,13 @@ class AbsoluteLearningProgress:
     Source: Portelas et al. 2019, section 4; the search is over the whole history in raw task units.
     """
 
-    MINIMUM_HISTORY = 5  # tasks up to which ALP is 0 (original release; the paper is silent)
+    MINIMUM_HISTORY = 5  # number of first tasks whose ALP is 0 (original release; the paper is silent)
 
     def __init__(self, size: int) -> None:
         self._history = NearestReturn(size)
 
     def __call__(self, task: Task, episodic_return: float) -> float:
-        """Return the ALP of an episode, and store it."""
+        """Return the ALP of an episode, and store the episode."""
         progress = 0.0
         if len(self._history) > self.MINIMUM_HISTORY:
             progress = abs(episodic_return - self._history.nearest(task))
@@ -110,7 +110,7 @@ class ALPGMM(MixtureTeacher):
         self.learning_progress_ = AbsoluteLearningProgress(space.size)
 
     def measure(self, episode: Episode) -> tuple[float]:
-        """Return the ALP of `episode`, and store it."""
+        """Return the ALP of `episode`, and store the episode."""
         return (self.learning_progress_(episode.task, episode.episodic_return),)
 
     def progress_of(self, mixture: Mixture) -> Array:

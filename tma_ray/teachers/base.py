@@ -1,4 +1,4 @@
-"""Base classes of teachers, which propose tasks, observe episodes, and may make queries."""
+"""Base classes of teachers, which propose tasks, observe episodes and may make queries."""
 
 import copy
 import math
@@ -20,11 +20,11 @@ from tma_ray.tasks import (
     TeacherUpdate,
 )
 
-PAPER_BUDGET = 20_000_000  # budget in environment steps to which default sizes and intervals refer
+PAPER_BUDGET = 20_000_000  # budget, in environment steps, for which default sizes and intervals are meant
 
 
 def for_budget(size: int, budget: int) -> int:
-    """Scale a buffer, a wait or an interval from the paper's budget to `budget` environment steps.
+    """Scale a buffer size, wait or interval from the paper's budget to `budget` environment steps.
 
     The scale is the square root: a hundredth of the budget has a tenth of the refreshes, each from a tenth of
     the episodes.
@@ -38,7 +38,7 @@ def for_budget(size: int, budget: int) -> int:
 
 
 def next_due(due: int, every: int, step: int) -> int:
-    """Return the first of the steps `due`, `due` + `every`, ... after `step` >= `due`."""
+    """Return the first of `due`, `due` + `every`, ... that comes after `step` >= `due`."""
     return due + every * ((step - due) // every + 1)
 
 
@@ -96,13 +96,13 @@ class Teacher(ABC):
     rng: np.random.Generator = field(init=False, repr=False)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Prepare for a new run; overriding methods must call this one first."""
+        """Prepare for a new run; methods that override this one must call it first."""
         self.space, self.knowledge, self.rng = space, knowledge, rng
         self._updates: list[TeacherUpdate] = []
 
     @classmethod
     def refusal(cls, space: TaskSpace) -> str:
-        """Return the reason why a task space exceeds the teacher's limits, empty if it does not."""
+        """Return the reason why a task space exceeds the teacher's limits, or an empty text."""
         if cls.most_dimensions is not None and space.size > cls.most_dimensions:
             return f"{cls.__name__} teaches in {cls.most_dimensions} dimensions at most, not {space.size}"
         if not cls.constant_dimensions and (space.width == 0).any():
@@ -115,10 +115,10 @@ class Teacher(ABC):
 
     @abstractmethod
     def sample(self) -> Task | Proposal:
-        """Return the next task, float32 (d,) in the space, or a `Proposal` without learning."""
+        """Return the next task, float32 (d,) in the space, or a `Proposal` from which nothing is learned."""
 
     def propose(self) -> Proposal:
-        """Return the task of `sample` as a proposal, for the loop that drives the teacher.
+        """Return the result of `sample` as a proposal, for the loop that drives the teacher.
 
         Raises:
             ValueError: if a teacher without `wants_evaluations` proposes an episode without learning.
@@ -133,17 +133,17 @@ class Teacher(ABC):
         return proposal
 
     def observe(self, episode: Episode) -> Query | None:  # noqa: B027 - not learning is a fair default
-        """Learn from a finished episode, and return a query if that needs one."""
+        """Learn from a finished episode, and return a query if one is needed."""
 
     def answer(self, answer: Any) -> Query | None:
-        """Receive the `Answer` to the last query, and return a further query if needed."""
+        """Receive the `Answer` to the last query, and return another query if one is needed."""
         raise TypeError(
             f"{type(self).__name__} asked a query and was given {type(answer).__name__}, "
             f"but does not define answer(answer)"
         )
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) without exploration, leaving the state unchanged.
+        """Return `count` tasks (count, d) without exploration; this leaves the state unchanged.
 
         By default, these are samples of a copy of the teacher.
         """
@@ -152,7 +152,7 @@ class Teacher(ABC):
         return np.stack([twin.propose().task for _ in range(count)])
 
     def probe_rng(self) -> np.random.Generator:
-        """Return a generator for probes, derived from `rng` without changing it."""
+        """Return a generator for probes that is derived from `rng` without changing `rng`."""
         bit_generator = copy.deepcopy(self.rng.bit_generator)
         assert isinstance(bit_generator, np.random.PCG64)
         return np.random.Generator(bit_generator.jumped())
@@ -167,15 +167,15 @@ class Teacher(ABC):
         return updates
 
     def state(self) -> dict[str, Any]:
-        """Return the complete state, from which `load_state` continues exactly in another process."""
+        """Return the complete state, from which another process continues exactly after `load_state`."""
         learned = {name: value for name, value in vars(self).items() if name.endswith("_")}
         return copy.deepcopy({"learned": learned, "rng": self.rng.bit_generator.state})
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Restore a result of `state`, after `start` with the same space and knowledge."""
+        """Restore a result of `state`, after a call to `start` with the same space and knowledge."""
         state = copy.deepcopy(state)
         vars(self).update(state["learned"])
-        self._updates = []  # those of `start` were drained before this state was saved
+        self._updates = []  # updates logged by `start` were drained before the state was saved
         self.rng.bit_generator.state = state["rng"]
 
 

@@ -67,7 +67,7 @@ def make_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) ->
 
 
 def canonical_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) -> str:
-    """Return the unique name of a teacher, with the hyper-parameters that differ from its defaults.
+    """Return the unique name of a teacher, which includes hyper-parameters that differ from its defaults.
 
     Arguments and errors are those of `make_teacher`.
     """
@@ -81,12 +81,12 @@ def hyperparameters_of(teacher: Teacher) -> dict[str, Any]:
 
 
 def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:
-    """Return True if `teacher` can run at `level`."""
+    """Return True if the knowledge at `level` is sufficient for `teacher`."""
     return teacher.knowledge_levels[0].rank <= level.rank
 
 
 def check_limits(teacher: type[Teacher], name: str, space: TaskSpace) -> None:
-    """Check that a task space is within the limits that `teacher` declares.
+    """Check that a task space is within the limits declared by `teacher`.
 
     Raises:
         ValueError: if it has too many dimensions, a constant one, or a single task.
@@ -96,7 +96,7 @@ def check_limits(teacher: type[Teacher], name: str, space: TaskSpace) -> None:
 
 
 def effective_level(teacher: type[Teacher], name: str, level: KnowledgeLevel) -> KnowledgeLevel:
-    """Return the highest level up to `level` that makes a difference to `teacher`.
+    """Return the highest level, at most `level`, that makes a difference to `teacher`.
 
     Raises:
         ValueError: if `teacher` needs a higher level.

@@ -12,7 +12,7 @@ from tma_ray.teachers.numerics import Array
 
 
 class CovarianceProgress(StrEnum):
-    """Learning progress from the covariance of time and return.
+    """Learning progress measured by the covariance of time and return.
 
     Attributes:
         ABSOLUTE: absolute value, so that forgetting counts as much as learning.
@@ -49,11 +49,11 @@ class CovarGMM(MixtureTeacher):
             raise ValueError(f"progress = {self.progress!r}: expected {' or '.join(CovarianceProgress)}")
 
     def measure(self, episode: Episode) -> tuple[float, float]:
-        """Return the time and the return of `episode`."""
+        """Return the time and return of `episode`."""
         return self.episodes_ % self.fit_every / self.fit_every, episode.episodic_return
 
     def progress_of(self, mixture: Mixture) -> Array:
-        """Return the progress (k,) of each component, in units of the return."""
+        """Return each component's progress (k,), in units of the return."""
         covariance = mixture.covariances[:, -2, -1]
         if self.progress == CovarianceProgress.ABSOLUTE:
             return np.abs(covariance)

@@ -11,11 +11,11 @@ from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSp
 from tma_ray.teachers.base import DistributionTeacher
 from tma_ray.teachers.numerics import Array, UnitBox, cloud_gaussian
 
-ROWS_AT_ONCE = 2_000  # of a prediction, to bound memory
+ROWS_AT_ONCE = 2_000  # rows of a prediction computed at once, to bound memory
 
 
 def assigned(sources: Array, targets: Array) -> NDArray[np.int64]:
-    """Return the indices (n,) of the targets (m, f) assigned to `sources` (n, f) at least distance."""
+    """Return indices (n,) of targets (m, f), assigned to `sources` (n, f) at the least total distance."""
     from scipy.optimize import linear_sum_assignment  # deferred: listing teachers must not import scipy
     from scipy.spatial.distance import cdist
 
@@ -26,7 +26,7 @@ def assigned(sources: Array, targets: Array) -> NDArray[np.int64]:
 
 
 class Performance(NamedTuple):
-    """Nadaraya-Watson regression of returns (n,) on points (n, f), with a Gaussian kernel of a width."""
+    """Nadaraya-Watson regression of returns (n,) on points (n, f), with a Gaussian kernel."""
 
     points: Array
     returns: Array
@@ -45,7 +45,7 @@ class Performance(NamedTuple):
         return np.concatenate(results).astype(np.float64)
 
 
-CANDIDATES, LINE_CANDIDATES = 20, 10  # per particle: in the ball around it, and on the line to its target
+CANDIDATES, LINE_CANDIDATES = 20, 10  # per particle, in the ball around it and on the line to its target
 
 
 def moved(
@@ -56,7 +56,7 @@ def moved(
     radius: float,
     rng: np.random.Generator,
 ) -> Array:
-    """Move `particles` (n, f) in the unit box as near to their `targets` (n, f) as performance allows.
+    """Move `particles` (n, f) in the unit box as close to their `targets` (n, f) as performance allows.
 
     Candidates are points in a ball of `radius` around the particle, in the half towards its target if the
     particle is expected to return at least `least`. The nearest candidate to the target with that return is
@@ -90,7 +90,7 @@ WIDEST_NOISE = 0.25  # standard deviation of the noise around the worst task, as
 
 @dataclass
 class SuccessBuffer:
-    """Buffer of at most `capacity` tasks of high return (authors' code).
+    """Buffer of at most `capacity` tasks with high returns (authors' code).
 
     Until their median reaches `least`, tasks of at least the median return replace the worst half. Afterwards
     successes replace failures, and a full buffer of successes keeps those in the optimal assignment to the
@@ -99,17 +99,17 @@ class SuccessBuffer:
 
     size: int  # number f of coordinates
     capacity: int  # largest number of tasks
-    least: float  # return of a success
+    least: float  # return from which a task counts as a success
     points: Array = field(init=False)  # coordinates of the tasks in [0, 1] (n, f)
     returns: Array = field(init=False)  # return of one episode per task (n,)
     reached: bool = field(init=False, default=False)  # True if the median has reached `least`
-    worst: float = field(init=False, default=np.inf)  # lowest return of the first tasks
+    worst: float = field(init=False, default=np.inf)  # lowest return among the first tasks
 
     def __post_init__(self) -> None:
         self.points, self.returns = np.empty((0, self.size)), np.empty(0)
 
     def add(self, points: Array, returns: Array, targets: Array) -> NDArray[np.bool_]:
-        """Add new tasks (k, f) of high return, and return a mask (k,) of those left out.
+        """Add the new tasks (k, f) with high returns, and return a mask (k,) of those left out.
 
         Args:
             points: tasks (k, f).
@@ -137,7 +137,7 @@ class SuccessBuffer:
         return left_out
 
     def draw(self, rng: np.random.Generator, count: int, narrowest: float) -> Array:
-        """Draw `count` points (count, f) around the tasks, with more noise around those of lower return.
+        """Draw `count` points (count, f) around the tasks, with more noise where the return is lower.
 
         Noise around successes has the standard deviation `narrowest`, as a share of each range.
         """
@@ -157,7 +157,7 @@ class SuccessBuffer:
         return float(np.median(self.returns)) if len(self.returns) else -np.inf
 
 
-NARROWEST = 0.005  # noise around successes, as a share of the radius of a move (authors' code)
+NARROWEST = 0.005  # noise around successes, as a share of a move's radius (authors' code)
 JITTER = 1e-3  # half width of a task's uniform noise, as a share of each range (authors' code)
 
 
@@ -197,7 +197,7 @@ class CURROT(DistributionTeacher):
         check_positive(self, "radius", "kernel_width")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Draw the particles from the initial Gaussian at high knowledge, else uniformly."""
+        """Draw the particles, from the initial Gaussian at high knowledge, otherwise uniformly."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self._radius = self.radius * np.sqrt(self._box.size)
@@ -216,7 +216,7 @@ class CURROT(DistributionTeacher):
         return self._box.denormalise(points + JITTER * rng.uniform(-1, 1, points.shape))
 
     def observe(self, episode: Episode) -> None:
-        """Store the episode, and update the particles when due."""
+        """Store the episode, and update the particles when an update is due."""
         row = np.append(self._box.normalise(episode.task), episode.episodic_return)
         self.latest_ = np.vstack([self.latest_, row])
         if len(self.latest_) == self.update_every:
@@ -232,7 +232,7 @@ class CURROT(DistributionTeacher):
         played = np.vstack([self.failures_[:, :-1], self.successes_.points])
         played_returns = np.append(self.failures_[:, -1], self.successes_.returns)
         performance = Performance(played, played_returns, self.kernel_width * self._radius)
-        # particles of low return are first moved to successes
+        # particles with low returns are first moved to successes
         particles, low = self.particles_, performance(self.particles_) < self.least_return
         if low.any():
             successes = self.successes_.draw(self.rng, count, NARROWEST * self._radius)

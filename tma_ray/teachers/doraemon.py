@@ -21,7 +21,7 @@ from tma_ray.teachers.base import PAPER_BUDGET, DistributionTeacher, for_budget,
 from tma_ray.teachers.numerics import CONSTANT_STD, Array, UnitBox
 
 BOUNDARY_DISTANCE = (
-    1e-6  # least distance of points from the box's boundary, where densities are 0 or infinite
+    1e-6  # least distance of points from the boundary of the box, where densities are 0 or infinite
 )
 
 
@@ -33,13 +33,13 @@ class BetaProduct(NamedTuple):
 
     @classmethod
     def around(cls, mode: Array, concentration: float) -> "BetaProduct":
-        """Return the distribution with a `mode` (f,), and both parameters `concentration` for mode 1/2."""
+        """Return the distribution with a `mode` (f,); at mode 1/2, both parameters are `concentration`."""
         weight = 2 * (concentration - 1)
         return cls(1 + weight * mode, 1 + weight * (1 - mode))
 
     @classmethod
     def of_logs(cls, logs: Array) -> "BetaProduct":
-        """Return the distribution with the logarithms `logs` (2f,) of its parameters."""
+        """Return the distribution whose parameters have the logarithms `logs` (2f,)."""
         return cls(*np.exp(logs).reshape(2, -1))
 
     @property
@@ -59,14 +59,14 @@ class BetaProduct(NamedTuple):
         return self.alpha * self.beta / (total**2 * (total + 1))
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Draw `count` points (count, f) by inversion, which is smooth in the parameters."""
-        from scipy.special import betaincinv  # deferred: listing teachers must not import scipy
+        """Draw `count` points (count, f) by inversion, so that they are smooth in the parameters."""
+        from scipy.special import betaincinv  # deferred, so that listing teachers does not import scipy
 
         shares = rng.random((count, len(self.alpha)))
         return np.asarray(betaincinv(self.alpha, self.beta, shares), dtype=np.float64)
 
     def entropy(self) -> tuple[float, Array]:
-        """Return the differential entropy in nats, at most 0, and its gradient by `logs` (2f,)."""
+        """Return the differential entropy in nats (at most 0), and its gradient in `logs` (2f,)."""
         from scipy.special import betaln, polygamma, psi
 
         alpha, beta, total = self.alpha, self.beta, self.alpha + self.beta
@@ -77,7 +77,7 @@ class BetaProduct(NamedTuple):
         return float((betaln(alpha, beta) + parts).sum()), gradient
 
     def divergence(self, other: "BetaProduct") -> tuple[float, Array]:
-        """Return KL(self || other) in nats, and its gradient by the logs of `other` (2f,)."""
+        """Return KL(self || other) in nats, and its gradient in the logs of `other` (2f,)."""
         from scipy.special import betaln, psi
 
         alpha, beta, total = self.alpha, self.beta, self.alpha + self.beta
@@ -88,7 +88,7 @@ class BetaProduct(NamedTuple):
         return float(parts.sum()), -(np.stack(other) * (expected - other._mean_logs())).ravel()
 
     def log_densities(self, points: Array) -> tuple[Array, Array]:
-        """Return the log densities (n,) of `points` (n, f), and their gradients by `logs` (n, 2f)."""
+        """Return the log densities (n,) of `points` (n, f), and their gradients in `logs` (n, 2f)."""
         from scipy.special import betaln
 
         inside = np.clip(points, BOUNDARY_DISTANCE, 1 - BOUNDARY_DISTANCE)
@@ -106,15 +106,15 @@ class BetaProduct(NamedTuple):
         return means
 
 
-Valued = Callable[[Array], tuple[float, Array]]  # function of parameters (p,) to value and gradient (p,)
-SLACK = 1e-4  # tolerance of constraints, in nats or as a share
+Valued = Callable[[Array], tuple[float, Array]]  # function from parameters (p,) to value and gradient (p,)
+SLACK = 1e-4  # tolerance of the constraints, in nats or as a share
 
 
 @dataclass(frozen=True)
 class EntropyUpdate:
-    """Constrained optimisation problem of an update of DORAEMON."""
+    """Constrained optimisation problem that DORAEMON solves at each update."""
 
-    present: BetaProduct  # distribution of the points
+    present: BetaProduct  # current distribution
     points: Array  # coordinates of the played tasks (n, f)
     successes: NDArray[np.bool_]  # True for tasks that the student mastered (n,)
     least_success: float  # smallest expected share of successes
@@ -122,7 +122,7 @@ class EntropyUpdate:
     largest: float  # upper bound of the parameters; the lower bound is 1
 
     def solved(self) -> BetaProduct:
-        """Return the feasible distribution of highest entropy or, without any, of highest success."""
+        """Return the feasible distribution of highest entropy or, if none is feasible, of highest success."""
         start = self.present.logs
         if self.success(start)[0] < self.least_success:
             start = self._best(start, self.success, (), self.success(start)[0])
@@ -136,26 +136,26 @@ class EntropyUpdate:
         return BetaProduct.of_logs(self._best(start, self.entropy, (enough,), self.entropy(start)[0]))
 
     def entropy(self, logs: Array) -> tuple[float, Array]:
-        """Return the entropy of the distribution with the logarithms `logs`, and its gradient."""
+        """Return the entropy of the distribution with the log parameters `logs`, and its gradient."""
         return BetaProduct.of_logs(logs).entropy()
 
     def success(self, logs: Array) -> tuple[float, Array]:
-        """Estimate the expected share of successes by importance sampling, with its gradient."""
+        """Estimate the expected share of successes and its gradient by importance sampling."""
         old, _ = self.present.log_densities(self.points)
         new, gradients = BetaProduct.of_logs(logs).log_densities(self.points)
         weights = np.exp(new - old) * self.successes / len(self.points)
         return float(weights.sum()), weights @ gradients
 
     def room(self, logs: Array) -> tuple[float, Array]:
-        """Return the bound on the divergence minus the divergence, and its gradient."""
+        """Return the margin between the divergence and its bound, and the gradient of the margin."""
         divergence, gradient = self.present.divergence(BetaProduct.of_logs(logs))
         return self.most_divergence - divergence, -gradient
 
     def _best(self, start: Array, goal: Valued, constraints: tuple[Valued, ...], least: float) -> Array:
-        """Return feasible parameters of highest `goal`, or `start` if it is not over `least`."""
+        """Return the feasible parameters with the highest `goal`, or `start` if that is at most `least`."""
         from scipy.optimize import minimize
 
-        solve: Any = minimize  # its stubs lack these constraints
+        solve: Any = minimize  # Any, since its stubs lack these constraints
         all_constraints = (self.room, *constraints)
         result = solve(
             lambda logs: -goal(logs)[0],
@@ -221,7 +221,7 @@ class DORAEMON(DistributionTeacher):
         for_budget(self.update_every, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Start around the mean of the initial Gaussian, or uniform."""
+        """Start around the mean of the initial Gaussian, or with the uniform distribution."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         mode = np.clip(self._box.normalise(knowledge.initial.mean), 0.0, 1.0)
@@ -238,7 +238,7 @@ class DORAEMON(DistributionTeacher):
         return self._box.denormalise(self.distribution_.draw(rng, count))
 
     def observe(self, episode: Episode) -> None:
-        """Store the episode, and update the distribution when due."""
+        """Store the episode, and update the distribution when an update is due."""
         self.tasks_.append(episode.task)
         self.successes_.append(episode.success)
         if episode.step < self.next_update_:
@@ -256,7 +256,7 @@ class DORAEMON(DistributionTeacher):
         self._log({"mastered_share": float(mastered.mean()), "step_divergence": step})
 
     def _log(self, scalars: dict[str, float]) -> None:
-        """Log the Gaussian of the same mean and variance, in task units."""
+        """Log the Gaussian with the same mean and variance, in task units."""
         free, scale = self._box.free, self.space.width[self._box.free]
         mean, variance = self.space.centre.copy(), np.full(self.space.size, CONSTANT_STD**2)
         mean[free] = self.space.low[free] + scale * self.distribution_.mean

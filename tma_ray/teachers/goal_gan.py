@@ -76,7 +76,7 @@ class GoalGAN(Teacher):
         check_positive(self, "iterations_per_task", "learning_rate")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Pretrain the network on the initial Gaussian."""
+        """Pretrain the network on tasks of the initial Gaussian."""
         from tma_ray.teachers.networks import LeastSquaresGAN  # deferred: imports torch
 
         super().start(space, knowledge, rng)
@@ -94,7 +94,7 @@ class GoalGAN(Teacher):
             self.log(TeacherUpdate(scalars={**losses, "buffer_size": 0.0}))
 
     def sample(self) -> Task:
-        """Return the current task (d,) until its rollouts are over, then one from buffer or network."""
+        """Return the current task (d,) until its rollouts are over, then one from the buffer or network."""
         if not self.rollouts_left_:
             self.new_ = not (len(self.buffer_) and self.rng.random() < self.old_share)
             point = self._generate(1, self.rng)[0] if self.new_ else self.rng.choice(self.buffer_)
@@ -103,7 +103,7 @@ class GoalGAN(Teacher):
         return self.task_.copy()
 
     def observe(self, episode: Episode) -> None:
-        """Count the success, label the task after its rollouts, and train the network when due."""
+        """Count the success, label the task after its last rollout, and train the network when due."""
         self.rollouts_left_ -= 1
         self.successes_ += episode.success
         if self.new_ and not self.rollouts_left_:
@@ -118,14 +118,14 @@ class GoalGAN(Teacher):
             self._train()
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) of the network, without noise."""
+        """Return `count` tasks (count, d) from the network, without noise."""
         return self._box.denormalise(self._generate(count, self.probe_rng()))
 
     def _generate(self, count: int, rng: np.random.Generator) -> Array:
         return self.network_.generate(count, rng) + 0.5
 
     def _train(self) -> None:
-        """Train on the newly labelled tasks, if any is positive."""
+        """Train on the newly labelled tasks, if any of them is positive."""
         points = np.stack([point for point, _ in self.labelled_])
         positive = np.array([label for _, label in self.labelled_])
         scalars = {"wanted_share": float(positive.mean()), "buffer_size": float(len(self.buffer_))}

@@ -1,4 +1,4 @@
-"""LP-ACRL, a curriculum over grid cells by learning progress (Li, Li and Hutter 2026)."""
+"""LP-ACRL, a curriculum over the cells of a grid based on learning progress (Li, Li and Hutter 2026)."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from tma_ray.teachers.numerics import UnitBox, draw_in_proportion, softmax
 
 
 def split_evenly(dimensions: int, most_cells: int) -> tuple[int, ...]:
-    """Return numbers of cells along `dimensions`, as equal as possible, at most `most_cells` in all."""
+    """Return numbers of cells along `dimensions`, as equal as possible, with at most `most_cells` in all."""
     counts = [1] * dimensions
     while True:
         axis = counts.index(min(counts))
@@ -72,7 +72,7 @@ class LPACRL(DistributionTeacher):
         return np.stack([self._draw_task(rng) for _ in range(count)])
 
     def observe(self, episode: Episode) -> None:
-        """Count the return in its cell, and begin the next stage when this one is over."""
+        """Record the return in its cell, and begin the next stage when this one is over."""
         cell = self.cell_of(episode.task)
         self.sums_[cell] += episode.episodic_return
         self.visits_[cell] += 1

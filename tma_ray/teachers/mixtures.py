@@ -1,4 +1,4 @@
-"""Gaussian mixtures selected by AIC, the task distribution of the GMM teachers."""
+"""Gaussian mixtures selected by AIC, used as task distributions by the GMM teachers."""
 
 import warnings
 from abc import abstractmethod
@@ -47,7 +47,7 @@ variance, which dominates that of narrower dimensions and is rounded away in wid
 
 
 def units_of(widths: Array) -> Array:
-    """Return the units (d,) in which dimensions of `widths` (d,) are fitted.
+    """Return the units (d,) in which dimensions with `widths` (d,) are fitted.
 
     These are 1 or, for narrow and wide dimensions, the nearest power of two, which scales exactly.
     """
@@ -56,7 +56,7 @@ def units_of(widths: Array) -> Array:
 
 
 def fit_mixture(rows: Array, most_components: int, seed: int, units: Array | float = 1.0) -> Mixture:
-    """Fit full-covariance mixtures of 2 to `most_components` components, and return that of lowest AIC.
+    """Fit full-covariance mixtures of 2 to `most_components` components, and return the one of lowest AIC.
 
     Each has one EM initialisation without warm start, and one thread, for reproducible bits.
 
@@ -66,13 +66,13 @@ def fit_mixture(rows: Array, most_components: int, seed: int, units: Array | flo
         seed: seed of scikit-learn's initialisation.
         units: units (c,) in which the columns are fitted; the result is in those of `rows`.
     """
-    # deferred: listing teachers must not import scikit-learn
+    # deferred, so that listing teachers does not import scikit-learn
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import GaussianMixture
 
     sizes, rows = range(2, min(most_components, len(rows) - 1) + 1), rows / units
     with threadpool_limits(limits=1), warnings.catch_warnings():
-        # equal rows and few episodes leave components empty, where EM may stop early
+        # equal rows or few episodes leave components empty, and EM may then stop early
         warnings.simplefilter("ignore", ConvergenceWarning)
         fits = [GaussianMixture(size, covariance_type="full", random_state=seed).fit(rows) for size in sizes]
         best = min(fits, key=lambda fit: float(fit.aic(rows)))
@@ -105,13 +105,13 @@ class MixtureTeacher(Teacher):
     explore: float = 0.05
 
     def __post_init__(self) -> None:
-        check_at_least(self, 3, "fit_every")  # rows of the smallest mixture
+        check_at_least(self, 3, "fit_every")  # rows needed by the smallest mixture
         check_at_least(self, 2, "most_components")
         check_shares(self, "explore")
 
     @abstractmethod
     def measure(self, episode: Episode) -> tuple[float, ...]:
-        """Return the values that are appended to the task of `episode`."""
+        """Return the values to append to the task of `episode`."""
 
     @abstractmethod
     def progress_of(self, mixture: Mixture) -> Array:
@@ -126,7 +126,7 @@ class MixtureTeacher(Teacher):
         self.mixture_: Mixture | None = None
 
     def sample(self) -> Task:
-        """Return a task (d,) of the bootstrap, of uniform exploration, or of the mixture."""
+        """Return a task (d,) from the bootstrap, from uniform exploration, or from the mixture."""
         if self.mixture_ is None:
             return self._bootstrap(self.rng)
         if self.rng.random() < self.explore:
@@ -134,7 +134,7 @@ class MixtureTeacher(Teacher):
         return self._exploit(self.mixture_, self.rng)
 
     def observe(self, episode: Episode) -> None:
-        """Store the task with its measured values, and fit a new mixture when due."""
+        """Store the task with its measured values, and fit a new mixture when one is due."""
         self.recent_.append(np.array([*episode.task, *self.measure(episode)], dtype=np.float64))
         self.episodes_ += 1
         if self.episodes_ % self.fit_every == 0:
@@ -142,7 +142,7 @@ class MixtureTeacher(Teacher):
             measured = np.ones(rows.shape[1] - self.space.size)
             units = np.concatenate([units_of(self.space.width), measured])
             self.mixture_ = fit_mixture(rows, self.most_components, self.fit_seed_, units)
-            # logged weights are the shares of tasks drawn from each component
+            # the logged weights are the components' shares of tasks
             mixture, size, progress = self.mixture_, self.space.size, self.progress_of(self.mixture_)
             parts = zip(shares_of(progress), mixture.means, mixture.covariances, strict=True)
             gaussians = tuple(WeightedGaussian(float(w), m[:size], c[:size, :size]) for w, m, c in parts)

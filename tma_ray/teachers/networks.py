@@ -1,4 +1,4 @@
-"""Networks of Goal-GAN and Setter-Solver, the only module of teachers that imports torch."""
+"""Networks of Goal-GAN and Setter-Solver; no other module of teachers imports torch."""
 
 import math
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ def torch_generator(rng: np.random.Generator) -> torch.Generator:
 
 def linear(inputs: int, outputs: int, dtype: torch.dtype, generator: torch.Generator) -> nn.Linear:
     """Return a layer with uniform Xavier weights (Glorot and Bengio 2010) and zero bias."""
-    layer = nn.Linear(inputs, outputs, device="meta", dtype=dtype)  # without drawing default weights
+    layer = nn.Linear(inputs, outputs, device="meta", dtype=dtype)  # avoids drawing default weights
     layer.weight, layer.bias = (
         nn.Parameter(torch.empty(parameter.shape, dtype=dtype)) for parameter in (layer.weight, layer.bias)
     )
@@ -32,7 +32,7 @@ def linear(inputs: int, outputs: int, dtype: torch.dtype, generator: torch.Gener
 
 
 def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
-    """Take one step of `optimiser` on `loss`."""
+    """Take one step of `optimiser` to reduce `loss`."""
     for group in optimiser.param_groups:
         for parameter in group["params"]:
             parameter.grad = None
@@ -55,13 +55,11 @@ GENERATOR_UNITS = 256
 DISCRIMINATOR_UNITS = 128
 LEAK = 0.1
 
-SMOOTHING = (
-    0.9  # of RMSProp's mean square, TensorFlow 1's default as in the original release; torch's is 0.99
-)
+SMOOTHING = 0.9  # of RMSProp's mean square: TensorFlow 1's default, as in the original release (torch: 0.99)
 
 
 class LeastSquaresGAN:
-    """Generator of points in [-1, 1], and discriminator of positive points.
+    """Pair of a generator of points in [-1, 1] and a discriminator of positive points.
 
     Source: Florensa et al. 2018, section 4.2, after Mao et al. 2017: the discriminator is trained towards +1
     on positive, and -1 on negative and generated points, the generator towards an output of +1. Layers are
@@ -125,17 +123,17 @@ class LeastSquaresGAN:
         return torch.from_numpy(rng.standard_normal((count, self._size), dtype=np.float32))
 
 
-DTYPE = torch.float64  # single precision is too low for the inverse, where scales of all couplings multiply
+DTYPE = torch.float64  # single precision is too low for the inverse, in which the couplings' scales multiply
 
 BLOCKS = 3
 GATED_LAYERS = 3
 SMALLEST_SCALE = 0.01
-UNIT_SCALE_INPUT = 0.9131652918237967  # root of `SMALLEST_SCALE` + `slow_softplus` = 1
-FACE_DISTANCE = 1e-4  # least distance of points from the faces of the box, where a sigmoid's density diverges
+UNIT_SCALE_INPUT = 0.9131652918237967  # root x of `SMALLEST_SCALE` + `slow_softplus`(x) = 1
+FACE_DISTANCE = 1e-4  # least distance of points from the box's faces, where a sigmoid's density diverges
 
 
 class HighwayNetwork(nn.Module):
-    """Network with a tanh layer, three gated tanh layers (Srivastava et al. 2015) and a linear one.
+    """Network of one tanh layer, three gated tanh layers (Srivastava et al. 2015) and one linear layer.
 
     Untrained, its outputs are `start`.
     """
@@ -161,7 +159,7 @@ class HighwayNetwork(nn.Module):
 
 
 class AffineCoupling(nn.Module):
-    """Coupling that scales and shifts some coordinates by functions of the others and of a condition.
+    """Coupling that scales and shifts some coordinates by functions of the others and a condition.
 
     Untrained, it is the identity: with usual initial weights, each coupling would scale by a third, and all
     of them map to nearly a point. `moved` is a mask (d,) of the coordinates that change.
@@ -181,7 +179,7 @@ class AffineCoupling(nn.Module):
         return self._replaced(points, points[:, self._moved] * scale + shift), scale.log().sum(dim=1)
 
     def inverse(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Invert `forward` at `points` (n, d), and return its log-determinant (n,), too."""
+        """Invert `forward` at `points` (n, d), and also return its log-determinant (n,)."""
         scale, shift = self._scale_and_shift(points, condition)
         return self._replaced(points, (points[:, self._moved] - shift) / scale), scale.log().sum(dim=1)
 
@@ -218,7 +216,7 @@ class RealNVP(nn.Module):
         )
 
     def forward(self, latents: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return points (n, d) of `latents` (n, d) and their log-density (n,) under `condition` (n,)."""
+        """Return the points (n, d) of `latents` (n, d), and their log-density (n,) under `condition` (n,)."""
         points, log_density = latents, _standard_log_density(latents)
         for coupling in self._couplings:
             points, log_determinant = coupling(points, condition)
@@ -241,7 +239,7 @@ _LIMIT = math.log((1 - FACE_DISTANCE) / FACE_DISTANCE)
 
 
 def slow_softplus(inputs: torch.Tensor) -> torch.Tensor:
-    """Return x (atan(x) / pi + 1/2) + 1/pi, a positive function near max(0, x)."""
+    """Return x (atan(x) / pi + 1/2) + 1/pi, a positive approximation of max(0, x)."""
     return inputs * (torch.atan(inputs) / math.pi + 0.5) + 1 / math.pi
 
 
@@ -260,7 +258,7 @@ JUDGE_UNITS = 64
 def new_networks(
     size: int, hidden_units: int, learning_rate: float, rng: np.random.Generator
 ) -> tuple[nn.Sequential, RealNVP, torch.optim.Optimizer, torch.optim.Optimizer]:
-    """Return an untrained judge and setter for `size` dimensions, and their optimisers."""
+    """Return an untrained judge and setter for `size` dimensions with their optimisers."""
     seeded = torch_generator(rng)
     layers: list[nn.Module] = []  # three hidden layers (paper, appendix A)
     for inputs in (size, JUDGE_UNITS, JUDGE_UNITS):
@@ -276,7 +274,7 @@ def new_networks(
 def propose(
     setter: RealNVP, latents: NDArray[np.float64], feasibility: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the setter's points (n, d) for latents (n, d) and feasibilities (n,)."""
+    """Return the setter's points (n, d) for latents (n, d) and desired feasibilities (n,)."""
     with single_thread(), torch.no_grad():
         points, _ = setter(torch.from_numpy(latents), torch.from_numpy(feasibility))
     proposed: NDArray[np.float64] = points.numpy()
@@ -289,7 +287,7 @@ def update_judge(
     points: NDArray[np.float64],
     solved: NDArray[np.bool_],
 ) -> float:
-    """Take one step on points (n, d) and successes (n,), and return the loss."""
+    """Take one step of the judge on points (n, d) and successes (n,), and return its loss."""
     with single_thread(), torch.enable_grad():
         logits = judge(torch.from_numpy(points))[:, 0]
         successes = torch.from_numpy(solved).to(DTYPE)
@@ -305,7 +303,7 @@ def update_setter(
     proposed: tuple[NDArray[np.float64], NDArray[np.float64]],
     valid: tuple[NDArray[np.float64], NDArray[np.bool_]],
 ) -> dict[str, float]:
-    """Take one step of the setter, and return the losses.
+    """Take one step of the setter, and return its losses.
 
     `proposed` are latents (n, d) and requested feasibilities (n,), `valid` are solved tasks with noise (m, d)
     and their mask (n,) among the proposed.

@@ -1,4 +1,4 @@
-"""Shared numerics of teachers: random choices, scaling, Gaussians of task sets."""
+"""Numerics shared by teachers: random choices, scaling, and Gaussians fitted to tasks."""
 
 from contextlib import AbstractContextManager
 from functools import cache
@@ -12,13 +12,13 @@ from tma_ray.tasks import Task, TaskSpace, WeightedGaussian
 Array = NDArray[np.float64]
 
 
-@cache  # searching the libraries takes a hundred times as long as setting their threads
+@cache  # finding the libraries takes a hundred times as long as setting their threads
 def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
 
 
 def one_thread() -> AbstractContextManager[object]:
-    """Context manager that limits numpy's matrix products to one thread, for reproducible bits.
+    """Context manager that limits numpy's matrix products to one thread, so that bits are reproducible.
 
     Libraries loaded after its first use are not limited: with scipy or scikit-learn, use the slower
     `threadpoolctl.threadpool_limits`.
@@ -48,11 +48,11 @@ def softmax(scores: Array, temperature: float) -> Array:
     return np.asarray(weights / weights.sum(), dtype=np.float64)
 
 
-LOWEST_RETURN, HIGHEST_RETURN = -150.0, 350.0  # of scaled returns on Stump Tracks (original release)
+LOWEST_RETURN, HIGHEST_RETURN = -150.0, 350.0  # range of returns to scale on Stump Tracks (original release)
 
 
 def scaled_returns(returns: Array, lowest: float, highest: float) -> Array:
-    """Scale `returns` (k,) from [`lowest`, `highest`] to [0, 1], with clipping.
+    """Scale `returns` (k,) from [`lowest`, `highest`] to [0, 1], and clip them.
 
     Raises:
         ValueError: if `lowest` is not below `highest`.
@@ -63,7 +63,7 @@ def scaled_returns(returns: Array, lowest: float, highest: float) -> Array:
 
 
 def draw_in_box(space: TaskSpace, box: Array, rng: np.random.Generator) -> Task:
-    """Draw a uniform task (d,) of a `box` in `space`, given by its lower and upper corner (2, d)."""
+    """Draw a uniform task (d,) from a `box` in `space`, given by its lower and upper corners (2, d)."""
     low, high = box
     return space.clip(low + rng.random(space.size) * (high - low))
 
@@ -100,9 +100,9 @@ class UnitBox:
         return self._space.denormalise(tasks)
 
 
-# standard deviations of a Gaussian of tasks
-LEAST_STD_SHARE = 1e-3  # added in every dimension, as a share of its range: a single task has none
-CONSTANT_STD = 1e-3  # of dimensions without width, in task units
+# standard deviations of a Gaussian fitted to tasks
+LEAST_STD_SHARE = 1e-3  # added in each dimension, as a share of its range: a single task has none
+CONSTANT_STD = 1e-3  # for dimensions without width, in task units
 
 
 def cloud_gaussian(space: TaskSpace, tasks: Task, weights: Array | None = None) -> WeightedGaussian:

@@ -24,14 +24,14 @@ MOST_STEPS, SMALLEST_STEP = 50, 1e-8  # stopping criteria of Newton's method
 
 
 class ResponseModel(NamedTuple):
-    """Item-response model with one ability a per window and difficulties d = features @ weights.
+    """Item-response model with an ability a per window and difficulties d = features @ weights.
 
     A response y in [0, 1] has the log-likelihood y log p + (1 - y) log (1 - p), with p = sigmoid(a - d).
     """
 
-    ability_std: float = 3.0  # prior standard deviation of the first ability, around 0
+    ability_std: float = 3.0  # prior standard deviation around 0 of the first ability
     drift_std: float = 0.5  # prior standard deviation of the change of ability from one window to the next
-    weight_std: float = 3.0  # prior standard deviation of each weight, around 0
+    weight_std: float = 3.0  # prior standard deviation around 0 of each weight
 
     def fit(self, features: Array, windows: NDArray[np.int64], responses: Array) -> tuple[Array, Array]:
         """Return the maximum a posteriori abilities (k,) and weights (m,).
@@ -53,7 +53,7 @@ class ResponseModel(NamedTuple):
 
 
 def _most_probable(design: Array, responses: Array, precision: Array) -> Array:
-    """Fit the parameters (p,) of a logistic regression with a Gaussian prior by Newton's method."""
+    """Fit the parameters (p,) of a logistic regression with a Gaussian prior, using Newton's method."""
 
     def loss(parameters: Array) -> float:
         logits = design @ parameters
@@ -121,7 +121,7 @@ class PERM(Teacher):
         for_budget(self.window_episodes, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Place the bumps, and start with uniform tasks."""
+        """Place the bumps (features of the difficulty), and start with uniform tasks."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self._window = for_budget(self.window_episodes, self.budget)
@@ -138,7 +138,7 @@ class PERM(Teacher):
         return self._suitable(self.rng)
 
     def observe(self, episode: Episode) -> None:
-        """Store task and return, and fit the model at the end of a window."""
+        """Store the task and return, and fit the model at the end of a window."""
         self.history_.append((episode.task, episode.episodic_return))
         self.episodes_ += 1
         if self.episodes_ % self._window == 0:
@@ -150,8 +150,8 @@ class PERM(Teacher):
         return np.stack([self._suitable(rng) for _ in range(count)])
 
     def features(self, points: Array) -> Array:
-        """Return the centred heights (n, m) of the bumps at `points` (n, f) of the unit box."""
-        from scipy.spatial.distance import cdist  # deferred: listing teachers must not import scipy
+        """Return the centred heights (n, m) of the bumps at `points` (n, f) in the unit box."""
+        from scipy.spatial.distance import cdist  # deferred, so that listing teachers does not import scipy
         from scipy.special import ndtr
 
         width = self.bump_width * np.sqrt(self._box.size)

@@ -1,4 +1,4 @@
-"""Base of the teachers that replay tasks of high regret."""
+"""Base class of teachers that replay tasks of high regret."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -24,7 +24,7 @@ from tma_ray.teachers.numerics import Array, cloud_gaussian
 
 
 class Score(StrEnum):
-    """Estimate of a task's regret from an episode (Jiang et al. 2021b, section 4.1 and appendix).
+    """Estimates of a task's regret from an episode (Jiang et al. 2021b, section 4.1 and appendix).
 
     If values include entropy bonuses (SAC), rewards do, too.
     """
@@ -47,14 +47,14 @@ def positive_value_loss(trajectory: Trajectory, values: Array, gae_lambda: float
         values: values of its observations (t + 1,); the last one does not count after termination.
         gae_lambda: lambda of the estimates (arXiv:1506.02438).
     """
-    from scipy.signal import lfilter  # deferred: listing teachers must not import scipy
+    from scipy.signal import lfilter  # deferred, so that listing teachers does not import scipy
 
     errors = value_errors(trajectory, values)
     advantages = lfilter([1.0], [1.0, -trajectory.gamma * gae_lambda], errors[::-1])
     return float(np.maximum(advantages, 0.0).mean())
 
 
-NEGLIGIBLE_WEIGHT = 1e-9  # below which a sum over lengths ends
+NEGLIGIBLE_WEIGHT = 1e-9  # weight below which a sum over lengths ends
 
 
 def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float) -> float:
@@ -77,7 +77,7 @@ def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float)
         longer = np.minimum(before + trajectory.gamma**length * errors[length:], 0.0)
         total += weight * float(
             (longer - before).sum()
-        )  # gives the longest sum the weights of all longer ones
+        )  # the longest sum gets the weights of all longer ones
         sums[: len(longer)] = longer
     return -total / len(errors)
 
@@ -95,7 +95,7 @@ def value_errors(trajectory: Trajectory, values: Array) -> Array:
 
 @dataclass
 class TaskBuffer:
-    """Buffer of at most `capacity` tasks with their replay probabilities.
+    """Buffer of at most `capacity` tasks and their replay probabilities.
 
     Task i is replayed with the probability (1 - rho) P_S(i) + rho P_C(i), where P_S is proportional to
     (1 / rank of its score) ** (1 / temperature), and P_C to the replays since it was played (Jiang et al.
@@ -108,9 +108,9 @@ class TaskBuffer:
     staleness_share: float  # rho, in [0, 1]
     tasks: Task = field(init=False)  # (k, d)
     scores: Array = field(init=False)  # (k,)
-    staleness: Array = field(init=False)  # replays since the task was played (k,)
+    staleness: Array = field(init=False)  # number of replays since the task was played (k,)
     best: Array = field(init=False)  # highest discounted return of the task so far (k,)
-    mastered: NDArray[np.bool_] = field(init=False)  # True for tasks that were mastered at least once (k,)
+    mastered: NDArray[np.bool_] = field(init=False)  # True for tasks mastered at least once (k,)
 
     def __post_init__(self) -> None:
         self.tasks = np.empty((0, self.size), dtype=np.float32)
@@ -118,7 +118,7 @@ class TaskBuffer:
         self.mastered = np.empty(0, dtype=np.bool_)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore a buffer, with no task mastered in checkpoints older than `mastered`."""
+        """Restore a buffer; in checkpoints older than the field `mastered`, no task counts as mastered."""
         vars(self).update({"mastered": np.zeros(len(state["tasks"]), dtype=np.bool_)} | state)
 
     def __len__(self) -> int:
@@ -126,7 +126,7 @@ class TaskBuffer:
 
     @property
     def filled(self) -> float:
-        """Filled share of the capacity."""
+        """Share of the capacity that is filled."""
         return len(self) / self.capacity
 
     def chances(self) -> Array:
@@ -140,7 +140,7 @@ class TaskBuffer:
         return chances
 
     def draw(self, rng: np.random.Generator, count: int) -> NDArray[np.int64]:
-        """Draw the slots (count,) of tasks to replay, without changing staleness."""
+        """Draw the slots (count,) of tasks to replay, leaving staleness unchanged."""
         cumulative = np.cumsum(self.chances())
         slots: NDArray[np.int64] = np.searchsorted(
             cumulative, rng.random(count) * cumulative[-1], side="right"
@@ -148,7 +148,7 @@ class TaskBuffer:
         return slots
 
     def replay(self, slot: int) -> Task:
-        """Return the task (d,) in `slot`, and increase the staleness of all others."""
+        """Return the task (d,) in `slot`, and increase the staleness of all other tasks."""
         self.staleness += 1
         self.staleness[slot] = 0
         task: Task = self.tasks[slot].copy()
@@ -159,7 +159,7 @@ class TaskBuffer:
         self.scores[slot], self.best[slot], self.mastered[slot] = score, best, mastered
 
     def offer(self, task: Task, score: float, best: float, mastered: bool = False) -> int | None:
-        """Add `task` (d,), unless the task to be replaced scores higher, and return its slot, if any."""
+        """Add `task` (d,) unless the one it would replace scores higher, and return its slot or None."""
         if len(self) < self.capacity:
             self.tasks = np.vstack([self.tasks, task])
             added = (self.scores, score), (self.staleness, 0.0), (self.best, best)
@@ -174,12 +174,12 @@ class TaskBuffer:
         return slot
 
 
-LOG_EVERY = 100  # episodes between two log rows
+LOG_EVERY = 100  # number of episodes between two log rows
 
 
 @dataclass
 class PrioritisedReplay(Teacher):
-    """Teacher that plays new tasks, and replays those of highest score from a buffer.
+    """Teacher that plays new tasks, and replays those with the highest scores from a buffer.
 
     Sources: Jiang et al. 2021a (prioritised level replay) and 2021b (replay-guided adversarial environment
     design). Defaults are those of the authors' runs on a walker with continuous parameters (Parker-Holder et
@@ -225,13 +225,13 @@ class PrioritisedReplay(Teacher):
         super().start(space, knowledge, rng)
         size = for_budget(self.buffer_size, self.budget)
         self.buffer_ = TaskBuffer(space.size, size, self.temperature, self.staleness_share)
-        self.replayed_: int | None = None  # slot of the current task, if it is replayed
+        self.replayed_: int | None = None  # slot of the current task if it is a replay
         self.episode_: Episode | None = None
         self.trajectory_: Trajectory | None = None
         self.episodes_ = 0
 
     def sample(self) -> Task | Proposal:
-        """Return a task (d,) of the buffer, or a new one."""
+        """Return a task (d,) from the buffer, or a new one."""
         self.replayed_ = None
         filled = self.buffer_.filled
         if filled >= self.fill_first and self.rng.random() < min(filled, self.replay_share):
@@ -245,14 +245,14 @@ class PrioritisedReplay(Teacher):
         return self.space.sample(rng, count)
 
     def observe(self, episode: Episode) -> Query:
-        """Request the trajectory for the score."""
+        """Request the trajectory, which the score needs."""
         self.episode_, self.episodes_ = episode, self.episodes_ + 1
         if self.replayed_ is not None and (self.buffer_.tasks[self.replayed_] != episode.task).any():
-            self.replayed_ = None  # an overlapping episode has replaced it
+            self.replayed_ = None  # an overlapping episode has put another task there
         return Query(QueryKind.TRAJECTORY)
 
     def answer(self, answer: Trajectory | Array) -> Query | None:
-        """Store the trajectory, or score the task with the values of its states."""
+        """Store the trajectory, or score the task using the values of the states."""
         if isinstance(answer, Trajectory):
             self.trajectory_ = answer
             valued = answer.observations[:1] if self.score is Score.MAX_MC else answer.observations
@@ -271,7 +271,7 @@ class PrioritisedReplay(Teacher):
         return tasks
 
     def after_replay(self, task: Task) -> None:
-        """Respond to the replay of `task` (d,) after its scoring, by default with nothing."""
+        """Respond to the replay of `task` (d,) after it has been scored; does nothing by default."""
 
     def estimate(self, trajectory: Trajectory, values: Array, best: float, mastered: bool) -> float:
         """Return the score of a task.
@@ -289,7 +289,7 @@ class PrioritisedReplay(Teacher):
         return positive_value_loss(trajectory, values, self.gae_lambda)
 
     def count_in(self, episode: Episode, values: Array) -> int | None:
-        """Score the task of `episode` with `values` of its states, and return its slot, if any."""
+        """Score the task of `episode` using the `values` of its states, and return its slot or None."""
         best, slot, trajectory = episode.discounted_return, self.replayed_, self.trajectory_
         mastered = episode.success
         assert trajectory is not None, "its states have been valued"

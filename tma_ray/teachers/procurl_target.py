@@ -20,18 +20,18 @@ from tma_ray.teachers.numerics import (
     softmax,
 )
 
-MOST_EPISODES = 2_000  # latest episodes of an estimate of values, which bounds its time
+MOST_EPISODES = 2_000  # number of latest episodes from which values are estimated, to bound the time
 
 
 def similarity(points: Array, targets: Array, reach: float) -> Array:
     """Return exp(-distance / reach) (m, n) of `targets` (m, f) and `points` (n, f)."""
-    from scipy.spatial.distance import cdist  # deferred: listing teachers must not import scipy
+    from scipy.spatial.distance import cdist  # deferred, so that listing teachers does not import scipy
 
     return np.asarray(np.exp(-cdist(targets, points) / reach), dtype=np.float64)
 
 
 def proximity(values: Array, target_values: Array, similarities: Array) -> Array:
-    """Return the scores (n,) of tasks that are, like a similar target, neither too easy nor too hard.
+    """Return the scores (n,) of tasks, high for those neither too easy nor too hard and near such a target.
 
     The score of a task c is the maximum of V(c) (1 - V(c)) V(t) (1 - V(t)) k(c, t) over targets t.
 
@@ -90,7 +90,7 @@ class ProCuRLTarget(DistributionTeacher):
         for_budget(self.update_every, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Start with a pool of equally likely tasks."""
+        """Start with a pool of tasks that are equally likely."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self.tasks_: list[Task] = []
@@ -101,12 +101,12 @@ class ProCuRLTarget(DistributionTeacher):
         self.chances_ = np.full(self.pool_size, 1 / self.pool_size)
 
     def draw(self, rng: np.random.Generator, count: int) -> Task:
-        """Return `count` tasks (count, d) of the pool."""
+        """Return `count` tasks (count, d) from the pool."""
         indices = [draw_in_proportion(self.chances_, rng) for _ in range(count)]
         return self._box.denormalise(self.pool_[indices])
 
     def observe(self, episode: Episode) -> None:
-        """Store the episode, and score the pool when due."""
+        """Store the episode, and score the pool when an update is due."""
         self.tasks_.append(episode.task)
         self.returns_.append(episode.episodic_return)
         if episode.step < self.next_update_:

@@ -1,4 +1,4 @@
-"""Hand-made schedule from easy to all tasks, an upper reference."""
+"""Hand-made schedule from easy tasks to all tasks, an upper reference."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -18,7 +18,7 @@ from tma_ray.tasks import (
 )
 from tma_ray.teachers.base import DistributionTeacher
 
-LOG_EVERY = 100  # episodes between two log rows
+LOG_EVERY = 100  # number of episodes between two log rows
 
 
 @dataclass

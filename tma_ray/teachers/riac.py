@@ -16,7 +16,7 @@ from tma_ray.teachers.numerics import Array, draw_in_box, draw_in_proportion
 
 
 class Cut(NamedTuple):
-    """Cut across `dimension`, with tasks up to `threshold`, a float32, on its left."""
+    """Cut across `dimension`; tasks up to the float32 `threshold` are on its left."""
 
     dimension: int
     threshold: float
@@ -24,7 +24,7 @@ class Cut(NamedTuple):
 
 @dataclass(frozen=True)
 class Split:
-    """Cut of a region, and the indices of its left and right part."""
+    """Cut of a region, and the indices of its left and right parts."""
 
     cut: Cut
     left: int
@@ -32,7 +32,7 @@ class Split:
 
 
 class Region:
-    """Closed box of float32 tasks, and the latest episodes in it.
+    """Closed box of float32 tasks, with the latest episodes in it.
 
     Attributes:
         bounds: lower and upper corner (2, d), float32 values.
@@ -72,9 +72,9 @@ class Region:
         return abs((self._sums[-1] - middle) / later - (middle - self._sums[0]) / (count - later))
 
     def add(self, task: Task, episodic_return: float) -> None:
-        """Append an episode, in place of the oldest if the region is full."""
+        """Append an episode, replacing the oldest one if the region is full."""
         if not self.returns:
-            self._origin = episodic_return  # subtracted from all, so that equal returns give exactly 0
+            self._origin = episodic_return  # subtracted from all returns, so that equal ones give exactly 0
         self.tasks.append(task)
         self.returns.append(episodic_return)
         self._sums.append(self._sums[-1] + (episodic_return - self._origin))
@@ -87,11 +87,11 @@ class Region:
             self._sums.popleft()
 
     def worst_task(self) -> Task:
-        """Return the oldest task of lowest return."""
+        """Return the oldest of the tasks with the lowest return."""
         return self.tasks[int(np.argmin(self.returns))]
 
     def parts(self, cut: Cut) -> tuple["Region", "Region"]:
-        """Return the regions left and right of `cut`, each with its episodes."""
+        """Return the regions to the left and right of `cut`, each with its episodes."""
         capacity = self.returns.maxlen
         assert capacity is not None
         left, right = Region(self.bounds.copy(), capacity), Region(self.bounds.copy(), capacity)
@@ -105,7 +105,7 @@ class Region:
 def best_cut(
     region: Region, attempts: int, fewest: int, smallest: Array, rng: np.random.Generator
 ) -> Cut | None:
-    """Return the best valid one of `attempts` random cuts of `region`, or None.
+    """Return the best of `attempts` random cuts of `region`, or None if none is valid.
 
     The score of a cut is |ALP left - ALP right| times the numbers of episodes left and right (Portelas et
     al. 2019, appendix; Baranes and Oudeyer 2009). Each part must keep at least the `fewest` episodes and the
@@ -126,7 +126,7 @@ def best_cut(
 def random_cuts(
     bounds: Array, tasks: Task, count: int, fewest: int, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
-    """Return dimensions and thresholds of `count` random cuts, empty if the tasks coincide too much.
+    """Return the dimensions and thresholds of `count` random cuts; empty if too many tasks coincide.
 
     Dimensions, and thresholds in the box `bounds` (2, d), are uniform given that each part keeps the `fewest`
     of the tasks (n, d). Such thresholds lie between two order statistics, so that none is rejected.
@@ -144,7 +144,7 @@ def random_cuts(
 
 
 def cut_scores(left: NDArray[np.bool_], returns: Array) -> Array:
-    """Return the scores (c,) of cuts with the episodes `left` (c, n), oldest first, on their left."""
+    """Return the scores (c,) of cuts whose left parts hold the episodes `left` (c, n), oldest first."""
     populations = left.sum(axis=1) * (~left).sum(axis=1)
     difference = _progress(left, returns) - _progress(~left, returns)
     scores: Array = populations * np.abs(difference)
@@ -152,7 +152,7 @@ def cut_scores(left: NDArray[np.bool_], returns: Array) -> Array:
 
 
 def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
-    """Return `Region.progress` (c,) of parts with the episodes `members` (c, n)."""
+    """Return `Region.progress` (c,) of parts that hold the episodes `members` (c, n)."""
     count = members.sum(axis=1)
     later = count // 2
     earlier = count - later
@@ -164,8 +164,8 @@ def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
 
 
 # divisors of the capacity of a region (original release)
-KEPT_BY_PARTS = 20  # for the smallest number of episodes in a part
-FORGOTTEN = 4  # for the episodes that a full region without a valid cut drops
+KEPT_BY_PARTS = 20  # gives the smallest number of episodes in a part
+FORGOTTEN = 4  # gives the number of episodes dropped by a full region without a valid cut
 
 
 @dataclass
@@ -242,7 +242,7 @@ class RIAC(Teacher):
         if self.regions_[path[-1]].full:
             self._cut(path[-1])
         self.episodes_since_log_ += 1
-        # at most one logged box per episode on average, to bound the log
+        # logs at most one box per episode on average, to bound the log
         if self.episodes_since_log_ >= max(self.region_capacity, len(self.regions_)):
             self.episodes_since_log_ = 0
             parts = list(zip(self.regions_, self.progress_, strict=True))

@@ -74,7 +74,7 @@ class SetterSolver(Teacher):
         self._begin_batch()
 
     def sample(self) -> Task:
-        """Return the next task (d,) of the batch."""
+        """Return the next task (d,) in the batch."""
         task: Task = self._box.denormalise(self.batch_.points[len(self.successes_)])
         return task
 
@@ -98,7 +98,7 @@ class SetterSolver(Teacher):
             self._begin_batch()
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) of the setter, of uniform feasibility."""
+        """Return `count` tasks (count, d) from the setter, for uniformly drawn feasibilities."""
         return self._box.denormalise(self._propose(count, self.probe_rng()).points)
 
     def _begin_batch(self) -> None:

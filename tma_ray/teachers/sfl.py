@@ -58,7 +58,7 @@ class SFL(Teacher):
 
     def __post_init__(self) -> None:
         check_at_least(self, 1, "candidates", "kept", "refresh_every")
-        check_at_least(self, 2, "rollouts")  # a single one has learnability 0
+        check_at_least(self, 2, "rollouts")  # a single episode gives learnability 0
         check_shares(self, "buffer_share")
         for_budget(self.kept, self.budget)
 
@@ -70,14 +70,14 @@ class SFL(Teacher):
         self.episodes_ = 0
 
     def sample(self) -> Task:
-        """Return a task (d,) of the buffer, or a uniform one."""
+        """Return a task (d,) from the buffer, or a uniform one."""
         if len(self.buffer_) and self.rng.random() < self.buffer_share:
             task: Task = self.buffer_[self.rng.integers(len(self.buffer_))].copy()
             return task
         return self.space.sample(self.rng)
 
     def observe(self, episode: Episode) -> Query | None:  # noqa: ARG002 - only evaluations count
-        """Query an evaluation when a refresh is due."""
+        """Request an evaluation when a refresh is due."""
         self.episodes_ += 1
         if (self.episodes_ - 1) % for_budget(self.refresh_every, self.budget):
             return None
@@ -85,7 +85,7 @@ class SFL(Teacher):
         return Query(QueryKind.EVALUATION, tasks=np.repeat(self.asked_, self.rollouts, axis=0))
 
     def answer(self, answer: Outcomes) -> None:
-        """Fill the buffer with the tasks of highest learnability, with random tie-breaking."""
+        """Fill the buffer with the tasks of highest learnability, breaking ties at random."""
         assert self.asked_ is not None, "an answer follows a query"
         candidates, kept = len(self.asked_), for_budget(self.kept, self.budget)
         mastered = answer.successes.reshape(candidates, self.rollouts).mean(axis=1)
@@ -103,7 +103,7 @@ class SFL(Teacher):
         self.log(TeacherUpdate(gaussians=gaussians, scalars=scalars))
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) of the buffer, or uniform ones while it is empty."""
+        """Return `count` tasks (count, d) from the buffer, or uniform ones while it is empty."""
         rng = self.probe_rng()
         if not len(self.buffer_):
             return self.space.sample(rng, count)

@@ -1,4 +1,4 @@
-"""Tasks of a low-discrepancy sequence."""
+"""Tasks from a low-discrepancy sequence."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,7 +10,7 @@ from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
 from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.numerics import UnitBox
 
-BLOCK_SIZE = 256  # points computed at once: a power of 2, after which the sequence is balanced
+BLOCK_SIZE = 256  # number of points computed at once: a power of 2, so that each block is balanced
 
 
 @dataclass
@@ -24,7 +24,7 @@ class Sobol(Teacher):
     single_task: ClassVar[bool] = False
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Draw the seed of the scrambling."""
+        """Draw the seed for scrambling."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self.scrambling_ = int(rng.integers(2**31))
@@ -32,7 +32,7 @@ class Sobol(Teacher):
         self.block_: NDArray[np.float64] = self._points(0)
 
     def sample(self) -> Task:
-        """Return the next task (d,) of the sequence."""
+        """Return the next task (d,) in the sequence."""
         task: Task = self._box.denormalise(self.block_[self.drawn_ % BLOCK_SIZE])
         return task
 
@@ -50,8 +50,8 @@ class Sobol(Teacher):
         return self._box.denormalise(points[first : first + count])
 
     def _points(self, first: int) -> NDArray[np.float64]:
-        """Return points (BLOCK_SIZE, f) of the sequence from index `first` on."""
-        from scipy.stats import qmc  # deferred: listing teachers must not import scipy
+        """Return the points (BLOCK_SIZE, f) of the sequence from index `first` on."""
+        from scipy.stats import qmc  # deferred, so that listing teachers does not import scipy
 
         sequence = qmc.Sobol(self._box.size, scramble=True, seed=self.scrambling_)
         if first:

@@ -30,7 +30,7 @@ from tma_ray.teachers.numerics import Array, UnitBox
 
 @dataclass(frozen=True, eq=False)
 class FullGaussian:
-    """Gaussian with a mean (d,) and the lower Cholesky factor (d, d) of its covariance."""
+    """Gaussian, stored as its mean (d,) and the lower Cholesky factor (d, d) of its covariance."""
 
     mean: Array
     factor: Array
@@ -57,17 +57,17 @@ class FullGaussian:
         return whitened
 
     def seen_from(self, frame: "FullGaussian") -> "FullGaussian":
-        """Transform to coordinates in which `frame` is the standard Gaussian."""
+        """Return this Gaussian in coordinates in which `frame` is the standard Gaussian."""
         factor: Array = solve_triangular(frame.factor, self.factor, lower=True)
         return FullGaussian(frame.whiten(self.mean[None])[0], factor)
 
     def placed_in(self, frame: "FullGaussian") -> "FullGaussian":
-        """Transform from the coordinates of `frame`, the inverse of `seen_from`."""
+        """Transform back from the coordinates of `frame`; inverse of `seen_from`."""
         return FullGaussian(frame.mean + frame.factor @ self.mean, frame.factor @ self.factor)
 
 
-LARGEST_LOG_WEIGHT = 50.0  # cap of log importance weights, which keeps objectives finite
-SMALLEST_GRADIENT = 1e-10  # length below which nothing is updated (original release)
+LARGEST_LOG_WEIGHT = 50.0  # cap on log importance weights, which keeps the objective finite
+SMALLEST_GRADIENT = 1e-10  # gradient length below which nothing is updated (original release)
 
 
 def self_paced_update(
@@ -95,8 +95,8 @@ def self_paced_update(
         penalty: weight of the divergence from the target, at least 0 (paper: alpha).
         most_divergence: bound of the step in nats (paper: epsilon).
     """
-    with threadpool_limits(limits=1):  # for reproducible bits
-        # in coordinates in which the current distribution is the standard Gaussian
+    with threadpool_limits(limits=1):  # to give reproducible bits
+        # change to coordinates in which the current distribution is the standard Gaussian
         points, gains, seen = current.whiten(contexts), values - values.mean(), target.seen_from(current)
         shift, spread = _natural_gradient(points, gains, seen, penalty)
         if not (shift.any() or spread.any()):
@@ -120,7 +120,7 @@ def self_paced_update(
         far = 1e-3
         while excess(far) < 0:
             far *= 2
-        reach = float(brentq(excess, 0.0, far)) * (1 - 1e-9)  # just before the bound
+        reach = float(brentq(excess, 0.0, far)) * (1 - 1e-9)  # just within the bound
         within = float(minimize_scalar(loss, bounds=(0.0, reach), method="bounded").x)
         return moved(min((0.0, within, reach), key=loss)).placed_in(current)
 
@@ -128,7 +128,7 @@ def self_paced_update(
 def _natural_gradient(
     points: Array, gains: Array, target: FullGaussian, penalty: float
 ) -> tuple[Array, Array]:
-    """Return the direction of the natural gradient at the standard Gaussian, 0 without a slope.
+    """Return the direction of the natural gradient at the standard Gaussian, or 0 if there is no slope.
 
     It has unit length, and consists of a shift of the mean (d,) and a change of the factor (d, d), with
     logarithms on its diagonal. The Fisher information is 2 for these, and 1 for all other entries.
@@ -146,8 +146,8 @@ def _natural_gradient(
     return shift / length, spread / length
 
 
-MOST_CONTEXTS = 1000  # latest episodes of an update (original release; the paper is silent)
-LARGEST_PENALTY = 1e5  # alpha of a distribution that equals its target (original release)
+MOST_CONTEXTS = 1000  # number of latest episodes used by an update (original release; the paper is silent)
+LARGEST_PENALTY = 1e5  # alpha for a distribution that equals its target (original release)
 
 
 @dataclass
@@ -215,7 +215,7 @@ class SPDL(DistributionTeacher):
         return self._box.denormalise(self.distribution_.draw(rng, count))
 
     def observe(self, episode: Episode) -> Query | None:
-        """Store the episode, and query the values of all initial states when an update is due."""
+        """Store the episode, and request the values of all initial states when an update is due."""
         self.contexts_.append((episode.task, episode.initial_observation))
         self.discounted_returns_.append(episode.discounted_return)
         if episode.step < self.next_update_:
@@ -224,7 +224,7 @@ class SPDL(DistributionTeacher):
         return Query(QueryKind.STATE_VALUES, np.stack([observation for _, observation in self.contexts_]))
 
     def answer(self, answer: Array) -> None:
-        """Update the Gaussian with the values (n,) of the stored episodes."""
+        """Update the Gaussian using the values (n,) of the stored episodes' initial states."""
         old, performance = self.distribution_, float(np.mean(self.discounted_returns_))
         penalty = self._penalty(performance)
         contexts = self._box.normalise(np.stack([task for task, _ in self.contexts_]))

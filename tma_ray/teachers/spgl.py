@@ -12,11 +12,11 @@ from tma_ray.teachers.base import PAPER_BUDGET, for_budget, next_due
 from tma_ray.teachers.numerics import Array
 from tma_ray.teachers.spdl import SPDL, FullGaussian
 
-RIDGE = 1.0  # weight of the prior of returns independent of the task, in episodes
+RIDGE = 1.0  # weight, in episodes, of the prior that returns do not depend on the task
 
 
 def quadratic_fit(points: Array, returns: Array) -> tuple[Array, Array]:
-    """Return gradient (f,) and curvature (f, f) at 0 of a quadratic ridge regression with a free constant.
+    """Return the gradient (f,) and curvature (f, f) at 0 of a quadratic ridge regression.
 
     Args:
         points: points (n, f), in coordinates of unit scale.
@@ -35,7 +35,7 @@ def quadratic_fit(points: Array, returns: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class ClosedForm:
-    """Closed-form update of a Gaussian for a quadratic model of returns, in the frame of the current one.
+    """Closed-form update of a Gaussian for a quadratic model of returns, in the current Gaussian's frame.
 
     The Gaussian q with a `weight` maximises E_q[J] - penalty KL(q || target) - weight KL(q || current), where
     J has gradient g and curvature H at 0, and the current distribution is the standard Gaussian. Its
@@ -62,14 +62,14 @@ class ClosedForm:
         return FullGaussian(mean, np.asarray(factor, dtype=np.float64))
 
     def divergence(self, weight: float) -> float:
-        """Return KL(best || current) in nats, infinite without a best Gaussian and decreasing in `weight`."""
+        """Return KL(best || current) in nats, infinite if none is best; it decreases with `weight`."""
         best = self.best(weight)
         if best is None:
             return np.inf
         return best.divergence(FullGaussian(np.zeros_like(best.mean), np.eye(len(best.mean))))
 
 
-SMALLEST_WEIGHT = 1e-12  # of the divergence from the current distribution
+SMALLEST_WEIGHT = 1e-12  # smallest weight of the divergence from the current distribution
 
 
 def closed_form_update(
@@ -80,7 +80,7 @@ def closed_form_update(
     penalty: float,
     most_divergence: float,
 ) -> FullGaussian:
-    """Return the Gaussian that maximises E[J] - penalty * KL(new || target) within a step from `current`.
+    """Return the Gaussian that maximises E[J] - penalty * KL(new || target) within a step of `current`.
 
     J is a quadratic model of the returns. The best Gaussian has a closed form for every weight of the
     divergence from `current`; the smallest weight within the bound is found by bisection.
@@ -93,9 +93,9 @@ def closed_form_update(
         penalty: weight of the divergence from the target, at least 0.
         most_divergence: bound of KL(new || current) in nats.
     """
-    from scipy.optimize import bisect  # deferred: listing teachers must not import scipy
+    from scipy.optimize import bisect  # deferred, so that listing teachers does not import scipy
 
-    with threadpool_limits(limits=1):  # for reproducible bits
+    with threadpool_limits(limits=1):  # to give reproducible bits
         gradient, curvature = quadratic_fit(current.whiten(contexts), returns)
         problem = ClosedForm(gradient, curvature, target.seen_from(current), penalty)
         weight = SMALLEST_WEIGHT
@@ -111,11 +111,11 @@ def closed_form_update(
         return best.placed_in(current)
 
 
-LEAST_STD = 1e-3  # in any direction, as a share of the ranges, so that returns can be fitted
+LEAST_STD = 1e-3  # in every direction, as a share of the ranges, so that returns can be fitted
 
 
 def widened(gaussian: FullGaussian) -> FullGaussian:
-    """Return `gaussian` with at least `LEAST_STD` in every direction."""
+    """Return `gaussian`, widened to a deviation of at least `LEAST_STD` in every direction."""
     variances, axes = np.linalg.eigh(gaussian.factor @ gaussian.factor.T)
     if variances[0] >= LEAST_STD**2:
         return gaussian
@@ -162,7 +162,7 @@ class SPGL(SPDL):
         self.next_update_ = for_budget(self.first_update, self.budget)
 
     def observe(self, episode: Episode) -> None:
-        """Store the episode, and update the Gaussian from the stored episodes when due."""
+        """Store the episode, and update the Gaussian from the stored episodes when an update is due."""
         self.tasks_.append(episode.task)
         self.returns_.append(episode.episodic_return)
         if episode.step < self.next_update_:

@@ -11,22 +11,22 @@ from tma_ray.teachers.accel import ACCEL
 from tma_ray.teachers.numerics import Array, one_thread
 from tma_ray.teachers.prioritised_replay import Score
 
-RIDGE = 1.0  # weight of the prior of unchanged observations, in steps
+RIDGE = 1.0  # weight, in steps, of the prior that observations do not change
 
 
 @dataclass
 class TransitionModel:
-    """Online ridge regression of changes of observations on observations and actions."""
+    """Online ridge regression that predicts changes in observations from observations and actions."""
 
     memory: float  # discount of earlier episodes, in (0, 1]
     steps: float = 0.0  # weighted number of steps
     # second moments of the inputs (p, p); None before the first episode
     gram: Array | None = field(init=False, default=None)
     moments: Array | None = field(init=False, default=None)  # products of inputs and changes (p, o)
-    squares: Array | None = field(init=False, default=None)  # squared changes (o,)
+    squares: Array | None = field(init=False, default=None)  # sums of squared changes (o,)
 
     def error(self, trajectory: Trajectory) -> float:
-        """Return the mean squared error of the predictions for an episode, and learn from it.
+        """Return the mean squared error of the predictions for an episode, and learn from the episode.
 
         Errors are relative to the mean squared change of each value of the observation, including this
         episode: predicting no change has an error of about 1, and a constant value has 0.
@@ -49,7 +49,7 @@ class TransitionModel:
         return float(shares.mean())
 
     def predict(self, inputs: Array) -> Array | float:
-        """Predict the changes (t, o) for `inputs` (t, p), 0 before the first episode."""
+        """Predict the changes (t, o) for `inputs` (t, p); zeros before the first episode."""
         if self.gram is None or self.moments is None:
             return 0.0
         weights = np.linalg.solve(self.gram + RIDGE * np.eye(len(self.gram)), self.moments)
@@ -106,12 +106,12 @@ class TRACED(ACCEL):
         self.drops_: list[float] = []
 
     def estimate(self, trajectory: Trajectory, values: Array, best: float, mastered: bool) -> float:
-        """Return the difficulty of a task, with the arguments of `PrioritisedReplay.estimate`."""
+        """Return the difficulty of a task; takes the same arguments as `PrioritisedReplay.estimate`."""
         loss = super().estimate(trajectory, values, best, mastered)
         return loss + self.error_weight * self.transitions_.error(trajectory)
 
     def count_in(self, episode: Episode, values: Array) -> int | None:
-        """Score the task of `episode` with `values` of its states, and return its slot, if any."""
+        """Score the task of `episode` using the `values` of its states, and return its slot or None."""
         replayed = self.replayed_ is not None
         slot = super().count_in(episode, values)
         if slot is None:
@@ -131,7 +131,7 @@ class TRACED(ACCEL):
         return slot
 
     def _forget(self, slot: int) -> None:
-        """Forget the former task of a slot."""
+        """Discard what is known about the former task of a slot."""
         self.co_learnability_[slot] = 0.0
         self.previous_round_ = [previous for previous in self.previous_round_ if previous != slot]
         self.round_ = [replayed for replayed in self.round_ if replayed != slot]

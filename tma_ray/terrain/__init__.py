@@ -1,4 +1,4 @@
-"""Terrains as arrays, with one module per environment that builds them from a task."""
+"""Terrains as arrays, built from tasks by one module per environment."""
 
 from tma_ray.terrain.terrain import CEILING, FIXED, GROUND_HEIGHT, Terrain
 

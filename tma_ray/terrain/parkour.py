@@ -25,9 +25,9 @@ from tma_ray.terrain.terrain import (
     Terrain,
 )
 
-POINTS = 200  # of a curve; the network's x runs from 0 to 1 over them
+POINTS = 200  # number of points of a curve, along which the network's x runs from 0 to 1
 INPUTS = 3  # size of theta, the part of a task that chooses the curves
-UNITS = 64  # of each of the four hidden layers
+UNITS = 64  # size of each of the four hidden layers
 
 SHAPES = {
     "w1": (1 + INPUTS, UNITS),
@@ -38,7 +38,7 @@ SHAPES = {
 }
 """Names and shapes of the weight matrices, from the input [x, theta] to the output [ground, ceiling]."""
 
-BLOCK_POINTS = 50  # of a matrix product: too few for BLAS to use threads, which would change bits
+BLOCK_POINTS = 50  # rows of a matrix product: too few for BLAS to use threads, which would change bits
 
 DEFAULT_WEIGHTS = Path(__file__).parent / "data" / "cppn.npz"  # found by docs/making/search_cppn_weights.py
 
@@ -47,7 +47,7 @@ Singles = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class CPPN:
-    """Compositional pattern-producing network with fixed weights.
+    """Compositional pattern-producing network (CPPN) with fixed weights.
 
     Four hidden layers with tanh and softplus in turn, a linear output and no biases, in float32. The outputs
     are heights before scaling and alignment with the start.
@@ -73,7 +73,7 @@ class CPPN:
 
     @classmethod
     def load(cls, path: str | Path = DEFAULT_WEIGHTS) -> "CPPN":
-        """Load weights from the arrays w1 to w5 of an ``.npz`` file.
+        """Load the weights from the arrays w1 to w5 of an ``.npz`` file.
 
         Raises:
             ValueError: if the file is missing or its arrays are missing or of other shapes.
@@ -102,7 +102,7 @@ class CPPN:
 
     @cached_property
     def _from_x(self) -> Singles:
-        """Contribution of x to the first layer (blocks, 50, 64), the same for all tasks."""
+        """Contribution of x to the first layer (blocks, 50, 64), which is the same for all tasks."""
         x = np.arange(POINTS, dtype=np.float32) / np.float32(POINTS - 1)
         return np.outer(x, self.weights["w1"][0]).reshape(-1, BLOCK_POINTS, UNITS)
 
@@ -116,15 +116,15 @@ def softplus(values: Singles) -> Singles:
     return result
 
 
-TRACK_POINTS = STARTPAD_STEPS + POINTS  # points of ground and ceiling, one a terrain step from x = 0 on
+TRACK_POINTS = STARTPAD_STEPS + POINTS  # points of ground and ceiling, one per terrain step from x = 0 on
 GOAL_X = (TRACK_POINTS - 5) * TERRAIN_STEP  # in m
 
-CEILING_OFFSET = 200.0  # height of the start's ceiling over its ground in the network's unit, 1 / delta m
+CEILING_OFFSET = 200.0  # height of the start's ceiling above the ground in the network's unit, 1 / delta m
 GROUND_LIMIT = -1000.0  # height of a water level of 0, in the network's unit
 MINIMUM_WATER_LEVEL = 0.01
 
 CREEPER_HEIGHT_STD = 0.1  # standard deviation around the task's mean, in m
-MINIMUM_CREEPER_HEIGHT = 0.2  # of a creeper and of a part of a swinging one, in m
+MINIMUM_CREEPER_HEIGHT = 0.2  # of a creeper or a part of a swinging one, in m
 MINIMUM_CREEPER_WIDTH = 0.2  # in m
 MINIMUM_CREEPER_SPACING = 0.01  # before rounding up to terrain steps, in m
 CREEPER_PART_HEIGHT = 1.0  # of a part of a swinging creeper, in m
@@ -138,13 +138,13 @@ def _scattered(count: int) -> NDArray[np.int64]:
     return np.array(sorted(range(count), key=lambda number: f"{number:0{bits}b}"[::-1]))
 
 
-COLUMNS = POINTS + 1  # solids of the ground, and of the ceiling: for the start, every column and the end
+COLUMNS = POINTS + 1  # solids of the ground, and of the ceiling: start, columns and end
 INSERTION_ORDER = np.concatenate([_scattered(COLUMNS), COLUMNS + _scattered(COLUMNS)])
 """Order of the solids in which Chipmunk builds its search tree three times as fast as from left to right."""
 
 
 def parkour(task: Task, rng: np.random.Generator, *, cppn: CPPN, swinging_creepers: bool = False) -> Terrain:
-    """Return the terrain of `task`.
+    """Return the terrain described by `task`.
 
     Args:
         task: theta (3), water level in [0, 1], creepers' width, mean height and spacing in m, and delta, the
@@ -158,7 +158,7 @@ def parkour(task: Task, rng: np.random.Generator, *, cppn: CPPN, swinging_creepe
     solids, surface, underside = _lay_out(ground, ceiling)
     points, heights = creeper_points(width, spacing), np.zeros(TRACK_POINTS)
     heights[points] = np.maximum(MINIMUM_CREEPER_HEIGHT, rng.normal(height, CREEPER_HEIGHT_STD, len(points)))
-    # a creeper hangs from the higher of the ceiling's two points at its sides
+    # a creeper hangs from the higher of the two ceiling points at its sides
     tops = np.maximum(ceiling, np.roll(ceiling, -_points_over(width)))
     part_height, holder = (CREEPER_PART_HEIGHT, CEILING) if swinging_creepers else (heights.max(), FIXED)
     creepers, holders = _cut(tops, heights, max(MINIMUM_CREEPER_WIDTH, width), part_height, holder)
@@ -177,7 +177,7 @@ def parkour(task: Task, rng: np.random.Generator, *, cppn: CPPN, swinging_creepe
 
 
 def outlines(theta: Task, delta: float, cppn: CPPN) -> tuple[Floats, Floats]:
-    """Return heights of ground and ceiling (220,) in m, one a terrain step from x = 0 on.
+    """Return the heights of ground and ceiling (220,) in m, one per terrain step from x = 0 on.
 
     Beyond the flat start, both follow the network, divided by `delta` and shifted to meet the start. A
     ceiling below the ground is raised to it, which closes the passage.
@@ -191,13 +191,13 @@ def outlines(theta: Task, delta: float, cppn: CPPN) -> tuple[Floats, Floats]:
 
 
 def water_height(level: float, delta: float, ceiling: Floats) -> float:
-    """Return the height of the water's surface in m, from `GROUND_LIMIT` to the highest of `ceiling`."""
+    """Return the height of the water's surface in m, between `GROUND_LIMIT` and the top of `ceiling`."""
     bottom = GROUND_LIMIT / delta
     return bottom + max(MINIMUM_WATER_LEVEL, level) * (float(ceiling.max()) - bottom)
 
 
 def creeper_points(width: float, spacing: float) -> NDArray[np.int64]:
-    """Return the indices of the track points at which creepers have their left sides.
+    """Return the indices of the track points at the left sides of creepers.
 
     The distance of two left sides is the spacing, rounded up to terrain steps, plus one terrain step.
     """
@@ -214,7 +214,7 @@ def _points_over(width: float) -> int:
 def _cut(
     tops: Floats, heights: Floats, width: float, part_height: float, first_holder: int
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Cut creepers of `heights` (n,) under `tops` (n,) into parts, and return these and their holders.
+    """Cut creepers of `heights` (n,) below `tops` (n,) into parts, and return the parts and their holders.
 
     A last part has at least the minimum height of a creeper.
     """
@@ -237,7 +237,7 @@ def _cut(
 
 @kernel
 def _lay_out(ground: Floats, ceiling: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return solids, ground segments and ceiling segments for the start, every column, and the end."""
+    """Return solids, ground segments and ceiling segments for the start, each column, and the end."""
     count = len(ground) - STARTPAD_STEPS + 1
     solids, surface, underside = np.empty((2 * count, 4, 2)), np.empty((count, 4)), np.empty((count, 4))
     bottom, top = ground.min() - DEPTH, ceiling.max() + DEPTH
@@ -259,7 +259,7 @@ def _lay_out(ground: Floats, ceiling: Floats) -> tuple[Floats, Floats, Floats]:
 def _fill_column(
     corners: Floats, left: float, right: float, low: tuple[float, float], high: tuple[float, float]
 ) -> None:
-    """Write the corners (4, 2) of a solid whose left and right sides reach from `low` to `high`."""
+    """Write the corners (4, 2) of a solid whose left and right sides extend from `low` to `high`."""
     corners[0, 0], corners[0, 1] = left, low[0]
     corners[1, 0], corners[1, 1] = right, low[1]
     corners[2, 0], corners[2, 1] = right, high[1]

@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 
 def stump_tracks(task: Task, rng: np.random.Generator) -> Terrain:
-    """Return the terrain of `task`.
+    """Return the terrain described by `task`.
 
     Args:
         task: mean stump height in terrain steps, and the gap between stumps in m. A negative mean counts
@@ -56,7 +56,7 @@ def stump_tracks(task: Task, rng: np.random.Generator) -> Terrain:
 
 @kernel
 def _lay_out(heights: Floats, spacing: float) -> tuple[Floats, Floats]:
-    """Return solids and surface of a track with stumps of `heights` (n,), in terrain steps."""
+    """Return the solids and surface of a track with stumps of `heights` (n,), in terrain steps."""
     count = len(heights)
     solids, surface = np.empty((count + 1, 4, 2)), np.empty((4 * count + 1, 4))
     start, end = -OVERHANG, TRACK_LENGTH + OVERHANG
@@ -84,7 +84,7 @@ def _lay_out(heights: Floats, spacing: float) -> tuple[Floats, Floats]:
 
 @kernel
 def _fill_box(corners: Floats, left: float, right: float, top: float) -> None:
-    """Write the corners (4, 2) of a solid that reaches DEPTH under the ground's surface."""
+    """Write the corners (4, 2) of a solid that extends to DEPTH below the ground's surface."""
     bottom = GROUND_HEIGHT - DEPTH
     corners[0, 0], corners[0, 1] = left, bottom
     corners[1, 0], corners[1, 1] = right, bottom

@@ -1,20 +1,20 @@
-"""Terrain of a world, as plain arrays."""
+"""Terrain of a world as plain arrays."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-TERRAIN_STEP = 14 / 30  # in m: the grid of the original release, and the unit of stump heights
-GROUND_HEIGHT = 10 / 3  # of the start, in m
-STARTPAD_STEPS = 20  # flat terrain steps before the first obstacle; bodies spawn over its middle
-FRICTION = 2.5  # coefficient of ground, stumps and ceiling
+TERRAIN_STEP = 14 / 30  # in m: the original release's grid size, and the unit of stump heights
+GROUND_HEIGHT = 10 / 3  # height at the start, in m
+STARTPAD_STEPS = 20  # flat terrain steps before the first obstacle; bodies spawn above their middle
+FRICTION = 2.5  # friction coefficient of ground, stumps and ceiling
 OVERHANG = (
     20.0  # length of ground and ceiling beyond both ends of the track, in m: over any lidar and any fall
 )
 DEPTH = 10.0  # thickness of solids beyond the lowest ground and the highest ceiling, in m
 
-FIXED, CEILING = -2, -1  # values of `Terrain.holders`
+FIXED, CEILING = -2, -1  # special values in `Terrain.holders`
 
 
 class Terrain(NamedTuple):

@@ -1,4 +1,4 @@
-"""Tools for authors of teachers: conformance tests, and simulated students without physics."""
+"""Tools for authors of teachers: conformance tests and simulated students without physics."""
 
 from tma_ray.testing.conformance import TeacherConformance
 from tma_ray.testing.scenarios import Scenario, ScriptedStudent

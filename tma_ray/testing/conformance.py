@@ -1,4 +1,4 @@
-"""Conformance tests of teachers, as a test class to inherit."""
+"""Conformance tests of teachers as a test class to inherit from."""
 
 import copy
 import dataclasses
@@ -33,13 +33,13 @@ SAVED_AFTER = (0, 1, 149, 150, 211)
 
 SET_BY_START = ("space", "knowledge", "rng")  # attributes that `Teacher.start` sets
 
-QUICK_SCENARIOS = 3  # scenarios that the quick check plays; in the others a teacher is only started
-PROBED = 20  # tasks per probe
+QUICK_SCENARIOS = 3  # number of scenarios that the quick check plays; in others a teacher is only started
+PROBED = 20  # number of tasks per probe
 
 
 @dataclass(frozen=True)
 class UndisturbedPlay:
-    """Reference play of a teacher: its tasks, pickled states by episode, and log."""
+    """Reference play of a teacher: its tasks, its pickled states by episode, and its log."""
 
     tasks: list[Any]
     states: Mapping[int, bytes]
@@ -75,13 +75,13 @@ class TeacherConformance:
 
     @classmethod
     def claimed_scenarios(cls) -> list[Scenario]:
-        """Return the `scenarios` within the declared limits of the teacher."""
+        """Return those `scenarios` that are within the teacher's declared limits."""
         claimed = [scenario for scenario in cls.scenarios if not cls.teacher.refusal(scenario.space)]
         assert claimed, f"{cls.teacher.__name__} declares limits within which no scenario is; raise them"
         return claimed
 
     def pytest_generate_tests(self, metafunc: Any) -> None:
-        """Parametrise tests by scenario and by scripted student (a hook of pytest)."""
+        """Parametrise tests by scenario and by scripted student (pytest hook)."""
         if "scenario" in metafunc.fixturenames:
             claimed = self.claimed_scenarios() if hasattr(self, "teacher") else self.scenarios
             metafunc.parametrize("scenario", claimed, ids=[scenario.name for scenario in claimed])
@@ -89,7 +89,7 @@ class TeacherConformance:
             metafunc.parametrize("student", [ScriptedStudent.HOPELESS, ScriptedStudent.PERFECT])
 
     def test_hyperparameters_are_fields_with_defaults(self) -> None:
-        """Check that hyper-parameters have defaults and JSON values."""
+        """Check that hyper-parameters have defaults and that their values are valid JSON."""
         assert issubclass(self.teacher, Teacher), f"{self._name} does not inherit from Teacher"
         annotated = set(inspect.get_annotations(self.teacher))
         forgotten = sorted(annotated - set(self.teacher.__dataclass_fields__))
@@ -122,7 +122,7 @@ class TeacherConformance:
         assert not changed, f"{self._name} changed its hyper-parameters {changed} while it was learning"
 
     def test_expert_knowledge_levels(self) -> None:
-        """Check that listed levels work and differ, and lower ones are rejected."""
+        """Check that the listed levels work and make a difference, and that lower ones are rejected."""
         levels = self.teacher.knowledge_levels
         ranks = [level.rank for level in levels]
         assert ranks, f"{self._name} lists no knowledge_levels; name at least the one that it needs"
@@ -162,7 +162,7 @@ class TeacherConformance:
             check_update(update, scenario.space, self._name)
 
     def test_the_seed_determines_the_curriculum(self, scenario: Scenario) -> None:
-        """Check that equal seeds give equal tasks, bit for bit, and another seed gives others."""
+        """Check that equal seeds give bit-for-bit equal tasks, and that another seed gives others."""
         tasks = self._undisturbed(scenario).tasks
         again = play(self._started(scenario), scenario, 0, self.episodes)
         assert first_difference(tasks, again) is None, (
@@ -177,7 +177,7 @@ class TeacherConformance:
         raise AssertionError(f"{self._name}: another seed gave the same tasks; draw from self.rng")
 
     def test_global_randomness_is_left_alone(self) -> None:
-        """Check that the teacher leaves the random state of other code in its process unchanged."""
+        """Check that the teacher leaves random state shared with other code in its process unchanged."""
         scenario = self.claimed_scenarios()[0]
         teacher = self._started(scenario)
         play(teacher, scenario, 0, 1)
@@ -188,7 +188,7 @@ class TeacherConformance:
         assert not changed, f"{self._name} changed the global state of {changed}; draw from self.rng only"
 
     def test_a_probe_leaves_no_trace(self, scenario: Scenario) -> None:
-        """Check that a probe is repeatable, stays inside the space, and changes no later task."""
+        """Check that a probe is repeatable, stays inside the space, and does not affect later tasks."""
         teacher, tasks = self._started(scenario), []
         for first in range(0, self.episodes, 80):
             probe, again = teacher.probe(PROBED), teacher.probe(PROBED)
@@ -223,7 +223,7 @@ class TeacherConformance:
             )
 
     def test_log_rows_can_be_stored_and_drawn(self, scenario: Scenario) -> None:
-        """Check that log rows are finite, well-formed, and returned once."""
+        """Check that log rows are finite, well-formed, and returned only once."""
         for update in self._undisturbed(scenario).updates:
             check_update(update, scenario.space, self._name)
         teacher = self._started(scenario)
@@ -245,7 +245,7 @@ class TeacherConformance:
             raise SkipTest(f"{self._name}.start() does not call super().start()")
         try:
             teacher = scenario.started(self.teacher, self.hyperparameters, level or self._level, seed)
-        except AttributeError as error:  # it uses attributes of its base class
+        except AttributeError as error:  # the teacher uses attributes that its base class sets
             if error.name not in SET_BY_START:
                 raise
         except (MemoryError, ValueError) as error:
@@ -278,7 +278,7 @@ class TeacherConformance:
 
 
 def check_quickly(name: str) -> None:
-    """Run the most important conformance tests of a teacher within seconds and without pytest.
+    """Run the most important conformance tests of a teacher within seconds, without pytest.
 
     Args:
         name: registered name or ``module:Name``, perhaps with hyper-parameters.
@@ -301,7 +301,7 @@ def check_quickly(name: str) -> None:
                     contract.test_the_seed_determines_the_curriculum(scenario)
             except AssertionError:
                 raise
-            except Exception as error:  # of the teacher's own code
+            except Exception as error:  # raised by the teacher's own code
                 bounds = zip(scenario.space.names, scenario.space.low, scenario.space.high, strict=True)
                 box = ", ".join(f"{dimension} {low:g}..{high:g}" for dimension, low, high in bounds)
                 raise ValueError(
@@ -313,7 +313,7 @@ def check_quickly(name: str) -> None:
 
 
 def global_state() -> dict[str, Any]:
-    """Return the random state and settings shared in a process, torch's only if it is imported."""
+    """Return the random states and settings shared in a process, including torch's if it is imported."""
     state: dict[str, Any] = {
         "random": random.getstate(),
         "numpy.random": pickle.dumps(np.random.get_state()),  # noqa: NPY002 - compared, not used

@@ -1,4 +1,4 @@
-"""Matrices of simulated runs (teachers x challenges x knowledge levels x seeds) in several processes."""
+"""Matrices of simulated runs (teachers x challenges x knowledge levels x seeds), run in several processes."""
 
 import itertools
 import multiprocessing
@@ -31,7 +31,7 @@ CURVE = tuple(f"at_{100 * (point + 1) // EVALUATIONS:02}" for point in range(EVA
 
 
 class ProcessLostError(RuntimeError):
-    """A killed process of a pool, with the runs that it may have played."""
+    """Error raised if a process of a pool was killed, with the runs that it may have been playing."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class SimulatedCell:
 def cells_of(
     teachers: Sequence[str], challenges: Sequence[SimulatedChallenge], levels: Sequence[KnowledgeLevel]
 ) -> list[SimulatedCell]:
-    """Return the distinct cells of a matrix, by teacher, level and challenge, within declared limits."""
+    """Return the distinct cells of a matrix within declared limits, by teacher, level and challenge."""
     for teacher, challenge in itertools.product(teachers, challenges):
         check_limits(TEACHERS.get(teacher), teacher, challenge.task_space)
     cells = []
@@ -71,7 +71,7 @@ def run_cells(
     jobs: int,
     finished: Iterable[SimulatedRun] = (),
 ) -> Generator[SimulatedRun, None, None]:
-    """Yield the distinct runs of `cells` except `finished` ones as they end, seed by seed.
+    """Yield the distinct runs of `cells`, except `finished` ones, as they end, seed by seed.
 
     They are played by `jobs` single-threaded processes, which end when the iterator is closed.
 
@@ -111,13 +111,13 @@ def run_count(cells: Sequence[SimulatedCell], seeds: Sequence[int]) -> int:
 
 
 def runs_of(cells: Sequence[SimulatedCell]) -> list[tuple[SimulatedChallenge, str, KnowledgeLevel]]:
-    """Return challenge, teacher and effective level of the distinct runs of `cells`."""
+    """Return the challenge, teacher and effective level of each distinct run of `cells`."""
     runs = ((c.challenge, c.teacher, c.effective_level) for c in cells if c.effective_level is not None)
     return list(dict.fromkeys(runs))
 
 
 def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd.DataFrame:
-    """Return one row per cell and seed, in this order, and one row without a seed per cell that cannot run.
+    """Return one row per cell and seed, in this order; a cell that cannot run gets one row without a seed.
 
     The columns are
 
@@ -150,7 +150,7 @@ def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd
 
 
 def _settle(alive: Connection) -> None:
-    """Prepare a single-threaded worker process, which exits when the parent closes its end of `alive`."""
+    """Prepare a single-threaded worker process that exits when the parent closes its end of `alive`."""
     unblock_sigint()
     threadpool_limits(limits=1)
     os.environ["OMP_NUM_THREADS"] = "1"

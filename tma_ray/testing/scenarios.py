@@ -1,4 +1,4 @@
-"""Scenarios of the conformance tests: task spaces, scripted students, and resumed plays."""
+"""Scenarios of the conformance tests: task spaces, scripted students and resumed plays."""
 
 import importlib
 import pickle
@@ -71,14 +71,14 @@ def check_update(update: TeacherUpdate, space: TaskSpace, name: str) -> None:
 
 
 def first_difference(first: Iterable[Any], second: Iterable[Any]) -> int | None:
-    """Return the index of the first different task of two plays, None if they are equal."""
+    """Return the index of the first task in which two plays differ, or None if they are equal."""
     for index, (one, other) in enumerate(zip(first, second, strict=True)):
         if not np.array_equal(one, other):
             return index
     return None
 
 
-STEPS = 1_000  # length of every episode: a few hundred reach updates every 100,000 steps
+STEPS = 1_000  # length of every episode: a few hundred reach updates due every 100,000 steps
 VALUE_SHARE = 0.05  # discounted returns and state values as a share of the episodic return
 UNSTEADINESS = (
     60.0  # alternating change of the improving student's returns, so that it sometimes masters tasks
@@ -86,7 +86,7 @@ UNSTEADINESS = (
 
 
 class ScriptedStudent(StrEnum):
-    """Scripted student, whose returns are a formula of task and episode so that plays can be resumed."""
+    """Scripted student whose returns depend only on task and episode number, so that plays can be resumed."""
 
     IMPROVING = "improving"
     """Student that masters a growing share of the tasks, the easiest first."""
@@ -100,7 +100,7 @@ class ScriptedStudent(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """Task space of a conformance test.
+    """Setting of a conformance test: a task space, possibly with shuffled regions.
 
     Attributes:
         name: name in test ids.
@@ -114,13 +114,13 @@ class Scenario:
 
     @cached_property
     def landscape(self) -> ShuffledSpace:
-        """Map from tasks of the teacher to the world, the identity unless rugged."""
+        """Map from the teacher's tasks to the world's; the identity unless the scenario is rugged."""
         return ShuffledSpace.shuffle(self.space, np.random.default_rng(3), cuts=4 if self.rugged else 1)
 
     def started(
         self, teacher: type[Teacher], hyperparameters: Mapping[str, Any], level: KnowledgeLevel, seed: int = 0
     ) -> Teacher:
-        """Return a new, started teacher of this space, with knowledge that depends on `level` alone."""
+        """Return a new teacher started in this space, with knowledge that depends only on `level`."""
         easy_task = self.landscape.from_world(self.space.low)
         knowledge = expert_knowledge(level, self.space, np.random.default_rng(7), easy_task)
         new = teacher(**parse_settings(teacher, {}, hyperparameters))
@@ -128,11 +128,11 @@ class Scenario:
         return new
 
     def episode(self, task: Task, index: int, student: ScriptedStudent) -> Episode:
-        """Return the student's episode number `index` (from 0) on `task`."""
+        """Return the student's episode with number `index` (from 0) on `task`."""
         free = self.space.width > 0
-        easy = self.space.clip(np.nan_to_num(task))  # invalid tasks are reported elsewhere
+        easy = self.space.clip(np.nan_to_num(task))  # invalid tasks are reported by other checks
         mean = float(self.space.normalise(self.landscape.to_world(easy))[free].mean())
-        # roughly uniform in [0, 1] for uniform tasks in any number of dimensions
+        # for uniform tasks, roughly uniform in [0, 1] in any number of dimensions
         difficulty = 1 / (1 + float(np.exp(-1.7 * np.sqrt(12 * free.sum()) * (mean - 0.5))))
         observation = np.array([difficulty, 0.2 + index / 1000], dtype=np.float32)
         luck = UNSTEADINESS if index % 2 else -UNSTEADINESS
@@ -149,7 +149,7 @@ class Scenario:
         )
 
     def outcomes(self, tasks: Task, index: int, student: ScriptedStudent) -> Outcomes:
-        """Return the student's outcomes on `tasks` (n, d) after episode number `index`."""
+        """Return the student's outcomes on `tasks` (n, d) after the episode with number `index`."""
         episodes = [self.episode(task, index, student) for task in tasks]
         episodic_returns = np.array([episode.episodic_return for episode in episodes])
         return Outcomes(
@@ -174,7 +174,7 @@ def play(
     last: int,
     student: ScriptedStudent = ScriptedStudent.IMPROVING,
 ) -> list[Task]:
-    """Return the tasks of episodes number `first` to `last` (exclusive)."""
+    """Return the tasks of the episodes numbered `first` to `last` (exclusive)."""
     tasks = []
 
     def values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -193,7 +193,7 @@ def play(
 
 
 def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the improving student's expected returns (n,) at observations (n, 2) of difficulty and skill."""
+    """Return the improving student's expected returns (n,) from observations (n, 2): difficulty, skill."""
     difficulty, skill = observations.astype(np.float64).T
     returns: NDArray[np.float64] = 300 - 400 * np.clip(difficulty - skill, 0, 1)
     return returns
@@ -201,7 +201,7 @@ def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class SavedTeacher:
-    """Pickled state of a teacher after `episodes` of a scenario, to be resumed up to episode `last`."""
+    """Pickled state of a teacher after `episodes` of a scenario, to be resumed until episode `last`."""
 
     scenario: Scenario
     state: bytes
@@ -219,7 +219,7 @@ def resume_in_new_process(
     level: KnowledgeLevel,
     saved: tuple[SavedTeacher, ...],
 ) -> list[Task]:
-    """Return the tasks (n, d) of a new process that resumes each of `saved`.
+    """Resume each of `saved` in a new process, and return the tasks (n, d).
 
     Raises:
         RuntimeError: if the new process fails, with its errors.
@@ -237,12 +237,12 @@ def resume_in_new_process(
 
 
 def main() -> None:
-    """Run the job on standard input, and write a list of tasks (n, d) to standard output."""
+    """Run the job given on standard input, and write a list of tasks (n, d) to standard output."""
     module, name, hyperparameters, level, states = pickle.load(sys.stdin.buffer)
     teacher = attrgetter(name)(importlib.import_module(module))
     results = []
     for saved in states:
-        new = saved.scenario.started(teacher, hyperparameters, level, seed=99)  # replaced by the state
+        new = saved.scenario.started(teacher, hyperparameters, level, seed=99)  # the state replaces the seed
         new.load_state(pickle.loads(saved.state))
         results.append(np.stack(play(new, saved.scenario, saved.episodes, saved.last)))
     sys.stdout.buffer.write(pickle.dumps(results))

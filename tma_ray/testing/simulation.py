@@ -1,4 +1,4 @@
-"""Training runs of simulated students under a teacher."""
+"""Training runs of simulated students with a teacher."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,13 +27,13 @@ from tma_ray.testing.students import (
     report_episode,
 )
 
-EPISODES = 10_000  # default length of a run, the paper's 20 million steps
-EVALUATIONS = 20  # evenly spaced evaluations of a run, the last at its end
+EPISODES = 10_000  # default length of a run, equal to the paper's 20 million steps
+EVALUATIONS = 20  # number of evenly spaced evaluations of a run, the last one at its end
 
 
 @dataclass(frozen=True)
 class SimulatedRun:
-    """Outcome of one simulated run.
+    """Outcome of a simulated run.
 
     Attributes:
         challenge: name of the simulated challenge.
@@ -126,7 +126,7 @@ class Simulation:
         return task if self.landscape is None else self.landscape.to_world(task)
 
     def _outcomes(self, tasks: Task, _greedy: bool) -> Outcomes:
-        """Return the outcomes of an evaluation, whose episodes are counted."""
+        """Return the outcomes of an evaluation, and count its episodes."""
         checked = [check_task(task, self.teacher.space) for task in tasks]
         played = np.array([self.student.play(self._world(task), trains=False) for task in checked])
         self.episodes += len(played)

@@ -1,4 +1,4 @@
-"""Simulated students, a few equations for trying out teachers without physics.
+"""Simulated students: a few equations for trying out teachers without physics.
 
 A task makes demands q in [0, 1]^d on the student: 0 is the easiest value of each dimension, 1 the hardest.
 The space of demands is cut into regions with centres c_i, and the student has a competence k_i in [0, 1] in
@@ -35,12 +35,12 @@ from tma_ray.support.validation import check_fields, check_known
 from tma_ray.tasks import Answer, Episode, Outcomes, QueryKind, Task, TaskSpace, TestSet, Trajectory
 from tma_ray.teachers import Teacher
 
-DISCOUNT = 0.99  # gamma of simulated students, whose rewards are constant within an episode
+DISCOUNT = 0.99  # gamma of simulated students; their rewards are constant within an episode
 
-StateValues = Callable[[NDArray[np.float32]], NDArray[np.float64]]  # observations (n, o) to values (n,)
+StateValues = Callable[[NDArray[np.float32]], NDArray[np.float64]]  # from observations (n, o) to values (n,)
 Evaluate = Callable[
     [Task, bool], Outcomes
-]  # tasks (n, d), and True for the deterministic policy, to outcomes
+]  # from tasks (n, d), and True for the deterministic policy, to outcomes
 
 
 def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues, evaluate: Evaluate) -> None:
@@ -61,7 +61,7 @@ def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues
                 f"{type(teacher).__name__} made a query of the kind {query.kind.value!r}: declare "
                 f"{flag} = True in its class"
             )
-        elif query.kind is QueryKind.TRAJECTORY:  # constant observations and rewards
+        elif query.kind is QueryKind.TRAJECTORY:  # observations and rewards are constant
             observations = np.tile(episode.initial_observation, (episode.length + 1, 1))
             rewards = np.full(episode.length, episode.episodic_return / episode.length)
             actions = np.zeros((episode.length, 1), np.float32)
@@ -74,7 +74,7 @@ def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues
 
 Array = NDArray[np.float64]
 
-SIMULATION_VERSION = 1  # version of the equations and their parameters, part of every simulated run
+SIMULATION_VERSION = 1  # version of the equations and their parameters, recorded in every simulated run
 
 WORST_RETURN = -100.0  # expected return without competence: a walker that falls at once
 RETURN_RANGE = 400.0  # expected return added by full competence; mastery (230) needs a competence of 0.825
@@ -92,12 +92,12 @@ steps, also for teachers that count steps."""
 DISCOUNTED_SHARE = (1 - DISCOUNT**EPISODE_STEPS) / (1 - DISCOUNT) / EPISODE_STEPS
 """Discounted return of an episode with return 1: about 1/20."""
 
-MOST_REGIONS = 10_000  # regions of a student in all dimensions together, for speed
+MOST_REGIONS = 10_000  # largest number of regions of a student, for speed
 
 
 @dataclass(frozen=True)
 class StudentParameters:
-    """Parameters of one simulated student; symbols as in the module's equations.
+    """Parameters of a simulated student, with the symbols of the module's equations.
 
     The defaults were chosen with Random alone on the original challenge, before any other teacher was run: it
     masters a middling share of the test tasks in 10,000 episodes, and still learns at their end.
@@ -192,7 +192,7 @@ class SimulatedStudent:
         return WORST_RETURN + RETURN_RANGE * (competence + spread * float(self._rng.standard_normal()))
 
     def initial_observations(self, tasks: ArrayLike) -> NDArray[np.float32]:
-        """Return the initial observations (..., d) of `tasks` (..., d), which are their demands."""
+        """Return the initial observations (..., d) of `tasks` (..., d), which are the tasks' demands."""
         demands = (np.asarray(tasks, dtype=np.float64) - self._easy) / (self._hard - self._easy)
         return np.maximum(demands, 0.0).astype(np.float32)
 
@@ -201,8 +201,8 @@ class SimulatedStudent:
         return self._expected(self.initial_observations(tasks))
 
     def state_values(self, observations: NDArray[np.float32]) -> Array:
-        """Return the expected discounted returns (n,) of observations (n, d)."""
-        if (observations == observations[0]).all():  # a trajectory
+        """Return the expected discounted returns (n,) for observations (n, d)."""
+        if (observations == observations[0]).all():  # the observations of a trajectory
             return np.repeat(DISCOUNTED_SHARE * self._expected(observations[:1]), len(observations))
         return DISCOUNTED_SHARE * self._expected(observations)
 
@@ -216,7 +216,7 @@ class SimulatedStudent:
         return feasible
 
     def _kernels(self, demands: Array) -> Array:
-        """Return the factors (d, n, regions) of the kernel, a product over dimensions."""
+        """Return the factors (d, n, regions) whose product over dimensions is the kernel."""
         kernels: Array = np.exp(self._precision * (np.minimum(demands, 1.0).T[..., None] - self._axis) ** 2)
         return kernels
 
@@ -230,7 +230,7 @@ class SimulatedStudent:
         return average[:, 0]
 
     def _learn(self, readiness: float, kernels: Array) -> None:
-        """Update the regions around a task by the factors (d, regions) of its kernel."""
+        """Update the regions around a task, given the factors (d, regions) of its kernel."""
         kernel = kernels[0]
         for axis in kernels[1:]:
             kernel = np.multiply.outer(kernel, axis)
@@ -239,7 +239,7 @@ class SimulatedStudent:
 
 @dataclass(frozen=True)
 class SimulatedChallenge:
-    """Challenge for simulated students.
+    """Challenge that simulated students are trained on.
 
     Attributes:
         name: name in results and flags.

@@ -1,4 +1,4 @@
-"""Playground with given policies and a task, opened in a browser."""
+"""Playground with given policies and a given task, opened in a browser."""
 
 import tempfile
 import webbrowser
@@ -18,7 +18,7 @@ from tma_ray.tasks import Dimension, TaskSpace
 from tma_ray.viewing.rendering import parse_task
 
 UNTRAINED: Final = {"random": RANDOM, "zero": ZERO}
-MOST_POLICIES: Final = 4  # on the page at once
+MOST_POLICIES: Final = 4  # number that fits on the page at once
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class PlaySettings:
 
 
 def play(settings: PlaySettings, output: Path | None = None) -> Path:
-    """Write the playground to `output`, or to a temporary file that a browser opens, and return the file.
+    """Write the playground to `output`, or open it from a temporary file in a browser, and return the file.
 
     Raises:
         ValueError: if a policy is unknown, unsupported or unfit for the body, or the environment or the task

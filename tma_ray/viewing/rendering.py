@@ -25,7 +25,7 @@ Frame = NDArray[np.uint8]  # RGB picture (height, width, 3)
 
 
 def check_picture(path: Path) -> None:
-    """Check that `write_frames` can write a file.
+    """Check that `write_frames` will be able to write a file.
 
     Raises:
         ValueError: if the suffix is not .mp4, .gif or .png, the folder is missing or not writable, or PyAV is
@@ -48,7 +48,7 @@ def check_picture(path: Path) -> None:
 
 
 def write_frames(path: Path, frames: Iterable[Frame], frames_per_second: Fraction) -> None:
-    """Write `frames`, at least one and all of one size, atomically in the format of the suffix of `path`.
+    """Write `frames` (at least one, all of one size) to `path` atomically, in the format of its suffix.
 
     A .png contains the last frame only. Errors are those of `check_picture`.
     """
@@ -94,7 +94,7 @@ _WRITERS: dict[str, Callable[[Path, Iterable[Frame], Fraction], None]] = {
 }
 
 
-RANDOM, ZERO = "random", "zero"  # untrained policies
+RANDOM, ZERO = "random", "zero"  # names of the untrained policies
 DEFAULT_ENVIRONMENT, DEFAULT_EMBODIMENT = "stump_tracks", "classic_bipedal"
 
 
@@ -131,7 +131,7 @@ class EpisodeSettings:
 
 @dataclass
 class RenderedEnvironment:
-    """Environment that draws frames, and its policy."""
+    """Environment that draws frames, with the policy that acts in it."""
 
     environment: Environment  # environment with the render mode "rgb_array"
     trained: StepPolicy | None  # trained policy, if any
@@ -144,7 +144,7 @@ class RenderedEnvironment:
 
 
 def open_rendered(settings: EpisodeSettings) -> RenderedEnvironment:
-    """Return the environment and the policy of some settings.
+    """Return the environment and the policy described by settings.
 
     Raises:
         ValueError: if the policy is unknown or does not fit, or the environment cannot be drawn.
@@ -169,7 +169,7 @@ def open_rendered(settings: EpisodeSettings) -> RenderedEnvironment:
         observations, actions = box_spaces(made)
         domain: TaskSpace = made.get_wrapper_attr("valid_domain")
         space = spec.task_space if spec else None
-        if space is None or space.names != domain.names:  # of a policy from another environment
+        if space is None or space.names != domain.names:  # the policy comes from another environment
             space = made.get_wrapper_attr("task_space")
         trained = None if saved is None else saved.load(observations, actions)
         return RenderedEnvironment(made, trained, space, domain)
@@ -214,7 +214,7 @@ def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
 
 
 def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.random.Generator) -> Task:
-    """Parse a task (d,).
+    """Parse the text of a task (d,).
 
     Args:
         text: "3,0.5", or "stump_height=3" with the other dimensions in the middle of `space`; None for the
@@ -255,7 +255,7 @@ def _play(
     episode: RenderedEpisode,
     every: int,
 ) -> Iterator[Frame]:
-    """Yield the first, every `every`-th and the last frame, or only the last for 0."""
+    """Yield the first frame, every `every`-th and the last, or only the last if `every` is 0."""
     environment = rendered.environment
     observation, _ = environment.reset(seed=settings.seed, options={"task": episode.task})
     while episode.steps < settings.steps and not episode.ended:
