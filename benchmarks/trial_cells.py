@@ -1,15 +1,17 @@
 """Core-hours that it takes to tell two teachers apart, by cell and by set of cells (docs/trials.md).
 
-    python benchmarks/trial_cells.py
+    python benchmarks/trial_cells.py > benchmarks/measured/trial_cells.csv
 
-Writes benchmarks/measured/trial_cells.csv. Stump Tracks is read from the core of lite-2, Parkour from the
-evaluations of the pilot of docs/long_runs.md.
+Stump Tracks is read from the core of lite-2, Parkour from the evaluations of the pilot of
+docs/long_runs.md.
 """
 
 from __future__ import annotations
 
+import argparse
 import csv
 import itertools
+import sys
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -29,9 +31,7 @@ from analysis.statistics.samples import TAIL
 from analysis.trials.design import in_cell, make_design, released_runs, setting_of
 from analysis.trials.rules import TrialVerdict, simulate
 
-MEASURED = Path(__file__).parent / "measured"
-
-RESULTS, PILOT = MEASURED / "trial_cells.csv", MEASURED / "parkour_pilot.csv"
+PILOT = Path(__file__).parent / "measured" / "parkour_pilot.csv"
 
 RELEASE, STUDENT = "lite-2", "ppo:preset=decisive"
 
@@ -157,7 +157,7 @@ def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> di
     }
 
 
-def simulated(cells: Sequence[Cell]) -> dict[str, float]:
+def simulated(cells: Sequence[Cell], trials: int) -> dict[str, float]:
     """Return core-hours and decided share of simulated trials, each teacher of the core as the new one.
 
     True differences from Random are those observed in these cells.
@@ -170,7 +170,7 @@ def simulated(cells: Sequence[Cell]) -> dict[str, float]:
     areas = [in_cell(released, key).groupby("teacher")["mastered_area"].mean() for key in design.keys]
     teachers = sorted(set.intersection(*(set(cell.samples) for cell in cells)) - {"random"})
     effects = {name: float(weights @ [area[name] - area["random"] for area in areas]) for name in teachers}
-    outcomes = [simulate(setting, effects[name], TRIALS) for name in teachers]
+    outcomes = [simulate(setting, effects[name], trials) for name in teachers]
     decided = [
         np.isin(outcome.verdicts[0], [TrialVerdict.BETTER, TrialVerdict.WORSE]) for outcome in outcomes
     ]
@@ -181,7 +181,7 @@ def simulated(cells: Sequence[Cell]) -> dict[str, float]:
     }
 
 
-def measure() -> pd.DataFrame:
+def measure(trials: int) -> pd.DataFrame:
     """Return all lines: every cell, the cheapest set of each size, and all cells of a trial."""
     tracks = stump_tracks()
     rows = [row(cell.name, [cell], tracks) for cell in tracks] + [
@@ -192,9 +192,18 @@ def measure() -> pd.DataFrame:
             itertools.combinations(tracks, size),
             key=lambda cells: row("", cells)["core-hours to tell two apart"],
         )
-        rows.append(row("; ".join(cell.name for cell in chosen), chosen, tracks) | simulated(chosen))
+        rows.append(row("; ".join(cell.name for cell in chosen), chosen, tracks) | simulated(chosen, trials))
     return pd.DataFrame(rows)
 
 
+def main() -> None:
+    """Print all lines as CSV."""
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser.add_argument(
+        "--trials", type=int, default=TRIALS, help="simulated trials of a teacher (%(default)s)"
+    )
+    measure(parser.parse_args().trials).to_csv(sys.stdout, index=False)
+
+
 if __name__ == "__main__":
-    measure().to_csv(RESULTS, index=False)
+    main()

@@ -53,6 +53,7 @@ OTHERS = {
     "sac_learning": (f"{IN_A_MOMENT} --seeds 1 --parts easy", STOPPED),
     "sensitivity": (f"{IN_A_MOMENT} --seeds 1 --parts cohort", STOPPED),
     "tau_coverage": ("--experiments 1", "10,2,1.00,"),
+    "trial_cells": ("--trials 20", "original,10,0.097,1.11,1.25,0.82,,"),
     "trials": ("--trials 20", "rugged_difficulty,1,2.5000,0.0450,5.0000,"),
 }
 """The other scripts: the smallest arguments of each, and what its output has."""
