@@ -112,16 +112,25 @@ def parkour() -> list[Cell]:
     ]
 
 
+def cell_weights(cells: Sequence[Cell]) -> NDArray[np.float64]:
+    """Return the weight of each cell in the mean over cells: equal for challenges, and for bodies of each."""
+    weights = np.array(stratum_weights([cell.challenge for cell in cells]))
+    return np.asarray(weights / weights.sum())
+
+
+def common_teachers(cells: Sequence[Cell]) -> list[str]:
+    """Return the teachers with runs in all cells."""
+    return sorted(set.intersection(*(set(cell.samples) for cell in cells)))
+
+
 def decisiveness(cells: Sequence[Cell]) -> tuple[float, float]:
     """Return signal to noise of the mean over cells, and the core-hours of one seed of all.
 
     Challenges have equal weight, and so have the bodies of each. The variance between teachers is without
     what their seeds add to it.
     """
-    weights = np.array(stratum_weights([cell.challenge for cell in cells]))
-    weights = weights / weights.sum()
-    teachers = sorted(set.intersection(*(set(cell.samples) for cell in cells)))
-    means = np.array([[cell.samples[name].mean() for cell in cells] for name in teachers]) @ weights
+    weights, teachers = cell_weights(cells), common_teachers(cells)
+    means = effects(cells, teachers)
     noise = added = 0.0
     for weight, cell in zip(weights, cells, strict=True):
         samples = [cell.samples[name] for name in teachers]
@@ -135,15 +144,14 @@ def decisiveness(cells: Sequence[Cell]) -> tuple[float, float]:
 
 def effects(cells: Sequence[Cell], teachers: Sequence[str]) -> NDArray[np.float64]:
     """Return the mean of each teacher over cells, challenges of equal weight."""
-    weights = np.array(stratum_weights([cell.challenge for cell in cells]))
     means = np.array([[cell.samples[name].mean() for cell in cells] for name in teachers])
-    return np.asarray(means @ weights)
+    return np.asarray(means @ cell_weights(cells))
 
 
 def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> dict[str, Any]:
     """Return a line of the table: a cell, or a set of cells beside all."""
     ratio, hours = decisiveness(cells)
-    teachers = sorted(set.intersection(*(set(cell.samples) for cell in [*cells, *everything])))
+    teachers = common_teachers([*cells, *everything])
     agreement = np.nan
     if 0 < len(everything) > len(cells):
         agreement = np.corrcoef(effects(cells, teachers), effects(everything, teachers))[0, 1]
@@ -168,7 +176,7 @@ def simulated(cells: Sequence[Cell], trials: int) -> dict[str, float]:
     design = make_design("lab:New", baseline, frames, cells=[cell.name for cell in cells])
     weights, setting = design.estimand().weights, setting_of(design, released)
     areas = [in_cell(released, key).groupby("teacher")["mastered_area"].mean() for key in design.keys]
-    teachers = sorted(set.intersection(*(set(cell.samples) for cell in cells)) - {"random"})
+    teachers = [name for name in common_teachers(cells) if name != "random"]
     effects = {name: float(weights @ [area[name] - area["random"] for area in areas]) for name in teachers}
     outcomes = [simulate(setting, effects[name], trials) for name in teachers]
     decided = [

@@ -67,9 +67,12 @@ class BudgetComparison:
 
     def row(self, budget: int) -> list[str]:
         """Return a later budget, with the correlation and the reversed pairs for `FINAL` and `HEADLINE`."""
-        chosen = {each.measure: each for each in self.agreements if each.budget == budget}
-        counts = (f"{chosen[axis].reversed_pairs} of {chosen[axis].pairs}" for axis in (FINAL, HEADLINE))
-        return [steps_text(budget), str(chosen[FINAL]), next(counts), str(chosen[HEADLINE]), next(counts)]
+        by_measure = {
+            agreement.measure: agreement for agreement in self.agreements if agreement.budget == budget
+        }
+        later = [by_measure[FINAL], by_measure[HEADLINE]]
+        pairs = [[str(agreement), f"{agreement.reversed_pairs} of {agreement.pairs}"] for agreement in later]
+        return [steps_text(budget), *itertools.chain(*pairs)]
 
     def sentence(self) -> str:
         """Return a sentence on what results at the early budget imply for the last one."""

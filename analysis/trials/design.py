@@ -41,7 +41,7 @@ CHALLENGE = (
 )
 
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
-"""Errors to spend, of which a design has the largest with wrong verdicts in at most `ERROR` of trials."""
+"""Candidate errors to spend; a design takes the largest with wrong verdicts in at most `ERROR` of trials."""
 
 TRIALS = 4_000  # simulated trials behind the choice of the error
 

@@ -137,7 +137,7 @@ class _Collector:
                     self.add(imported)
 
     def _roots_of(self, top: str) -> list[Path]:
-        """Return the collected import roots of a top-level name, of which a namespace package has several."""
+        """Return the collected import roots of a top-level name (several for a namespace package)."""
         if top not in self.roots:
             spec = None
             with suppress(ImportError, ValueError):  # there is no such module, or it has no spec

@@ -215,7 +215,7 @@ class Committer:
         if self.store.exists(path) and self.store.read_bytes(path) == WITHDRAWN:
             return
         record = read_progress(self.store, run_id, attempt)
-        if record is None:  # only the run's manifest tells when the attempt was started
+        if record is None:  # only the run's manifest has the start of the attempt
             written_at, _ = self.store.stamps(layout.MANIFESTS).get(
                 layout.manifest_path(run_id), (None, None)
             )

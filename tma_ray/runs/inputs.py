@@ -170,13 +170,13 @@ def new_environment(spec: RunSpec) -> gymnasium.Env[Any, Any]:
 
 
 def contents(specs: Iterable[RunSpec]) -> dict[str, bytes]:
-    """Return the contents of all inputs of `specs` that this process knows, by SHA-256."""
+    """Return the contents of all inputs of `specs` held by this process, by SHA-256."""
     digests = {file.sha256 for spec in specs for file in spec.inputs.values()}
     return {sha256: _contents[sha256] for sha256 in sorted(digests) if sha256 in _contents}
 
 
 def provide(contents_by_digest: Mapping[str, bytes]) -> None:
-    """Add the contents of input files, by SHA-256, that another process knows."""
+    """Add the contents of input files held by another process, by SHA-256."""
     _contents.update(contents_by_digest)
 
 

@@ -1,4 +1,4 @@
-"""Placement, status and hardware fingerprint of runs, none of which is part of their specification."""
+"""Placement, status and hardware fingerprint of runs, outside their specification."""
 
 import json
 import os

@@ -165,7 +165,7 @@ class QueryKind(StrEnum):
 
     EVALUATION = "evaluation"
     """Query for the `Outcomes` of one episode of each task, without learning, for teachers that declare
-    `wants_evaluations`. The steps count towards the budget; a run that ends meanwhile gives no answer."""
+    `wants_evaluations`. The steps count towards the budget; a run that ends first gives no answer."""
 
 
 @dataclass(frozen=True)

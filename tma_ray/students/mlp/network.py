@@ -208,7 +208,7 @@ MODULES: Mapping[Activation, type[nn.Module]] = {Activation.RELU: nn.ReLU, Activ
 
 
 class FlatParameters:
-    """Parameters of modules, moved into one vector of which the modules' own parameters are views.
+    """Parameters of modules in one vector, with the modules' own parameters as views of it.
 
     Attributes:
         parameters: parameters of the modules in the order of the vector.
