@@ -1,4 +1,4 @@
-"""Interface between a student and the run that drives it."""
+"""Base class of students, and the types of their inputs and outputs."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Transition(NamedTuple):
         reward: raw reward of the environment.
         next_observation: observation after the step (o,); the last one of the episode if it ended.
         terminated: True if the episode ended in a terminal state.
-        truncated: True if a time limit ended the episode: the value of `next_observation` still counts.
+        truncated: True if a time limit ended the episode; targets then bootstrap from `next_observation`.
     """
 
     observation: Observations
@@ -44,7 +44,7 @@ class Transition(NamedTuple):
 
 
 class Student(ABC):
-    """A deep-RL algorithm with its networks and buffer, driven step by step by the run.
+    """Deep-RL algorithm with its networks and buffer, called by the run at every step.
 
     For every step the run calls `act`, steps the environment, and calls `observe`; the transitions of
     an episode arrive in order. The run constructs a plug-in as
@@ -129,7 +129,7 @@ class Student(ABC):
 
     @abstractmethod
     def save_policy(self, folder: Path) -> None:
-        """Write the greedy policy to the existing `folder`, without pickles, since others may download it.
+        """Write the greedy policy to the existing `folder`, without pickle, which is unsafe to load.
 
         `tma_ray.students.write_policy` writes arrays and settings.
         """
@@ -149,7 +149,7 @@ class Student(ABC):
     def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: ARG003
         """Return the layers of the greedy policy in `folder`, from observations (n, o) to actions (n, a).
 
-        Exports to other formats know torch's layers and those of `tma_ray.students.layers`.
+        Exports to other formats support torch's layers and those of `tma_ray.students.layers`.
 
         Raises:
             PolicyFileError: errors of `load_policy`.
@@ -161,7 +161,7 @@ class Student(ABC):
 
 
 def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> tuple[spaces.Box, spaces.Box]:
-    """Return both spaces after checking that they are one-dimensional float32 boxes with bounded actions."""
+    """Check that both spaces are one-dimensional float32 boxes with bounded actions, and return them."""
     boxes = _checked_box(observation_space, "observation"), _checked_box(action_space, "action")
     if not boxes[1].is_bounded():
         raise ValueError(f"action space {boxes[1]}: expected finite bounds")
@@ -177,7 +177,7 @@ def _checked_box(space: Space[Any], kind: str) -> spaces.Box:
 
 
 class StudentStreams(NamedTuple):
-    """Independent seeds of a student, spawned in the order of these fields."""
+    """Independent seeds of a student by purpose, spawned in the order of these fields."""
 
     networks: np.random.SeedSequence  # for initial weights and actions sampled in updates
     exploration: np.random.SeedSequence
@@ -191,7 +191,7 @@ class StudentStreams(NamedTuple):
 
 
 def update_key(seed: np.random.SeedSequence) -> int:
-    """Return the 64-bit key of the random draws of a student's updates in a cohort."""
+    """Return the 64-bit key of the random numbers in a student's updates, for a cohort's generator."""
     index = len(StudentStreams._fields)
     return int(_children(seed, index + 1)[index].generate_state(1, np.uint64)[0])
 

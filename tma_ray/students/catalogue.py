@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tma_ray.students.rollout_workers.base import RolloutWorker
     from tma_ray.students.rollout_workers.link import Learner
 
-STOCK = "stock:"  # prefix of students updated by stable-baselines3 instead of our equivalent but leaner code
+STOCK = "stock:"  # prefix of students that use stable-baselines3's own updates, not our faster equivalents
 
 
 class StudentRegistry(Registry[type[Student]]):

@@ -104,7 +104,7 @@ class PPOHyperparameters:
     def layout(self, inputs: int, actions: int) -> Layout:
         """Return the layout of the network that maps observations to action means and the value.
 
-        Separate trunks share layers of twice the units; see `Layout.trunks`.
+        Separate trunks are stored as one of twice the units, masked by `Layout.trunks`.
         """
         hidden = (units * (1 + self.separate_trunks) for units in self.hidden_units)
         return Layout((inputs, *hidden, actions + 1), self.activation)
@@ -132,7 +132,7 @@ class UpdateSchedule(StrEnum):
 
     Attributes:
         EPISODE_END: ceil(length / `steps_per_update`) updates at the end of each episode (Spinning Up 0.1.1).
-        INTERLEAVED: one update every `steps_per_update` steps, after the uniform actions.
+        INTERLEAVED: one update every `steps_per_update` steps, after the initial uniform actions.
     """
 
     EPISODE_END = "episode_end"

@@ -87,7 +87,7 @@ def acting_layers(model: BaseAlgorithm) -> nn.Sequential:
     """Return the layers that compute ``predict(observations, deterministic=True)`` of `model`.
 
     Raises:
-        ValueError: if its policy is of an unknown kind.
+        ValueError: if its policy class is not supported.
     """
     policy: Any = model.policy
     actor: Any = getattr(policy, "actor", None)
@@ -111,7 +111,7 @@ def _leaves(module: nn.Module) -> Iterator[nn.Module]:
     if isinstance(module, nn.Sequential):
         for layer in module:
             yield from _leaves(layer)
-    elif not isinstance(module, FlattenExtractor):  # not needed, since observations are flat
+    elif not isinstance(module, FlattenExtractor):  # does nothing: observations are flat
         yield module
 
 
@@ -131,7 +131,7 @@ MEAN = "mean"  # name of the last layer; hidden layers are numbered
 
 
 class GreedyNetwork:
-    """Network of mean actions, shared by students and saved policies so that both act bit for bit alike.
+    """Network of mean actions, used by students and saved policies, with bit-for-bit equal results.
 
     Its first outputs are the means. Single observations use `row`, a copy of `parameters` (p,) that `refresh`
     updates, and batches the parameters themselves.
@@ -179,7 +179,7 @@ class GreedyNetwork:
 
 
 def tensor_specs(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Return the shapes and types of all layers' tensors, by name, as `StoredPolicy.check` expects them."""
+    """Return the shapes and types of all layers' tensors by name, for `StoredPolicy.check`."""
     units = stored.hyperparameters.get("hidden_units")
     if not isinstance(units, list) or not units or not all(type(size) is int and size > 0 for size in units):
         stored.refuse(f"hidden_units = {units!r:.80}: expected a list of sizes")

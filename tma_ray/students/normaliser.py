@@ -14,15 +14,15 @@ from tma_ray.support.jit import kernel
 EPSILON = 1e-8  # added to variances before taking the root
 INITIAL_COUNT = 1e-4  # weight of the initial mean 0 and variance 1
 
-MEAN_TENSOR, VARIANCE_TENSOR = "normaliser.mean", "normaliser.variance"  # in saved policies
+MEAN_TENSOR, VARIANCE_TENSOR = "normaliser.mean", "normaliser.variance"  # names in saved policies
 COUNT_TENSOR = "normaliser.count"
 
 
 class Normaliser:
-    """Running normalisation of observations, and of rewards by the discounted return's deviation.
+    """Normalisation of observations and rewards by running statistics.
 
-    Bit for bit equal to VecNormalize over one environment, and several times as fast. Statistics are float64,
-    results float32.
+    Rewards are divided by the standard deviation of the discounted return. Bit for bit equal to
+    VecNormalize over one environment, and several times as fast. Statistics are float64, results float32.
     """
 
     def __init__(self, size: int, gamma: float, observation_clip: float, reward_clip: float) -> None:
@@ -77,7 +77,7 @@ class Normaliser:
 
     @property
     def statistics(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Arguments that `scaled` takes after the observations."""
+        """Arguments of `scaled` other than the observations."""
         return self._mean, self._variance, self.observation_clip
 
     def normalise_reward(self, reward: float) -> float:
@@ -86,7 +86,7 @@ class Normaliser:
 
     @property
     def reward_scale(self) -> float:
-        """Scale by which rewards are divided and values of normalised rewards are multiplied."""
+        """Divisor of rewards, by which values of normalised rewards are multiplied."""
         return math.sqrt(self._return_variance + EPSILON)
 
     def save(self, path: Path) -> None:
@@ -107,7 +107,7 @@ class Normaliser:
         path.write_text(json.dumps(content, indent=1))
 
     def tensors(self) -> dict[str, NDArray[np.float64]]:
-        """Return the observation statistics by the names they have in a saved policy."""
+        """Return the observation statistics by their names in a saved policy."""
         return {
             MEAN_TENSOR: self._mean,
             VARIANCE_TENSOR: self._variance,
@@ -116,7 +116,7 @@ class Normaliser:
 
     @staticmethod
     def tensor_specs(size: int) -> dict[str, tuple[tuple[int, ...], str]]:
-        """Return the shape and type of each of `tensors` for observations of length `size`."""
+        """Return the shapes and types of `tensors` by name, for observations of length `size`."""
         shapes = {MEAN_TENSOR: (size,), VARIANCE_TENSOR: (size,), COUNT_TENSOR: ()}
         return {name: (shape, "float64") for name, shape in shapes.items()}
 

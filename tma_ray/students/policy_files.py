@@ -19,7 +19,7 @@ from tma_ray.support.decoding import DamagedFileError, decode_json, read_file
 
 ContentT = TypeVar("ContentT")
 
-FORMAT_VERSION: Final = 1  # to be raised when the names or the meaning of saved values change
+FORMAT_VERSION: Final = 1  # raised when names or meanings of saved values change
 
 POLICY_FILE: Final = "policy.json"
 TENSORS_FILE: Final = "policy.safetensors"
@@ -34,7 +34,7 @@ Bound: TypeAlias = Annotated[float, msgspec.Meta(ge=-_MAX_FLOAT32, le=_MAX_FLOAT
 
 @dataclass(frozen=True)
 class _Version:
-    """Fields that `POLICY_FILE` has in every version."""
+    """Fields of `POLICY_FILE` in all its versions."""
 
     format_version: int
 
@@ -58,7 +58,7 @@ class _Settings:
 
 
 class PolicyFileError(ValueError):
-    """Error of a saved policy that cannot be read, with the file's path, the problem and a remedy."""
+    """Error raised if a saved policy cannot be read; it names the file, the problem and a remedy."""
 
     def __init__(self, file: str | Path, problem: str) -> None:
         super().__init__(f"{file}: {problem}")
@@ -134,14 +134,14 @@ def write_policy(
         "action_space": _bounds(action_space),
         "hyperparameters": dict(hyperparameters or {}),
     }
-    # in C order, since safetensors ignores strides
+    # C order, since safetensors ignores strides
     ordered = {name: np.asarray(tensor, order="C") for name, tensor in tensors.items()}
     (folder / TENSORS_FILE).write_bytes(serialise_tensors(ordered))
     (folder / POLICY_FILE).write_text(json.dumps(content, indent=1) + "\n")
 
 
 def read_policy(folder: Path, student: str) -> StoredPolicy:
-    """Return a policy written by `write_policy`; the caller must check its tensors by `StoredPolicy.check`.
+    """Read a policy written by `write_policy`; the caller must check its tensors with `StoredPolicy.check`.
 
     Raises:
         PolicyFileError: if a file is missing, damaged, of another format version or of another student.

@@ -58,7 +58,7 @@ class Trunk(BaseFeaturesExtractor):
 
 @torch.no_grad()
 def init_separate_trunks(trunk: Trunk, means: nn.Linear, value: nn.Linear) -> None:
-    """Initialise `trunk` as two separate networks, in the way of stable-baselines3.
+    """Initialise `trunk` as two separate networks, with stable-baselines3's distributions.
 
     The first half of each hidden layer leads to the `means`, the second to the `value`; weights between the
     halves are 0.
@@ -104,7 +104,7 @@ class Steps(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """Terms of the loss and metrics, each one number per run, and the gradient.
+    """Losses, metrics and gradients of a mini-batch, with one value of each loss and metric per run.
 
     Attributes:
         policy: clipped surrogate objective.
@@ -124,7 +124,7 @@ class Losses(NamedTuple):
 
 
 def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PPOHyperparameters) -> Losses:
-    """Return the terms of a mini-batch's loss and the gradient (arXiv:1707.06347, equations 7 and 9).
+    """Return the losses, metrics and gradients of a mini-batch (arXiv:1707.06347, equations 7 and 9).
 
     Args:
         outputs: action means and value (n, a + 1).
@@ -162,7 +162,7 @@ def log_density(error: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
 def _value_error(
     values: torch.Tensor, steps: Steps, clip: float | None
 ) -> tuple[torch.Tensor, torch.Tensor | float]:
-    """Return the errors of the clipped `values` (n,), and a mask of those that are not clipped."""
+    """Return the errors (n,) of `values` (n,) after clipping, and a mask (n,) of the unclipped ones."""
     if clip is None:
         return values - steps.returns, 1.0
     change = values - steps.old_values
@@ -196,7 +196,7 @@ class PPOUpdate:
         variance = explained_variance(rollout.values, rollout.returns)
         model.logger.record("train/explained_variance", variance)
 
-    @torch.no_grad()  # using the gradient in closed form saves a twentieth of a step's time
+    @torch.no_grad()  # the gradient in closed form saves a twentieth of a step's time
     def train_on(self, batch: RolloutBufferSamples) -> Losses:
         """Take one optimiser step on the mini-batch `batch`, and return the losses before the step."""
         (network,), (log_std,) = self.flat.networks, self.flat.others
@@ -214,7 +214,7 @@ class PPOUpdate:
 NORMALISER_FILE = "normaliser.json"
 AVERAGE_FILE = "average.npy"
 
-POLICY = "ppo"  # kind of student in saved policies, including those of `StockPPO`
+POLICY = "ppo"  # student named in saved policies, also in those of `StockPPO`
 
 
 class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
@@ -286,7 +286,7 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
         log_std: NDArray[np.float32] = self._flat.others[0].numpy(force=True).copy()
         self._policy = log_std, np.stack([self._low, self._high])
 
-    def _prepare_update(self) -> None:  # to be followed by `changed` if parameters change
+    def _prepare_update(self) -> None:  # if parameters are changed, call `changed` next
         self.update = PPOUpdate(self.model, self._flat, self.hyperparameters)
 
     def _train(self) -> None:
@@ -372,11 +372,11 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
 
 
 class StockPPO(PPO):
-    """PPO whose update is stable-baselines3's own `train`; all else is alike."""
+    """PPO that is updated by stable-baselines3's own `train`."""
 
     def _connect(self) -> None:
         super()._connect()
-        if self.hyperparameters.separate_trunks:  # autograd's gradients need a mask
+        if self.hyperparameters.separate_trunks:  # autograd would also train the weights between the trunks
             mask = torch.ones_like(self._flat.values)
             trunks = torch.from_numpy(self._layout.trunks(self._low.size))
             mask[: len(trunks)] = trunks.to(mask)

@@ -1,4 +1,4 @@
-"""Replay buffer that stores each observation only once, including last ones of truncated episodes."""
+"""Replay buffer without duplicate observations, with correct bootstrapping at time limits."""
 
 import math
 from collections.abc import Iterator
@@ -21,11 +21,11 @@ _COUNTERS = ("_row", "_size", "_filled", "_first_ending", "_next_ending", "_adde
 
 
 class ReplayBuffer:
-    """A ring of transitions in which a transition's next observation is the observation in the next row.
+    """Ring buffer of transitions; a transition's next observation is the observation of the next row.
 
     Next observations at the end of an episode are stored in a second, small ring, so that truncated episodes
     bootstrap from their last observation; stable-baselines3's buffer cannot do that while storing
-    observations once. Memory is touched only as it fills.
+    observations once. Memory is allocated as it fills.
 
     It replaces stable-baselines3's buffer, whose updates only call `sample`.
     """
@@ -38,14 +38,14 @@ class ReplayBuffer:
         generator: np.random.Generator,
         device: torch.device,
     ) -> None:
-        self._rows = capacity + 1  # the newest transition's next observation takes a row of its own
+        self._rows = capacity + 1  # one more, for the newest transition's next observation
         self._generator = generator
         self._device = device
         self._observations = np.zeros((self._rows, observation_size), dtype=np.float32)
         self._actions = np.zeros((self._rows, action_size), dtype=np.float32)
         self._rewards = np.zeros(self._rows, dtype=np.float32)
         self._terminated = np.zeros(self._rows, dtype=np.bool_)
-        self._ending = np.zeros(self._rows, dtype=np.int32)  # number of the stored ending, or 0
+        self._ending = np.zeros(self._rows, dtype=np.int32)  # number of the stored last observation, or 0
         self._added = 0  # number of transitions ever added
         self.clear()
 
@@ -56,8 +56,8 @@ class ReplayBuffer:
         """Forget all transitions."""
         self._row = 0  # row for the next transition
         self._size = 0
-        self._filled = 0  # number of rows ever written: all of them after the first wrap
-        self._saved = 0  # `_added` at the last save, or 0 if that save holds none of the current content
+        self._filled = 0  # number of rows ever written
+        self._saved = 0  # `_added` at the last save, or 0 if all rows have changed since
         self._endings = np.empty((1, self._observations.shape[1]), dtype=np.float32)
         self._first_ending, self._next_ending = 1, 1  # numbers of the endings kept: [first, next)
 
@@ -97,7 +97,7 @@ class ReplayBuffer:
             terminated: True if the last transition ended in a terminal state.
         """
         count, row = len(actions), self._row
-        if self._size + count >= self._rows or row + count >= self._rows:  # would wrap around or overwrite
+        if self._size + count >= self._rows or row + count >= self._rows:  # wraps or overwrites
             for k in range(count):
                 last = terminated and k == count - 1
                 step = Transition(
@@ -152,7 +152,7 @@ class ReplayBuffer:
         changed: set[int] | None = None
         if incremental and self._saved:
             new = min(self._added - self._saved, self._rows)
-            # also the row before, whose ending may be new, and the one after
+            # with the row before, whose last observation may have moved, and the next observation's row
             touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
             changed = set((touched // SEGMENT_ROWS).tolist())
         used, unchanged = min(self._filled + 1, self._rows), []
@@ -171,7 +171,7 @@ class ReplayBuffer:
         return tuple(unchanged)
 
     def load(self, folder: Path) -> None:
-        """Load the content saved by a buffer of the same sizes."""
+        """Load the transitions saved by a buffer of the same sizes."""
         for number, path in enumerate(sorted(folder.glob("replay-*.npz"))):
             start = number * SEGMENT_ROWS
             with np.load(path) as segment:
@@ -200,5 +200,5 @@ class ReplayBuffer:
             grown[kept % len(grown)] = self._endings[kept % len(self._endings)]
             self._endings = grown
         self._endings[self._next_ending % len(self._endings)] = self._observations[row]
-        self._ending[row - 1] = self._next_ending  # at the wrap this is -1, the last row
+        self._ending[row - 1] = self._next_ending  # for row 0, index -1 is the last row
         self._next_ending += 1

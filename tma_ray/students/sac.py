@@ -86,7 +86,7 @@ def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor, log_std: LogStd) -
 
 
 def joint_pass(critics: Sequence[Pass]) -> Pass:
-    """Return the joint forward pass of all `critics`, with outputs (n, c)."""
+    """Return a function that concatenates the outputs of c `critics` to (n, c)."""
     return lambda inputs: torch.cat([critic(inputs) for critic in critics], dim=-1)
 
 
@@ -106,7 +106,7 @@ def critic_loss(critics: Pass, batch: Transitions, targets: torch.Tensor) -> tor
 
 
 def actor_loss(critics: Pass, observations: torch.Tensor, draw: Draw, alpha: float) -> torch.Tensor:
-    """Return the mean of alpha log pi - min Q over the actions in `draw`, drawn from the actor."""
+    """Return the mean of alpha log pi - min Q over the actor's sampled actions in `draw`."""
     return -soft_values(critics, observations, draw, alpha).mean(dim=(-2, -1))
 
 
@@ -175,11 +175,11 @@ class SACUpdate:
         self._model.logger.record("train/actor_loss", policy_loss.item())
 
 
-POLICY = "sac"  # kind of student in saved policies, including those of `StockSAC`
+POLICY = "sac"  # student named in saved policies, also in those of `StockSAC`
 
 
 class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
-    """Soft actor-critic with a fixed entropy coefficient, as in Spinning Up 0.1.1, which the paper names.
+    """Soft actor-critic with a fixed entropy coefficient, as in Spinning Up 0.1.1 (cited by the paper).
 
     The first 10,000 actions of the run are uniform. At the end of each episode, from the first one on,
     the networks are updated once for every 10 of its steps, rounded up; an episode cut off by the run's
@@ -204,7 +204,7 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
             train_freq=hyper.steps_per_update,
             gradient_steps=1,
             ent_coef=hyper.entropy_coefficient,
-            target_entropy=0.0,  # only a learned coefficient has a target
+            target_entropy=0.0,  # unused, since the coefficient is fixed
             policy_kwargs={"net_arch": list(hyper.hidden_units), "activation_fn": nn.ReLU},
             device=self.device,
             _init_setup_model=False,
@@ -228,7 +228,7 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
         self._acting.refresh()
 
     def _prepare_update(self) -> None:
-        # to be followed by `changed` if parameters change
+        # if parameters are changed, call `changed` next
         self.update = SACUpdate(self.model, self._actor, self._critics, self.hyperparameters)
 
     def _train(self, updates: int) -> None:
@@ -302,7 +302,7 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
 
 
 class StockSAC(SAC):
-    """SAC whose update is stable-baselines3's own `train`; all else is alike."""
+    """SAC that is updated by stable-baselines3's own `train`."""
 
     def _prepare_update(self) -> None:
         """Do nothing, since the model's own optimisers are used."""

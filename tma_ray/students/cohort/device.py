@@ -1,4 +1,4 @@
-"""Device utilities of a learner: repeated execution, counter-based random numbers and copies."""
+"""Utilities for GPUs and CPUs: repeated execution, counter-based random numbers and copies."""
 
 import ctypes
 import math
@@ -18,7 +18,7 @@ _TRIM_THRESHOLD, _MAP_THRESHOLD = -1, -3
 
 
 def empty(shape: tuple[int, ...], dtype: torch.dtype, device: torch.device) -> torch.Tensor:
-    """Return zeros; on a CPU, memory pages are allocated only when first written."""
+    """Return a tensor of zeros; on a CPU, memory pages are allocated only when first written."""
     if device.type == "cpu":
         kind = torch.empty(0, dtype=dtype).numpy().dtype
         return torch.from_numpy(np.zeros(shape, dtype=kind))
@@ -41,7 +41,7 @@ def keep_pages() -> None:
         mallopt(_MAP_THRESHOLD, 2**25)  # largest allowed value
 
 
-WARM_UP = 3  # executions before a graph is captured, which initialise libraries
+WARM_UP = 3  # executions before the capture of a graph, to initialise libraries
 
 COMPILE_MODE = "max-autotune-no-cudagraphs"  # fuses elementwise operations, without capturing a graph
 MOST_SHAPES = 128  # largest number of shapes for which torch compiles a function in one process
@@ -74,7 +74,7 @@ def compile_if(mode: bool | str, function: Callable[..., Any]) -> Callable[..., 
 
 
 class Repeated:
-    """Function that runs many times on the same memory, as a captured graph on a GPU.
+    """Function executed many times on the same memory, on a GPU as a CUDA graph.
 
     It must not depend on values in host memory.
     """
@@ -128,7 +128,7 @@ _KEY_STEPS = 0x9E3779B9, 0xBB67AE85
 
 
 class Purpose(IntEnum):
-    """Purposes of random numbers, each with an independent stream."""
+    """Purposes of random numbers, with one independent stream per purpose."""
 
     BATCH = 0  # indices of a batch
     NOISE = 1  # noise of actions in updates
@@ -140,11 +140,11 @@ def words_of(number: int) -> tuple[int, int]:
 
 
 def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
-    """Return four random 32-bit words for each counter (..., 4).
+    """Return four random 32-bit words (..., 4) per counter, by the generator Philox4x32-10.
 
     Args:
-        counters: four words of each counter, least significant first, which broadcast (...).
-        keys: two words of each key, which broadcast (...).
+        counters: four words of the counters, least significant first, that broadcast to (...).
+        keys: two words of the keys, that broadcast to (...).
     """
     c0, c1, c2, c3 = counters
     k0, k1 = keys
@@ -159,13 +159,13 @@ def words(keys: torch.Tensor, numbers: torch.Tensor, purpose: Purpose, count: in
     """Return random words (k, count) for the updates `numbers` (k,) of the runs with `keys` (k, 2)."""
     blocks = torch.arange(-(-count // 4), device=keys.device)
     low, high = (numbers & _WORD)[:, None], (numbers >> 32 & _WORD)[:, None]
-    # blocks go into the second word, which no round multiplies: torch's compiler would use 32 bits
+    # in the second word, which is not multiplied: torch.compile would multiply block numbers in 32 bits
     counters = low, blocks, high, torch.full_like(low, int(purpose))
     return philox(counters, (keys[:, :1], keys[:, 1:])).flatten(1)[:, :count]
 
 
 def integers_below(limits: torch.Tensor, drawn: torch.Tensor) -> torch.Tensor:
-    """Return integers (k, n) in [0, limit) from random words `drawn` (k, n), with `limits` (k,) under 2^31.
+    """Map random words `drawn` (k, n) to integers (k, n) in [0, limit), for `limits` (k,) below 2^31.
 
     Probabilities are off by at most 2^-32.
     """
@@ -173,7 +173,7 @@ def integers_below(limits: torch.Tensor, drawn: torch.Tensor) -> torch.Tensor:
 
 
 def standard_normals(drawn: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Return standard normals (k, n) from random words `drawn` (k, n), with n even (Box and Muller)."""
+    """Map random words `drawn` (k, n), n even, to standard normal numbers (k, n) (Box and Muller)."""
     halves = drawn.view(len(drawn), -1, 2).to(dtype)
     radii = (-2 * ((halves[..., 0] + 1) * 2.0**-32).log()).sqrt()
     angles = halves[..., 1] * (2 * math.pi * 2.0**-32)

@@ -14,12 +14,12 @@ from tma_ray.students.hyperparameters import MatmulPrecision
 
 
 def batching_is_faster(device: torch.device, precision: MatmulPrecision, compiled: bool | str) -> bool:
-    """Return True if a batched product is faster than one product per run (not for float32 on a CPU)."""
+    """Return True if batched matrix products are faster than one per run (all but eager float32 on a CPU)."""
     return device.type != "cpu" or bool(compiled) or precision == MatmulPrecision.MEDIUM
 
 
 class StackedLearner(ABC):
-    """Learner of many runs, one per slot; no run affects the results of another, bit for bit.
+    """Learner of many runs, one per slot; a run's results do not depend on the others, bit for bit.
 
     An update trains all runs with updates due, at the full width: idle slots take part in the products
     without changing. Where that does not pay, runs are updated one after the other.
@@ -54,7 +54,7 @@ class StackedLearner(ABC):
             counts[slot].fill_(0)
 
     def owe(self, slot: int, updates: int) -> None:
-        """Add to the number of pending updates of the run in `slot`."""
+        """Add `updates` to the pending updates of the run in `slot`."""
         self.owed[slot] += updates
         self._owed[slot].add_(updates)
 
@@ -84,7 +84,7 @@ class StackedLearner(ABC):
         np.maximum(self.owed - updates, 0, out=self.owed)
 
     def actors(self, slots: Sequence[int]) -> torch.Tensor:
-        """Return, on the device, the unpadded acting parameters (n, p) of the runs in `slots`."""
+        """Return the actors' parameters (n, p) of the runs in `slots`, unpadded and on the device."""
         memory, columns = self._parameter_groups()[0]
         rows = upload(np.array(slots, dtype=np.int64), self._device)
         return memory.detach().index_select(0, rows).index_select(1, columns)

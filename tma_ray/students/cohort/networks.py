@@ -1,4 +1,4 @@
-"""Stacked networks over padded flat parameters, with forward passes for autograd, and Adam."""
+"""Stacked networks with padded flat parameters: layout, forward passes and Adam."""
 
 import math
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ HIDDEN_MULTIPLE = 16
 
 
 class PaddedLayout(NamedTuple):
-    """A layout and its counterpart with padded inputs and hidden layers."""
+    """Layout of a network, without padding and with padded inputs and hidden layers."""
 
     plain: Layout
     padded: Layout

@@ -41,7 +41,7 @@ class StackedPPO(StackedLearner):
     Compiling takes minutes once. `sizes` are the lengths of an observation and an action.
     """
 
-    _values: torch.Tensor  # parameters of a single row, followed by their gradient and network
+    _values: torch.Tensor  # set for a single run only: its parameters, their gradient, and the network
     _gradient: torch.Tensor
     _network: Network
 
@@ -90,7 +90,7 @@ class StackedPPO(StackedLearner):
             memory[slot].zero_()
 
     def store(self, slot: int, columns: Sequence[NDArray[np.float32]], orders: NDArray[np.integer]) -> None:
-        """Store `Rollout.columns` and orders (epochs, n) of the run in `slot`, and make its updates due."""
+        """Store a rollout's `columns` and random `orders` (epochs, n), and make the run's updates due."""
         assert not self.owed[slot]
         rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
         self._memory[slot].copy_(upload(rows, self._device))
@@ -137,7 +137,7 @@ class StackedPPO(StackedLearner):
         self._owed.sub_(active.long())
 
     def _learn(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Update the `active` runs (k,) once on mini-batches (k, n, ...), and return `METRICS` (k, 4)."""
+        """Update the `active` runs (k,) once on mini-batches (k, n, ...), and return the metrics (k, 4)."""
         network, gradient_of, step = self._parts
         outputs = network(batch.observations)
         terms = gradient_of(outputs.detach(), batch)
@@ -164,7 +164,7 @@ class StackedPPO(StackedLearner):
 
     @torch.no_grad()
     def _learn_alone(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Update a single run once, using the passes of a student that learns alone."""
+        """Update a single run once, with the forward and backward pass of a student outside a cohort."""
         kept = self._network.activations(self._layout.inputs(batch.observations[0]))
         terms = losses(kept[-1][None], self._values[:, self._log_std], batch, self._hyper)
         self._network.backpropagate(kept, terms.outputs_gradient[0])

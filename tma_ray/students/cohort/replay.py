@@ -1,4 +1,4 @@
-"""Replay buffers of many runs, on the learner's device, that store each observation only once."""
+"""Replay buffers of many runs on the learner's device, without duplicate observations."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from tma_ray.students.sac import Transitions
 
 
 class _Track:
-    """Bookkeeping of one run's transitions and rows, both counted since it joined."""
+    """Rows of one run's stored transitions; transitions and rows are numbered from when it joined."""
 
     def __init__(self) -> None:
         self.count, self.tail = 0, 0  # numbers of transitions and rows so far
@@ -30,10 +30,10 @@ class _Track:
 
 
 class StackedReplay:
-    """Ring buffers of transitions for k runs; the next observation is in the following row.
+    """Ring buffers of k runs, in which a transition's next observation is stored in the next row.
 
-    An episode of n transitions takes n + 1 rows. If episodes are too short for the spare rows, the memory of
-    all runs is reallocated. A CPU touches memory only as it fills.
+    An episode of n transitions takes n + 1 rows. If short episodes exceed the spare rows, the memory of
+    all runs is reallocated. On a CPU, memory is allocated as it fills.
 
     Attributes:
         kept: transitions kept of each run, at least 1 for idle slots (k,).
@@ -108,7 +108,7 @@ class StackedReplay:
         return narrowed(self, slot, "kept", "counts", "_table", "_memory")
 
     def newest(self, ages: torch.Tensor) -> torch.Tensor:
-        """Return the ring indices (k, n) of transitions given by age, where 0 is the newest."""
+        """Return the ring indices (k, n) of transitions given by their `ages` (k, n), 0 for the newest."""
         return (self.counts[:, None] - 1 - ages) % self._capacity
 
     def gather(self, ring: torch.Tensor, dtype: torch.dtype) -> Transitions:

@@ -34,7 +34,7 @@ class SACNetworks(NamedTuple):
         critics: parameters of both critics (2, q), with `critics_mean` and `critics_square`.
         targets: parameters of both target critics (2, q).
         step: number of steps of both optimisers.
-        number: updates of the run so far, which key its random draws.
+        number: number of the run's updates so far, part of the key of its random numbers.
     """
 
     actor: NDArray[np.floating]
@@ -171,7 +171,7 @@ class StackedSAC(StackedLearner):
         self._owed.sub_(active.long())
 
     def _draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return drawn ring indices (k, n), noise and next noise (k, n, a), and the active runs (k,)."""
+        """Return random ring indices (k, n), noise and next noise (k, n, a), and active runs (k,)."""
         batch, action = self._hyper.batch_size, self._action_size
         drawn = words(self._keys, self._numbers, Purpose.BATCH, batch)
         ring = self._replay.newest(integers_below(self._replay.kept, drawn))

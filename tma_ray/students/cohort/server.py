@@ -1,4 +1,4 @@
-"""Learner of a cohort that receives experience, performs the updates due, and returns weights."""
+"""Server that receives experience from rollout workers, updates their networks and returns weights."""
 
 import threading
 import time
@@ -105,7 +105,7 @@ class LearnerServer:
 
     @contextmanager
     def _clock(self, part: str) -> Iterator[None]:
-        """Context that adds its duration to the `account`."""
+        """Context whose duration is added to `part` of the `account`."""
         started = time.perf_counter()
         yield
         self.account[part] += time.perf_counter() - started
@@ -145,7 +145,7 @@ class LearnerServer:
         try:
             reply = make()
         except (MemoryError, torch.OutOfMemoryError):
-            raise  # the state of the whole learner is suspect
+            raise  # an interrupted update may have left any run inconsistent
         except CohortFullError as error:
             self._send(connection, (False, error))
         except Exception:
@@ -157,7 +157,7 @@ class LearnerServer:
     def _run_in_thread(
         self, connection: Connection, work: Callable[[], Any], then: Callable[[Any], Any]
     ) -> Any:
-        """Run `work` on files in another thread, then reply with `then` of its result from this thread."""
+        """Run `work` in another thread, then reply with `then(result)` from this one."""
 
         def done(future: Future[Any]) -> None:
             self._done.append((connection, lambda: then(future.result())))

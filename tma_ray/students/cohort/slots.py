@@ -20,7 +20,7 @@ from tma_ray.students.sac import SAC
 
 
 class RunSlot(ABC):
-    """Slot of a run in a stacked learner; a student initialises, saves and loads the networks."""
+    """Slot of a run in a stacked learner, with a student that initialises, saves and loads it."""
 
     student_type: ClassVar[type[SAC | PPO]]
     stack: StackedLearner
@@ -36,7 +36,7 @@ class RunSlot(ABC):
 
     @abstractmethod
     def learn(self, experience: tuple[Any, ...], updates: int) -> None:
-        """Store experience, and add the `updates` that it makes due."""
+        """Store experience, and add `updates` to the pending ones."""
 
     @abstractmethod
     def _enter(self) -> None:
@@ -47,7 +47,7 @@ class RunSlot(ABC):
         """Copy the networks from the stack back into the student."""
 
     def weights(self) -> NDArray[np.float32]:
-        """Return the acting parameters."""
+        """Return the actor's parameters (p,)."""
         return _array(self.stack.actors([self.slot])[0])
 
     def reset(self) -> NDArray[np.float32]:
@@ -65,7 +65,7 @@ class RunSlot(ABC):
         return lambda: self.student.save(folder, incremental)
 
     def load_state(self) -> tuple[NDArray[np.float32], WorkerState]:
-        """Load the state that the student has read, and return the weights and the acting half."""
+        """Copy the student's loaded state into the stack, and return the weights and the worker's state."""
         self._enter()
         generators = [dict(rng.bit_generator.state) for rng in self.student._generators]
         return self.weights(), WorkerState(generators, self.student.experience())
@@ -78,7 +78,7 @@ class RunSlot(ABC):
 
 
 class SACSlot(RunSlot):
-    """Slot of a SAC run; its student keeps a copy of the replay buffer for checkpoints."""
+    """Slot of a SAC run, whose student keeps a copy of the replay buffer for checkpoints."""
 
     student_type = SAC
     stack: StackedSAC
@@ -108,7 +108,7 @@ class SACSlot(RunSlot):
             self.stack.store(self.slot, *piece)
 
     def values(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the state values (n,) of `observations` (n, o), with the noise of the student."""
+        """Return V(s) (n,) of `observations` (n, o), with noise from the student's generator."""
         return self.stack.values(self.slot, observations, self.student.value_noise(len(observations)))
 
     def _copy_back(self) -> None:
@@ -122,7 +122,7 @@ class SACSlot(RunSlot):
 
 
 class PPOSlot(RunSlot):
-    """Slot of a PPO run; its rollout worker keeps the statistics and the rollout."""
+    """Slot of a PPO run, whose rollout worker keeps the observation statistics and the rollout."""
 
     student_type = PPO
     stack: StackedPPO
@@ -152,7 +152,7 @@ def _array(values: torch.Tensor) -> NDArray[np.float32]:
 
 
 def _pair(values: torch.Tensor) -> NDArray[np.float32]:
-    """Return the parameters (2q,) of two networks as rows (2, q)."""
+    """Return the parameters (2q,) of two networks as an array (2, q)."""
     return _array(values).reshape(2, -1)
 
 

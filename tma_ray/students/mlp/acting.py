@@ -13,11 +13,11 @@ FloatArray: TypeAlias = NDArray[np.float32]
 IntArray: TypeAlias = NDArray[np.int64]
 
 RowArrays: TypeAlias = tuple[FloatArray, IntArray, FloatArray, IntArray, bool]
-"""Arguments that `apply_row` takes before the inputs."""
+"""Arguments of `apply_row` other than the inputs."""
 
 
 class RowNetwork:
-    """Network for single inputs, with its own copy of the parameters.
+    """Forward pass for single inputs (i,), with its own copy of the parameters.
 
     Weights behind inactive ReLUs, about half of them, are skipped.
     """
@@ -45,7 +45,7 @@ class RowNetwork:
 
     @property
     def arrays(self) -> RowArrays:
-        """Arguments that `apply_row` takes before the inputs."""
+        """Arguments of `apply_row` other than the inputs."""
         is_tanh = self._layout.activation is Activation.TANH
         return self._weights, self._sizes, self._work, self._active, is_tanh
 
@@ -59,7 +59,7 @@ def apply_row(
     is_tanh: bool,
     inputs: FloatArray,
 ) -> FloatArray:
-    """Return the outputs (h,) for `inputs` (i,) in memory that the next call overwrites.
+    """Return the outputs (h,) for `inputs` (i,), in memory that the next call overwrites.
 
     Args:
         weights: biases and transposed weight matrix of each layer in order (p,).
@@ -95,7 +95,7 @@ def apply_row(
 def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outputs: FloatArray) -> None:
     """Add `source` (r,) times `matrix` (r, c) to `outputs` (c,), four nonzero rows at a time."""
     count = 0
-    for row in range(len(matrix)):  # without branches, which would be mispredicted
+    for row in range(len(matrix)):  # without an if, whose branch would be mispredicted
         active[count] = row
         count += source[row] != 0
     for k in range(0, count - 3, 4):
@@ -111,7 +111,7 @@ def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outp
 
 
 class ArrayNetwork:
-    """Torch-free network for batches and, with `row`, single observations; its first outputs are means."""
+    """Network in numpy for batches and, by `row`, single observations; the first outputs are mean actions."""
 
     def __init__(self, layout: Layout, action_size: int) -> None:
         self.layout, self._action_size = layout, action_size

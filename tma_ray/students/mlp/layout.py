@@ -16,7 +16,7 @@ class Activation(StrEnum):
 
 
 class Layout(NamedTuple):
-    """Layout of a multilayer perceptron whose parameters are a vector (p,).
+    """Sizes and activation of a multilayer perceptron whose parameters are one vector (p,).
 
     The vector holds the weight (outputs, inputs) and the bias (outputs,) of each layer in order. Vectors of
     several networks may be stacked to (k, p).
@@ -45,7 +45,7 @@ class Layout(NamedTuple):
         return sum(self.lengths)
 
     def trunks(self, first: int) -> NDArray[np.bool_]:
-        """Return the mask (p,) that splits the network into two, each with half of every hidden layer.
+        """Return the mask (p,) of parameters that splits the network into two of half the hidden units.
 
         Args:
             first: number of outputs of the first network.

@@ -1,4 +1,4 @@
-"""Multilayer perceptrons over flat parameters, single or stacked, with lean gradients and Adam."""
+"""Multilayer perceptrons with flat parameters, single or stacked: forward pass, gradients and Adam."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias, cast
@@ -59,7 +59,7 @@ def activate(outputs: torch.Tensor, activation: Activation) -> torch.Tensor:
 
 
 class Network:
-    """A single network whose backward pass is leaner than autograd's.
+    """Network whose backward pass is faster than autograd's.
 
     It equals `forward` over `split` up to rounding, but reuses the memory of hidden layers and skips rows
     without a gradient if only inputs need one, which saves a tenth of SAC's training step. Only the last of
@@ -208,7 +208,7 @@ MODULES: Mapping[Activation, type[nn.Module]] = {Activation.RELU: nn.ReLU, Activ
 
 
 class FlatParameters:
-    """Parameters of modules in one vector, with the modules' own parameters as views of it.
+    """Parameters of modules in one vector, of which the modules' own parameters become views.
 
     Attributes:
         parameters: parameters of the modules in the order of the vector.
@@ -249,7 +249,7 @@ class FlatParameters:
         return [vector.view_as(like) for vector, like in zip(vectors, self.parameters, strict=True)]
 
     def differentiate(self, loss: torch.Tensor) -> None:
-        """Write the gradient of `loss` with respect to `networks` and `others`."""
+        """Write the gradient of `loss` with respect to `networks` and `others` to `gradient`."""
         leaves = [network.parameters for network in self.networks]
         others = torch.autograd.grad(loss, [*leaves, *self.others])[len(leaves) :]
         self._keep(others)
@@ -257,7 +257,7 @@ class FlatParameters:
     def backpropagate(
         self, kept: Sequence[torch.Tensor], gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
     ) -> None:
-        """Write the gradients of the only network, given that of its outputs (n, h), and of `others`."""
+        """Write the only network's gradient, given that of its outputs (n, h), and those of `others`."""
         (network,) = self.networks
         network.backpropagate(kept, gradient)
         self._keep(others)
@@ -268,7 +268,7 @@ class FlatParameters:
 
 
 def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
-    """Return linear layers over `parameters` (p,), with activations between."""
+    """Return linear layers with `parameters` (p,), and the activations between them."""
     modules: list[nn.Module] = []
     for weight, bias in split(parameters, layout):
         layer = nn.Linear(weight.shape[1], weight.shape[0], device="meta")  # skips initialisation
@@ -278,7 +278,7 @@ def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
 
 
 class FlatAdam:
-    """Adam on a flat vector that shares its state with `optimiser`, so that checkpoints keep their format."""
+    """Adam on a flat vector; it shares its state with `optimiser`, which is the one in checkpoints."""
 
     def __init__(self, optimiser: torch.optim.Optimizer, flat: FlatParameters) -> None:
         (group,) = optimiser.param_groups
@@ -289,7 +289,7 @@ class FlatAdam:
         settings = {key: group[key] for key in ("lr", "betas", "eps", "weight_decay")}
         self._adam = torch.optim.Adam([flat.values], fused=True, **settings)
         self._mean, self._square = torch.zeros_like(flat.values), torch.zeros_like(flat.values)
-        # one step count for each parameter, as in torch's Adam
+        # one step count per parameter tensor, as in torch's Adam
         self._steps = torch.zeros(len(flat.parameters), dtype=torch.float32)
         loaded = optimiser.state
         if loaded:

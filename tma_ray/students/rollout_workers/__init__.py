@@ -1,4 +1,4 @@
-"""Acting halves of students, without torch; their networks may learn in another process."""
+"""Rollout workers: students that act without torch while their networks learn in another process."""
 
 from tma_ray.students.rollout_workers.link import (
     CohortFullError,

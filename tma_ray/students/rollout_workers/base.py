@@ -1,4 +1,4 @@
-"""Base classes of the students' acting halves, without torch."""
+"""Base classes of rollout workers and of other students that act with a network, without torch."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class ActingNetwork(Protocol):
-    """Network that a student acts with: an `ArrayNetwork` or a `GreedyNetwork`."""
+    """Network of a student's actions: an `ArrayNetwork` or a `GreedyNetwork`."""
 
     row: RowNetwork
 
@@ -30,7 +30,7 @@ class ActingNetwork(Protocol):
 
 
 class ActingStudent(Student):
-    """A student with box spaces and a separate random stream for each purpose."""
+    """Base class of students with box spaces, with one random generator per purpose."""
 
     _acting: ActingNetwork
 
@@ -41,7 +41,7 @@ class ActingStudent(Student):
         hyperparameters: Any,
         seed: np.random.SeedSequence,
     ) -> StudentStreams:
-        """Set the spaces, hyper-parameters and generators, and return the seed's streams."""
+        """Set the spaces, hyper-parameters and generators, and return the seeds spawned from `seed`."""
         self.observation_space, self.action_space = observation_space, action_space
         self._low = np.asarray(action_space.low, dtype=np.float32)
         self._high = np.asarray(action_space.high, dtype=np.float32)
@@ -63,10 +63,10 @@ class ActingStudent(Student):
 
 
 class RolloutWorker(ActingStudent):
-    """Acting half of a student: sends experience to a learner, and acts with the weights it returns.
+    """Student that sends experience to the learner of a cohort, and acts with the weights returned.
 
-    Runs use it like any student: `observe` returns once the updates due are made. It shares its file format
-    with the student that learns alone.
+    Runs use it like any student: `observe` returns after the updates due. It shares its file format
+    with the same student outside a cohort.
     """
 
     _acting: ArrayNetwork

@@ -27,7 +27,7 @@ class ArrayRef(NamedTuple):
 
 
 class SharedBuffer:
-    """Anonymous shared memory that holds the arrays of one message at a time, in either direction.
+    """Anonymous shared memory for the arrays of one message at a time, in either direction.
 
     It has no file and is freed with the last process that maps it.
     """
@@ -45,7 +45,7 @@ class SharedBuffer:
 
     @classmethod
     def receive(cls, connection: Connection, size: int) -> "SharedBuffer":
-        """Return the buffer that the other side of a connection offers."""
+        """Return the buffer sent by `offer` from the other side of a connection."""
         return cls(recv_handle(connection), size)
 
     def offer(self, connection: Connection) -> None:
@@ -53,7 +53,7 @@ class SharedBuffer:
         send_handle(connection, self._descriptor, None)
 
     def post(self, values: Iterable[Any]) -> tuple[Any, ...]:
-        """Return the `values` of a message, with arrays copied to the buffer and replaced by references."""
+        """Copy the arrays in `values` to the buffer, and return `values` with references in their place."""
         message, offset = list(values), 0
         for index, value in enumerate(message):
             if isinstance(value, np.ndarray):
@@ -63,7 +63,7 @@ class SharedBuffer:
         return tuple(message)
 
     def collect(self, message: Iterable[Any]) -> tuple[Any, ...]:
-        """Return the values of a message, with references replaced by copies of the arrays."""
+        """Return the values of a `message`, with copies of the arrays in place of references."""
         return tuple(self._view(value).copy() if isinstance(value, ArrayRef) else value for value in message)
 
     def close(self) -> None:
@@ -77,7 +77,7 @@ class SharedBuffer:
 
 
 def buffer_size(values: Iterable[Any]) -> int:
-    """Return the size in bytes of a buffer that can hold the arrays of a message."""
+    """Return the size in bytes of a buffer for the arrays in `values`."""
     sizes = (value.nbytes for value in values if isinstance(value, np.ndarray))
     return sum(-(-size // ALIGNMENT) * ALIGNMENT for size in sizes)
 
@@ -121,7 +121,7 @@ class JoinRequest(NamedTuple):
 
 
 class WorkerState(NamedTuple):
-    """Acting half of a student's state; the learner saves it with its own half.
+    """State of a rollout worker, which the learner saves with the networks.
 
     Attributes:
         generators: states of the generators of exploration, mini-batches and state values.
@@ -133,7 +133,7 @@ class WorkerState(NamedTuple):
 
 
 class LearnerLink:
-    """Blocking connection to the learning half of a student, over a local socket.
+    """Blocking connection of a rollout worker to its learner, over a local socket.
 
     Closing it, or ending the process, leaves the cohort. Experience and weights are in shared memory where
     the system has it.
@@ -162,13 +162,13 @@ class LearnerLink:
             self._buffer = None
 
     def join(self, request: JoinRequest) -> Weights:
-        """Take a slot of the cohort and return the initial weights."""
+        """Join the cohort, and return the initial weights."""
         weights: Weights = self.ask("join", request)
         self._weights_size = buffer_size([weights])
         return weights
 
     def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:
-        """Send experience, wait for updates due, and return new weights, or None if no updates are due."""
+        """Send experience, wait for the `updates` due, and return new weights, or None without updates."""
         weights: Weights | None
         if not has_shared_memory():
             weights = self.ask("learn", experience, updates)
@@ -183,7 +183,7 @@ class LearnerLink:
         return weights
 
     def ask(self, request: str, *arguments: Any, follows: Callable[[Any], None] = lambda _: None) -> Any:
-        """Return the reply to a request, after `follows` has sent more over the connection.
+        """Send a request and whatever `follows` sends, and return the reply.
 
         Requests, with their arguments and replies, are
 
@@ -207,10 +207,10 @@ class LearnerLink:
 
 
 def ask_learner(learner: Learner, request: str) -> dict[str, Any]:
-    """Return the reply to a request about the learner itself.
+    """Return the reply to a request about the learner: "account" or "hardware".
 
-    Its "account" has the seconds spent on each part of the work and numbers of updates, its "hardware" the
-    device, GPU and width that results depend on, for a fingerprint.
+    The account has the seconds spent on each part of the work and numbers of updates, the hardware the
+    device, GPU and width that results depend on.
 
     Raises:
         LearnerLostError: if the learner does not answer.

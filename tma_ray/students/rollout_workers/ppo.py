@@ -1,4 +1,4 @@
-"""Acting half of PPO, without torch."""
+"""Action selection, rollout buffer and rollout worker of PPO, without torch."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 
 class Step(NamedTuple):
-    """An exploring action with the values needed for learning.
+    """Exploring action with the values stored for learning.
 
     Attributes:
         observation: normalised observation (o,).
@@ -49,9 +49,10 @@ def exploring_step(
     observation: Observations,
     noise: FloatArray,
 ) -> Step:
-    """Return the exploring step at `observation` (o,) with standard normal `noise` (a,).
+    """Return an exploring action at `observation` (o,), with the values stored for learning.
 
-    The `policy` is its log standard deviation (a,) and the bounds of actions (2, a).
+    The `policy` is its log standard deviation (a,) and the bounds of actions (2, a). The `noise` (a,) is
+    standard normal.
     """
     return Step(*_act(network, policy, normaliser.statistics, observation, noise))
 
@@ -167,14 +168,14 @@ class Rollout:
         return self._generator.permutation(len(self.rewards))
 
     def columns(self) -> tuple[NDArray[np.float32], ...]:
-        """Return the columns of all n steps, in the order of the fields of `ppo.Steps`."""
+        """Return the arrays of all n steps, in the order of the fields of `ppo.Steps`."""
         return (
             *(self.observations, self.actions, self.values),
             *(self.log_probabilities, self.advantages, self.returns),
         )
 
     def state(self) -> dict[str, Any]:
-        """Return the columns of the steps so far, by name."""
+        """Return the arrays of the steps so far, by name."""
         return {name: getattr(self, name)[: self._size] for name in _STORED}
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
@@ -198,7 +199,7 @@ _STORED = ("observations", "actions", "rewards", "ended", "values", "log_probabi
 
 
 class PPOActing(ActingStudent):
-    """The acting half of PPO: normalisation, acting and the rollout buffer."""
+    """Base class of PPO and its rollout worker: normalisation, action selection and rollout buffer."""
 
     algorithm_version = PPOHyperparameters.algorithm_version
     hyperparameters_type = PPOHyperparameters
@@ -256,11 +257,11 @@ class PPOActing(ActingStudent):
         return actions
 
     def _value(self, observation: Observations) -> float:
-        """Return the value of an observation (o,), in units of normalised reward."""
+        """Return the value of an `observation` (o,), for normalised rewards."""
         return float(self._acting.row(self.normaliser.normalise(observation))[-1])
 
     def experience(self) -> dict[str, Any]:
-        """Return the statistics and the rollout's steps to save."""
+        """Return the normaliser, the rollout and the moving average, to be saved."""
         return {"normaliser": self.normaliser, "rollout": self.rollout.state(), "average": self.average}
 
     def restore_experience(self, experience: dict[str, Any]) -> None:

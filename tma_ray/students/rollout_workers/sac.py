@@ -1,4 +1,4 @@
-"""Acting half of SAC, without torch."""
+"""Action selection and rollout worker of SAC, without torch."""
 
 import math
 from typing import Any
@@ -55,7 +55,7 @@ def squashed_action(
 def sampled_actions(
     outputs: FloatArray, bounds: tuple[Actions, Actions], rng: np.random.Generator, clamp: bool
 ) -> Actions:
-    """Return actions (n, a) within `bounds` (a,), sampled from `outputs` (n, 2a) as in `squashed_action`."""
+    """Sample actions (n, a) within `bounds` (a,) from the policy with `outputs` (n, 2a)."""
     means, log_deviations = normal_parameters(outputs, clamp)
     noise = rng.standard_normal(means.shape, dtype=np.float32)
     return rescale(*bounds, np.tanh(means + np.exp(log_deviations) * noise))
@@ -85,7 +85,7 @@ def rescale(low: Actions, high: Actions, actions: Actions) -> Actions:
 
 
 class SACActing(ActingStudent):
-    """The acting half of SAC: uniform actions at first, then those of the policy."""
+    """Base class of SAC and its rollout worker: actions are uniform at first, then the policy's."""
 
     algorithm_version = SACHyperparameters.algorithm_version
     hyperparameters_type = SACHyperparameters
@@ -116,7 +116,7 @@ class SACActing(ActingStudent):
         return self.hyperparameters.entropy_coefficient * entropies(self._acting.outputs(observations), clamp)
 
     def _count(self, ended: bool) -> int:
-        """Count a step and return the number of updates due after it."""
+        """Count a step, and return the number of updates due after it."""
         hyper = self.hyperparameters
         self._steps += 1
         self._episode_steps += 1
@@ -132,7 +132,7 @@ class SACActing(ActingStudent):
         return 2 * ((actions - self._low) / (self._high - self._low)) - 1
 
     def experience(self) -> dict[str, Any]:
-        """Return the counters to save."""
+        """Return the number of steps, to be saved."""
         return {"steps": self._steps}
 
     def restore_experience(self, experience: dict[str, Any]) -> None:

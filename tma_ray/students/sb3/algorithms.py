@@ -61,7 +61,7 @@ def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type
             paper, arXiv:1802.09477), else 0.
     """
     excluded = EXCLUDED_ARGUMENTS | ({"n_steps"} if off_policy else frozenset())
-    # follow base constructors for as long as they accept **keywords
+    # include the arguments of base constructors, up to the first without **keywords
     arguments: dict[str, inspect.Parameter] = {}
     for constructor in filter(None, (vars(base).get("__init__") for base in algorithm.__mro__)):
         parameters = inspect.signature(constructor).parameters
@@ -130,7 +130,7 @@ def make_model(
 
 
 def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
-    """Return the tensors of the greedy policy of `model`, by their names in the policy's state.
+    """Return the tensors of the greedy policy of `model`, by their names in its state dict.
 
     For off-policy algorithms of the libraries that is the actor, for any other the whole state.
     """
@@ -143,7 +143,7 @@ def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
 
 @contextmanager
 def _bounded() -> Iterator[None]:
-    """Context in which building networks with more than `MOST_PARAMETERS` raises a ValueError."""
+    """Context in which networks with more than `MOST_PARAMETERS` parameters raise a ValueError."""
     count = 0
 
     def weigh(_module: nn.Module, _name: str, parameter: nn.Parameter | None) -> None:
@@ -245,9 +245,9 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
             model: Any = make_model(cls.algorithm, *boxes, hyperparameters, torch.device("cpu"))
             if isinstance(model, OffPolicyAlgorithm):
                 model.replay_buffer = object()  # type: ignore[assignment]  # it only acts
-            with single_precision(), torch.random.fork_rng(), _bounded():  # initial weights are drawn
+            with single_precision(), torch.random.fork_rng(), _bounded():  # initial weights are random
                 model._setup_model()
-        except Exception as error:  # the constructor receives unchecked values
+        except Exception as error:  # any error, since the saved values are unchecked
             name = cls.algorithm.__name__
             stored.refuse(f"no {name} can be made of its hyper-parameters: {error!r:.200}")
         acting = acting_tensors(model)
@@ -343,7 +343,7 @@ class OffPolicyStudent(AlgorithmStudent):
         return self._disturbed(actions, rng.standard_normal(shape, dtype=np.float32))
 
     def _disturbed(self, actions: Actions, noise: NDArray[np.float32]) -> Actions:
-        """Return `actions` (..., a) with scaled standard normal `noise`."""
+        """Return `actions` (..., a) with standard normal `noise`, scaled and clipped to the action space."""
         deviation = np.float32(self.hyperparameters.exploration_deviation / 2) * (self._high - self._low)
         disturbed: Actions = np.clip(actions + deviation * noise, self._low, self._high)
         return disturbed
@@ -381,7 +381,7 @@ class OffPolicyStudent(AlgorithmStudent):
             return super().entropy_bonuses(observations)
         model.policy.set_training_mode(False)
         with torch.no_grad(), torch.random.fork_rng():
-            torch.manual_seed(0)  # fixed noise, so that none of the student's generators advances
+            torch.manual_seed(0)  # a fixed seed, since the student's generators must not advance
             draws = range(self.hyperparameters.value_samples)
             densities = torch.stack([model.actor.action_log_prob(inputs)[1].double() for _ in draws])
             return (-self._temperature() * densities.mean(dim=0).reshape(-1)).numpy(force=True)

@@ -1,4 +1,4 @@
-"""Base class of students on top of stable-baselines3, with loop, randomness and files."""
+"""Base class of students on top of stable-baselines3, with random generators, updates and files."""
 
 import json
 from abc import abstractmethod
@@ -21,7 +21,7 @@ from tma_ray.support.import_hacks import skip_dynamo
 
 @contextmanager
 def single_precision() -> Iterator[None]:
-    """Context in which torch's default type is float32, whatever plug-ins have set."""
+    """Context in which torch's default data type is float32, whatever plug-ins have set."""
     previous = torch.get_default_dtype()
     torch.set_default_dtype(torch.float32)
     try:
@@ -31,7 +31,7 @@ def single_precision() -> Iterator[None]:
 
 
 class TorchStream:
-    """State of torch's global generator for a student, active only while stable-baselines3 runs.
+    """State of torch's global generator for one student, restored while stable-baselines3 runs.
 
     stable-baselines3 draws initial weights and sampled actions from the global generator, shared with other
     students and teachers of the process. The generator of a GPU is included.
@@ -87,15 +87,15 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
 
     @abstractmethod
     def _make_model(self) -> M:
-        """Return a new model without networks."""
+        """Return a new model whose networks are not built yet."""
 
     @abstractmethod
     def _connect(self) -> None:
-        """Clear the buffer, and connect it and the acting network to a new `self.model`."""
+        """Clear the buffer, and connect it and the network of actions to a new `self.model`."""
 
     @abstractmethod
     def _refresh(self) -> None:
-        """Update the copies of the parameters of `self.model`."""
+        """Update copies of the parameters of `self.model`."""
 
     def _prepare_update(self) -> None:
         """Create the update of `self.model` after its parameters and optimisers have been replaced."""
@@ -159,13 +159,13 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
         self._refresh()
 
     def changed(self, updates: int) -> None:
-        """Take note of parameters changed from outside, after `updates` updates in total."""
+        """Set the number of updates, and update copies of parameters that were changed from outside."""
         self.model._n_updates = updates
         self._refresh()
 
     @contextmanager
     def _updating(self) -> Iterator[None]:
-        """Context of an update: the student's torch stream and precision, and fresh copies at the end."""
+        """Context of an update, with the student's generator and precision; copies are updated at its end."""
         previous = torch.get_float32_matmul_precision()
         torch.set_float32_matmul_precision(self.hyperparameters.matmul_precision)
         try:
