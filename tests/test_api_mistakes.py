@@ -85,9 +85,7 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     }
 
 
-def test_every_mistake_is_refused_in_a_sentence(
-    names: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mistakes_are_refused_in_a_sentence(names: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(names["tmp"])
     problems = []
     for call, said in MISTAKES.items():

@@ -40,18 +40,13 @@ def outputs(notebook: Any) -> list[Any]:
 
 @pytest.mark.parametrize("name", PICTURES)
 @pytest.mark.slow
-def test_the_notebook_runs_and_draws_what_it_promises(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_notebook_runs_and_draws(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("TMA_RESULTS", raising=False)
     copy = shutil.copytree(NOTEBOOKS, tmp_path / "notebooks")
     before = {path for path in copy.rglob("*") if path.is_file()}
     notebook = read(name)
     client = NotebookClient(
-        notebook,
-        timeout=300,
-        kernel_manager_class=ThisPython,
-        resources={"metadata": {"path": str(copy)}},
+        notebook, timeout=300, kernel_manager_class=ThisPython, resources={"metadata": {"path": str(copy)}}
     )
     client.execute()  # raises what a cell raises
     data = [output["data"] for output in outputs(notebook) if "data" in output]

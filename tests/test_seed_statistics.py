@@ -17,12 +17,7 @@ from analysis.statistics.samples import Estimate
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
-from seed_statistics import (
-    least_correlation,
-    pairing_helps,
-    seed_correlation,
-    signal_to_noise,
-)
+from seed_statistics import least_correlation, pairing_helps, seed_correlation, signal_to_noise
 
 Spaces = list[dict[str, np.ndarray]]
 

@@ -51,10 +51,7 @@ def test_the_adapter_gives_what_stable_baselines3s_own_gives() -> None:
     tasks = [np.array([0.0, 6.0])] * 1_000
     worlds = SB3Worlds(
         gymnasium.make_vec(
-            "tma_ray/StumpTracks-v0",
-            num_envs=COUNT,
-            autoreset_mode="SameStep",
-            next_task=lambda: tasks[0],
+            "tma_ray/StumpTracks-v0", num_envs=COUNT, autoreset_mode="SameStep", next_task=lambda: tasks[0]
         )
     )
     expected = DummyVecEnv([lambda: OnTasks(tasks)] * COUNT)

@@ -61,9 +61,7 @@ def test_mean_until_the_same_number_of_trained_steps_by_hand(lite: Frames, runs:
         assert areas.loc[run_id, TRAINED] == pytest.approx(expected, abs=0.01)
 
 
-def test_teachers_that_seldom_train_are_compared_per_trained_step_too(
-    lite: Frames, runs: pd.DataFrame
-) -> None:
+def test_teachers_that_seldom_train_are_compared_per_trained_step(lite: Frames, runs: pd.DataFrame) -> None:
     """At equal steps ACCEL masters less than Random over training, at equal trained steps more."""
     found = {each.teacher: each for each in against_random(lite, runs)}
     partly = {name: each for name, each in found.items() if TRAINED in each.gaps}

@@ -234,9 +234,7 @@ def test_the_papers_tables_are_a_baseline() -> None:
     assert as_baseline("paper-2021") == paper
 
 
-def test_baselines_are_found_by_name_in_the_folders_of_the_environment(
-    released: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_baselines_are_found_by_name(released: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shipped = [each.manifest.name for each in baselines()]
     assert {"lite-1", "paper-2021"} <= set(shipped)
     with pytest.raises(BaselineError, match=rf"no baseline 'mine-1.0': known: {', '.join(shipped)}"):

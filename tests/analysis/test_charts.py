@@ -66,9 +66,7 @@ def test_seeds_and_their_mean_are_those_of_the_step() -> None:
 
 @pytest.mark.parametrize("kind", ["seeds", "overview"])
 @pytest.mark.parametrize(("teacher", "values"), [("random", (0.0, 2.0, 30.0)), ("adr", (70.0, 98.0, 100.0))])
-def test_no_interval_of_a_percentage_ends_outside_0_and_100(
-    kind: str, teacher: str, values: tuple[float, ...]
-) -> None:
+def test_intervals_of_percentages_are_in_0_to_100(kind: str, teacher: str, values: tuple[float, ...]) -> None:
     rows = {"teacher": teacher, "seed": [1, 2, 3], "step": END, "value": values, "comparison": "one"}
     table, words = pd.DataFrame(rows), ("title", "caption")
     chart = {

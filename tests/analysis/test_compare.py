@@ -73,9 +73,7 @@ def test_other_budgets_and_engines_are_set_beside_and_named(roots: tuple[Path, P
     assert set(paper["differs"]) == {"engine Box2D; 20 million steps"}
 
 
-def test_mine_stands_for_a_baselines_teacher_that_i_have_run_too(
-    roots: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_my_runs_replace_those_of_a_baselines_teacher(roots: tuple[Path, Path], tmp_path: Path) -> None:
     mine, theirs = shutil.copytree(roots[0], tmp_path / "mine"), roots[1]
     write(mine, "random", {CHALLENGES[0]: [3, 3, 4, 4]})
     runs = comparable_runs(result_set(load(mine), "mine"), [result_set(load(theirs), "lite")])
@@ -85,9 +83,7 @@ def test_mine_stands_for_a_baselines_teacher_that_i_have_run_too(
     }  # fmt: skip
 
 
-def test_what_cannot_be_compared_at_all_is_said_with_the_reason(
-    roots: tuple[Path, Path], tmp_path: Path, told: Told
-) -> None:
+def test_what_cannot_be_compared_has_a_reason(roots: tuple[Path, Path], tmp_path: Path, told: Told) -> None:
     short = tmp_path / "short"
     write(short, "frontier", {CHALLENGES[0]: [1, 2, 3]}, steps=20_000)
     sides = result_set(load(short), "yours"), [result_set(load(roots[1]), "lite")]
@@ -118,9 +114,7 @@ def test_what_is_said_of_several_teachers_is_said_once(tmp_path: Path) -> None:
     ]
 
 
-def test_a_ranking_with_a_baseline_marks_the_teacher_of_ones_own(
-    roots: tuple[Path, Path], tmp_path: Path, told: Told
-) -> None:
+def test_a_ranking_marks_teachers_of_ones_own(roots: tuple[Path, Path], tmp_path: Path, told: Told) -> None:
     assert "yours" not in told(0, "ranking", *roots)  # two results roots, no baseline
     baseline = release(roots[1], "theirs", tmp_path)
     lines = told(0, "ranking", roots[0], baseline).splitlines()

@@ -59,9 +59,7 @@ def with_update(step: int, **content: object) -> RunCurriculum:
 @pytest.mark.parametrize(
     ("world", "shown"), [(None, [[0.6, 1.5], [0.8, 2.0]]), (np.float32([0.5, 0.25]), [[0.5, 0.25]] * 2)]
 )
-def test_the_strip_shows_the_worlds_of_each_part_of_the_run(
-    world: np.ndarray | None, shown: list[list[float]]
-) -> None:
+def test_the_strip_shows_worlds_of_each_part(world: np.ndarray | None, shown: list[list[float]]) -> None:
     panels = curriculum_strip({"adr": played(world)}, PLANE).axes[:PANELS]
     np.testing.assert_allclose(panels[1].collections[0].get_offsets(), shown)
 

@@ -120,9 +120,7 @@ def test_seeds_are_rings_beside_their_mean_and_its_interval() -> None:
         ([(i, i * i) for i in range(3)], [0, 10, 5], [[100, 50, 0]]),  # scattered: a row for each teacher
     ],
 )
-def test_the_map_puts_each_task_where_it_belongs(
-    places: list[tuple[int, int]], shares: list[int], drawn: list[list[int]]
-) -> None:
+def test_tasks_are_mapped(places: list[tuple[int, int]], shares: list[int], drawn: list[list[int]]) -> None:
     index = range(len(places))
     tasks = pd.DataFrame({"task": [np.array(place, np.float32) for place in places], "task_index": index})
     table = pd.DataFrame({"teacher": "adr", "task_index": index, "share": np.array(shares) / 10})
@@ -138,9 +136,7 @@ def test_drawing_leaves_settings_alone_and_repeats_itself() -> None:
     assert dict(mpl.rcParams) == before
 
 
-def test_a_figure_is_the_same_whatever_the_users_settings(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_figures_do_not_depend_on_users_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With ``text.usetex`` it would need LaTeX."""
     monkeypatch.setenv("PATH", str(tmp_path))  # without LaTeX
     others = {"text.usetex": True, "axes.grid": True, "savefig.bbox": "tight", "lines.linestyle": "--"}

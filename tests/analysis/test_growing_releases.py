@@ -171,9 +171,7 @@ def test_runs_of_a_release_are_done_in_a_root_that_starts_from_it(grown: Path, t
     assert not root.exists("baseline.json")
 
 
-def test_nothing_new_and_names_twice_are_refused_and_change_nothing(
-    first: Path, grown: Path, more: Path
-) -> None:
+def test_nothing_new_and_names_twice_are_refused(first: Path, grown: Path, more: Path) -> None:
     before = files(grown)
     with pytest.raises(BaselineError, match="nothing to add"):
         add_to_release(first, "growing", "batch-2", grown.parent)

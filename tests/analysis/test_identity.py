@@ -86,8 +86,7 @@ def write(root: Path, spec: dict[str, Any], masters: int, seeds: range, teacher:
 
 
 kinds = pytest.mark.parametrize(
-    "kind",
-    [pytest.param(each, marks=() if each == "learning rate" else pytest.mark.slow) for each in OTHERS],
+    "kind", [pytest.param(each, marks=() if each == "learning rate" else pytest.mark.slow) for each in OTHERS]
 )
 
 

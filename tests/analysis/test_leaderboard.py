@@ -211,9 +211,7 @@ def test_a_newcomer_leaves_the_core_as_it_is(root: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_the_papers_order_agrees_with_itself_and_disagrees_with_its_reverse(
-    root: Path, tmp_path: Path
-) -> None:
+def test_the_papers_order_agrees_with_itself_and_not_with_its_reverse(root: Path, tmp_path: Path) -> None:
     *places, together = agreements(load(root))
     assert {each.challenge for each in places} == set(CHALLENGES)
     assert all(each.teachers == tuple(sorted(TEACHERS)) for each in places)

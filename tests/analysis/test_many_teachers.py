@@ -47,9 +47,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     "write", [write_report, lambda root: write_comparison(root, ["paper-2021"])], ids=["report", "compare"]
 )
-def test_a_page_of_many_teachers_lets_readers_choose_and_keeps_sentences_short(
-    write: Callable[[Path], Path], root: Path
-) -> None:
+def test_a_page_of_many_teachers_is_short_to_read(write: Callable[[Path], Path], root: Path) -> None:
     text = write(root).read_text()
     checked = re.findall(r'<input type="checkbox" checked data-teacher="(\w+)">', text)
     assert set(checked) == {"random", *TEACHERS[-8:]}

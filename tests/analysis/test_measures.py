@@ -16,9 +16,7 @@ def finals_by_run(campaign: SyntheticCampaign):
     return evaluations.final_evaluations(load(campaign.root)).set_index("run_id")
 
 
-def test_a_finished_run_is_read_at_its_last_evaluation_strictly_over_the_threshold(
-    campaign: SyntheticCampaign,
-) -> None:
+def test_finished_runs_are_read_at_their_end_strictly_over_the_threshold(campaign: SyntheticCampaign) -> None:
     returns = [230.0, 230.0001, 300, -100]
     run = campaign.plain_run("random", 0, {0: [300] * 4, 500: [300] * 4, 1000: returns})
     finals = finals_by_run(campaign).loc[run]
@@ -98,9 +96,7 @@ def test_every_teacher_is_tested_against_random_once(campaign: SyntheticCampaign
     assert (tests["holm"] >= tests["p"]).all()
 
 
-def test_random_of_another_knowledge_level_serves_where_there_is_no_other(
-    campaign: SyntheticCampaign,
-) -> None:
+def test_random_of_another_level_serves_where_there_is_no_other(campaign: SyntheticCampaign) -> None:
     campaign.seeds("random", [1, 2, 2], 4, level="none")
     campaign.seeds("adr", [2, 3, 3], 4, level="high")
     test = Measurements(load(campaign.root)).tests.iloc[0]

@@ -140,9 +140,7 @@ def assert_reads_well(reader: Reader) -> None:
     assert reader.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
-def test_a_report_is_read_through_at_another_step_and_without_a_teacher(
-    reader: Reader, small_report: Path
-) -> None:
+def test_a_report_is_read_at_another_step_and_without_a_teacher(reader: Reader, small_report: Path) -> None:
     reader.open(small_report)
     assert_reads_well(reader)
     assert reader.page.locator(".chart .main-svg").count() >= 4 + 2 * 3
@@ -265,9 +263,7 @@ def test_hovering_tells_numbers(reader: Reader, report: Path) -> None:
 
 
 @pytest.mark.slow  # Chromium takes a minute or two to make a PDF of so many charts
-def test_print_shows_every_chart_tables_as_wide_as_paper_and_no_controls_of_the_screen(
-    reader: Reader, report: Path
-) -> None:
+def test_print_shows_every_chart_wide_tables_and_no_controls(reader: Reader, report: Path) -> None:
     reader.open(report)
     reader.page.emulate_media(media="print")
     pdf = reader.page.pdf(format="A4")
@@ -289,9 +285,7 @@ def overlaps(one: FloatRect, other: FloatRect) -> bool:
 
 
 @pytest.mark.slow
-def test_the_mode_bar_is_seen_under_the_mouse_only_and_never_over_data(
-    anywhere: Reader, small_report: Path
-) -> None:
+def test_the_mode_bar_is_seen_under_the_mouse_only(anywhere: Reader, small_report: Path) -> None:
     anywhere.open(small_report)
     for plot in anywhere.page.locator(".plot").all():
         plot.scroll_into_view_if_needed()
@@ -365,9 +359,7 @@ def test_random_is_told_from_the_page_at_night_too(
 
 
 @pytest.mark.slow
-def test_tables_are_sorted_by_their_headings_also_from_the_keyboard(
-    reader: Reader, small_report: Path
-) -> None:
+def test_tables_are_sorted_by_headings_also_from_the_keyboard(reader: Reader, small_report: Path) -> None:
     reader.open(small_report)
     table = reader.page.locator("#comparison-1 table")
     heading = table.locator("thead th", has_text="mean ± std").first
@@ -450,9 +442,7 @@ def test_comparisons_are_folded_and_drawn_when_opened(reader: Reader, report: Pa
     assert reader.complaints == []
 
 
-def test_a_browser_that_cannot_unpack_charts_says_so_and_has_the_tables(
-    reader: Reader, small_report: Path
-) -> None:
+def test_a_browser_that_cannot_unpack_charts_has_the_tables(reader: Reader, small_report: Path) -> None:
     reader.page.add_init_script("delete window.DecompressionStream")
     reader.page.goto(small_report.as_uri())
     expect(reader.page.locator("#old-browser")).to_be_visible()

@@ -83,9 +83,7 @@ def test_more_seeds_show_smaller_differences() -> None:
 
 @settings(max_examples=30)
 @given(st.tuples(st.integers(2, 60), st.floats(0.01, 50)), st.tuples(st.integers(2, 60), st.floats(0, 50)))
-def test_every_pair_of_samples_has_a_smallest_difference(
-    first: tuple[int, float], second: tuple[int, float]
-) -> None:
+def test_every_pair_has_a_smallest_difference(first: tuple[int, float], second: tuple[int, float]) -> None:
     groups = seeds(*first), seeds(*second)
     difference = detectable_difference(*groups)
     assert power(difference, *groups) == pytest.approx(0.8, abs=1e-6)

@@ -273,9 +273,7 @@ def damage(path: Path) -> None:
 @pytest.mark.usefixtures("unpainted")
 @pytest.mark.parametrize("harm", [damage, pytest.param(Path.unlink, marks=pytest.mark.slow)])
 @pytest.mark.filterwarnings("ignore::tma_ray.results.DamagedFileWarning")
-def test_a_damaged_file_is_left_out_and_named(
-    campaign: SyntheticCampaign, harm: Callable[[Path], None]
-) -> None:
+def test_damaged_files_are_left_out_named(campaign: SyntheticCampaign, harm: Callable[[Path], None]) -> None:
     campaign.seeds("random", [1])
     campaign.seeds("alp_gmm", [2])
     harm(next((campaign.root / "tables" / "evaluations").glob("*random*")))
@@ -286,9 +284,7 @@ def test_a_damaged_file_is_left_out_and_named(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("highs", [(1,), (1, 0), (1, 1, 1)])
-def test_a_world_with_a_threshold_and_a_task_space_of_its_own(
-    campaign: SyntheticCampaign, highs: tuple[int, ...]
-) -> None:
+def test_a_world_with_a_task_space_of_its_own(campaign: SyntheticCampaign, highs: tuple[int, ...]) -> None:
     space = [{"name": f"x{i}", "low": 0, "high": high, "unit": "m"} for i, high in enumerate(highs)]
     spec = json.dumps({"mastery_threshold": -200.0, "task_space": space})
     record = campaign.record("random", 0, "low", spec=spec)

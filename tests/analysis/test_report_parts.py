@@ -36,9 +36,7 @@ def test_the_best_and_the_worst_seed_play_the_task_that_tells_runs_apart(root: P
 
 @pytest.mark.parametrize(("ending", "element"), [("mp4", "<video"), ("gif", "<img")])
 @pytest.mark.slow
-def test_videos_are_embedded_with_what_came_of_them(
-    root: Path, tmp_path: Path, ending: str, element: str
-) -> None:
+def test_videos_are_embedded_with_outcomes(root: Path, tmp_path: Path, ending: str, element: str) -> None:
     file = tmp_path / f"one.{ending}"
     file.write_bytes(b"moving")
     assert "Policies at work" not in write_report(root).read_text()

@@ -173,9 +173,7 @@ ENTROPY = -(0.75 * math.log(0.75) + 0.25 * math.log(0.25)) / math.log(4)
         ([(3, 6), (9, 9), (-1, -1), (0, 0)], 2, (0.5, 0.5)),  # what lies outside counts at the edge
     ],
 )
-def test_cells_and_entropy_by_hand(
-    rows: list[tuple[float, float]], bins: int, expected: tuple[float, float]
-) -> None:
+def test_cells_by_hand(rows: list[tuple[float, float]], bins: int, expected: tuple[float, float]) -> None:
     assert coverage_and_entropy(tasks(*rows), SQUARE, bins) == pytest.approx(expected)
 
 

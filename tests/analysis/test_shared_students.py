@@ -11,12 +11,7 @@ import pytest
 from scipy import stats
 from synthetic_pools import cell, pool
 
-from analysis.comparisons.aggregates import (
-    improvements,
-    interquartile_means,
-    profiles,
-    stratified_means,
-)
+from analysis.comparisons.aggregates import improvements, interquartile_means, profiles, stratified_means
 from analysis.comparisons.pairwise import over_challenges, pairwise
 from analysis.comparisons.ranks import ranks
 from analysis.data.columns import ACROSS, STRATA

@@ -31,10 +31,7 @@ from analysis.statistics import (
     welch,
     welch_from_statistics,
 )
-from analysis.statistics.tests import (
-    permutation_p,
-    sign_flip_p,
-)
+from analysis.statistics.tests import permutation_p, sign_flip_p
 
 
 def sample(values: Sequence[float], prefix: str) -> pd.Series:
@@ -84,9 +81,7 @@ def test_welch_agrees_with_scipy() -> None:
         ((2, 1.0, 0.5), (40, 2.0, 3.0)),
     ],
 )
-def test_welch_of_published_means_agrees_with_scipy(
-    first: tuple[int, float, float], second: tuple[int, float, float]
-) -> None:
+def test_welch_of_means_is_scipys(first: tuple[int, float, float], second: tuple[int, float, float]) -> None:
     ours = welch_from_statistics(Description(*first), Description(*second))
     (n, mean, std), (m, other, spread) = first, second
     theirs = stats.ttest_ind_from_stats(mean, std, n, other, spread, m, equal_var=False)

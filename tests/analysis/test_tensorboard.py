@@ -128,9 +128,7 @@ def expected(steps: Sequence[int]) -> Series:
 NAME = "original/alp_gmm/sac-original-classic_bipedal-low/seed_0-original-alp_gmm-low-0"
 
 
-def test_every_run_that_has_begun_has_its_scalars_by_its_own_threshold(
-    campaign: SyntheticCampaign, tmp_path: Path
-) -> None:
+def test_runs_have_scalars_by_their_own_threshold(campaign: SyntheticCampaign, tmp_path: Path) -> None:
     """Everything of a run under way; one that failed, one of another teacher, none of a plan."""
     run = Growing(campaign, spec=json.dumps({"mastery_threshold": 99}))
     run.grow(10)
@@ -198,9 +196,7 @@ def test_points_that_the_root_does_not_have_are_replaced(tmp_path: Path) -> None
         assert export(tmp_path / name, folder) == {NAME: expected(steps)}
 
 
-def test_a_run_that_another_campaign_shares_keeps_its_folder(
-    campaign: SyntheticCampaign, tmp_path: Path
-) -> None:
+def test_a_run_of_two_campaigns_keeps_its_folder(campaign: SyntheticCampaign, tmp_path: Path) -> None:
     folder, run = tmp_path / "events", Growing(campaign)
     run.grow(10)
     export(campaign.root, folder)
@@ -209,9 +205,7 @@ def test_a_run_that_another_campaign_shares_keeps_its_folder(
     assert export(campaign.root, folder) == {NAME: expected([10])}
 
 
-def test_following_a_run_that_is_interrupted_doubles_nothing(
-    campaign: SyntheticCampaign, tmp_path: Path
-) -> None:
+def test_following_an_interrupted_run_doubles_nothing(campaign: SyntheticCampaign, tmp_path: Path) -> None:
     folder, run = tmp_path / "events", Growing(campaign)
     events = EventFolder(campaign.root, folder)
     assert events.update() == 0

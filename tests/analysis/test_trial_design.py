@@ -203,9 +203,7 @@ def test_challenges_count_equally_and_the_bodies_of_each(whole: Trial) -> None:
 
 
 @pytest.mark.parametrize(("measure", "column"), [(HEADLINE, "angle"), (FINAL, "end")])
-def test_a_look_has_the_difference_and_the_interval_of_the_boards_test(
-    whole: Trial, measure: str, column: str
-) -> None:
+def test_a_look_is_the_test_of_the_boards(whole: Trial, measure: str, column: str) -> None:
     """Stratified with least variances; slopes are parts of the weights here."""
     design, runs = whole.design, whole.runs("riac", 3)
     found = next(

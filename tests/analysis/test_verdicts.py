@@ -21,9 +21,7 @@ from analysis.statistics.samples import Standing, contrary, equivalent, greater
         (math.nan, math.nan, Standing.UNDECIDED, Standing.UNDECIDED),
     ],
 )
-def test_standings_by_interval(
-    low: float, high: float, is_greater: Standing, is_equivalent: Standing
-) -> None:
+def test_standings(low: float, high: float, is_greater: Standing, is_equivalent: Standing) -> None:
     assert greater(low, high) is is_greater
     assert equivalent(low, high) is is_equivalent
     assert equivalent(-high, -low) is is_equivalent

@@ -81,9 +81,7 @@ def published(run: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def test_each_point_is_sent_once_however_often_it_is_called(
-    campaign: SyntheticCampaign, tmp_path: Path
-) -> None:
+def test_each_point_is_sent_once(campaign: SyntheticCampaign, tmp_path: Path) -> None:
     folder, run = tmp_path / "wandb", Growing(campaign)
     checkpoint = run.grow(10)
     for _ in range(2):

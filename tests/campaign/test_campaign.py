@@ -134,9 +134,7 @@ def test_a_damaged_run_is_done_again_and_nothing_else(tmp_path: Path) -> None:
     assert {run for run, attempt in attempts if attempt == 1} == {first, second}
 
 
-def test_a_stopped_campaign_leaves_checkpoints_and_continues_wherever_its_teachers_are(
-    tmp_path: Path,
-) -> None:
+def test_a_stopped_campaign_leaves_checkpoints_and_continues(tmp_path: Path) -> None:
     what = campaign(lingering(tmp_path))
     committer = Committer(Store.open(tmp_path / "root"))
     inline = settings(teachers=TeacherPlacement.INLINE)
@@ -180,9 +178,7 @@ def test_a_second_campaign_on_the_same_root_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_plugin_that_the_workers_lack_is_refused_before_anything_starts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_plugin_that_the_workers_lack_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "only_here.py").write_text(
         "from tma_ray.teachers.random import Random\nclass Mine(Random): ...\n"
     )

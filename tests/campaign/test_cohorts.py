@@ -21,13 +21,7 @@ from test_campaign import campaign, corridor, execute, idle, lingering, quiet, s
 from tma_ray.campaign import execution
 from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.executors import actors
-from tma_ray.campaign.executors.cohorts import (
-    Cohorts,
-    compilation,
-    learner_resources,
-    room_of,
-    stack_keys,
-)
+from tma_ray.campaign.executors.cohorts import Cohorts, compilation, learner_resources, room_of, stack_keys
 from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.options import parse_cohort
 from tma_ray.campaign.scheduler import Scheduler
@@ -129,9 +123,7 @@ def test_a_stopped_cohort_leaves_checkpoints_and_continues(tmp_path: Path) -> No
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("cluster")
-def test_a_learner_that_hangs_is_killed_and_replaced(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_hanging_learner_is_killed_and_replaced(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Its process is stopped when both runs have a checkpoint; they go on beside another learner."""
     what, root = campaign(slowed(tmp_path), seeds=(0, 1)), tmp_path / "root"
 

@@ -36,9 +36,7 @@ def jobs(head: Head, *arguments: str, cwd: Path = ROOT) -> subprocess.CompletedP
     return done
 
 
-def test_a_submitted_experiment_runs_on_the_cluster_and_exits_with_its_code(
-    head: Head, tmp_path: Path
-) -> None:
+def test_a_submitted_experiment_runs_there_and_exits_with_its_code(head: Head, tmp_path: Path) -> None:
     root = tmp_path / "root"
     script = (
         f"quickstart.py --address auto --seeds 1 --steps 2000 --evaluation-interval 2000 "

@@ -31,9 +31,7 @@ def global_control_store(head: Head) -> psutil.Process:
 
 
 @pytest.mark.slow
-def test_workers_without_tma_ray_are_refused_and_a_head_that_is_gone_is_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_without_tma_ray_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     damaged = tmp_path / "path" / "tma_ray"
     damaged.mkdir(parents=True)
     (damaged / "__init__.py").write_text("raise ImportError('there is none here')")

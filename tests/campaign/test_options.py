@@ -73,9 +73,7 @@ def test_refusals_leave_no_files_and_exit_2(tmp_path: Path, capsys: pytest.Captu
     assert main(["status", str(tmp_path)]) == 2
 
 
-def test_a_run_that_diverges_says_so_and_exits_with_1(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_that_diverges_exits_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It is no refusal: it has trained, and its run is marked as failed."""
     corridor = ["run", "--environment", "corridor.py:Corridor", "--embodiment", "", "--steps", "1k"]
     student = "ppo:hidden_units=8x8:steps_per_update=400:batch_size=100:learning_rate=1e30"

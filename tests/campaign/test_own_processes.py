@@ -40,9 +40,7 @@ def test_children_of_the_node_manager_may_end_and_the_node_manager_may_not(tmp_p
         assert "node manager (raylet)" in str(processes.failure_reason())
 
 
-def test_what_has_closed_its_ports_is_lost_while_its_process_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_has_closed_its_ports_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As the head is after SIGTERM: it neither serves nor ends."""
     monkeypatch.setattr("tma_ray.campaign.cluster.connection.HEAD_CHECK_SECONDS", 0.0)
     python = tmp_path / "gcs_server"
@@ -128,9 +126,7 @@ def test_what_is_not_ours_is_left_where_it_is(temporary: Path, trap: str) -> Non
     assert place.is_symlink() or (place / "notes.txt").read_text() == "the user's"
 
 
-def test_a_place_with_too_long_a_path_for_sockets_is_not_used(
-    temporary: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_places_too_long_for_sockets_are_not_used(temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tma_ray.campaign.cluster.connection.MAX_PARENT_BYTES", MAX_PARENT_BYTES)
     long = temporary / ("long" * 10)
     long.mkdir()

@@ -65,9 +65,7 @@ def folders_of_ray(processes: list[psutil.Process]) -> set[Path]:
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM], ids=["killed", "terminated"])
 @pytest.mark.parametrize("core", ["gcs_server", "raylet"])
-def test_is_closed_to_others_and_ends_with_its_core_processes(
-    tmp_path: Path, core: str, number: signal.Signals
-) -> None:
+def test_is_closed_and_ends_with_a_core_process(tmp_path: Path, core: str, number: signal.Signals) -> None:
     root, said = tmp_path / "root", tmp_path / "said.txt"
     driver = start(root, said)
     try:

@@ -121,9 +121,7 @@ def test_a_body_in_a_file_reaches_the_workers(address: str, folder: Path) -> Non
     assert campaign() == ["hopper.toml"] * 2, "the edited body makes another run"
 
 
-def test_a_script_that_starts_its_campaign_on_import_is_refused_before_anything_starts(
-    address: str, folder: Path
-) -> None:
+def test_a_script_that_starts_its_campaign_on_import_is_refused(address: str, folder: Path) -> None:
     call = f"execute_plan(campaign.plan(), 'results', address='{address}')\n"
     imports = "from tma_ray.campaign.execution import execute_plan\n"
     (folder / "script.py").write_text(SCRIPT + imports + call)

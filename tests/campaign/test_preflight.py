@@ -33,18 +33,14 @@ def as_two(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("cluster")
 @pytest.mark.slow
-def test_a_folder_that_all_nodes_see_is_used_and_nothing_is_left_in_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_that_all_nodes_see_stays_empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     as_two(monkeypatch)
     execution.check_storage_access(Store.open(tmp_path / "root"))
     assert not [path for path in (tmp_path / "root").rglob("*") if path.is_file()]
 
 
 @pytest.mark.usefixtures("cluster")
-def test_a_folder_of_one_machine_is_refused_on_several(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_of_one_machine_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     as_two(monkeypatch)
     monkeypatch.setattr(execution, "can_access", other_disk)
     with pytest.raises(ResultsRootError, match=r"does not see this machine's .*root: choose a folder"):
@@ -106,12 +102,7 @@ DRIVER = """
 def driver(wait: float, *, lost: bool) -> subprocess.CompletedProcess[str]:
     code = textwrap.dedent(DRIVER).replace("HEAD_IS_LOST", str(lost)).replace("WAIT", str(wait))
     return subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
+        [sys.executable, "-c", code], env=os.environ, capture_output=True, text=True, timeout=120, check=False
     )
 
 

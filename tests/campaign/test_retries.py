@@ -100,9 +100,7 @@ class Network:
 
 @pytest.mark.usefixtures("cluster")
 @pytest.mark.slow
-def test_an_actor_out_of_sight_is_asked_again_and_not_replaced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_actor_out_of_sight_is_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     network = Network(lost=3)
     monkeypatch.setattr("tma_ray.campaign.executors.ray_executor.ray", network)
     what = campaign(idle("random"))
@@ -124,9 +122,7 @@ def test_who_is_silent_for_too_long_is_lost(tmp_path: Path, monkeypatch: pytest.
     assert [(row["attempt"], row["outcome"]) for row in attempts] == [(0, "lost"), (1, "lost")]
 
 
-def test_runs_that_do_not_answer_are_logged_once_a_minute_and_lost_after_their_time(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_silent_runs_are_logged_once_a_minute_and_lost_in_the_end(caplog: pytest.LogCaptureFixture) -> None:
     clock = Clock()
     silence = SilentRuns(most_seconds=300.0, clock=clock)
     for _ in range(600):
@@ -160,9 +156,7 @@ def refusing(monkeypatch: pytest.MonkeyPatch, times: float) -> list[str]:
     return refused
 
 
-def test_what_was_refused_is_tried_again_and_the_lease_looked_after_each_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_was_refused_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     committer, looks = Committer.open(tmp_path / "root"), []
     retrying = RetryingCommitter(committer, lambda: looks.append(True), seconds=60.0)
     run = small_spec(tmp_path).record()
@@ -174,18 +168,14 @@ def test_what_was_refused_is_tried_again_and_the_lease_looked_after_each_time(
     assert published.attempt == 0
 
 
-def test_an_outage_that_lasts_ends_the_campaign_and_says_why(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lasting_outage_ends_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     retrying = RetryingCommitter(Committer.open(tmp_path / "root"), lambda: None, seconds=0.05)
     refusing(monkeypatch, times=float("inf"))
     with pytest.raises(OutageError, match=r"ends after 0 s of retries: the disk is full"):
         retrying.call(Committer.start, small_spec(tmp_path).record())
 
 
-def test_nothing_is_published_into_a_root_that_was_lost_during_the_outage(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_published_into_a_lost_root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     committer, looks = Committer.open(tmp_path / "root"), []
 
     def lost_the_second_time() -> None:

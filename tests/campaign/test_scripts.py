@@ -124,9 +124,7 @@ def test_seeds_are_places_in_each_matrixs_own() -> None:
     assert len(planned("parkour", "--seeds", "5", "--tier", "lite", "--teachers", "random").runs) == 10
 
 
-def test_a_tiers_budget_is_the_environments_and_climbers_are_left_out_of_lite(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_tier_has_budgets_and_lite_no_climbers(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     plan = planned("full_benchmark", "--tier", "lite", "--teachers", "random")
     assert {(spec.environment, spec.schedule.steps) for spec in plan.runs} == {
         ("stump_tracks", 2_000_000),
@@ -298,9 +296,7 @@ def test_cells_are_the_papers(teacher: str) -> None:
         ("setter_solver", (512, 256), (64, 32)),
     ],
 )
-def test_levels_that_make_no_difference_are_executed_once(
-    teacher: str, challenges: tuple[int, int], original: tuple[int, int]
-) -> None:
+def test_equal_levels_run_once(teacher: str, challenges: tuple[int, int], original: tuple[int, int]) -> None:
     assert counts(STUMP_TRACKS_CHALLENGES, teacher) == challenges
     assert counts([ORIGINAL_SPACE], teacher) == original
     assert counts(PARKOUR, teacher) == (48, 48)

@@ -174,9 +174,7 @@ def test_a_campaign_that_is_asked_to_stop_leaves_checkpoints_and_goes_on_later(t
     assert execute(what, tmp_path / "root", teachers=TeacherPlacement.INLINE).done == 1
 
 
-def test_a_status_that_is_watched_reads_only_what_has_changed(
-    one_failed: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_watched_status_reads_what_has_changed(one_failed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for path in one_failed.rglob("*"):
         os.utime(path, (1_000_000_000, 1_000_000_000))
     observer, now = Observer(one_failed), time.time()

@@ -199,9 +199,7 @@ class Blocking(Teacher):
         ),
     ],
 )
-def test_a_simulation_that_was_ended_is_continued(
-    tmp_path: Path, sent: signal.Signals, code: int, said: str
-) -> None:
+def test_an_ended_simulation_continues(tmp_path: Path, sent: signal.Signals, code: int, said: str) -> None:
     (tmp_path / "blocking.py").write_text(BLOCKING)
     chosen = ["--challenges", "original", "--expert-knowledge", "none", "--seeds", "3", "--episodes", "20"]
     command = [sys.executable, "-m", "tma_ray.cli", "simulate", "--teachers", "blocking:Blocking", *chosen]

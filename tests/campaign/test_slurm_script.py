@@ -90,9 +90,7 @@ def environment(tmp_path: Path) -> Iterator[dict[str, str]]:
 
 
 @pytest.mark.slow
-def test_a_campaign_asked_to_leave_is_queued_again_and_ends_there(
-    environment: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_campaign_asked_to_leave_is_queued_again(environment: dict[str, str], tmp_path: Path) -> None:
     root = tmp_path / "root"
 
     def start() -> subprocess.Popen[str]:
@@ -135,9 +133,7 @@ def test_without_ray_the_script_says_where_it_looked(environment: dict[str, str]
 
 
 @pytest.mark.parametrize("trap", ["file", "link"])
-def test_a_folder_that_another_user_may_have_put_there_is_not_used(
-    environment: dict[str, str], tmp_path: Path, trap: str
-) -> None:
+def test_a_folder_of_another_user_is_not_used(environment: dict[str, str], tmp_path: Path, trap: str) -> None:
     place = Path(environment["SLURM_TMPDIR"]) / f"ray-{environment['SLURM_JOB_ID']}"
     (tmp_path / "theirs").mkdir()
     place.symlink_to(tmp_path / "theirs") if trap == "link" else place.touch()

@@ -7,13 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tma_ray.campaign import Campaign, cells_of, costs
-from tma_ray.campaign.costs import (
-    REFERENCE_ROUNDS,
-    Throughput,
-    estimate,
-    known_speeds,
-    speed_key,
-)
+from tma_ray.campaign.costs import REFERENCE_ROUNDS, Throughput, estimate, known_speeds, speed_key
 from tma_ray.campaign.settings import ExecutionConfig
 from tma_ray.embodiments import embodiment_names
 from tma_ray.runs import RunSpec, Schedule

@@ -127,9 +127,7 @@ def test_another_design_is_another_trial(
     assert (planned / "trial.json").read_bytes() == before
 
 
-def test_the_plan_is_told_before_anything_is_spent(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_plan_is_told_before_it_is_spent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "results"
     command = ["trial", "sobol", "--simulated", "--cells", "original", "--dry-run", "--results", str(folder)]
     assert main(command) == 0

@@ -71,9 +71,7 @@ def test_a_process_of_a_cohort_killed_or_stopped(
     compare(f"cohort: {victim} {number.name}", [fault])
 
 
-def test_learners_of_two_nodes_of_which_one_is_killed(
-    clustered: Site, nodes: Nodes, roomy: int, check: Check
-) -> None:
+def test_one_of_two_learners_nodes_is_killed(clustered: Site, nodes: Nodes, roomy: int, check: Check) -> None:
     """Each node has a learner and the players beside it; the runs of the lost one go on at the other."""
     own = (roomy, nodes.add(CORES))
     driver = clustered.hold("--cohort", "2", "--seeds", "2")

@@ -70,9 +70,7 @@ def trained_somewhere(site: Site, nodes: Nodes) -> int:
     return next(number for number in nodes.living if nodes.processes(number) & seeds)
 
 
-def test_a_frozen_node_that_thaws_after_its_runs_were_given_away(
-    clustered: Site, nodes: Nodes, compare: Compare
-) -> None:
+def test_a_frozen_node_thaws_after_its_runs_left(clustered: Site, nodes: Nodes, compare: Compare) -> None:
     driver = clustered.hold()
     number = trained_somewhere(clustered, nodes)
     frozen = nodes.freeze(number)

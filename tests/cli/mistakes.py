@@ -141,11 +141,7 @@ BY_OPTION: Mapping[str, Sequence[str]] = {
 }
 """Further values by what the option chooses."""
 
-NOT_READ = (
-    ("doctor", "results"),
-    ("play", "results"),
-    ("render", "results"),
-)
+NOT_READ = (("doctor", "results"), ("play", "results"), ("render", "results"))
 """Roots of which only the form counts: a disk to examine, and where a run would lie that is not asked for."""
 
 SMALL: Mapping[str, Sequence[str]] = {

@@ -45,9 +45,7 @@ def plan_of(student: str, steps: int, seeds: int = 2) -> Plan:
     return Campaign("planned", cells_of(("random",), (student,)), tuple(range(seeds)), schedule).plan()
 
 
-def test_a_campaign_without_a_budget_is_refused_with_its_cost(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_budget_it_is_refused_with_cost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     root = tmp_path / "root"
     assert main(["campaign", "--teachers", "random,alp_gmm", "--results", str(root)]) == 2
     refusal = capsys.readouterr().err

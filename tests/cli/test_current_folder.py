@@ -17,12 +17,7 @@ SCRIPT = Path(sys.executable).with_name("tma-ray")
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "start",
-    [
-        (sys.executable, "-m", "tma_ray.cli"),
-        (sys.executable, "-m", "tma_ray"),
-        (str(SCRIPT),),
-    ],
+    "start", [(sys.executable, "-m", "tma_ray.cli"), (sys.executable, "-m", "tma_ray"), (str(SCRIPT),)]
 )
 def test_the_users_own_files_shadow_nothing(start: tuple[str, ...], tmp_path: Path) -> None:
     for name in NAMES:

@@ -67,9 +67,7 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(("command", "kind"), cases(COMMANDS, IN_PLACE, ("verify", "a pipe")))
-def test_what_is_not_a_file_is_named(
-    root: Path, command: str, kind: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_non_files_are_named(root: Path, command: str, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, more = COMMANDS[command]
     for path in (MANIFEST, f"policies/{RUN}/spec.json", "heartbeat.json"):
         (root / path).unlink(missing_ok=True)

@@ -72,17 +72,7 @@ def places(
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     named = {
         name: tmp_path / name
-        for name in (
-            "empty",
-            "foreign",
-            "file",
-            "loop",
-            "missing",
-            "new",
-            "home",
-            "checkout",
-            "busy",
-        )
+        for name in ("empty", "foreign", "file", "loop", "missing", "new", "home", "checkout", "busy")
     }
     return {**named, "root": root, "run": Results.open(root).runs()[0].run.run_id}
 
@@ -223,9 +213,7 @@ def test_the_whole_catalogue_is_refused(warm: Mapping[str, Any]) -> None:
         ("ranking lite-9", "'lite-9' is not a results root, nor the name of a baseline"),
     ],
 )
-def test_values_are_checked_where_nothing_needs_them(
-    places: Mapping[str, Any], words: str, said: str
-) -> None:
+def test_values_that_nothing_needs_are_checked(places: Mapping[str, Any], words: str, said: str) -> None:
     end = ending(tuple(words.split()), places)
     assert (end.code, said in end.said) == (2, True), end.said
 

@@ -74,18 +74,14 @@ def done(root: Path) -> int:
     return sum('"done"' in path.read_text() for path in root.glob("manifests/*.json"))
 
 
-def test_a_submitted_script_trains_on_several_machines(
-    laptop: Laptop, bed: Bed, undisturbed: dict[str, str]
-) -> None:
+def test_a_submitted_script_trains_on_all(laptop: Laptop, bed: Bed, undisturbed: dict[str, str]) -> None:
     assert "4/4 runs done" in laptop.run(submitted("/shared/submitted"))
     root = bed.shared / "submitted"
     assert tables(root) == undisturbed
     assert len({row["host"] for row in rows(root, Table.ATTEMPTS)}) > 1
 
 
-def test_a_script_in_tmux_goes_on_alone_and_asks_nobody(
-    laptop: Laptop, bed: Bed, undisturbed: dict[str, str]
-) -> None:
+def test_a_script_in_tmux_goes_on_alone(laptop: Laptop, bed: Bed, undisturbed: dict[str, str]) -> None:
     laptop.run(submitted("/shared/tmux", "--tmux"))
     root = bed.shared / "tmux"
     wait_until(lambda: done(root) == 4, 900)
@@ -134,9 +130,7 @@ def test_runs_of_a_worker_that_is_powered_off_go_on_elsewhere_and_it_is_replaced
     laptop.wait_for_workers(len(WORKERS))
 
 
-def test_a_head_that_is_powered_off_is_made_again_and_the_same_command_resumes(
-    laptop: Laptop, bed: Bed, undisturbed: dict[str, str]
-) -> None:
+def test_a_powered_off_head_is_made_again(laptop: Laptop, bed: Bed, undisturbed: dict[str, str]) -> None:
     root, head = bed.shared / "head", bed.nodes["head"]
     campaign = laptop.start(submitted("/shared/head"))
     wait_until(lambda: checkpoints(root) > 1, 300)

@@ -47,9 +47,7 @@ def undisturbed_long(slurm: Slurm) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("nodes", [1, 2, 3])
-def test_a_campaign_trains_on_all_nodes_of_its_job(
-    slurm: Slurm, undisturbed: dict[str, str], nodes: int
-) -> None:
+def test_a_campaign_trains_on_all_nodes(slurm: Slurm, undisturbed: dict[str, str], nodes: int) -> None:
     job = slurm.submit(f"--nodes={nodes} {JOB} {CAMPAIGN} --results /shared/on-{nodes}")
     assert slurm.ended(job) == "COMPLETED 0:0", slurm.log(job)
     root = slurm.shared / f"on-{nodes}"
@@ -66,9 +64,7 @@ def test_without_a_virtual_environment_the_job_says_how_one_is_named(slurm: Slur
     assert "TMA_RAY_VENV" in (slurm.shared / f"tma-ray-{job}.log").read_text()
 
 
-def test_a_job_at_its_time_limit_is_queued_again_until_its_campaign_is_done(
-    slurm: Slurm, undisturbed_long: dict[str, str]
-) -> None:
+def test_a_job_is_queued_again_until_it_is_done(slurm: Slurm, undisturbed_long: dict[str, str]) -> None:
     """The first life ends at its limit, set once there are checkpoints; the second while it waits."""
     root = slurm.shared / "limit"
     one_run = JOB.replace("--cpus-per-task=2", "--cpus-per-task=1")
@@ -121,9 +117,7 @@ def test_scancel_with_int_leaves_checkpoints_for_good(slurm: Slurm, undisturbed:
     assert len(rows(root, Table.ATTEMPTS)) > 4, "no run was interrupted"
 
 
-def test_a_plain_scancel_ends_the_job_and_the_same_command_resumes(
-    slurm: Slurm, undisturbed: dict[str, str]
-) -> None:
+def test_scancel_ends_a_job_that_its_command_resumes(slurm: Slurm, undisturbed: dict[str, str]) -> None:
     root = slurm.shared / "cancelled"
     submission = f"--nodes=2 {JOB} {CAMPAIGN} --results /shared/cancelled"
     job = slurm.submit(submission)

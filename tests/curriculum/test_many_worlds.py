@@ -13,14 +13,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
-from pendulums import (
-    LENGTH,
-    SPACE,
-    curriculum_of,
-    make_pendulum,
-    play,
-    set_task,
-)
+from pendulums import LENGTH, SPACE, curriculum_of, make_pendulum, play, set_task
 
 import tma_ray  # noqa: F401  (registers the environments)
 from tma_ray.curriculum import Curriculum

@@ -46,8 +46,6 @@ def place(documented: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
     monkeypatch.setattr(
-        costs,
-        "known_speeds",
-        lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100)),
+        costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100))
     )
     return tmp_path

@@ -64,9 +64,4 @@ def check_console(text: str, folder: Path) -> None:
             understood(words)
 
 
-CHECKS = {
-    "toml": check_toml,
-    "csv": check_csv,
-    "yaml": check_yaml,
-    "console": check_console,
-}
+CHECKS = {"toml": check_toml, "csv": check_csv, "yaml": check_yaml, "console": check_console}

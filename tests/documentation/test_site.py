@@ -104,9 +104,7 @@ def test_every_column_is_listed_with_its_unit(table: Table) -> None:
         assert rows[field.name][-1] == unit
 
 
-def test_the_help_is_what_the_command_prints(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_help_is_as_printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     helps = dict(tables.helps())
     assert {"tma-ray", "tma-ray run", "tma-ray baselines verify"} < set(helps)
     monkeypatch.setenv("COLUMNS", "80")

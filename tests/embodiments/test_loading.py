@@ -53,11 +53,7 @@ UNFIT = {
             'body_type = "runner"',
             "body_type 'runner' must be one of walker, swimmer, climber, amphibian",
         ),
-        (
-            "torque_cost",
-            'lidars = "back"\ntorque_cost',
-            "lidars 'back' must be one of down, up, full",
-        ),
+        ("torque_cost", 'lidars = "back"\ntorque_cost', "lidars 'back' must be one of down, up, full"),
         (
             "under_water = 600",
             "under_water = -1",
@@ -69,16 +65,8 @@ UNFIT = {
             "steps_survivable_outside_water 2.5: Expected `int | null`, got `float`",
         ),
         ("[[parts]]", "[parts]", "mine.toml"),
-        (
-            'critical = ["stump_tracks"]',
-            "critical = true",
-            "critical True: Expected `array`, got `bool`",
-        ),
-        (
-            "torque_cost",
-            "substeps = 0\ntorque_cost",
-            "substeps 0 must be at least 1",
-        ),
+        ('critical = ["stump_tracks"]', "critical = true", "critical True: Expected `array`, got `bool`"),
+        ("torque_cost", "substeps = 0\ntorque_cost", "substeps 0 must be at least 1"),
         (
             "torque_cost",
             "substeps = 4\nmotor_share = 0.3\ntorque_cost",
@@ -89,11 +77,7 @@ UNFIT = {
             "substeps = 4\nmotor_share = 1.5\ntorque_cost",
             "motor_share 1.5 must be a whole number of the 4 substeps",
         ),
-        (
-            "motor_torque = 80.0\nmotor_speed = 6.0\n",
-            "",
-            "without motor .* observed",
-        ),
+        ("motor_torque = 80.0\nmotor_speed = 6.0\n", "", "without motor .* observed"),
         ("motor_torque = 80.0\n", "", "motor_torque 0.0 N m and motor_speed"),
         (
             "anchor = [0.0, -0.1]",
@@ -132,9 +116,7 @@ UNFIT = {
 @pytest.mark.parametrize(
     ("body", "old", "new", "message"), [(body, *row) for body, rows in UNFIT.items() for row in rows]
 )
-def test_bodies_that_cannot_be_built_are_refused(
-    edited: Edited, body: str, old: str, new: str, message: str
-) -> None:
+def test_impossible_bodies_are_refused(edited: Edited, body: str, old: str, new: str, message: str) -> None:
     with pytest.raises(EmbodimentError, match=message):
         load_embodiment(edited(body, old, new))
 

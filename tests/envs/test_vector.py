@@ -385,8 +385,6 @@ def test_a_forked_process_steps_its_copies_alone() -> None:
         ),
     ],
 )
-def test_numbers_of_threads_that_worlds_cannot_have_are_refused(
-    name: str, threads: float, message: str
-) -> None:
+def test_impossible_numbers_of_threads_are_refused(name: str, threads: float, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make_vector_environment(name, 2, threads=threads)

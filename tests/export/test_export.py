@@ -111,9 +111,7 @@ def test_the_onnx_file_says_what_it_is(student: str, root: Path, exports: dict[s
 
 
 @pytest.mark.parametrize("student", STUDENTS)
-def test_the_folder_is_a_saved_policy_with_the_same_bytes(
-    student: str, root: Path, exports: dict[str, Export]
-) -> None:
+def test_the_folder_is_the_saved_policy(student: str, root: Path, exports: dict[str, Export]) -> None:
     folder, spec = exports[student].folder, spec_of(root, f"{student}_alp")
     original = root / "policies" / spec.run_id
     for name in ("policy.json", "policy.safetensors", "spec.json"):
@@ -258,9 +256,7 @@ def test_what_cannot_be_exported_is_refused_before_anything_is_written(
     assert export("ppo_alp", new, root, onnx=False).difference is None
 
 
-def test_a_failure_on_the_way_leaves_nothing(
-    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failure_leaves_nothing(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for inputs, message in ((7, "torch cannot export the policy"), (24, "differ by up to")):
         layers = nn.Sequential(nn.Linear(inputs, 4))
         monkeypatch.setattr("tma_ray.export.exporting.policy_layers", lambda *_, layers=layers: layers)

@@ -118,9 +118,7 @@ def keys(uri: str) -> tuple[str, str, str | None]:
     return found["access_key_id"], found["secret_access_key"], found["token"]
 
 
-def test_keys_of_a_profile_come_from_the_files_of_aws(
-    aws_files: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_keys_of_a_profile_come_from_files_of_aws(aws_files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (aws_files / "credentials").write_text(
         "[default]\naws_access_key_id = one\naws_secret_access_key = 1%\n"
         "[work]\naws_access_key_id = two\naws_secret_access_key = 2\naws_session_token = t\n"
@@ -130,9 +128,7 @@ def test_keys_of_a_profile_come_from_the_files_of_aws(
     assert keys("s3://bucket/root") == ("two", "2", "t")
 
 
-def test_a_profile_may_name_a_process_that_prints_keys(
-    aws_files: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_profile_may_name_a_process_of_keys(aws_files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     program = aws_files / "program.py"
     program.write_text('print(\'{"Version": 1, "AccessKeyId": "a", "SecretAccessKey": "b"}\')')
     text = f"[profile work]\ncredential_process = {sys.executable} {program}\n"

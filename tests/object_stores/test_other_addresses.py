@@ -81,9 +81,7 @@ def test_an_unknown_address_is_refused_in_a_sentence() -> None:
 
 
 @pytest.mark.parametrize("address", ["hf://datasets/me/mine-1.0", "https://example.org/mine-1.0"])
-def test_a_missing_library_is_named_with_the_extra_that_has_it(
-    address: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_library_is_named_with_its_extra(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for library in ("huggingface_hub", "aiohttp", "fsspec.implementations.http"):
         monkeypatch.setitem(sys.modules, library, None)
     for protocol in ("hf", "https"):  # which another test may have asked for
@@ -116,9 +114,7 @@ def test_a_place_that_refuses_or_is_gone_is_told_from_one_without_a_baseline(ser
         verify(f"{served}/tables")
 
 
-def test_a_place_that_is_lost_in_the_middle_is_no_damage_of_its_files(
-    packed: Path, published: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lost_place_is_no_damage(packed: Path, published: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def lost(*_: object) -> None:
         raise TimeoutError("no answer")
 
@@ -128,9 +124,7 @@ def test_a_place_that_is_lost_in_the_middle_is_no_damage_of_its_files(
         verify(published)
 
 
-def test_a_variable_may_name_a_folder_of_baselines_at_an_address(
-    published: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_variable_may_name_a_folder_at_an_address(published: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(BASELINES_VARIABLE, published.rpartition("/")[0])
     assert find_baseline("mine-1.0").place == published
 
@@ -186,9 +180,7 @@ def test_nothing_of_a_changed_file_is_shown(published: str) -> None:
         find_baseline(published).store().read_bytes("README.md")
 
 
-def test_where_nothing_can_be_written_a_release_is_refused_before_it_is_packed(
-    served: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_where_nothing_can_be_written_none_is_packed(served: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["release", str(ROOT), "mine-1.0", "--output", served]) == 2
     assert "can only be read" in capsys.readouterr().err
 

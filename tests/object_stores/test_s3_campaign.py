@@ -46,9 +46,7 @@ def execute(root: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_workers_write_into_the_bucket_what_one_process_writes_on_a_disk(
-    s3_root: str, tmp_path: Path
-) -> None:
+def test_workers_write_into_a_bucket_what_one_process_writes_on_a_disk(s3_root: str, tmp_path: Path) -> None:
     ended = execute(s3_root)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     for spec in CAMPAIGN.plan().runs:

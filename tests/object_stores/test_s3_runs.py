@@ -32,9 +32,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunSpec, dict[str, 
 
 
 @pytest.mark.slow
-def test_a_run_interrupted_in_a_bucket_gives_the_files_of_one_on_a_disk(
-    s3_root: str, short: tuple[RunSpec, dict[str, bytes]], tmp_path: Path
-) -> None:
+def test_an_interrupted_run(s3_root: str, short: tuple[RunSpec, dict[str, bytes]], tmp_path: Path) -> None:
     spec, expected = short
     assert run(spec, s3_root, stop_after=7) == "stopped"
     assert run(spec, s3_root, stop_after=9) == "stopped"
@@ -50,9 +48,7 @@ def test_a_run_interrupted_in_a_bucket_gives_the_files_of_one_on_a_disk(
 
 
 @pytest.mark.slow
-def test_a_run_survives_throttling_and_its_requests_are_few(
-    s3_root: str, short: tuple[RunSpec, dict[str, bytes]], proxy: Proxy
-) -> None:
+def test_runs_outlast_throttling(s3_root: str, short: tuple[RunSpec, dict[str, bytes]], proxy: Proxy) -> None:
     spec, expected = short
     refused = set()
 

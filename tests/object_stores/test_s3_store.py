@@ -98,8 +98,7 @@ def test_a_lasting_failure_names_the_file_and_loses_nothing(s3_root: str, proxy:
 
 @pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize(
-    "part",
-    [*(pytest.param(f"partNumber={part}", marks=pytest.mark.slow) for part in (1, 2)), "POST"],
+    "part", [*(pytest.param(f"partNumber={part}", marks=pytest.mark.slow) for part in (1, 2)), "POST"]
 )
 def test_a_large_upload_that_fails_midway_leaves_no_object(s3_root: str, proxy: Proxy, part: str) -> None:
     store = Store.open(s3_root)
@@ -122,9 +121,7 @@ def test_a_missing_bucket_is_refused_by_name(s3_root: str) -> None:
             check()
 
 
-def test_missing_rights_are_refused_before_anything_starts_and_all_rights_leave_nothing(
-    s3_root: str, proxy: Proxy
-) -> None:
+def test_missing_rights_are_refused_and_all_rights_leave_nothing(s3_root: str, proxy: Proxy) -> None:
     check_usable(Store.open(s3_root))
     assert Store.open(s3_root).files() == ()
     denied = b"<Error><Code>AccessDenied</Code><Message>Access Denied</Message></Error>"

@@ -80,9 +80,7 @@ def test_a_changed_callee_in_another_module_is_noticed(package: Path, printed: C
 
 
 @pytest.mark.slow
-def test_the_cache_of_another_version_whose_types_are_gone_is_left(
-    package: Path, printed: Callable[[str], str]
-) -> None:
+def test_the_cache_of_types_that_are_gone_is_left(package: Path, printed: Callable[[str], str]) -> None:
     (package / "norms.py").write_text(f"{HEADER}\n\n@kernel\ndef norm(p):\n    return p.x + p.y\n")
 
     def result(module: str) -> str:

@@ -97,9 +97,7 @@ def test_a_run_goes_on_from_parts_of_fewer_columns(old_root: Path, request: pyte
 
 
 @pytest.mark.filterwarnings("ignore:.*written by a newer")
-def test_columns_of_a_newer_version_are_ignored_and_never_lost(
-    old_root: Path, tmp_path: Path, newer: pytest.MonkeyPatch
-) -> None:
+def test_columns_of_the_future_are_kept(old_root: Path, tmp_path: Path, newer: pytest.MonkeyPatch) -> None:
     store = ResultsStore.open(old_root)
     new_run(store)
     newer.undo()

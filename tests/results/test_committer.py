@@ -131,9 +131,7 @@ def test_a_kill_between_any_two_file_operations_loses_and_doubles_nothing(store:
     assert life > 20
 
 
-def test_a_run_is_visible_from_its_start_and_rows_from_their_publication(
-    store: Store, record: RunRecord
-) -> None:
+def test_runs_are_visible_from_their_start_and_rows_when_published(store: Store, record: RunRecord) -> None:
     committer, writer, parts = begun(store, record)
     assert [(m.run, m.status) for m in Results(store).runs()] == [(record, RunStatus.RUNNING)]
     assert visible_steps(store) == []

@@ -154,9 +154,7 @@ class KilledError(Exception):
 
 
 @pytest.mark.parametrize("store", ["local"], indirect=True)
-def test_a_kill_anywhere_leaves_a_root_that_reads_the_same(
-    root: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_kill_anywhere_changes_nothing_read(root: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     before = content(root)
     killed = 0
     for allowed in range(0, 40, 3):  # writes and deletions before a kill
@@ -218,9 +216,7 @@ def test_damaged_runs_are_named_and_stay_as_they_are(root: Store, path: str) -> 
     assert len(Results(root).table(Table.EPISODES, ["run-00", "run-02"])) == 12
 
 
-def test_a_file_written_otherwise_than_it_should_be_is_noticed(
-    root: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_written_otherwise_are_noticed(root: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     before = content(root)
     rows = Results(root).table(Table.EVALUATIONS, ["run-01"])
     original = compaction.pack.__globals__["encode_together"]

@@ -77,9 +77,7 @@ def test_a_name_that_cannot_be_given_stays_free(tmp_path: Path, monkeypatch: pyt
     assert store.read_bytes("lease.json") == b"2"
 
 
-def test_what_no_repetition_mends_is_not_to_be_repeated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_no_repetition_mends_is_not_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fsync(descriptor: int) -> None:
         raise OSError(errno.EINVAL, "Invalid argument")
 

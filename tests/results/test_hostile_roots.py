@@ -100,9 +100,7 @@ def of_large_texts(table: Table, column: str, rows: int, stored: str) -> bytes:
         (Table.CELLS, "experiment", 100, "DELTA_LENGTH_BYTE_ARRAY"),
     ],
 )
-def test_a_table_that_would_fill_the_memory_is_refused(
-    table: Table, column: str, rows: int, stored: str
-) -> None:
+def test_tables_that_would_fill_memory_are_refused(table: Table, column: str, rows: int, stored: str) -> None:
     data = of_large_texts(table, column, rows, stored)
     assert len(data) < 2**17
     before = pa.default_memory_pool().max_memory()
@@ -128,11 +126,7 @@ def test_what_the_end_of_a_file_says_of_its_pages_is_not_believed() -> None:
 @pytest.mark.parametrize("place", ["a pipe", "holes"])
 @pytest.mark.parametrize(
     ("name", "read"),
-    [
-        ("tests.csv", TestSet.from_csv),
-        ("body.toml", load_embodiment),
-        ("weights.npz", load_npz),
-    ],
+    [("tests.csv", TestSet.from_csv), ("body.toml", load_embodiment), ("weights.npz", load_npz)],
 )
 def test_no_reader_waits_for_a_pipe_or_reads_holes(
     tmp_path: Path, name: str, read: Callable[[Path], object], place: str

@@ -48,9 +48,7 @@ def clock() -> Clock:
     return Clock()
 
 
-def test_a_second_campaign_is_refused_as_long_as_the_lease_of_the_first_is_renewed(
-    store: Store, clock: Clock
-) -> None:
+def test_a_second_campaign_is_refused_while_the_first_renews_its_lease(store: Store, clock: Clock) -> None:
     first = Lease(store, "stumps on head-1", 100.0, clock)
     first.acquire()
     for _ in range(2):
@@ -202,9 +200,7 @@ def test_a_heartbeat_holds_the_root_while_the_lease_is_damaged(store: Store) -> 
 
 
 @pytest.mark.parametrize("alive", [False, True])
-def test_a_lease_from_the_future_is_watched_and_taken_if_nobody_renews_it(
-    store: Store, clock: Clock, alive: bool
-) -> None:
+def test_a_lease_from_the_future_is_taken_if_not_renewed(store: Store, clock: Clock, alive: bool) -> None:
     ahead = Clock()
     ahead.now = clock.now + 1e6
     other = Lease(store, "of another time", 100.0, ahead)
@@ -305,9 +301,7 @@ def ask(place: str, barrier: Barrier, answers: Any) -> None:
 
 
 @pytest.mark.parametrize("left", [*LEFT_BEHIND, "no locks", "no links", "no locks, no links"])
-def test_exactly_one_of_several_processes_gets_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, left: str
-) -> None:
+def test_exactly_one_process_gets_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, left: str) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise OSError(errno.ENOTSUP, "not supported")
 

@@ -94,14 +94,7 @@ def root(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(
     "theirs",
-    [
-        "tmp/notes.txt",
-        "tmp/0123456789abcdef0123456789abcdef",
-        "tmp/folder/",
-        "empty/",
-        "lease.json",
-        "tmp",
-    ],
+    ["tmp/notes.txt", "tmp/0123456789abcdef0123456789abcdef", "tmp/folder/", "empty/", "lease.json", "tmp"],
 )
 @pytest.mark.parametrize("make", [MAKERS[name] for name in MAKERS if name != "Lease"])
 def test_a_folder_that_holds_anything_of_others_does_not_become_a_root(
@@ -223,9 +216,7 @@ def test_of_a_link_only_the_link_is_deleted_or_replaced(root: Path, outside: Pat
 
 @pytest.mark.parametrize("folder", FOLDERS)
 @pytest.mark.parametrize("marked", [True, False], ids=["root", "no root"])
-def test_folders_of_ours_that_lead_out_are_refused_before_anything_is_computed(
-    tmp_path: Path, outside: Path, folder: str, marked: bool
-) -> None:
+def test_folders_that_lead_out_are_refused(tmp_path: Path, outside: Path, folder: str, marked: bool) -> None:
     place = tmp_path / "root"
     place.mkdir()
     if marked:
@@ -240,9 +231,7 @@ def test_folders_of_ours_that_lead_out_are_refused_before_anything_is_computed(
 
 
 @pytest.mark.parametrize("place", [STAGING, CHECKPOINTS])
-def test_the_sweep_of_a_run_that_is_done_deletes_links_of_its_name_alone(
-    tmp_path: Path, outside: Path, place: str
-) -> None:
+def test_the_sweep_of_a_run_deletes_links_of_its_name(tmp_path: Path, outside: Path, place: str) -> None:
     committer = finished(tmp_path / "root")
     (tmp_path / "root" / place).mkdir(exist_ok=True)
     link, before = tmp_path / "root" / place / "run-1", contents(outside)
@@ -272,9 +261,7 @@ def common(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
-def test_folders_of_more_than_results_are_never_a_root(
-    common: Path, tmp_path: Path, make: Callable[[Store], object]
-) -> None:
+def test_shared_folders_become_no_root(common: Path, tmp_path: Path, make: Callable[[Store], object]) -> None:
     before = contents(tmp_path)
     with pytest.raises(
         ResultsRootError, match=r"(file system|home folder|checkout): results need a folder of "

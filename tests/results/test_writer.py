@@ -38,9 +38,7 @@ def written_whole(store: Store) -> dict[Table, bytes]:
     flushes=st.sets(st.integers(1, INTERVALS - 1)),
     kills=st.lists(st.tuples(st.integers(1, INTERVALS), st.integers(0, 3)), max_size=3),
 )
-def test_any_split_over_parts_and_attempts_gives_the_same_files(
-    flushes: set[int], kills: list[tuple[int, int]]
-) -> None:
+def test_any_split_over_attempts_gives_equal_files(flushes: set[int], kills: list[tuple[int, int]]) -> None:
     """A kill comes after some intervals; the next attempt resumes from the last flush."""
     store = memory()
     committed: tuple[PartFile, ...] = ()
@@ -126,9 +124,7 @@ GOOD = {"step": 1, "sample": 0, "task": [0.5]}
         (GOOD | {"task": [[0.5]]}, r"curriculum\.task"),
     ],
 )
-def test_rows_that_do_not_fit_are_refused_by_name(
-    tmp_path: Path, row: dict[str, object], message: str
-) -> None:
+def test_rows_that_do_not_fit_are_refused(tmp_path: Path, row: dict[str, object], message: str) -> None:
     writer = RunWriter(Store.open(tmp_path), "run-1", 0)
     with pytest.raises(ValueError, match=message):
         writer.add(Table.CURRICULUM, [GOOD, row])

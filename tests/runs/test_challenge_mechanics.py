@@ -28,9 +28,7 @@ def told(root: Path, table: Table, until: int) -> list[dict[str, Any]]:
     return found
 
 
-def test_a_student_forgets_at_its_steps_within_episodes_and_after_evaluations(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_student_forgets_at_its_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     spec = replace(small_spec(tmp_path, steps=1_500), resets=(525, 526, 1_000))
     one, seen = new_run(spec, tmp_path / "root"), []
     reset = one.student.reset

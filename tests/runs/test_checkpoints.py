@@ -112,9 +112,7 @@ def test_after_a_checkpoint_that_could_not_be_written_the_next_one_is_complete(
     assert future(other) == future(one)
 
 
-def test_an_attempt_that_was_taken_for_lost_takes_nothing_from_its_successor(
-    spec: RunSpec, store: Store
-) -> None:
+def test_an_attempt_taken_for_lost_takes_nothing_from_its_successor(spec: RunSpec, store: Store) -> None:
     lost, before = new_run(spec, store.base), Checkpoints(store, spec.run_id, 0)
     play(lost, 30)
     before.save(lost, (), "here")
@@ -150,9 +148,7 @@ def full_disk(*arguments: object) -> None:
 
 
 @pytest.mark.slow
-def test_a_run_outlasts_a_full_disk_wherever_it_strikes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_outlasts_a_full_disk_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every tenth file that is written fails at first."""
     spec = small_spec(tmp_path, teacher="alp_gmm", steps=400, evaluation_interval=200)
     run(spec, tmp_path / "undisturbed", placement=EVERY_EPISODE)
@@ -174,9 +170,7 @@ def test_a_run_outlasts_a_full_disk_wherever_it_strikes(
     assert data_files(tmp_path / "full") == data_files(tmp_path / "undisturbed")
 
 
-def test_a_disk_that_stays_full_ends_the_attempt_which_can_be_taken_up_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_stays_full_ends_the_attempt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     spec = small_spec(tmp_path, teacher="alp_gmm", steps=1_000)
     run(spec, tmp_path / "undisturbed")
     monkeypatch.setattr(storage_errors, "FIRST_PAUSE", 0.01)

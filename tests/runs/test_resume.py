@@ -90,9 +90,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunSpec, dict[str, 
     return short_run(tmp_path_factory.mktemp("short"))
 
 
-def test_checkpoints_at_every_episode_change_nothing(
-    tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]]
-) -> None:
+def test_checkpoints_change_nothing(tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]]) -> None:
     spec, undisturbed = short
     run(spec, tmp_path, placement=Placement(checkpoint_seconds=0.0))
     assert data_files(tmp_path) == undisturbed

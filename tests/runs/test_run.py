@@ -63,9 +63,7 @@ def test_a_shorter_run_is_a_prefix_and_looking_changes_nothing(finished: Path, t
 
 
 @pytest.mark.parametrize("view", [False, True])
-def test_an_environment_may_overwrite_the_observation_that_it_returned(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, view: bool
-) -> None:
+def test_observations_may_be_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, view: bool) -> None:
     """The student learns the same from one array as from new ones, and SPDL keeps first observations."""
     import corridor
 
@@ -84,9 +82,7 @@ def test_an_environment_may_overwrite_the_observation_that_it_returned(
 
 
 @pytest.mark.parametrize("teacher", sorted(TEACHERS))
-def test_no_teacher_is_given_a_return_that_is_not_finite(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, teacher: str
-) -> None:
+def test_returns_are_always_finite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, teacher: str) -> None:
     """The run names the episode and its task, in the same words for all teachers."""
     import corridor
 

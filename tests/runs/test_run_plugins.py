@@ -103,9 +103,7 @@ def planned(folder: Path, name: str, plugin: Plugin) -> RunSpec:
     return replace(small_spec(folder), teacher=name, plugins={"teacher": plugin})
 
 
-def test_a_decorated_name_is_learned_from_the_module_that_the_spec_tells(
-    tmp_path: Path, module: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_names_come_with_the_module(tmp_path: Path, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UnknownNameError):
         TEACHERS.get("of_elsewhere")
     __import__(module)

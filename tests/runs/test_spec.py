@@ -151,9 +151,7 @@ def test_parkour_tests_bodies_where_they_live(embodiment: str, locomotion: str) 
         ),
     ],
 )
-def test_what_would_fail_when_it_starts_is_refused_when_it_is_planned(
-    changes: dict[str, object], message: str
-) -> None:
+def test_what_would_fail_later_is_refused_when_planned(changes: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         effective_spec(Cell(**{"student": "ppo", "embodiment": "spider", **changes}), 0, Schedule())
 

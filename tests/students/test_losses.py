@@ -10,12 +10,7 @@ from tma_ray.students.hyperparameters import LogStd, PPOHyperparameters, SACHype
 from tma_ray.students.mlp.network import FlatParameters, blocks_of
 from tma_ray.students.ppo import PPOUpdate, Steps, losses
 from tma_ray.students.rollout_workers.sac import LOG_STD_RANGE
-from tma_ray.students.sac import (
-    SQUASH_EPSILON,
-    SACUpdate,
-    log_std_of,
-    squashed_draw,
-)
+from tma_ray.students.sac import SQUASH_EPSILON, SACUpdate, log_std_of, squashed_draw
 
 pytestmark = pytest.mark.usefixtures("_seeded")
 

@@ -32,10 +32,7 @@ def test_each_map_undoes_the_other(shuffled: ShuffledSpace, data: st.DataObject)
     space = shuffled.space
     shares = data.draw(arrays(np.float64, (3, space.size), elements=st.floats(0, 1)))
     tasks = space.denormalise(shares)
-    for there, back in (
-        (shuffled.to_world, shuffled.from_world),
-        (shuffled.from_world, shuffled.to_world),
-    ):
+    for there, back in ((shuffled.to_world, shuffled.from_world), (shuffled.from_world, shuffled.to_world)):
         moved = there(tasks)
         assert moved.dtype == np.float32
         assert space.contains(moved)

@@ -5,14 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tma_ray.tasks import (
-    KnowledgeLevel,
-    ShuffledSpace,
-    TaskSpace,
-    TestSet,
-    check_task,
-    expert_knowledge,
-)
+from tma_ray.tasks import KnowledgeLevel, ShuffledSpace, TaskSpace, TestSet, check_task, expert_knowledge
 
 SPACE = TaskSpace.from_bounds({"height": (-3, 3), "fixed": (10, 10), "spacing": (0, 6)}, {"spacing": "m"})
 

@@ -45,9 +45,7 @@ def test_it_starts_from_a_single_task() -> None:
     ],
 )
 @pytest.mark.parametrize("boundary", BOUNDARIES)
-def test_the_mean_of_ten_returns_moves_the_boundary(
-    boundary: Boundary, returns: list[float], moved: float
-) -> None:
+def test_ten_returns_move_their_boundary(boundary: Boundary, returns: list[float], moved: float) -> None:
     teacher = adr()
     start = np.array([[1.0, 2.0], [2.0, 4.0]])
     teacher.bounds_ = start.copy()

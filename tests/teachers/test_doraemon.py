@@ -113,9 +113,7 @@ def test_nothing_changes_before_the_share_is_reached() -> None:
 
 
 @pytest.mark.parametrize(("level", "is_wide"), [(KnowledgeLevel.LOW, True), (KnowledgeLevel.HIGH, False)])
-def test_where_no_easy_task_is_known_it_can_start_uniform_and_narrow_to_what_is_mastered(
-    level: KnowledgeLevel, is_wide: bool
-) -> None:
+def test_without_an_easy_task_it_can_start_uniform_and_narrow(level: KnowledgeLevel, is_wide: bool) -> None:
     teacher = doraemon(level, start_from_wide_uniform=True, budget=20_000)
     assert (teacher.distribution_.entropy()[0] == 0.0) == is_wide
     if is_wide:

@@ -62,9 +62,7 @@ def test_difficulty_is_the_positive_value_loss_and_the_weighted_error() -> None:
     np.testing.assert_allclose(teacher.buffer_.scores, expected)
 
 
-def test_co_learnability_is_the_drop_of_difficulty_in_the_round_that_follows(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_co_learnability_is_the_drop_of_difficulty_a_round_later(monkeypatch: pytest.MonkeyPatch) -> None:
     """The recurrence, by hand, over rounds of two replays."""
     drawn = iter(np.random.default_rng(3).uniform(1, 9, 100))
     measured: list[float] = []

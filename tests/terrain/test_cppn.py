@@ -145,9 +145,7 @@ def heights(box: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("height", ["2.7", "5"])
-def test_as_many_tasks_leave_room_to_pass(
-    height: str, box: str, heights: tuple[np.ndarray, np.ndarray], release
-) -> None:
+def test_as_many_leave_room(height: str, box: str, heights: tuple[np.ndarray, np.ndarray], release) -> None:
     ground, ceiling = heights
     clearance = (ceiling - ground).min(axis=1) + 200 / DELTA
     expected = release[box, f"share_of_tasks_with_smallest_clearance_above_{height}"]
@@ -155,9 +153,7 @@ def test_as_many_tasks_leave_room_to_pass(
     assert np.mean(clearance > float(height)) == pytest.approx(expected, abs=0.05 + 2 * error)
 
 
-def test_grounds_are_as_steep_and_reach_as_far(
-    box: str, heights: tuple[np.ndarray, np.ndarray], release
-) -> None:
+def test_grounds_are_as_steep_and_as_far(box: str, heights: tuple[np.ndarray, np.ndarray], release) -> None:
     ground, _ = heights
     slope = np.abs(np.diff(ground, axis=1)).mean() / TERRAIN_STEP
     assert slope == pytest.approx(release[box, "mean_slope"], rel=0.2)

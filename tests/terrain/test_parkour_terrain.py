@@ -10,14 +10,7 @@ from parkour_worlds import SHIPPED, parkour_world
 from suite.processes import python
 
 from tma_ray.terrain import CEILING, FIXED, GROUND_HEIGHT, Terrain
-from tma_ray.terrain.parkour import (
-    CPPN,
-    CREEPER_HEIGHT_STD,
-    SHAPES,
-    TRACK_POINTS,
-    creeper_points,
-    outlines,
-)
+from tma_ray.terrain.parkour import CPPN, CREEPER_HEIGHT_STD, SHAPES, TRACK_POINTS, creeper_points, outlines
 from tma_ray.terrain.terrain import TERRAIN_STEP
 
 LOW = np.array([-2, -2, -2, 0, 0, 0, 0, 2], dtype=np.float32)

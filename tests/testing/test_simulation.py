@@ -203,9 +203,7 @@ def test_the_command_writes_rows_and_shows_tables(tmp_path: Path, capsys: pytest
         (["-o", "nowhere/rows.csv"], "does not exist"),
     ],
 )
-def test_the_command_refuses_before_it_runs(
-    wrong: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_mistakes_are_refused(wrong: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", *wrong]) == 2
     assert message in capsys.readouterr().err
 

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from tma_ray.students.cohort.device import (
-    Purpose,
-    integers_below,
-    philox,
-    standard_normals,
-    words,
-    words_of,
-)
+from tma_ray.students.cohort.device import Purpose, integers_below, philox, standard_normals, words, words_of
 from tma_ray.students.cohort.networks import PaddedLayout, stacked_pass, twin_pass
 from tma_ray.students.cohort.replay import StackedReplay
 from tma_ray.students.mlp.layout import Layout
