@@ -75,13 +75,15 @@ __getattr__, __dir__ = attach(__name__, __file__)
 
 
 def load(root: str | Path) -> Frames:
-    """Load a results root (finished or not) or a release, with empty frames and warnings for missing tables.
+    """Load a results root, finished or not, or a release as pandas frames.
+
+    A missing table becomes an empty frame with a warning.
 
     Args:
         root: a folder, an ``s3://`` or ``gs://`` address, or the name of a release.
 
     Raises:
-        ResultsRootError: if `root` has none of these.
+        ResultsRootError: if `root` is neither a results root nor a release.
         BaselineError: if a baseline is damaged, or has published means without runs.
     """
     from analysis.baselines.catalogue import read_source  # deferred: slow to import

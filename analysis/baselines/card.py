@@ -28,7 +28,7 @@ def card(
     ceilings: Sequence[str] = (),
     paths: Iterable[str] = (),
 ) -> str:
-    """Return the card of a baseline.
+    """Return the Markdown text of a baseline card.
 
     Args:
         manifest: manifest of the baseline.
@@ -61,13 +61,13 @@ def card(
 
 
 def _configurations(paths: Iterable[str]) -> dict[str, str]:
-    """Return the file pattern of each table, by table name."""
+    """Return the glob pattern of each table's files, by table name."""
     folders = sorted({PurePosixPath(path).parent for path in paths})
     return {folder.name: f"{folder}/*.parquet" for folder in folders}
 
 
 def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return the sorted distinct values of columns, and some counts, as JSON values."""
+    """Return the contents of a baseline as JSON values: distinct values by column, and counts."""
     distinct = {name: sorted(set(values)) for name, values in columns.items()}
     return {name: values for name, values in distinct.items() if values and values != [""]} | dict(counts)
 
@@ -83,7 +83,7 @@ def _plain(name: str, value: Any) -> str:
 
 
 def _safe(text: str) -> str:
-    """Escape all characters of a text that Markdown could interpret."""
+    """Escape Markdown's special characters in a text."""
     return re.sub(r"[^\w +./:=-]", lambda match: f"&#{ord(match[0])};", text)
 
 
@@ -99,7 +99,7 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 
 def origin(frames: Frames, physics_versions: Sequence[int]) -> str:
-    """Return sentences on the engines, attempts and specifications of runs."""
+    """Return sentences on the origin of runs: engines, attempts, specifications."""
     engines = set(frames.cells["engine"])
     others = sorted(engines - {CHIPMUNK, SIMULATED})
     sentences = (

@@ -31,7 +31,7 @@ class BaselineError(ValueError):
 
 
 class BaselineKind(StrEnum):
-    """Kind of a baseline's tables."""
+    """Kind of baseline: with runs, or with published results alone."""
 
     RUNS = "runs"
     """Tables of a results root."""
@@ -41,7 +41,7 @@ class BaselineKind(StrEnum):
 
 @dataclass(frozen=True)
 class BaselineFile:
-    """File of a baseline.
+    """Path, size and checksum of a file of a baseline.
 
     Attributes:
         path: path relative to the baseline's folder.
@@ -58,14 +58,14 @@ class BaselineFile:
 
     @classmethod
     def of(cls, store: Store, path: str) -> Self:
-        """Return the entry of the file at `path`."""
+        """Return the path, size and checksum of the file at `path`."""
         data = store.read_bytes(path)
         return cls(path, len(data), hashlib.sha256(data).hexdigest())
 
 
 @dataclass(frozen=True)
 class About:
-    """Facts about a release that its runs do not contain.
+    """Facts about a release that cannot be read from its runs.
 
     Attributes:
         core: campaigns that ``tma-ray campaign --like`` repeats; empty for those of the previous manifest, or
@@ -130,12 +130,12 @@ class BaselineManifest:
 
     @property
     def core_is_whole(self) -> bool:
-        """True if no run of the core is missing."""
+        """True if no run of the core campaigns is missing."""
         whole = {name for name, count in self.planned.items() if self.done.get(name, 0) >= count}
         return not self.partial or (bool(self.core) and whole.issuperset(self.core))
 
     def to_bytes(self) -> bytes:
-        """Return the content of `BASELINE_FILE`."""
+        """Return the manifest as JSON, the content of `BASELINE_FILE`."""
         content = {"format": FORMAT, "format_version": FORMAT_VERSION, **asdict(self)}
         return (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode()
 
@@ -171,7 +171,7 @@ BASELINES_VARIABLE: Final = "TMA_BASELINES"
 
 @dataclass(frozen=True)
 class Baseline:
-    """Results to compare with, in a folder or at an address.
+    """Baseline: results to compare with, in a folder or an object store.
 
     Attributes:
         location: folder, or address in an object store.
@@ -201,7 +201,7 @@ class Baseline:
         return frames_of(Results(self.store())).with_core(self.manifest.core)
 
     def published(self) -> pd.DataFrame:
-        """Return the published results, in the columns of `reference.paper_frame`.
+        """Return the published results, with the columns of `reference.paper_frame`.
 
         Raises:
             BaselineError: if it has runs instead.
@@ -211,14 +211,14 @@ class Baseline:
         return published_frame(self.store())
 
     def store(self) -> Store:
-        """Return the store of the files, which verifies their checksums if it is remote."""
+        """Return the store of the baseline's files; a remote store verifies their checksums."""
         store = Store.open(self.location)
         recorded = {file.path: file.sha256 for file in self.manifest.files}
         return store.recorded(recorded) if "://" in self.location else store
 
 
 def baselines() -> tuple[Baseline, ...]:
-    """Return the named baselines: those shipped with the package and those in `BASELINES_VARIABLE`.
+    """Return the baselines that are shipped with the package or listed in `BASELINES_VARIABLE`.
 
     Raises:
         BaselineError: if a location in `BASELINES_VARIABLE` has none, or one is damaged.
@@ -232,7 +232,7 @@ def baselines() -> tuple[Baseline, ...]:
 
 
 def newest_release() -> Baseline:
-    """Return the newest named release with runs of real students and a complete core.
+    """Return the newest of `baselines` that has real students (not simulated ones) and a complete core.
 
     Raises:
         BaselineError: if there is none, or a baseline is damaged.
@@ -300,7 +300,7 @@ def as_baseline(root: str | Path) -> Baseline | None:
 
 
 def _within(entry: str) -> Iterator[str]:
-    """Yield `entry` if it is a baseline, else the baselines in the folders directly below it."""
+    """Yield the location of the baseline at `entry`, or else of all baselines directly below it."""
     store = Store.open(entry)
     if store.holds(BASELINE_FILE):
         yield entry
@@ -321,12 +321,17 @@ Sources: TypeAlias = str | Path | Sequence[str | Path]
 
 
 def read(sources: Sources) -> Frames:
-    """Return the runs of all sources as if from one root, and raise the same errors as `read_source`."""
+    """Return the runs of one or several sources, joined as if from one root.
+
+    Raises:
+        BaselineError: as in `read_source`.
+        ResultsRootError: as in `read_source`.
+    """
     return joined([read_source(source) for source in source_list(sources)])
 
 
 def source_list(sources: Sources) -> tuple[str | Path, ...]:
-    """Return the distinct sources.
+    """Return one or several sources as a tuple without duplicates.
 
     Raises:
         ValueError: if there is none.
@@ -338,7 +343,7 @@ def source_list(sources: Sources) -> tuple[str | Path, ...]:
 
 
 def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
-    """Return the teachers, except Random, in the results roots that are read along with baselines."""
+    """Return the teachers (except Random) of results roots that are read together with baselines."""
     distinct = source_list(sources)
     roots = [source for source in distinct if as_baseline(source) is None]
     if not 0 < len(roots) < len(distinct):

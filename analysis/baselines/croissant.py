@@ -100,7 +100,7 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
 
 
 def _distribution(table: Table, files: Sequence[BaselineFile]) -> Iterator[dict[str, Any]]:
-    """Yield an entry for each file of a table, and one for the set of files."""
+    """Yield one entry per file of a table, and one for the set of all its files."""
     for file in files:
         yield {
             "@type": "cr:FileObject",
@@ -121,7 +121,7 @@ def _distribution(table: Table, files: Sequence[BaselineFile]) -> Iterator[dict[
 
 
 def _field(table: Table, column: pa.Field) -> dict[str, Any] | None:
-    """Return the entry of a column, or None for structs and maps, which have no Croissant type."""
+    """Return the Croissant field of a column, or None for structs and maps."""
     kind, repeated = column.type, pa.types.is_list(column.type)
     kind = kind.value_type if repeated else kind
     kind = kind.value_type if pa.types.is_dictionary(kind) else kind

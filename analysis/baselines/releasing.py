@@ -105,7 +105,7 @@ def release(
 
 @contextmanager
 def _aside(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder next to `folder`."""
+    """Create a temporary folder next to `folder`, and delete it at the end."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     aside = folder.parent / f".{folder.name}-{uuid4().hex[:8]}"
     try:
@@ -122,7 +122,7 @@ def _draft(
     missing: str,
     planned: Mapping[str, int],
 ) -> BaselineManifest:
-    """Return a release manifest without contents, with defaults taken from the manifest `before`."""
+    """Return a manifest without contents, with defaults from the previous manifest `before`."""
     return BaselineManifest(
         name=name,
         kind=BaselineKind.RUNS,
@@ -170,7 +170,7 @@ def _complete(draft: BaselineManifest, folder: Path, copied: results.Copy | resu
 
 
 def _release_folder(name: str, output: Path | None) -> Path:
-    """Return the folder of a release within `output`, the current folder by default."""
+    """Return the folder of a release, by default in the current folder."""
     if not re.fullmatch(r"[0-9a-zA-Z][0-9a-zA-Z._-]*", name):
         raise BaselineError(
             f"release {name!r}: use letters, digits, '.', '_' and '-', a letter or digit first"
@@ -181,7 +181,9 @@ def _release_folder(name: str, output: Path | None) -> Path:
 
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str) -> str:
-    """Raise if a root is unfinished, else return a text on its missing runs, by default `lacking`.
+    """Check that a root is finished (unless `partial`), and return a text on its missing runs.
+
+    The text of a finished root is `lacking`.
 
     Raises:
         BaselineError: if a campaign is running, or the root is empty or, unless `partial`, incomplete.
@@ -214,7 +216,7 @@ def _refuse_damaged(problems: Sequence[str], partial: bool) -> None:
 def _with_contents(
     draft: BaselineManifest, frames: Frames, copied: results.Copy | results.Shard
 ) -> BaselineManifest:
-    """Return a manifest with the contents and limits of the tables."""
+    """Return a copy of a manifest, with the contents and caveats of the release's tables."""
     cells, runs = frames.cells, frames.results.runs()
     columns = {name: cells[column].astype(object).dropna().tolist() for name, column in HELD.items()}
     columns |= {name: list(map(int, columns[name])) for name in ("steps", "seeds")}
@@ -263,7 +265,7 @@ def add_to_release(
     *,
     about: About = DEFAULT_ABOUT,
 ) -> Path:
-    """Add the new finished runs of a root to an existing or new release, as one lean file per table.
+    """Add the new finished runs of a root to a release, which may be new, as one lean file per table.
 
     The other files of the release stay, except its card and metadata. A campaign may be running on the root.
     An interruption leaves the release unchanged.
@@ -300,7 +302,7 @@ def add_to_release(
         cells = source.table(results.Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
         planned = cells.groupby("campaign")["run_id"].nunique().to_dict()
         for campaign, count in before.planned.items() if before else ():
-            planned[campaign] = max(count, planned.get(campaign, 0))  # the root may hold part of it
+            planned[campaign] = max(count, planned.get(campaign, 0))  # the root may lack some of its runs
         _complete(_draft(name, licence, about, before, "", planned), aside, added)
         if folder.exists():
             old = folder.parent / f".{folder.name}-{uuid4().hex[:8]}-old"
@@ -335,7 +337,7 @@ def _copied(folder: Path, aside: Path) -> BaselineManifest:
 
 
 def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.CopyOptions:
-    """Return options for a lean release that keeps only each cell's policy with the median `HEADLINE`.
+    """Return options for a lean release with the policy of each cell's median run by `HEADLINE`.
 
     The weights are float16.
 

@@ -25,7 +25,7 @@ RELEASED_SUFFIXES: Final = (".json", ".parquet", ".safetensors", ".md", ".jsonl.
 
 @dataclass(frozen=True)
 class Verification:
-    """Result of a verification.
+    """Result of verifying a baseline.
 
     Attributes:
         baseline: baseline that was verified.
@@ -42,7 +42,7 @@ class Verification:
 
     @property
     def whole(self) -> bool:
-        """True if all files are as released, and none was added."""
+        """True if no file was changed, removed or added."""
         return not self.damage
 
 

@@ -1,1 +1,1 @@
-"""Charts: each kind of figure computed once, with a renderer for papers and one for pages."""
+"""Charts, computed once and rendered for papers by matplotlib or for pages by plotly.js."""

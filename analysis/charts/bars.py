@@ -16,8 +16,8 @@ from analysis.data.reference import is_baseline
 from analysis.names import label, order, short_labels, title
 from analysis.teacher_styles import INK, MUTED, TeacherStyle, teacher_style
 
-COLUMNS = 3  # number of panels side by side if `by` gives a single column
-MOST_BRACKETS = 12  # largest number of brackets in a panel; with more pairs all panels have letters
+COLUMNS = 3  # number of panels per row if the second column of `by` has a single value
+MOST_BRACKETS = 12  # largest number of brackets in a panel, above which all panels have letters
 LANE = 0.055  # width of a lane of brackets or letters, as a share of the axis
 DOUBT = "\N{DAGGER}"  # mark of a doubtful published result
 
@@ -33,7 +33,7 @@ class Whisker(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class PanelResults:
-    """Results of one panel."""
+    """Results of one panel, with the pairs of teachers that differ significantly."""
 
     titles: tuple[str, str]  # titles of the panel's row and column
     rows: pd.DataFrame  # mean, whisker, and whether the result is doubtful, by teacher
@@ -49,7 +49,7 @@ def bars_with_pairs(
     whisker: Whisker = Whisker.DEVIATION,
     by: tuple[str, str] = ("challenge", "expert_knowledge"),
 ) -> base.Chart:
-    """Return mean results as bars, with a row of panels per challenge and a column per knowledge level.
+    """Return a bar chart of mean results, with a panel per challenge (row) and knowledge level (column).
 
     Brackets join teachers that differ significantly. If a panel has over `MOST_BRACKETS` of them, all panels
     have letters instead: two teachers share a letter exactly if they do not differ significantly. A dashed
@@ -80,7 +80,7 @@ def bars_with_pairs(
     teachers = list(names)
     rows, columns = (sorted(table[column].unique(), key=functools.partial(order, column)) for column in by)
     results = [_results(table, tests, by, (row, column)) for row in rows for column in columns]
-    percent = measure.endswith("percent")  # whiskers of percentages stop at 0
+    percent = measure.endswith("percent")  # axes of percentages start at 0
     low = 0.0 if percent else min(0.0, (table["mean"] - table["whisker"]).min())
     high = max((table["mean"] + table["whisker"]).max(), base.LEAST_PERCENT if percent else 0.0)
     start, end = 1.02 * low, 1.02 * high if high > low else low + 1.0
@@ -127,7 +127,7 @@ def _results(
     def pairs(tests: pd.DataFrame) -> list[Pair]:
         return list(tests[["first", "second"]].itertuples(index=False, name=None))
 
-    rows, tests = (  # element by element, since pools are tuples in some tables
+    rows, tests = (  # not by pandas' ==, which takes a tuple (a pool) for a list of values
         frame[
             np.array([values == key for values in zip(*(frame[column] for column in by), strict=True)], bool)
         ]
@@ -176,7 +176,7 @@ def _brackets(
 def _letters(
     results: PanelResults, teachers: Sequence[str], start: float, lane: float
 ) -> Iterator[tuple[int, base.Mark]]:
-    """Yield the lane and mark of each teacher's letters, or "?" for a teacher without any test."""
+    """Yield the lane and label of each letter of a teacher, "?" for a teacher without any test."""
     names = list(results.rows.index)
     never = [name for name in names if sum(name in pair for pair in results.untested) >= len(names) - 1]
     letters = compact_letter_display([name for name in names if name not in never], results.different)
@@ -202,7 +202,7 @@ def _notes(panels: Sequence[PanelResults], brackets: bool) -> Iterator[str]:
 
 
 def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> dict[str, list[int]]:
-    """Return a compact letter display, where two names share a letter if and only if they do not differ.
+    """Return a compact letter display: two names share a letter if they do not differ significantly.
 
     Piepho's insert-and-absorb algorithm (Journal of Computational and Graphical Statistics 13, 2004) needs no
     order among names, so it is exact for tests with unequal variances, which are not transitive.
@@ -227,7 +227,7 @@ def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> d
 
 
 def lanes(spans: Collection[tuple[int, int]]) -> dict[tuple[int, int], int]:
-    """Assign spans to lanes without overlap, with the longest spans outermost."""
+    """Assign spans to lanes so that none overlap, with the longest spans outermost."""
     lane_of: dict[tuple[int, int], int] = {}
     for low, high in sorted(spans, key=lambda span: (span[1] - span[0], span)):
         taken = {lane for (start, end), lane in lane_of.items() if start < high and low < end}

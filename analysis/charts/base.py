@@ -48,7 +48,7 @@ class AxisKind(StrEnum):
     COMPARISONS = "comparisons"
 
 
-MOST_TICKS = 12  # largest range of whole numbers with a tick for each
+MOST_TICKS = 12  # largest range of an axis on which every whole number has a tick
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class PanelAxis:
     kind: AxisKind = AxisKind.NUMBER  # quantity of the axis
     low: float | None = None  # lower bound; None to fit the marks
     high: float | None = None  # upper bound; None to fit the marks
-    rows: Mapping[str, str] = field(default_factory=dict)  # titles by key, at 0, 1, …
+    rows: Mapping[str, str] = field(default_factory=dict)  # row titles by key, at the positions 0, 1, …
     last_tick: float | None = None  # largest value with a tick; None for all
     whole: bool = False  # True if only whole numbers have ticks
     grid: bool = False  # True to draw grid lines at the ticks
@@ -72,13 +72,13 @@ class PanelAxis:
 
     @property
     def each_whole(self) -> bool:
-        """True if each whole number has a tick."""
+        """True if every whole number has a tick."""
         return self.whole and (self.high or 0) - (self.low or 0) <= MOST_TICKS
 
 
 @dataclass(frozen=True)
 class ColourScale:
-    """Colour scale of values."""
+    """Colour scale for values from `low` to `high`."""
 
     name: str  # name of the scale in matplotlib and plotly
     low: float  # value of the first colour
@@ -90,7 +90,7 @@ class ColourScale:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mark:
-    """Element of a panel."""
+    """Base class of the marks drawn in a panel."""
 
     look: TeacherStyle = PLAIN  # colour, marker and dashes
     name: str = ""  # legend entry; empty for no entry
@@ -103,10 +103,10 @@ class Mark:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Curve(Mark):
-    """Line with its band."""
+    """Line, band around a line, or both."""
 
-    x: Array  # positions (n,)
-    y: Array | None = None  # heights (n,); None for a band alone
+    x: Array  # x coordinates (n,)
+    y: Array | None = None  # y coordinates (n,); None for a band alone
     low: Array | None = None  # lower ends of the band (n,); None for no band
     high: Array | None = None  # upper ends of the band (n,); None for no band
     n: NDArray[Any] | None = None  # number of runs (n,); the line is thin if some are missing
@@ -117,10 +117,10 @@ class Curve(Mark):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scatter(Mark):
-    """Points."""
+    """Points of a scatter plot."""
 
-    x: Sequence[float] | Array  # positions (n,)
-    y: Sequence[float] | Array  # heights (n,)
+    x: Sequence[float] | Array  # x coordinates (n,)
+    y: Sequence[float] | Array  # y coordinates (n,)
     values: Sequence[float] | Array | None = None  # values on the colour scale (n,)
     colours: ColourScale | None = None  # colour scale of `values`
     size: float | Array = 5.0  # diameter of each point, or of all points, CSS pixels
@@ -131,10 +131,10 @@ class Scatter(Mark):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Interval(Mark):
-    """Mean with its interval along the horizontal axis."""
+    """Mean with a horizontal interval."""
 
     x: float  # mean; NaN if missing
-    y: float  # height
+    y: float  # y coordinate
     low: float  # lower end; NaN if missing
     high: float  # upper end; NaN if missing
     size: float = 8.0  # diameter of the mean's marker, CSS pixels; 0 for none
@@ -166,15 +166,15 @@ class Heatmap(Mark):
 class Outline:
     """Outline of a polygon."""
 
-    xs: Array  # corners (n,), the first repeated at the end
-    ys: Array  # corners (n,)
-    weight: float = 0.5  # opacity of the filling, in [0, 1]
+    xs: Array  # x coordinates of the corners (n,), the first repeated at the end
+    ys: Array  # y coordinates of the corners (n,)
+    weight: float = 0.5  # opacity of the fill, in [0, 1]
     score: float | None = None  # value on the colour scale; None for the colour of the mark
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Polygons(Mark):
-    """Polygons, bottom layer first, with the colour scale of their scores."""
+    """Polygons, optionally coloured by score, bottom layer first."""
 
     outlines: Sequence[Outline]
     colours: ColourScale | None = None
@@ -214,7 +214,7 @@ class StarRow:
 
 @dataclass(frozen=True)
 class LegendEntry:
-    """Entry of the legend for a marker, full or hollow."""
+    """Legend entry for a full or hollow marker."""
 
     marker: str
     name: str
@@ -238,15 +238,15 @@ class Panel:
     empty_text: str = ""  # text shown in an empty panel
     frame: str = ""  # colour of a frame; empty for no frame
     moments: Sequence[Any] = ()  # steps and `END` of an animated panel, in order; empty for a static one
-    moment: Callable[[Any], "Panel"] | None = None  # returns the panel at a moment
+    moment: Callable[[Any], "Panel"] | None = None  # function that returns the panel at a moment
 
     def at(self, moment: object) -> "Panel":
-        """Return the panel at a moment."""
+        """Return the panel at a moment of its animation."""
         return self if self.moment is None else self.moment(moment)
 
 
 class Legend(StrEnum):
-    """Positions of a legend."""
+    """Position of a legend."""
 
     TOP = "top"
     CORNER = "corner"
@@ -256,7 +256,7 @@ class Legend(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Chart, shown as a figure in a paper or as one or several plots on a page."""
+    """Chart: panels with titles and a legend, for a paper or a page."""
 
     name: str  # name of the files, and identifier on a page
     panels: Sequence[Sequence[Any]]  # panels by row; None for a gap
@@ -277,7 +277,7 @@ class Chart:
 
 
 def animated(at: Callable[[Any], Panel], moments: Sequence[Any], shown: Any) -> Panel:
-    """Return the panel at the moment `shown`, animated over all `moments`."""
+    """Return a panel that is animated over `moments`, initially at the moment `shown`."""
     return replace(at(shown), moments=moments, moment=at)
 
 
@@ -295,7 +295,7 @@ def grid(panels: Sequence[Panel], columns: int) -> list[list[Panel | None]]:
 
 
 def check_table(table: pd.DataFrame, columns: Sequence[str], what: str) -> None:
-    """Check that a table has rows and columns.
+    """Check that a table has at least one row, and the given columns.
 
     Raises:
         ValueError: if it has no rows, or lacks one of `columns`.

@@ -38,22 +38,22 @@ CURVES = (
 )
 """Column, label of the axis and title of each learning curve."""
 
-MOST_DIMENSIONS = 20  # largest number of varied dimensions of a space that is drawn dimension by dimension
+MOST_DIMENSIONS = 20  # largest number of varied dimensions that are drawn one by one
 
 
 FILM_NAME_CHARS = 16  # largest number of characters of a teacher's name beside a row of a film strip
 
 
 class PaperChart(NamedTuple):
-    """A chart for papers that is made on demand."""
+    """Chart for papers: its file name, and the function that computes it."""
 
     name: str  # file name, unique within the comparison
-    chart: Callable[[], Chart]  # function that returns the chart
+    chart: Callable[[], Chart]  # function without arguments that returns the chart
     animated: bool = False  # True for a GIF
 
 
 def page_charts(comparison: TeacherComparison) -> Iterator[Chart]:
-    """Yield the charts with all teachers: learning curves, seeds, and curves against trained steps."""
+    """Yield the charts that show all teachers together: learning curves, seeds, trained steps."""
     for value, quantity, title in CURVES:
         table = comparison.training if value == "training_return" else comparison.evaluations
         if len(table):
@@ -126,12 +126,12 @@ def page_panels(comparison: TeacherComparison) -> Iterator[Chart]:
 
 
 def page_pictures(comparison: TeacherComparison) -> Iterator[Chart]:
-    """Yield curricula by dimension, of the initially shown teachers, if the task space is not a plane."""
+    """Yield the chart of curricula dimension by dimension, unless the task space is a plane."""
     axes, shown = comparison.axes, comparison.measurements.shown
     curricula = {teacher: each for teacher, each in comparison.curricula.items() if teacher in shown}
     probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}
     varied = sum(axis.low < axis.high for axis in axes)
-    whole_plane = len(axes) == varied == 2  # other charts show a whole plane step by step
+    whole_plane = len(axes) == varied == 2  # a plane is already in other charts, step by step
     if not 0 < varied <= MOST_DIMENSIONS or whole_plane or len(moments(probed)) < 2:
         return
     caption = (
@@ -151,7 +151,7 @@ def page_pictures(comparison: TeacherComparison) -> Iterator[Chart]:
 
 
 def paper_charts(comparison: TeacherComparison) -> Iterator[PaperChart]:
-    """Yield maps of mastered tasks, and curricula with the teachers' own state."""
+    """Yield the charts for papers: maps of mastered tasks, and film strips and animations of curricula."""
     axes = comparison.axes
     varied = [index for index, axis in enumerate(axes) if axis.low < axis.high]
     if len(comparison.finals):
@@ -198,14 +198,14 @@ def _training_tasks(comparison: TeacherComparison, teachers: Iterable[str]) -> C
 
 
 def points_of(along: pd.DataFrame, ends: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Return teacher, seed, step (or `END`) and value of every run, at every evaluation and at its end."""
+    """Return teacher, seed, step (or `END`) and value: a row per evaluation of a run, and one for its end."""
     columns = ["teacher", "seed", "step", column]
     parts = [along[columns].astype({"step": object}), ends[[*columns[:2], column]].assign(step=END)]
     return pd.concat(parts, ignore_index=True).rename(columns={column: "value"})
 
 
 def _shares(comparison: TeacherComparison) -> pd.DataFrame:
-    """Return teacher, step (or `END`), test_set, task_index, n and share of seeds that master the task."""
+    """Return the share of seeds that master each test task, by teacher and step (or `END`)."""
     frames = comparison.frames
     along = mastered_tasks(frames, comparison.evaluations, ["teacher", "step"]).astype({"step": object})
     ends = mastered_tasks(frames, comparison.finals, ["teacher"]).assign(step=END)
@@ -225,7 +225,7 @@ def _curve_caption(value: str, table: pd.DataFrame) -> str:
 
 
 def _counts(rows: pd.DataFrame) -> str:
-    """Return the number of runs of each teacher: ``n = 4 seeds``, or one number per teacher."""
+    """Return the number of runs per teacher as text, such as ``n = 4 seeds per teacher``."""
     counts = rows.groupby("teacher")["run_id"].nunique()
     usual = int(counts.mode().iloc[-1])
     text = f"n = {usual} seed{'s' if usual > 1 else ''}" + (" per teacher" if len(counts) > 1 else "")
@@ -236,12 +236,12 @@ def _counts(rows: pd.DataFrame) -> str:
 
 
 def thresholds(cells: pd.DataFrame) -> str:
-    """Return the mastery threshold or thresholds, as text: ``230``."""
+    """Return the mastery thresholds of cells as text, such as ``230``."""
     return " or ".join(map(threshold, sorted(cells["mastery_threshold"].dropna().unique())))
 
 
 def threshold(value: float) -> str:
-    """Return a mastery threshold as text, without needless decimals."""
+    """Return a mastery threshold as text, without decimals if it is a whole number."""
     return number(value, 0 if value == round(value) else 2)
 
 

@@ -1,4 +1,4 @@
-"""Charts of curricula: film strips and animations of tasks, training tasks, dimensions, teachers' scalars.
+"""Charts of curricula: film strips, animations, training tasks, task dimensions, teachers' logs.
 
 Arguments in common: `curricula` has one run per teacher, and `plane` the two task dimensions.
 """
@@ -26,12 +26,12 @@ from analysis.formatting import steps_text
 from analysis.names import short_labels
 from analysis.teacher_styles import TeacherStyle, teacher_style
 
-SMALL = 1 / 3  # share of both dimensions under which the tasks of a run are drawn at their own scale
+SMALL = 1 / 3  # share of both dimensions below which the panel of a run is zoomed to its tasks
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of probed tasks in bands: outer band, inner band, median."""
 
-UPDATES = 24  # largest number of updates that are drawn, evenly spaced over a run
+UPDATES = 24  # largest number of teacher updates that are drawn, evenly spaced over a run
 
 MOST_FRAMES, MOST_SHOTS = 60, 12
 """Largest numbers of frames and panels of an animation, which keep it under a few megabytes."""
@@ -40,7 +40,7 @@ Run = TypeVar("Run")
 
 
 class Shot(NamedTuple):
-    """Run in one row of a film strip, named by its teacher or its seed."""
+    """Row of a film strip: a run, named by its teacher or its seed."""
 
     name: str
     teacher: str
@@ -83,7 +83,7 @@ def film_strip(
 
 
 def sheets(runs: Sequence[Run]) -> list[Sequence[Run]]:
-    """Split runs into as few parts of similar size as possible, each with at most `MOST_SHOTS` runs."""
+    """Split runs into the fewest parts of at most `MOST_SHOTS` runs, similar in size."""
     count = math.ceil(len(runs) / MOST_SHOTS)
     ends = [round(len(runs) * number / count) for number in range(1, count + 1)]
     return [runs[first:last] for first, last in itertools.pairwise([0, *ends])]
@@ -112,7 +112,7 @@ def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> b
 
 
 def _animated(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> base.Panel:
-    """Return the animated panel of a run, within the bounds of the plane or of its tasks."""
+    """Return the animated panel of a run, zoomed to its tasks if they lie in a small part of the plane."""
     view, updates = TaskView(plane), [shot.curriculum.update_at(step) for step in steps]
     boxes = [boxes_of(update) for update in updates if update is not None]
     scores = [float(box["score"]) for regions in boxes if len(regions) > 1 for box in regions]
@@ -141,7 +141,7 @@ def _animated(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> bas
 
 
 def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
-    """Return the steps to draw, by default the `moments` of the runs."""
+    """Check runs, and return the steps to draw, by default their `moments`."""
     if not shots:
         raise ValueError("no runs: expected at least one, to draw its curriculum")
     for shot in shots:
@@ -176,7 +176,7 @@ def curriculum_strip(curricula: Mapping[str, RunCurriculum], plane: tuple[Axis, 
 
 
 def dimension_bands(curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis]) -> base.Chart:
-    """Return quantiles of probed tasks against steps, with a row per dimension and a column per teacher.
+    """Return a chart of quantiles of probed tasks over steps, a row per dimension, a column per teacher.
 
     Dark lines are the bounds of a single box, or two standard deviations of a single Gaussian; dots are the
     means of several Gaussians, larger for more weight.
@@ -239,11 +239,11 @@ def _regions(curriculum: RunCurriculum, dimension: int) -> Iterator[base.Mark]:
 
 
 MOST_PER_TEACHER = 8  # largest number of scalars per teacher
-BINS = 150  # number of equal parts of a longer series, drawn as their medians and ranges
+BINS = 150  # number of bins of a longer series, drawn as their medians and ranges
 
 
 def scalars_of(curriculum: RunCurriculum) -> dict[str, pd.Series]:
-    """Return the finite values of each scalar by name, indexed by step."""
+    """Return the finite values of a teacher's logged scalars by name, indexed by step."""
     rows = [
         (int(step), str(name), float(value))
         for step, scalars in zip(curriculum.updates["step"], curriculum.updates["scalars"], strict=True)
@@ -269,7 +269,7 @@ def scalar_chart(curricula: Mapping[str, RunCurriculum], name: str, caption: str
 
 
 def hidden_scalars(curricula: Mapping[str, RunCurriculum]) -> int:
-    """Return the number of scalars that are left out of the chart."""
+    """Return the number of scalars that `scalar_chart` leaves out."""
     counts = (len(scalars_of(curriculum)) for curriculum in curricula.values())
     return sum(max(0, count - MOST_PER_TEACHER) for count in counts)
 

@@ -1,4 +1,4 @@
-"""Learning curves: of one comparison, panels with stars, pairs of teachers, and their difference matrix."""
+"""Learning curves: of all teachers, in panels with stars for significant differences, and pair by pair."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,8 +22,8 @@ AXIS_TITLES = {"mastered_percent": base.MASTERED, "training_return": "Mean train
 """Measures of `knowledge_panels`, with the titles of their axes."""
 
 STAR_STEPS = 5_000_000  # steps between two stars (paper, figures of Parkour)
-MOST_PAIR_ROWS = 9  # largest number of rows of `pairwise_curves`; above it, a matrix takes their place
-FLATTENED = 0.5  # share of the ceiling that curves must reach for it to be drawn
+MOST_PAIR_ROWS = 9  # largest number of rows of `pairwise_curves`, above which it draws a matrix
+FLATTENED = 0.5  # share of the ceiling that a curve must reach for the ceiling to be drawn
 MOST_MARKED = 45  # largest number of points of a line with markers
 
 LEVEL = "expert_knowledge"
@@ -73,7 +73,7 @@ def learning_curves(
 
 
 def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
-    """Return the learning curves of one comparison's runs, drawn by `learning_curves`.
+    """Return the learning curves of a comparison, from a table of its runs.
 
     Args:
         curves: teacher, run_id, step and `value`.
@@ -84,7 +84,7 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
 
 
 def _rows_by_teacher(table: pd.DataFrame) -> dict[str, base.Array]:
-    """Return step, mean, standard_error and n of each teacher's rows with a mean, as arrays (rows, 4)."""
+    """Return each teacher's rows with a mean as an array (rows, 4): step, mean, standard_error, n."""
     columns = ("step", "mean", "standard_error", "n")
     rows = np.column_stack([table[column].to_numpy(np.float64) for column in columns])
     teachers, known = table["teacher"].to_numpy(object), ~np.isnan(rows[:, 1])
@@ -94,7 +94,7 @@ def _rows_by_teacher(table: pd.DataFrame) -> dict[str, base.Array]:
 def _curves(
     rows: Mapping[str, base.Array], teacher: str, style: TeacherStyle, name: str, width: float, fill: str = ""
 ) -> Iterator[base.Curve]:
-    """Yield the curve of a teacher's mean and standard error, if it has any."""
+    """Yield a teacher's curve of mean ± standard error, if it has results."""
     chosen = rows.get(teacher, np.empty((0, 4)))
     if not len(chosen):
         return
@@ -118,7 +118,7 @@ def _curves(
 
 
 def _ceiling(value: float | None, curves: Sequence[base.Curve]) -> Iterator[base.ReferenceLine]:
-    """Yield the line of the ceiling, unless it would flatten the curves."""
+    """Yield a line at the ceiling (upper bound of all runs), unless it would flatten the curves."""
     highest = max((float(curve.high.max()) for curve in curves if curve.high is not None), default=0.0)
     if value is not None and highest >= FLATTENED * value:
         yield base.ReferenceLine(
@@ -128,7 +128,7 @@ def _ceiling(value: float | None, curves: Sequence[base.Curve]) -> Iterator[base
 
 @dataclass(frozen=True, eq=False)
 class CurvePanel:
-    """Panel of `curves_with_stars`.
+    """Data of a panel of `curves_with_stars`.
 
     Attributes:
         title: embodiment or challenge of the panel.
@@ -176,7 +176,7 @@ class CurvePanel:
         return _table(self.curves, self.measure, keys, f"curves of panel {self.title!r}", empty=True)
 
     def stars(self, every: int) -> pd.DataFrame:
-        """Return the line, step and difference of significant tests at multiples of `every`."""
+        """Return the significant differences at multiples of `every` steps: line, step, difference."""
         if self.tests is None or self.tests.empty:
             return pd.DataFrame(columns=["line", "step", "difference"])
         what = f"tests of panel {self.title!r}"
@@ -194,9 +194,9 @@ class CurvePanel:
 
 
 def curves_with_stars(panels: Sequence[CurvePanel], every: int = STAR_STEPS, columns: int = 2) -> base.Chart:
-    """Return mean ± standard error against steps, with stars where lines differ from the reference.
+    """Return learning curves (mean ± standard error), with stars where a line differs from the reference.
 
-    Colours and markers denote teachers, dashes and fillings of markers levels of expert knowledge. Each line
+    Colours and markers denote teachers; dashes and marker fills denote levels of expert knowledge. Each line
     has a row of stars, full where it is significantly above the reference, hollow where it is below.
 
     Args:
@@ -279,7 +279,7 @@ def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> I
 
 
 def _line_looks(tables: Sequence[pd.DataFrame]) -> dict[Line, tuple[TeacherStyle, str, str]]:
-    """Return the style, name and colour inside markers of each line, in order.
+    """Return the style, name and marker fill of each line, in the order of the legend.
 
     Several levels are distinguished by dashes, and by paler markers for less knowledge.
     """
@@ -319,7 +319,7 @@ def body_panels(
     name: str = base.MASTERED,
     ceiling: float | None = None,
 ) -> list[CurvePanel]:
-    """Return a panel per body of a pool, and one over all if it has several, with tests against Random.
+    """Return a panel per body, and one over all bodies if there are several, with tests against Random.
 
     Args:
         runs: rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison.
@@ -349,7 +349,7 @@ def knowledge_panels(
     measures: Mapping[str, str] = AXIS_TITLES,
     reference: KnowledgeLevel | None = KnowledgeLevel.HIGH,
 ) -> list[CurvePanel]:
-    """Return a row of panels per challenge, with one panel per measure over all levels of expert knowledge.
+    """Return panels that compare levels of expert knowledge: a row per challenge, a panel per measure.
 
     Args:
         runs: rows of `pooling.pool_runs` with the `measures` at each step.
@@ -440,7 +440,7 @@ def pairwise_curves(
 
 
 def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> Iterator[base.Scatter]:
-    """Yield the stars of each of two teachers at the steps where it is above the other."""
+    """Yield the stars of both teachers, each at the steps where it is significantly above the other."""
     for above, below in (pair, pair[::-1]):
         greater = (tests["first"] == above) & (tests["second"] == below) & (tests["difference"] > 0)
         less = (tests["first"] == below) & (tests["second"] == above) & (tests["difference"] < 0)

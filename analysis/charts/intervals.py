@@ -63,7 +63,7 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
 
 
 def _mean(values: base.Array, teacher: str, y: float, words: str, **style: Any) -> base.Interval:
-    """Return the mean of values with its 95 % interval, described by the template `words`."""
+    """Return the mark of a mean with its 95 % interval; `words` is the template of the hover text."""
     sample = describe(values)
     low, high = mean_percent_interval(sample) if sample.n else (math.nan, math.nan)
     text = words.format(number(sample.mean), sample.n) if sample.n else ""
@@ -122,7 +122,7 @@ def overview_chart(
     def at(step: Any) -> base.Panel:
         by_pair = samples.get(step, {})
         evaluated = {anchor for anchor, _ in by_pair}
-        # comparisons without this step show the ends of their runs
+        # comparisons without evaluations at this step show their final results
         latest = samples.get(base.END, {}) if step != base.END else {}
         shown = [(by_pair if pair[0] in evaluated else latest).get(pair, none) for pair in pairs]
         marks = [
@@ -145,7 +145,7 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> bas
     """Return a chart with a row per teacher: its rank by the mean, and the range of ranks that tests allow.
 
     Args:
-        boards: ranks, the best first, by heading and subtitle, separated by a colon; each is a panel.
+        boards: ranks of each panel, best first, by heading and subtitle, separated by a colon.
         name: identifier of the chart.
     """
     panels = []
@@ -191,7 +191,7 @@ DIFFERENCES = (
 def difference_chart(
     beside: Sequence[AgainstRandom], names: Mapping[str, str], heading: str, name: str = "differences"
 ) -> base.Chart:
-    """Return differences from Random with their intervals, a row per teacher and a panel per axis.
+    """Return a chart of differences from Random with intervals, a row per teacher, a panel per measure.
 
     Small marks are differences per trained step.
 
@@ -228,11 +228,11 @@ def difference_chart(
     return base.Chart(name, [panels], heading, DIFFERENCES, size=size, letters=7.5)
 
 
-FEWEST_WITH_BAND = 5  # least number of runs for a line to have a band, which would otherwise fill the panel
+FEWEST_WITH_BAND = 5  # least number of runs of a line with a band: that of fewer runs would fill the panel
 
 
 def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
-    """Return a chart of the share of runs above each threshold, with a line per teacher.
+    """Return a chart of performance profiles: the share of runs above each threshold, a line per teacher.
 
     Args:
         table: teacher, threshold, share, low, high and n, of `aggregates.profiles`.
@@ -277,7 +277,7 @@ ORDERS = (
 def budget_chart(
     comparison: BudgetComparison, names: Mapping[str, str], heading: str, name: str = "budgets"
 ) -> base.Chart:
-    """Return a chart of the teachers' ranks after each budget, with a line per teacher and a panel per axis.
+    """Return a chart of teachers' ranks after each budget, with a line per teacher and a panel per measure.
 
     Args:
         comparison: teachers at several budgets.

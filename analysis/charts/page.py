@@ -1,4 +1,4 @@
-"""Charts on pages as data for plotly.js, with frames of what changes from step to step."""
+"""Charts on pages, as data for plotly.js with animation frames of changes."""
 
 import base64
 import gzip
@@ -49,13 +49,13 @@ class Plot:
     name: str  # identifier on the page, and name of saved pictures
     title: str  # title of the chart
     teacher: str  # teacher of the panel; empty for several
-    traces: tuple[Trace, ...]  # traces with teacher and comparison in ``meta``, for hiding
+    traces: tuple[Trace, ...]  # traces; pages hide them by the teacher and comparison in their ``meta``
     layout: dict[str, Any]  # axes, margins, legend
-    frames: tuple[dict[str, Any], ...]  # name of each moment and changes to the traces
+    frames: tuple[dict[str, Any], ...]  # animation frames: name of the moment, and changed traces
 
     @property
     def json(self) -> str:
-        """The plot as JSON."""
+        """Plot as JSON."""
         data = {"data": list(self.traces), "layout": self.layout, "frames": list(self.frames)}
         return str(to_json_plotly(_compact(data)))
 
@@ -71,7 +71,7 @@ class PageChart:
 
 
 def on_page(chart: base.Chart) -> PageChart:
-    """Return a chart with a plot for each of its panels."""
+    """Return a chart for pages, with a plot per panel."""
     counts, seen, plots = Counter(panel.teacher for panel in chart.all_panels), Counter[str](), []
     for panel in chart.all_panels:
         seen[panel.teacher] += 1
@@ -94,7 +94,7 @@ def on_page(chart: base.Chart) -> PageChart:
 @cache
 def plotly_library() -> str:
     """Return plotly.js without remote addresses, `packed` for a script element."""
-    # string literals with an address that is not an XML namespace
+    # matches string literals with an address, except XML namespaces
     address = r"""(["'`])https?://(?!www\.w3\.org/)[^"'`]*\1"""
     return packed(re.sub(address, r"\1\1", str(get_plotlyjs())))
 
@@ -105,7 +105,7 @@ def packed(text: str) -> str:
 
 
 def _change(old: Trace, new: Trace) -> Trace:
-    """Return the changed entries of a trace, with markers and error bars entry by entry."""
+    """Return the changed entries of a trace; markers and error bars are compared entry by entry."""
     change = {}
     for key, value in new.items():
         if key in ("marker", "error_x"):
@@ -124,7 +124,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _traces(panel: base.Panel) -> list[Trace]:
-    """Return the traces of a panel, with each name only once in the legend."""
+    """Return the traces of a panel; traces with the same name share a legend entry."""
     traces, named = [], set[str]()
     for mark in panel.marks:
         for trace in _traces_of(mark, panel):
@@ -244,7 +244,7 @@ def _(mark: base.Polygons, _: base.Panel) -> Iterator[Trace]:
 
 @_traces_of.register
 def _(mark: base.ReferenceLine, panel: base.Panel) -> Iterator[Trace]:
-    if panel.y.kind is base.AxisKind.TEACHERS:  # drawn by the layout, since numbers would replace row names
+    if panel.y.kind is base.AxisKind.TEACHERS:  # drawn by the layout: numbers in a trace replace row names
         return
     curves = [mark.x for mark in panel.marks if isinstance(mark, base.Curve) and len(mark.x)]
     ends = [min(x.min() for x in curves), max(x.max() for x in curves)] if curves else [0.0, 1.0]
@@ -357,7 +357,7 @@ def _axis(axis: base.PanelAxis, panel: base.Panel) -> dict[str, Any]:
 
 
 def _rows(axis: base.PanelAxis, positions: Any) -> Any:
-    """Return positions along an axis: names for rows of teachers, else numbers rounded to visible digits."""
+    """Return positions along an axis: teachers' names, or else rounded numbers."""
     if axis.kind is base.AxisKind.TEACHERS:
         names = [_shown(name) for name in axis.rows.values()]
         return [names[int(position)] for position in positions]
@@ -365,13 +365,13 @@ def _rows(axis: base.PanelAxis, positions: Any) -> Any:
 
 
 def _positions(steps: NDArray[Any]) -> NDArray[Any]:
-    """Return whole numbers as integers, others as float32."""
+    """Return steps as int64 if all are whole numbers, else as float32."""
     whole = np.equal(steps, np.round(steps)).all()
     return steps.astype(np.int64) if whole and len(steps) else steps.astype(np.float32)
 
 
 def _short(values: Any) -> list[float]:
-    """Return values rounded to visible digits."""
+    """Return values rounded to four significant digits."""
     return [float(f"{value:.4g}") for value in values]
 
 
@@ -388,7 +388,7 @@ def _hover(mark: base.Mark, extra: str = "<extra></extra>") -> dict[str, Any]:
 
 
 def _template(hover: str, value: str) -> str:
-    """Return `hover` with its fields in plotly.js syntax; `value` names the field of a point's value."""
+    """Return a hover template in plotly.js syntax, where `value` is the field of a point's value."""
     return re.sub(r"\{(x|y|text)(:[^}]*)?\}", r"%{\1\2}", hover).replace("{value", f"%{{{value}")
 
 
@@ -414,7 +414,7 @@ def _shown(text: str) -> str:
 
 
 def _compact(value: Any) -> Any:
-    """Return plain data with whole numbers as integers and arrays as bytes."""
+    """Return plain data in compact form: whole numbers as integers, arrays as bytes."""
     if isinstance(value, np.ndarray):
         if value.dtype == np.int64 and value.size and np.abs(value).max() <= np.iinfo(np.int32).max:
             value = value.astype(np.int32)

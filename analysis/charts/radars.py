@@ -23,17 +23,17 @@ HEIGHT = 3.08  # height of a radar on paper without notes, inches
 class Ratios(NamedTuple):
     """Results at one level of expert knowledge, as ratios to Random's results."""
 
-    ratios: dict[str, list[float]]  # by teacher and axis; infinite if Random alone is at 0
-    shares: dict[tuple[str, int], float]  # share of the best result where ratios are infinite
-    upper: list[float]  # best result on the original space as a ratio on each axis; NaN if not comparable
+    ratios: dict[str, list[float]]  # by teacher and axis; infinite where only Random is at 0
+    shares: dict[tuple[str, int], float]  # results as shares of the best, where ratios are infinite
+    upper: list[float]  # ratio of the best result on the original space, by axis; NaN if not comparable
     differ: dict[tuple[str, int], float]  # significant differences from Random, by teacher and axis
-    doubts: set[tuple[str, int]]  # teachers and axes of doubtful published results
+    doubts: set[tuple[str, int]]  # teacher and axis of doubtful published results
     missing: list[str]  # sentences on results that are not drawn
 
 
 @dataclass(frozen=True, eq=False)
 class Radar:
-    """Radar in a chart."""
+    """One radar of a chart: the results at one level of expert knowledge."""
 
     title: str  # heading
     axes: Sequence[str]  # titles of the axes, clockwise from the top
@@ -57,7 +57,7 @@ def radar(
     challenges: Sequence[Matrix] = STUMP_TRACKS_CHALLENGES,
     original: Matrix = ORIGINAL_SPACE,
 ) -> base.Chart:
-    """Return results on challenges as ratios to Random's mean, with one panel per level of expert knowledge.
+    """Return radars of results as ratios to Random's mean, with an axis per challenge and a panel per level.
 
     Stars at the end of an axis mark teachers that are significantly better than Random; markers are filled
     where teachers differ from Random. A plus is the best result on the original space as a ratio of Random on
@@ -137,7 +137,7 @@ def _ratios(
     challenges: Sequence[Matrix],
     original: Matrix,
 ) -> Ratios:
-    """Return the ratios of results and significant tests at one level."""
+    """Return the results of one level as ratios to Random's, with the significant differences."""
     names = [matrix.challenge for matrix in challenges]
     keys = zip(table["teacher"].astype(str), table["challenge"].astype(str), strict=True)
     means = dict(zip(keys, table[mean].astype(float), strict=True))

@@ -17,7 +17,7 @@ MOMENTS, DOTS = 24, 60  # largest numbers of steps per run, and of probed tasks 
 PAGE_EPISODES, PAPER_EPISODES = 150, 300
 """Largest number of training episodes in a part of a run, on a page and on paper."""
 
-CORNERS = 33  # corners of an ellipse
+CORNERS = 33  # number of points on the outline of an ellipse
 BOX, GAUSSIAN = 0.3, 0.2  # half the widths of boxes and Gaussians in a dimension's column
 GOLDEN = 0.618034  # golden ratio, whose multiples modulo 1 are spread evenly
 
@@ -29,7 +29,7 @@ def task_axis(axis: Axis) -> base.PanelAxis:
 
 @dataclass(frozen=True)
 class TaskView:
-    """Positions of tasks: on the task plane, or as shares of ranges in a column per varied dimension."""
+    """Coordinates of tasks in a panel: on the task plane, or in a column per varied dimension."""
 
     axes: Sequence[Axis]
 
@@ -45,7 +45,7 @@ class TaskView:
 
     @property
     def hover(self) -> str:
-        """Text shown when the pointer is over a task."""
+        """Template of a task's hover text."""
         return "task {x}, {y}" if self.plane else "{y} of the range"
 
     def scales(self) -> tuple[base.PanelAxis, base.PanelAxis]:
@@ -57,7 +57,7 @@ class TaskView:
         return base.PanelAxis(kind=base.AxisKind.NAMES, rows=names), share
 
     def dots(self, tasks: base.Array) -> tuple[base.Array, base.Array]:
-        """Return xs and ys of tasks (n, d): one dot each on a plane, else one in every column."""
+        """Return x and y coordinates of tasks (n, d): one point per task on a plane, else one per column."""
         tasks = np.asarray(tasks, np.float64)
         if not len(tasks):
             return np.empty(0), np.empty(0)
@@ -106,7 +106,7 @@ class TaskView:
 
 
 def ellipse(mean: base.Array, covariance: base.Array) -> tuple[base.Array, base.Array]:
-    """Return xs and ys of the two-sigma ellipse of a Gaussian (mean (2,), covariance (2, 2))."""
+    """Return x and y coordinates of a Gaussian's two-sigma ellipse, from mean (2,) and covariance (2, 2)."""
     angles = np.linspace(0, 2 * np.pi, CORNERS)
     values, vectors = np.linalg.eigh(covariance)
     circle = np.stack([np.cos(angles), np.sin(angles)])
@@ -127,7 +127,7 @@ def state_marks(
     scores: base.ColourScale | None,
     most: int | None,
 ) -> list[base.Mark]:
-    """Return the boxes, Gaussians and at most `most` probed tasks of a teacher at a step.
+    """Return the marks of a teacher's boxes, Gaussians and at most `most` probed tasks at a step.
 
     `scores` are the colours of boxes. Marks are empty without probes.
     """
@@ -148,7 +148,7 @@ def state_marks(
 def probed_tasks(
     curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> base.Chart | None:
-    """Return the probed tasks of each teacher over the steps, or None if there are no probes."""
+    """Return a chart of probed tasks animated over steps, a panel per teacher, or None without probes."""
     view, panels = TaskView(axes), []
     for teacher, label in short_labels(curricula, base.LONGEST_NAME).items():
         steps = sorted({int(step) for step in curricula[teacher].probes["step"]})
@@ -162,7 +162,7 @@ def probed_tasks(
 
 
 def _animated(marks: Mapping[int, list[base.Mark]], view: TaskView, name: str, teacher: str) -> base.Panel:
-    """Return the animated panel of a teacher's marks by step, initially at the last step."""
+    """Return a panel of a teacher's marks animated over steps, initially at the last one."""
 
     def at(step: int) -> base.Panel:
         return base.Panel(*view.scales(), marks[step], name, teacher=teacher)
@@ -179,7 +179,7 @@ def _grid(panels: Sequence[base.Panel], name: str, heading: str, caption: str) -
 def training_tasks(
     curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> base.Chart | None:
-    """Return the training tasks in each part of a run, coloured by return, or None without episodes."""
+    """Return a chart of training tasks coloured by return, animated over runs, or None without episodes."""
     view, panels = TaskView(axes), []
     shown = {teacher: curriculum for teacher, curriculum in curricula.items() if len(curriculum.episodes)}
     if not shown or not view.varied:
@@ -206,7 +206,7 @@ def return_colours(curricula: Mapping[str, RunCurriculum]) -> base.ColourScale:
 def episode_marks(
     part: RunCurriculum, teacher: str, view: TaskView, colours: base.ColourScale, most: int
 ) -> base.Scatter:
-    """Return at most `most` evenly spaced training tasks of a part of a run, coloured by return."""
+    """Return the marks of at most `most` evenly spaced training tasks, coloured by return."""
     chosen = base.spaced_indices(len(part.episodes), most)
     xs, ys = view.dots(part.tasks[chosen].astype(np.float64) if chosen else np.empty((0, 0)))
     returns = part.episodes["episodic_return"].to_numpy(np.float64)[chosen].round(1)

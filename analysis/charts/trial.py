@@ -1,4 +1,4 @@
-"""Charts of trials: the difference to each reference at each look, and the boundaries of verdicts."""
+"""Chart of a trial: differences from the references at its interim looks, with decision boundaries."""
 
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -13,7 +13,7 @@ from analysis.teacher_styles import INK, MUTED, TeacherStyle, teacher_style
 BOUNDARY, BAND = TeacherStyle(INK, "", (0, (4, 2))), TeacherStyle(MUTED, "", "-")
 """Styles of boundaries and of the margin."""
 
-ROOM = 1.4  # range of a panel, in units of the furthest boundary after the first look
+ROOM = 1.4  # reach of the vertical axis, in units of the furthest boundary after the first look
 
 
 def course_chart(
@@ -22,7 +22,7 @@ def course_chart(
     margins: Mapping[str, float],
     name: str = "course",
 ) -> Chart:
-    """Return a panel per comparison with boundaries, margin, and differences with their intervals.
+    """Return a panel per comparison: differences with intervals by look, boundaries, equivalence margin.
 
     Args:
         courses: rows of `trials.interim.course` by measure and reference, with a row of panels per measure.
@@ -56,12 +56,12 @@ def course_chart(
 
 
 def _heading(measure: str, references: Iterable[str]) -> str:
-    """Return the heading of a measure's comparisons with references."""
+    """Return a heading with the measure and the references."""
     return f"{AXES[measure].capitalize()}, against {' and '.join(map(label, references))}"
 
 
 def _course(table: pd.DataFrame, seen: pd.DataFrame, teacher: str, reach: float) -> Iterator[Curve]:
-    """Yield both boundaries and the observed differences with their intervals, clipped to ± `reach`."""
+    """Yield the curves of boundaries and of observed differences with intervals, clipped to ± `reach`."""
     for side, name in (("better", "boundary of a verdict"), ("worse", "")):
         bounds = np.clip(table[side].to_numpy(float), -reach, reach)
         seeds, hover = table["seeds"].to_numpy(float), f"{side} beyond {{y:.1f}}"

@@ -1,1 +1,1 @@
-"""Tests of the paper's claims on results, and agreement of rankings."""
+"""Tests of the paper's claims against results, and agreement of rankings."""

@@ -50,7 +50,7 @@ class Agreement:
 
 
 def agreements(frames: Frames) -> list[Agreement]:
-    """Return the agreement with the paper on each challenge and level, followed by the mean agreement.
+    """Return the rank agreement with the paper on each challenge and level, and at last its mean.
 
     Levels at which all teachers have the same runs are one row, compared with the means of the paper's
     entries.
@@ -84,7 +84,7 @@ Ranked: TypeAlias = dict[str, tuple[Sample, list[Description]]]
 
 
 def _rankings(root: RootSource) -> Iterator[tuple[Reading, tuple[KnowledgeLevel, ...], Ranked]]:
-    """Yield each ranking: a reading for it, the levels that share it, and each teacher's results."""
+    """Yield rankings to compare: a reading with the challenge, levels that share runs, teachers' results."""
     paper = PaperSource()
     for environment, challenge in dict.fromkeys((m.environment, m.challenge) for m in MATRICES):
         by_runs: dict[object, tuple[list[KnowledgeLevel], Ranked]] = {}
@@ -108,7 +108,7 @@ def _rankings(root: RootSource) -> Iterator[tuple[Reading, tuple[KnowledgeLevel,
 
 
 def draws_of_runs(strata: Sequence[pd.Series], rng: np.random.Generator) -> Floats:
-    """Return bootstrap draws (n,) of the equally weighted mean over strata, NaN with a single run.
+    """Return bootstrap draws (n,) of the equally weighted mean over strata, NaN if one has a single run.
 
     Runs are drawn within strata, and deviations scaled by the root of n / (n - 1), which corrects the
     bootstrap's variance for few runs.
@@ -124,7 +124,7 @@ def draws_of_runs(strata: Sequence[pd.Series], rng: np.random.Generator) -> Floa
 
 
 def draws_of_entries(entries: Sequence[Description], rng: np.random.Generator) -> Floats:
-    """Return normal draws of the mean of the paper's entries (n,)."""
+    """Return draws (n,) of the mean of the paper's entries, from a normal distribution."""
     mean = float(np.mean([entry.mean for entry in entries]))
     error = math.sqrt(sum(entry.standard_error**2 for entry in entries)) / len(entries)
     return mean + error * rng.standard_normal(BOOTSTRAP_DRAWS)
@@ -149,7 +149,7 @@ def tau_interval(tau: float, draws: Floats) -> tuple[float, float]:
         tau: tau of the results.
         draws: tau of each bootstrap draw (n,).
     """
-    finite = draws[np.isfinite(draws)]  # all means of a ranking may be equal in a draw
+    finite = draws[np.isfinite(draws)]  # tau is NaN where all means of a draw are equal
     if not finite.size:
         return math.nan, math.nan
     low, high = np.quantile(tau + finite - finite.mean(), [1 - TAIL, TAIL])

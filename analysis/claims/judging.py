@@ -1,4 +1,4 @@
-"""Judge the paper's claims by results."""
+"""Test the paper's claims against results."""
 
 import math
 from collections import Counter
@@ -31,11 +31,11 @@ from tma_ray.tasks import KnowledgeLevel
 
 @dataclass(frozen=True)
 class Finding:
-    """Standing of a statement.
+    """Result of testing a statement of a claim.
 
     Attributes:
-        standing: standing by an interval against a margin.
-        evidence: numbers behind the standing, or a reason for missing ones.
+        standing: supported, refuted or undecided, by an interval against a margin.
+        evidence: numbers of the test, or the reason why they are missing.
     """
 
     standing: Standing
@@ -44,14 +44,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class ClaimVerdict:
-    """Standing of a claim.
+    """Verdict on a claim, from the tests of its statements.
 
     Attributes:
         claim: claim of the paper.
         standing: standing of the claim.
-        findings: standing of each of its statements, one for statements on the same runs.
+        findings: results of its statements, one for several statements on the same runs.
         needed: number of findings that must be supported.
-        conditions: conditions of the results that are not the paper's; empty if there are none.
+        conditions: conditions in which the results differ from the paper's; empty if in none.
     """
 
     claim: Claim
@@ -62,11 +62,11 @@ class ClaimVerdict:
 
     @property
     def standing_text(self) -> str:
-        """Standing as text, with the conditions under which a claim was not seen."""
+        """Standing as text, with the conditions of the results if it is "not seen here"."""
         return f"{self.standing} ({self.conditions})" if self.standing is Standing.NOT_SEEN else self.standing
 
     def describe(self) -> str:
-        """Return a phrase with the number of statements of each standing."""
+        """Return a phrase on how many statements are supported, refuted or undecided."""
         counts = Counter(finding.standing for finding in self.findings)
         parts = [f"{counts[Standing.SUPPORTED]} of {len(self.findings)} statements supported"]
         parts += [f"{counts[s]} {s}" for s in Standing if s is not Standing.SUPPORTED and counts[s]]
@@ -80,10 +80,10 @@ class ClaimVerdict:
 
 
 def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[ClaimVerdict]:
-    """Return the standing of each claim, judged by the results of `source`.
+    """Return the verdict on each claim, tested against the results of `source`.
 
     Statements on the same runs, as at levels that a teacher does not use, count as one, with `needed` scaled
-    down. Under other conditions than the paper's, refuted statements are not seen instead.
+    down. Under other conditions than the paper's, `NOT_SEEN` replaces `REFUTED`.
     """
     verdicts = []
     for claim in claims:
@@ -114,7 +114,7 @@ Levels: TypeAlias = Mapping[Reading, tuple[KnowledgeLevel, ...]]
 
 
 def _distinct(claim: Claim, source: Source) -> list[tuple[Statement, Levels]]:
-    """Return one statement of a claim for each distinct set of runs, with the levels that share it."""
+    """Return the statements of a claim, those on the same runs merged, with the levels of their readings."""
     groups: dict[object, list[Statement]] = {}
     for index, statement in enumerate(claim.statements):
         samples = [source.sample(reading) for reading in _readings(statement)]
@@ -140,7 +140,7 @@ def _distinct(claim: Claim, source: Source) -> list[tuple[Statement, Levels]]:
 
 
 def _readings(statement: Statement) -> tuple[Reading, ...]:
-    """Return the readings that a statement compares."""
+    """Return the readings of a statement: results of a teacher on a challenge."""
     return tuple(value for value in vars(statement).values() if isinstance(value, Reading))
 
 
@@ -262,6 +262,6 @@ def decided(verdicts: Sequence[ClaimVerdict]) -> list[ClaimVerdict]:
 
 
 def root_verdicts(frames: Frames) -> tuple[list[ClaimVerdict], list[str]]:
-    """Return the standings of the paper's claims in a root, and notes on the results they are based on."""
+    """Return the verdicts on the paper's claims by a root's results, and notes on the results used."""
     source = RootSource(frames)
     return judge(source), [source.note] if source.note else []

@@ -44,12 +44,12 @@ from tma_ray.support.component_names import base_name
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Results for one reading."""
+    """Runs, or published statistics, behind a reading of a claim."""
 
     description: Description  # n, mean (over strata) and std of mastered %
     strata: Mapping[str, pd.Series] = field(default_factory=dict)  # runs' values by body and student
-    seeds: Seeds = field(default_factory=dict)  # seeds of paired runs, by id
-    least: Mapping[str, float] = field(default_factory=dict)  # least variance by stratum
+    seeds: Seeds = field(default_factory=dict)  # seeds of paired runs, by run id
+    least: Mapping[str, float] = field(default_factory=dict)  # least variance in tests, by stratum
 
     @property
     def runs(self) -> frozenset[object]:
@@ -64,7 +64,7 @@ class Sample:
     def interval(self) -> tuple[float, float]:
         """Return the 95 % confidence interval of the mean, within 0 and 100.
 
-        Student's over strata with least variances, as on boards, or `bounded_interval` without any spread.
+        Student's over strata with least variances, as on leaderboards, or `bounded_interval` without spread.
         """
         if not self.strata:
             return mean_percent_interval(self.description)
@@ -83,7 +83,7 @@ class Sample:
         return mean_interval_of(self.description.mean, weights, variances, sizes)
 
     def test(self, other: "Sample") -> Comparison:
-        """Return the comparison with another sample over common strata, if both have strata."""
+        """Compare the mean with that of another sample, over common strata if both have runs."""
         if not (self.strata and other.strata):
             return welch_from_statistics(self.description, other.description)
         seeds = {**self.seeds, **other.seeds}
@@ -109,10 +109,10 @@ class Source(Protocol):
         """Return the results of a reading, or None if they are missing or incomplete."""
 
     def teachers(self, reading: Reading) -> Sequence[str]:
-        """Return the teachers with results in the challenge and level of a reading."""
+        """Return the teachers with results on the challenge and at the level of a reading."""
 
     def other_conditions(self, reading: Reading) -> str:
-        """Return the conditions of the results that are not the paper's, or an empty string."""
+        """Return the conditions in which results differ from the paper's, or an empty string."""
 
 
 USUAL = "the paper's bodies, students and test tasks"
@@ -120,7 +120,7 @@ USUAL = "the paper's bodies, students and test tasks"
 
 
 class PaperSource:
-    """The paper's tables, which contain only final results, and single bodies only in Parkour."""
+    """Source of the paper's tables: results at the end of training, by body only in Parkour."""
 
     def sample(self, reading: Reading) -> Sample | None:
         """Return the entry of a reading, or None if the tables have none."""
@@ -131,16 +131,16 @@ class PaperSource:
         return Sample(Description(entry.seeds, entry.mean, entry.std))
 
     def teachers(self, reading: Reading) -> Sequence[str]:
-        """Return the teachers with an entry in the challenge and level of a reading."""
+        """Return the teachers with an entry on the challenge and at the level of a reading."""
         return sorted({result.teacher for result in _entries(reading)})
 
     def other_conditions(self, _reading: Reading) -> str:
-        """Return an empty string, for the paper's conditions."""
+        """Return an empty string: all conditions are the paper's."""
         return ""
 
 
 class RootSource:
-    """Complete pools of the runs of one root, with Random at every level.
+    """Source of a root's results: complete pools of runs, with Random at every level.
 
     Results are used under one set of conditions, such as budget and students, in each environment: the one
     that completes the most pools, and among several the one with the largest budget.
@@ -166,7 +166,7 @@ class RootSource:
         return self._at(reading).get(reading.teacher)
 
     def teachers(self, reading: Reading) -> Sequence[str]:
-        """Return the teachers with complete results in the challenge and level of a reading."""
+        """Return the teachers with complete results on the challenge and at the level of a reading."""
         return sorted(self._at(reading))
 
     def other_conditions(self, reading: Reading) -> str:
@@ -187,13 +187,13 @@ class RootSource:
         return runs[(runs["environment"] == environment) & runs["teacher"].isin(TEACHERS)]
 
     def _pooled(self, environment: str, share: float = 1.0, by: Sequence[str] = ()) -> pd.DataFrame:
-        """Return the result of each pool."""
+        """Return the pooled results of an environment after a share of the budget."""
         return pooling.pooled(self._runs(environment, share), [PAPERS], by=by)
 
     def _complete_at(
         self, environment: str, share: float, by_body: bool
     ) -> dict[tuple[str, ...], dict[str, Sample]]:
-        """Return the complete samples after a share of the budget, by challenge, level, body and teacher."""
+        """Return the samples of complete pools by challenge, level (and body, if `by_body`) and teacher."""
         if environment not in self._conditions:  # no run of the paper's teachers has started
             return {}
         by = ["embodiment"] if by_body else []
@@ -217,7 +217,7 @@ class RootSource:
 
 
 def _sample(labels: NDArray[np.object_], values: pd.Series, seeds: Seeds) -> Sample:
-    """Return the sample of a pool: its values by run id, and the stratum label of each run."""
+    """Return the sample of a pool, from the stratum label (n,) and the value (n,) of each run."""
     measured = values.notna().to_numpy()
     strata = {str(name): values[measured & (labels == name)] for name in sorted(set(labels))}
     weights = stratum_weights([0] * len(strata))
@@ -228,7 +228,7 @@ def _sample(labels: NDArray[np.object_], values: pd.Series, seeds: Seeds) -> Sam
 
 
 def _with_least(samples: Mapping[str, Sample]) -> dict[str, Sample]:
-    """Return the samples of a challenge's teachers, with the least variances of its strata added."""
+    """Return samples by teacher, with the least variance of each stratum over all of them."""
     groups: dict[str, list[pd.Series]] = {}
     for sample in samples.values():
         for name, values in sample.strata.items():
@@ -238,7 +238,7 @@ def _with_least(samples: Mapping[str, Sample]) -> dict[str, Sample]:
 
 
 def _chosen_conditions(tables: Mapping[str, pd.DataFrame]) -> tuple[dict[str, pd.Series], str]:
-    """Return the conditions used in each environment, and sentences on those not used.
+    """Return the conditions whose results are used in each environment, and sentences on the others.
 
     Args:
         tables: results of `pooling.pooled` by environment.

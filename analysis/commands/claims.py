@@ -1,4 +1,4 @@
-"""Print the paper's claims and how results support them."""
+"""Claims of the paper in the terminal, tested against results."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ EXPLAINED = (
 def show_claims(
     sources: Sources, details: bool = False, explain: bool = False, console: Console | None = None
 ) -> None:
-    """Print the paper's claims and their standing in the results of a root.
+    """Print the paper's claims and whether results support or refute them.
 
     Args:
         sources: results roots and baselines.
@@ -80,7 +80,7 @@ def show_claims(
 
 
 def _notes(verdicts: list[ClaimVerdict]) -> Iterator[str]:
-    """Yield the number of claims without data, and the conditions of claims that were not seen."""
+    """Yield notes on claims without data, and on the conditions of claims "not seen here"."""
     missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
     if missing:
         papers = ", ".join(dict.fromkeys(verdict.claim.source for verdict in missing))
@@ -90,7 +90,7 @@ def _notes(verdicts: list[ClaimVerdict]) -> Iterator[str]:
 
 
 def _table(verdicts: list[ClaimVerdict]) -> Table:
-    """Return a row per claim: standing, text, and numbers of supported and required statements."""
+    """Return a table with a row per claim: standing, text, numbers of supported and required statements."""
     table = Table("standing", "claim of the paper", box=None, pad_edge=False, header_style="bold")
     for heading in ("holds", "needs", "of"):
         table.add_column(heading, justify="right", no_wrap=True)

@@ -17,7 +17,7 @@ from tma_ray.support.component_names import nearest
 def write_figures(
     sources: Sources, output: Path, vector: Vector | str = Vector.PDF, only: str = ""
 ) -> Written:
-    """Write those figures of the paper for which a root or a baseline has the data.
+    """Write the paper's figures for which a root or a baseline has enough data.
 
     Args:
         sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021`` only alone.
@@ -74,11 +74,11 @@ PREAMBLE = r"""\documentclass{article}
 DOCUMENT_END = r"\end{document}" + "\n"
 
 
-# Tables may be wider than the page.
+# Tables are not scaled, and may be wider than the page.
 TABLE = r"""\input{tables/%s}
 \clearpage"""
 
-# Braces keep names with a point, such as "after-0.5", apart from the suffix.
+# Without the inner braces, LaTeX takes ".5" in a name such as "after-0.5" for the suffix.
 FIGURE = r"""\begin{figure}[p]
 \centering
 \includegraphics[width=\linewidth,height=.85\textheight,keepaspectratio]{{figures/%s}.pdf}

@@ -54,12 +54,12 @@ EXPLANATION = (
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
-COLUMN_AXES = (FINAL, HEADLINE)  # axes in the order of the columns
+COLUMN_AXES = (FINAL, HEADLINE)  # measures in the order of the columns
 
 TEACHER_WIDTH = 18
 """Width of the column of teachers at the terminal, in characters, for a board of at most 100."""
 
-CHALLENGE_WIDTH = 11  # width of the column of a challenge, in characters; six fit beside that of teachers
+CHALLENGE_WIDTH = 11  # width of a challenge's column, in characters; six of them fit on a line
 
 
 @object_strings()
@@ -114,12 +114,12 @@ def show_board(board: Leaderboard, console: Console) -> None:
 
 
 def tell(console: Console, text: str, style: str | None = None) -> None:
-    """Print a text as it is."""
+    """Print a text without markup and highlighting."""
     console.print(text, style=style, highlight=False, markup=False)
 
 
 def release_locations(names: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Return name, location and gaps of releases with runs, by default of all releases, newest first."""
+    """Return name, location and missing runs (as text) of releases, by default of all, newest first."""
     if not names:
         releases = [release for release in baselines() if release.manifest.kind is BaselineKind.RUNS]
         return list(map(_described, sorted(releases, key=lambda release: release.manifest.created)[::-1]))
@@ -134,7 +134,7 @@ def _described(baseline: Baseline) -> tuple[str, str, str]:
 
 
 def difference_charts(name: str) -> Iterator[tuple[str, Chart]]:
-    """Yield the file name and the chart of each picture that `markdown` refers to."""
+    """Yield the charts that `markdown` refers to, each with its file name."""
     for position, board in enumerate(leaderboards(frames := read(name)), start=1):
         if any(entry.against for entry in board.entries):
             compared = [entry.against for entry in board.entries if entry.against]
@@ -184,23 +184,23 @@ def markdown(name: str, pictures: str = ".") -> str:
 
 
 def _joined(location: str) -> list[tuple[Design, InterimLook]]:
-    """Return the trials by which teachers joined a release, or none for other results."""
-    from analysis.trials.interim import joined_trials  # deferred: scipy.optimize
+    """Return designs and last looks of the trials through which teachers joined a release."""
+    from analysis.trials.interim import joined_trials  # deferred: slow to import
 
     baseline = as_baseline(location)
     return joined_trials(baseline) if baseline else []
 
 
 def _trial_lines(location: str) -> Iterator[str]:
-    """Yield a line with the verdicts of each trial by which a teacher joined a release."""
-    from analysis.trials.interim import look_line  # deferred, as above
+    """Yield the verdicts of the trials through which teachers joined a release, one line per trial."""
+    from analysis.trials.interim import look_line  # deferred: slow to import
 
     for design, look in _joined(location):
         yield f"{label(design.teacher)}, {look_line(look)}"
 
 
 def trials_markdown(location: str) -> Iterator[str]:
-    """Yield Markdown of the trials by which teachers joined a release, if any did."""
+    """Yield Markdown on the trials through which teachers joined a release."""
     rows, head = [], list[str]()
     for design, look in _joined(location):
         head = ["teacher", "seeds"]
@@ -216,12 +216,12 @@ def trials_markdown(location: str) -> Iterator[str]:
 
 
 def folded(summary: str, text: str) -> str:
-    """Return Markdown that unfolds when `summary` is clicked."""
+    """Return Markdown of a collapsible section, with `summary` as its title."""
     return f'<details markdown="1"><summary>{summary}</summary>\n\n{text}\n\n</details>'
 
 
 def _cells(entry: Entry, axis: str) -> list[str]:
-    """Return mean, difference from Random and rank of a teacher on an axis."""
+    """Return the mean, difference from Random and rank of a teacher by a measure, as text."""
     rank, against = entry.ranks[axis], entry.against
     open_ranks = f" [{rank.best} to {rank.worst}]" if rank.best < rank.worst else ""
     return [number(rank.mean), str(against.gaps[axis]) if against else "", f"{rank.rank}{open_ranks}"]
@@ -265,7 +265,7 @@ def _table(board: Leaderboard) -> Table:
 
 
 def _challenges(board: Leaderboard) -> Table:
-    """Return teachers' results by challenge, without decimals so that six fit on a line."""
+    """Return a table of results by challenge, without decimals, to fit six challenges on a line."""
     table = Table(box=None, pad_edge=False, padding=(0, 0, 0, 1))
     table.add_column("teacher", width=TEACHER_WIDTH, overflow="fold")
     for title in board.challenges:

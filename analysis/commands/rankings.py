@@ -1,6 +1,6 @@
 """Results in the terminal: rankings, searches, detectable differences.
 
-`sources` are results roots and baselines; a place without results raises `ResultsRootError`. All is shown at
+`sources` are results roots and baselines; one without results raises `ResultsRootError`. Output goes to
 `console`, by default the terminal.
 """
 
@@ -48,7 +48,7 @@ def show_ranking(
 
     Args:
         sources: results roots and baselines.
-        share: share of the budget at which runs are read.
+        share: share of the budget at which runs are measured.
         console: console to print on; the terminal by default.
         measure: name in `MEASURES`, by which teachers are ranked on each challenge.
         explain: True to add tables of teachers on some of the challenges, conclusions and definitions.
@@ -114,7 +114,7 @@ def _table(heads: Sequence[tuple[str, int]]) -> Table:
 
 
 def _add(table: Table, teacher: str, cells: Sequence[str], style: str | None = None) -> None:
-    """Add a row, with the name wrapped to fit its column and broken before settings if possible."""
+    """Add a row, with the teacher's name wrapped to its column, if possible before a setting."""
     lines: list[str] = []
     for index, part in enumerate(re.split(r"(?<=.)(?=:)", label(teacher))):
         indented = f"{'  ' if index else ''}{part}"
@@ -126,7 +126,7 @@ def _add(table: Table, teacher: str, cells: Sequence[str], style: str | None = N
 
 
 def show_search(sources: Sources, console: Console | None = None) -> None:
-    """Print the best finished point of each grid, and the paper's choice.
+    """Print the best finished point of each hyper-parameter search, and the paper's choice.
 
     Args:
         sources: results roots.
@@ -167,7 +167,7 @@ def _result(row: pd.Series) -> tuple[str, str]:
 def show_detectable_differences(
     cell_rows: Sequence[Mapping[str, Any]], budgets: Mapping[str, int], console: Console | None = None
 ) -> None:
-    """Print the table of `detectable_differences`."""
+    """Print the smallest difference between two teachers that a plan can detect, by challenge."""
     table = Table("challenge", box=None, pad_edge=False, header_style="bold")
     for heading in ("seeds", "steadiest", "typical", "most varied", "as in"):
         table.add_column(heading, justify="right")

@@ -42,7 +42,7 @@ def show_baselines(console: Console | None = None) -> None:
 
 
 def show_verification(name: str | Path, console: Console | None = None) -> bool:
-    """Print the verification of a baseline, and return whether it is undamaged.
+    """Verify a baseline, print the result, and return True if it is undamaged.
 
     Raises:
         BaselineError: if `name` is not a baseline.
@@ -70,7 +70,7 @@ TAU = (
 
 @object_strings()
 def findings(name: str) -> str:
-    """Return the findings of a release as Markdown.
+    """Return the findings of a release as Markdown: claims of the paper, agreement of rankings.
 
     Raises:
         BaselineError: if the release does not exist, or has no runs.

@@ -21,7 +21,7 @@ RECOVERY = {"before_reset": "before", "tenth_later": "10 % later", "three_tenths
 
 
 def check_file(path: Path) -> None:
-    """Check that `write` can write a file.
+    """Check that `write` accepts a path.
 
     Raises:
         ValueError: if the suffix is neither .csv nor .parquet, or the folder does not exist.
@@ -41,7 +41,7 @@ def write(frame: pd.DataFrame, path: Path) -> None:
 
 
 def show(frame: pd.DataFrame) -> None:
-    """Print both tables."""
+    """Print `mastered_table`, and `recovery_table` if it has rows."""
     console = terminal()
     title = "mastered test tasks in %, mean ± 95 % margin over seeds"
     console.print(rich_table(mastered_table(frame), f"{title}; {BETTER}{WORSE} differs from {BASELINE}"))
@@ -51,7 +51,7 @@ def show(frame: pd.DataFrame) -> None:
 
 
 def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of mastered % as text, mean ± 95 % margin over seeds, with teachers x challenges.
+    """Return a table (teachers x challenges) of mastered % as text: mean ± 95 % margin over seeds.
 
     Args:
         frame: rows of `tma_ray.testing.matrix.tabulate`.
@@ -79,7 +79,7 @@ def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def recovery_table(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return mastered % around the first reset of forgetting students, formatted as in `mastered_table`."""
+    """Return a table of mastered % as text, before and after the first reset of forgetting students."""
     forgetting = frame[frame["before_reset"].notna()]
     rows = [
         {"teacher": teacher, "expert knowledge": levels}
@@ -105,7 +105,7 @@ def rich_table(table: pd.DataFrame, title: str) -> Table:
 
 
 def _rows(frame: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Yield each teacher with the levels that share its runs, if any, and the rows of the first level."""
+    """Yield a teacher, levels at which its runs are the same, and these runs, per row of a table."""
     for teacher in dict.fromkeys(frame["teacher"]):
         rows = frame[frame["teacher"] == teacher]
         used = rows.drop_duplicates("expert_knowledge").set_index("expert_knowledge")["effective_knowledge"]
@@ -116,7 +116,7 @@ def _rows(frame: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
 
 
 def _mean(values: pd.Series) -> str:
-    """Return the mean and half the width of its 95 % interval, or the mean of a single value."""
+    """Return the mean ± half the width of its 95 % interval as text; for a single value, the value alone."""
     sample = describe(values)
     low, high = mean_interval(sample)
     return plus_minus(sample.mean, (high - low) / 2)
@@ -126,5 +126,5 @@ def _against(cell: pd.DataFrame, baseline: pd.DataFrame) -> Comparison:
     if cell.empty or is_baseline(str(cell["teacher"].iloc[0])):
         return Comparison(len(cell), len(baseline), math.nan, reason="the baseline, or no results")
     played = (rows[rows["mastered_percent"].notna()] for rows in (cell, baseline))
-    # All teachers of a seed train the same student.
+    # Paired, since runs with the same seed train the same student.
     return paired(*(rows.set_index("seed")["mastered_percent"] for rows in played))

@@ -18,11 +18,11 @@ from analysis.tables.table import SUFFIXES, ResultTable, TableFormat, render
 
 
 class Written(NamedTuple):
-    """Written files, with remarks on what they lack."""
+    """Written files, with warnings on missing data."""
 
-    files: tuple[Path, ...]  # files of tables; vector, PNG and GIF files of figures
+    files: tuple[Path, ...]  # files of tables, or vector, PNG and GIF files of figures
     warnings: tuple[str, ...]  # sentences on limits of the data
-    text: str = ""  # all tables
+    text: str = ""  # content of all tables
     left_out: tuple[str, ...] = ()  # figures without enough data, with the reason
 
 
@@ -32,12 +32,12 @@ def write_tables(
     kind: TableFormat | str = TableFormat.MARKDOWN,
     output: Path | None = None,
 ) -> Written:
-    """Return the paper's tables for a root, finished or not, and write them to a folder if one is given.
+    """Return the paper's tables for a root, finished or not, and write them to `output` if it is given.
 
     Args:
         sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021``, for the
             paper's own tables, only alone.
-        step: steps at which runs are read; None for their ends.
+        step: step at which runs are measured; None for their ends.
         kind: markdown, latex or csv.
         output: folder to write to; made if missing.
 
@@ -70,7 +70,7 @@ def write_tables(
 
 
 def tables_of(frames: Frames, step: int | None = None) -> Iterator[ResultTable]:
-    """Yield the non-empty tables of a root, then hyper-parameters and needed knowledge."""
+    """Yield the non-empty result tables of a root, then those of hyper-parameters and expert knowledge."""
     for results in table_results(frames, step):
         yield from result_tables(results)
     yield hyperparameters(search_results(frames))

@@ -25,16 +25,16 @@ FAMILY = "the core against Random; a newcomer is tested alone"  # family of the 
 
 @dataclass(frozen=True)
 class Gap:
-    """Difference between two teachers, in points."""
+    """Difference between two teachers in percentage points, with its interval and verdict."""
 
     value: float  # difference of the means
-    low: float  # lower end of the interval, simultaneous for the family of the test
+    low: float  # lower end of the interval, simultaneous over the family of tests
     high: float  # upper end of the interval
     verdict: str  # `Verdict`, or the reason for no test
 
     @classmethod
     def of(cls, test: pd.Series | Mapping[str, Any]) -> "Gap":
-        """Return the difference in a row of `pairwise.pairwise`."""
+        """Create a `Gap` from a test, a row of `pairwise.pairwise`."""
         low, high = np.clip([test["simultaneous_low"], test["simultaneous_high"]], -LARGEST, LARGEST)
         return cls(float(test["difference"]), float(low), float(high), verdict(test))
 
@@ -47,15 +47,15 @@ class AgainstRandom:
     """Comparison of a teacher with Random over all challenges on which both have results."""
 
     teacher: str  # name of the teacher
-    newcomer: bool  # True if the teacher joined later, and forms a family of its own
-    across: Mapping[str, Any]  # values of `ACROSS`
+    newcomer: bool  # True if the teacher is not in the core, and is tested alone
+    across: Mapping[str, Any]  # conditions: values of `ACROSS`
     challenges: int  # number of challenges
     fewest: int  # smallest number of runs of either teacher on a challenge
-    gaps: Mapping[str, Gap]  # by measure; has `TRAINED` if it trains on less than `NEARLY_ALL` % of its steps
+    gaps: Mapping[str, Gap]  # by measure; with `TRAINED` if under `NEARLY_ALL` % of the steps were trained
 
     @property
     def verdict(self) -> str:
-        """Verdict on both axes, and per trained step if that is compared."""
+        """Verdict over training and at the end, and per trained step if compared."""
         words = on_both_axes(self.gaps[HEADLINE].verdict, self.gaps[FINAL].verdict)
         return f"{words}; per trained step {self.gaps[TRAINED].verdict}" if TRAINED in self.gaps else words
 
@@ -93,7 +93,7 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
 
 
 def _per_trained_step(curves: Curves, runs: pd.DataFrame, teacher: str) -> Gap:
-    """Return the difference between `teacher` and Random per trained step, from its and the core's runs."""
+    """Return a teacher's difference from Random per trained step, given its own and the core's runs."""
     tests = over_challenges(trained_areas(curves, runs, teacher, STRATA), TRAINED, BASELINE)
     return Gap.of(tests[tests["first"] == teacher].iloc[0])
 
@@ -101,7 +101,7 @@ def _per_trained_step(curves: Curves, runs: pd.DataFrame, teacher: str) -> Gap:
 def sentences_against_random(
     comparisons: Collection[AgainstRandom], teachers: Collection[str] | None = None
 ) -> Iterator[str]:
-    """Yield a sentence for each verdict over several challenges, on `teachers` or on all teachers."""
+    """Yield a sentence per verdict over several challenges, on all of its teachers or on `teachers`."""
     chosen = [
         entry
         for entry in comparisons

@@ -1,4 +1,4 @@
-"""Agreement of budgets: how far the order of teachers after few steps holds after more steps."""
+"""Agreement of the order of teachers after a small budget with their order after larger ones."""
 
 import itertools
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ BUDGETS: Final = (2_000_000, 5_000_000, 10_000_000, 20_000_000)
 
 @dataclass(frozen=True)
 class BudgetAgreement:
-    """Agreement between `HEADLINE` at the early budget and a measure at a later one.
+    """Agreement of teachers' results at the early budget (`HEADLINE`) with a measure at a later one.
 
     Attributes:
         measure: `HEADLINE` or `FINAL`.
@@ -49,10 +49,10 @@ class BudgetAgreement:
 
 @dataclass(frozen=True, eq=False)
 class BudgetComparison:
-    """Teachers of one leaderboard at several budgets.
+    """Results of a leaderboard's teachers at several budgets.
 
     Attributes:
-        means: mean of a measure, %, over challenges of equal weight: a row a teacher, the best in the end
+        means: mean of a measure, %, over challenges of equal weight: a row per teacher, the best in the end
             first, and columns (measure, budget).
         agreements: agreements with the early budget, by measure and budget.
     """
@@ -66,7 +66,7 @@ class BudgetComparison:
         return sorted(self.means.columns.get_level_values("budget").unique())
 
     def row(self, budget: int) -> list[str]:
-        """Return a later budget, with the correlation and the reversed pairs for `FINAL` and `HEADLINE`."""
+        """Return a table row on a later budget: correlation and reversed pairs for `FINAL` and `HEADLINE`."""
         by_measure = {
             agreement.measure: agreement for agreement in self.agreements if agreement.budget == budget
         }
@@ -75,7 +75,7 @@ class BudgetComparison:
         return [steps_text(budget), *itertools.chain(*pairs)]
 
     def sentence(self) -> str:
-        """Return a sentence on what results at the early budget imply for the last one."""
+        """Return a sentence on the agreement of the early budget with the last one."""
         last = self.agreements[-1]
         return (
             f"The order of teachers over training after {steps_text(self.budgets[0])} steps agrees with "
@@ -85,10 +85,10 @@ class BudgetComparison:
 
 
 def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | None:
-    """Return a leaderboard's teachers at each of `BUDGETS` that its runs reach, or None below two budgets.
+    """Compare a leaderboard's teachers at the `BUDGETS` that its runs reach; None for fewer than two.
 
     Args:
-        frames: results that the runs are of.
+        frames: results with these runs.
         runs: rows of `pooling.pool_runs` of one leaderboard.
     """
     budgets = [budget for budget in BUDGETS if budget <= runs["steps"].min()]

@@ -38,7 +38,7 @@ class Measurements:
 
     @property
     def cells(self) -> pd.DataFrame:
-        """Cells of `Frames`."""
+        """Cells, as in `Frames`."""
         return self.frames.cells
 
     @cached_property
@@ -78,7 +78,7 @@ class Measurements:
 
     @property
     def comparisons(self) -> tuple["TeacherComparison", ...]:
-        """The comparisons in a fixed order, as new objects so that cached curricula can be freed."""
+        """Comparisons in a fixed order, created at every access, so that their curricula can be freed."""
         return tuple(TeacherComparison(measurements=self, **parts) for parts in self._parts)
 
     @cached_property
@@ -106,7 +106,7 @@ class TeacherComparison:
 
     anchor: str  # identifier on a page
     title: str  # title, unique among the comparisons of the root
-    cells: pd.DataFrame  # cells of `Frames`
+    cells: pd.DataFrame  # cells, as in `Frames`
     finals: pd.DataFrame  # one row per run
     summary: pd.DataFrame  # one row per teacher
     tests: pd.DataFrame  # one row per teacher and measure
@@ -126,7 +126,7 @@ class TeacherComparison:
 
     @cached_property
     def ceiling(self) -> float | None:
-        """Percentage of test tasks that any run ever masters in the environment; see `ceiling_percent`."""
+        """Percentage of the environment's test tasks that any run masters; see `ceiling_percent`."""
         return ceiling_percent(self.frames, str(self.cells["environment"].iloc[0]))
 
     @cached_property
@@ -154,7 +154,7 @@ class TeacherComparison:
 
     @cached_property
     def curricula(self) -> dict[str, RunCurriculum]:
-        """The curriculum of each teacher's median run, if it has any episodes."""
+        """Curricula of the teachers' median runs, without runs that have no episodes."""
         return self.read_curricula(self.median_runs)
 
     def read_curricula(self, teachers: Iterable[str]) -> dict[str, RunCurriculum]:
@@ -169,7 +169,7 @@ class TeacherComparison:
 
 
 def _titles(cells: Sequence[pd.Series]) -> list[str]:
-    """Return a title for the cell of each comparison, with its experiment where titles would be equal."""
+    """Return the titles of comparisons, with the experiment where titles would be equal."""
     several_engines = len({cell["engine"] for cell in cells}) > 1
     titles = []
     for cell in cells:
@@ -195,10 +195,10 @@ def _titles(cells: Sequence[pd.Series]) -> list[str]:
 def leading(
     results: pd.DataFrame, measure: str, teachers: Iterable[object], within: Sequence[str] = ()
 ) -> frozenset[str]:
-    """Return the teachers that a page initially shows: all of them, or Random and the best of many.
+    """Return the teachers that a page initially shows: all, or Random and the best if they are many.
 
-    The best are those with the highest mean of a measure over the challenges that each has results of, and
-    the best one of each comparison that would otherwise be empty.
+    The best have the highest means of a measure over their challenges. A comparison without any of them
+    shows its best teacher.
 
     Args:
         results: a row for each teacher and challenge, with the columns teacher and `measure`.

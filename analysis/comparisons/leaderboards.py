@@ -1,4 +1,4 @@
-"""Leaderboards, and estimates for each teacher, over all challenges.
+"""Leaderboards of teachers over all challenges, with estimates for each teacher.
 
 `runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them, in per cent.
 """
@@ -38,7 +38,7 @@ CREDIBLE = 0.95
 
 @dataclass(frozen=True)
 class Entry:
-    """A teacher of a leaderboard.
+    """Row of a leaderboard: ranks and results of a teacher.
 
     Attributes:
         ranks: rank over all challenges by each of `AXES`.
@@ -84,7 +84,7 @@ class Leaderboard:
         return any(entry.ranks[HEADLINE].newcomer for entry in self.entries)
 
     def best(self, axis: str) -> dict[str, float]:
-        """Return the chances of the fewest teachers that hold the best one with probability `CREDIBLE`."""
+        """Return the smallest credible set for the best teacher: probability of being the best by teacher."""
         chances = {entry.teacher: entry.ranks[axis].chance for entry in self.entries}
         best: dict[str, float] = {}
         for teacher in sorted(chances, key=lambda name: -chances[name]):
@@ -109,13 +109,13 @@ class Leaderboard:
         return f"{first}. Mastered test tasks in the end: {', '.join(means)}."
 
     def marked(self, entry: Entry) -> str:
-        """Return the name of a teacher with the marks of `notes` and of the reader's own teachers."""
+        """Return the name of a teacher with the marks of its footnotes (see `notes`) and `names.mark_of`."""
         partly = bool(entry.against and TRAINED in entry.against.gaps)
         marks = "*" * entry.ranks[HEADLINE].newcomer + "†" * partly
         return f"{self.names[entry.teacher]}{' ' * bool(marks)}{marks}{mark_of(entry.teacher)}"
 
     def on_each_challenge(self, axis: str) -> dict[tuple[str, str], Gap]:
-        """Return the difference from Random by teacher and challenge title.
+        """Return the differences from Random in a measure, by teacher and challenge title.
 
         On each challenge the tests of the core against Random are a family, and so is that of each newcomer.
         """
@@ -191,7 +191,7 @@ def leaderboards(
 
 
 def _blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
-    """Yield the values of `BLOCK_COLUMNS` and the runs for each set of challenges that teachers share."""
+    """Yield the values of `BLOCK_COLUMNS` and the runs of each block: teachers on the same challenges."""
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
         for block, (part, of) in enumerate(challenge_sets(group)):
             challenges = int(part.groupby(CHALLENGE, dropna=False).ngroups)
@@ -258,7 +258,7 @@ def _board(
 
 
 def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
-    """Return one row per teacher at each level and budget, over shared challenges, best teacher first.
+    """Return estimates over shared challenges: one row per teacher, level and budget, best teacher first.
 
     Teachers are compared on the same challenges only, in a block of rows for each of `challenge_sets`.
 
@@ -324,7 +324,7 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
 
 
 def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the title and the rows of `profiles`, in steps of 2 %, for each block of teachers."""
+    """Yield the title and the performance profiles (in steps of 2 %) of each block of teachers."""
     named = _named_conditions(runs)
     for where, part in _blocks(runs, measure):
         table = profiles(part, measure, range(0, 100, 2), by=[*ACROSS, "teacher"], strata=STRATA)

@@ -95,7 +95,7 @@ def _frames(chart: Chart) -> Iterator[NDArray[np.uint8]]:
 
 
 def lay_out(chart: Chart) -> tuple[Figure, Drawn]:
-    """Return a figure with empty panels, whose axes have bounds, ticks and headings."""
+    """Return a figure with an empty panel per panel of a chart: axes with bounds, ticks and headings."""
     rows, columns = len(chart.panels), len(chart.panels[0])
     width, height = chart.size
     top = chart.legend in (Legend.TOP, Legend.BESIDE)
@@ -155,7 +155,7 @@ def _prepare(axes: Axes, panel: Panel, ticks: int, letters: int) -> None:
 
 
 def _prepare_axis(axis: XAxis | YAxis, scale: PanelAxis, ticks: int, flat: bool = False) -> None:
-    """Set the bounds and ticks of an axis, with ticks only at the bounds in a flat panel."""
+    """Set the bounds and ticks of an axis; a `flat` axis has ticks only at its bounds."""
     upright = isinstance(axis, YAxis)
     bounds = axis.axes.set_ylim if upright else axis.axes.set_xlim
     axis.grid(scale.grid)
@@ -188,7 +188,7 @@ def _name_axes(figure: Figure, drawn: Drawn, chart: Chart) -> None:
         kinds = {(panel.x.kind, getattr(panel, side).kind) for panel in chart.all_panels}
         flat = side == "y" and kinds == {(AxisKind.STEPS, AxisKind.TASK)}
         once = len(titles) == 1 and len(chart.all_panels) > 1 and not flat
-        if once and not (side == "x" and chart.note):  # the note is where a common title would be
+        if once and not (side == "x" and chart.note):  # the note takes the place of a common title
             share(_axis_title(chart.all_panels[0], side), fontsize=min(8.5, chart.letters + 1))
             continue
         for row in chart.panels[-1:] if once else chart.panels:
@@ -214,7 +214,7 @@ def _axis_title(panel: Panel, side: str) -> str:
 
 
 def _step_unit(panel: Panel) -> tuple[float, str]:
-    """Return the size and the name of the unit for the steps of a panel."""
+    """Return the unit of a panel's steps: its size and its name, such as 1e6 and "millions"."""
     ends = [float(mark.x.max()) for mark in panel.marks if isinstance(mark, Curve) and len(mark.x)]
     high = panel.x.high if panel.x.high is not None else max(ends, default=1.0)
     units = ((1e6, "millions"), (1e3, "thousands"))
@@ -254,7 +254,7 @@ def _handles(chart: Chart) -> list[Line2D]:
 
 
 def _colour_bars(figure: Figure, drawn: Drawn, chart: Chart) -> None:
-    """Draw one colour bar if all rows have the same colours, else one per row with colours."""
+    """Draw one colour bar if all rows share a colour scale, else one per row that has a scale."""
     scales = [
         next((c for p in row if p for mark in p.marks if (c := getattr(mark, "colours", None))), None)
         for row in chart.panels

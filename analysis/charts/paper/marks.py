@@ -48,7 +48,7 @@ def _draw(mark: base.Mark, *_: object) -> None:
 
 @_draw.register
 def _(mark: base.Curve, axes: Axes, panel: base.Panel) -> None:
-    """Draw a line from the first step with values of all runs, thinner after the last such step."""
+    """Draw a curve from the first to the last step that all runs have reached, and thinner from there."""
     whole = np.ones(len(mark.x), bool) if mark.n is None else mark.n == mark.n.max()
     start, end = (int(index) for index in np.flatnonzero(whole)[[0, -1]])
     x, colour = mark.x[start:], mark.look.colour
@@ -184,7 +184,7 @@ def _draw_stars(row: base.StarRow, axes: Axes, level: int) -> None:
         (row.below, "*", 5.5, "white", along, f"below-{row.svg_id}"),
         ([1], row.look.marker, 3.5, row.fill, end, None),
     ):
-        if len(steps):  # constrained layout counts empty lines
+        if len(steps):  # constrained layout reserves space even for empty lines
             axes.plot(
                 list(steps),
                 np.ones(len(steps)),
@@ -247,7 +247,7 @@ def look_handle(look: TeacherStyle, name: str, fill: str = "", line: bool = True
 
 
 def mark_handle(key: base.LegendEntry) -> Line2D:
-    """Return the legend handle of an entry for a marker."""
+    """Return the legend handle of a marker."""
     fill = key.colour if key.full else "white"
     style: dict[str, Any] = {"color": key.colour, "markerfacecolor": fill, "markeredgewidth": 0.7}
     return Line2D([], [], marker=key.marker, linestyle="none", markersize=key.size, label=key.name, **style)

@@ -28,7 +28,7 @@ STAR_COLUMNS, STAR_ROWS = 4, 2
 
 
 def draw_radars(chart: Chart) -> Figure:
-    """Return rows of radars, each with the legend of its teachers."""
+    """Return a figure with rows of radar charts, each row with a legend of its teachers."""
     width, size = chart.size[0], chart.letters
     marks = [mark_handle(key) for key in chart.keys]
     rows = [dict(item for radar in row for item in radar.teachers.items()) for row in chart.panels]
@@ -51,7 +51,7 @@ def draw_radars(chart: Chart) -> Figure:
 
 
 class RadarAxes:
-    """Axes of a radar, with its centre in inches and its font size in points."""
+    """Polar axes of a radar chart, with the centre in inches and the font size in points."""
 
     def __init__(self, figure: Figure, centre: tuple[float, float], radar: Radar, size: float) -> None:
         self._figure, self._centre, self._radar, self._size = figure, centre, radar, size
@@ -64,7 +64,7 @@ class RadarAxes:
         self._axes = axes
 
     def draw(self) -> None:
-        """Draw the radar."""
+        """Draw the radar chart."""
         radar = self._radar
         self._draw_rings()
         for axis, name in enumerate(radar.axes):
@@ -116,7 +116,7 @@ class RadarAxes:
         self._ring(1.0, color=random.colour, linestyle=random.dashes, linewidth=1.1, zorder=1, gid=BASELINE)
 
     def _draw_line(self, teacher: str) -> None:
-        """Draw a teacher's line, with a gap where a value is missing, and its markers."""
+        """Draw a teacher's line and markers, with a gap where a value is missing."""
         radar, style = self._radar, teacher_style(teacher)
         radii = [radar.radius(teacher, axis) for axis in range(len(radar.axes))]
         line: dict[str, Any] = {"linestyle": style.dashes, "linewidth": 1.1, "zorder": 2, "label": teacher}
@@ -175,7 +175,7 @@ class RadarAxes:
         self._axes.annotate(text, (0, ring), xytext=(-2, 0), textcoords="offset points", **style)
 
     def _anchor(self, axis: int) -> tuple[tuple[float, float], str, int]:
-        """Return the anchor and alignment of an axis's name, and 1 if it grows upwards or -1 if downwards."""
+        """Return the anchor, alignment and vertical direction (1 up, -1 down) of the name of an axis."""
         angle = float(self._angles[axis])
         x, y = RADIUS * math.sin(angle), RADIUS * math.cos(angle)
         if abs(x) < 0.05 * RADIUS:
@@ -186,7 +186,7 @@ class RadarAxes:
         return (x, y - 0.06), "center", -1
 
     def _write(self, x: float, y: float, text: str, **style: Any) -> None:
-        """Write a text at a distance from the centre, in inches."""
+        """Write a text at an offset from the centre, in inches."""
         position = self._centre[0] + x, self._centre[1] + y
         self._figure.text(*position, text, transform=self._figure.dpi_scale_trans, **style)
 

@@ -70,7 +70,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 class Vector(StrEnum):
-    """Vector formats of `save`."""
+    """Vector format of `save`."""
 
     PDF = "pdf"
     SVG = "svg"
@@ -106,7 +106,7 @@ def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(_file(figure, ending, PRINT_DPI))
             files.append(file)
-            figure.set_layout_engine("none")  # one layout for both files
+            figure.set_layout_engine("none")  # keeps the layout for the second file
     finally:
         if layout is not None:
             figure.set_layout_engine(layout)
@@ -124,7 +124,7 @@ def _file(figure: Figure, ending: str, dpi: int, settings: Any = None) -> bytes:
 
 
 class Picture(NamedTuple):
-    """Figure on a page.
+    """PNG picture of a figure on a page, with its title and caption.
 
     Attributes:
         name: file name without suffix.
